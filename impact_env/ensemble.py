@@ -99,7 +99,7 @@ class Threads:
 class Lane:
     """One run of an ensemble, from rest, or from its loads' start.
 
-    ``steady_start``: under a harmonic force it starts from the steady state of the linear structure (`find_steady_start`), without the transient
+    ``steady_start``: under harmonic loads it starts from the steady state of the linear structure (`find_steady_start`), without the transient
     of a force that appears at once. ``initial``: a state of its own at time 0.
     """
 
@@ -125,7 +125,7 @@ class Lane:
         """State at time 0, the argument ``initial`` of `simulate`; None is rest, or the loads' start."""
         if self.initial is not None:
             return self.initial
-        if self.steady_start and isinstance(self.drive, Drive):
+        if self.steady_start:
             return find_steady_start(self.scene, self.drive)
         return None
 

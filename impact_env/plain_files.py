@@ -1,7 +1,9 @@
-"""Plain data from files: TOML or JSON, by the name's ending."""
+"""Plain data from files: TOML or JSON, by the name's ending; and the lines of text files in any usual encoding."""
 
+import codecs
 import json
 import os
+import re
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -10,6 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.parameters import ParameterError, require
+
+BYTE_ORDER_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)  # UTF-32 before UTF-16, whose mark begins alike
 
 
 def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -28,6 +38,47 @@ PLAIN_READERS: dict[str, Callable[[str], Any]] = {
 }
 
 
+def find_unreadable(path: Path) -> str | None:
+    """Return why a file cannot be opened, in words; None if it can."""
+    if not path.exists():
+        return "there is no such file"
+    if path.is_dir():
+        return "it is a folder"
+    return None if os.access(path, os.R_OK) else "it may not be read"
+
+
+def require_readable(name: str, path: Path, wanted: str = "a file that can be read") -> None:
+    """Raise ParameterError, which begins with ``name``, where a file does not exist, is a folder or may not be read."""
+    try:
+        why = find_unreadable(path)
+    except (OSError, ValueError) as error:  # ValueError: a name with a byte of zero
+        why = str(error)
+    require(why is None, name, str(path), f"{wanted}: {why}")
+
+
+def decode_text(file: Path) -> list[str]:
+    """Return the lines of a text file in UTF-8, UTF-16 or UTF-32 with a byte order mark, or else Latin-1."""
+    content = file.read_bytes()
+    mark, encoding = next(
+        ((mark, name) for mark, name in BYTE_ORDER_MARKS if content.startswith(mark)),
+        (b"", "utf-8"),
+    )
+    content = content[len(mark) :]
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        if mark:
+            raise ParameterError(
+                f"file = {file.name!r} is not allowed: text in {encoding.upper()}, as its byte order mark says ({error.reason})"
+            ) from error
+        text = content.decode("cp1252", errors="replace")
+    if "\0" in text:
+        raise ParameterError(
+            f"file = {file.name!r} is not allowed: text, in UTF-8 or with a byte order mark; it has bytes of zero"
+        )
+    return re.split(r"\r\n|\n|\r", text)
+
+
 def read_plain(path: Path | str) -> dict[str, Any]:
     """Return the table that a file holds. Raises ParameterError that names the file if it cannot be read, or is not TOML or JSON."""
     path = Path(path)
@@ -36,6 +87,7 @@ def read_plain(path: Path | str) -> dict[str, Any]:
         raise ParameterError(
             f"file = {str(path)!r} is not allowed: a name that ends in {' or '.join(PLAIN_READERS)}"
         )
+    require_readable("file", path)
     try:
         plain = reader(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:

@@ -41,7 +41,7 @@ from impact_env.loads import (
 )
 from impact_env.parameters import ParameterError, finite, flag, instance, one_of, positive, require
 from impact_env.plain import SCHEDULE_CODEC
-from impact_env.plain_files import read_plain
+from impact_env.plain_files import find_unreadable, read_plain
 from impact_env.records import RECORD_READERS, RecordOptions, read_record
 from impact_env.records.reading import DIMENSIONS
 from impact_env.records.units import (
@@ -221,9 +221,9 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
             raise ParameterError(f"{path}.{error}") from error
         raise error.at_key(path, {}) from error
     except (OSError, ValueError) as error:  # ValueError: a name with a byte of zero
-        reason = getattr(error, "strerror", None) or error
+        reason = find_unreadable(file) or getattr(error, "strerror", None) or error
         raise ParameterError(
-            f"{path}.file = {plain['file']!r} is not allowed: a file that can be read ({reason})"
+            f"{path}.file = {plain['file']!r} is not allowed: a file that can be read: {reason}"
         ) from error
 
 

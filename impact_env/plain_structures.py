@@ -37,6 +37,7 @@ from impact_env.parameters import (
     row,
     word_of,
 )
+from impact_env.plain_files import require_readable
 from impact_env.structures import ansys, nastran, universal
 from impact_env.structures.checks import StructureWarning, list_matrix_warnings
 from impact_env.structures.matrices import (
@@ -659,6 +660,7 @@ def _base_vector(folder: Path, given: Any, size: int) -> Any:
     """Return the rigid displacement (size,) for a unit motion of the base: a list, or a text file with one number a row."""
     allowed = f"a list or a file with {size} finite numbers, one for each row of the matrices"
     if isinstance(given, str):
+        require_readable("base_vector", folder / given, allowed)
         try:
             given = np.loadtxt(folder / given, ndmin=1).tolist()
         except (OSError, ValueError) as error:

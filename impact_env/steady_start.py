@@ -1,17 +1,22 @@
-"""The state in which a run starts if its force has acted for a long time: the steady state of the linear structure.
+"""The state in which a run starts if its load has acted for a long time: the steady state of the linear structure.
 
 A force that appears at once on a structure at rest starts a transient of every mode. Near resonance r the transient of a lower mode k counts about
 D omega_r/omega_k of the resonance, with D the damping ratio, and it depends on the force's phase: at high resonances the largest level of a sweep
 is then that of its start. From the steady state at the first frequency there is no such transient.
 
 The structure is linear there: an absorber whose friction can carry its inertia moves with it (stuck), another one stays at rest between its walls
-(free). Equations: (K - omega^2 M + i omega C) z = f, with M of the beam and the masses that move with it.
+(free). Equations: (K - omega^2 M + i omega C) z = f, with M of the beam and the masses that move with it. Coordinates are relative to a base that
+moves, whose acceleration a acts as the load -(participation + masses that move with the structure) a, and leaves a free absorber at rest in space.
+Several harmonic loads, tones and orders of a schedule, add up; shocks, records and random loads begin at time 0, from the state of the others.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.drive import Drive
+from impact_env.loads import LOAD_STARTS, AnyDrive, Force, Loads, Tones, find_schedule
 from impact_env.modes import with_link, with_masses
 from impact_env.parameters import (
     CoulombFriction,
@@ -20,28 +25,38 @@ from impact_env.parameters import (
     StuckAbsorber,
     TunedAbsorber,
     find_largest_gravity,
+    require,
 )
 from impact_env.scene import InitialState, Scene
 
 Complex = NDArray[np.complex128]
 
 
-def find_steady_start(scene: Scene, drive: Drive) -> InitialState | None:
-    """Return the steady state of the linear structure at the drive's first frequency; None (rest) if it is infinite, or with gravity.
+@dataclass(frozen=True)
+class _Harmonic:
+    """A harmonic load at time 0: its frequency in rad/s, and complex amplitudes of the force in N and of the base's acceleration in m/s^2."""
 
-    Several absorbers are stuck or free each by its own friction. A free absorber is at rest; if the structure moves further than its gap it starts
-    at the middle of the cavity and moves with the structure.
+    omega: float
+    force: complex
+    base: complex
+
+
+def find_steady_start(scene: Scene, drive: AnyDrive) -> InitialState | None:
+    """Return the steady state of the linear structure under the harmonic loads, at their first frequencies; None (rest) if there is none.
+
+    There is none where it is infinite, with gravity, without a harmonic load, and beside a ``start`` of the loads' own. Several absorbers are stuck
+    or free each by its own friction. A free absorber is at rest; if the structure moves further than its gap it starts at the middle of the cavity
+    and moves with the structure.
     """
-    omega = float(drive.schedule.omegas[0])
-    force = drive.amplitude * np.exp(1j * drive.phase)
-
-    if find_largest_gravity(scene.absorber) != 0:
+    harmonics = _harmonics_of(drive)
+    if not harmonics or find_largest_gravity(scene.absorber) != 0:
         return None
     if isinstance(scene.absorber, TunedAbsorber):
-        return _tuned_start(scene, scene.absorber, omega, force)
+        return _tuned_start(scene, scene.absorber, harmonics)
 
     shapes = scene.absorber_shapes
     masses = scene.absorber_masses
+    moved = scene.model.base_at_absorber
     sliding = _sliding_absorbers(scene)
     limits = np.zeros(len(masses))
     if isinstance(scene.absorber, StuckAbsorber):
@@ -51,31 +66,60 @@ def find_steady_start(scene: Scene, drive: Drive) -> InitialState | None:
         if friction is not None:
             static_ratio = friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0
             limits[k] = friction.limit * static_ratio
+    omegas = np.array([one.omega for one in harmonics])
+    bases = np.array([one.base for one in harmonics])
     stuck = limits > 0
     while True:
-        motion = _modal_motion(scene, omega, force, shapes[stuck], masses[stuck])
-        if motion is None:
+        rows = [_modal_motion(scene, one, shapes[stuck], masses[stuck]) for one in harmonics]
+        if any(row is None for row in rows):
             return None
-        places = shapes @ motion
-        slipping = stuck & (masses * omega**2 * np.abs(places) > limits)
+        motion = np.array(rows)
+        places = motion @ shapes.T
+        accelerations = -(omegas[:, None] ** 2) * places + moved * bases[:, None]
+        inertia = masses * np.sum(np.abs(accelerations), axis=0)
+        slipping = stuck & (inertia > limits)
         if not np.any(slipping):
             break
         stuck &= ~slipping
 
-    displacement = places.real.copy()
-    velocity = (1j * omega * places).real
+    still = np.zeros(len(harmonics), dtype=complex)  # an absorber at rest in space
+    based = bases != 0
+    if np.any(omegas[based] == 0):
+        return None
+    still[based] = moved * bases[based] / omegas[based] ** 2
+    displacement = np.sum(places, axis=0).real
+    velocity = np.sum(1j * omegas[:, None] * places, axis=0).real
     for k, absorber in enumerate(sliding):
-        fits = absorber.walls is None or abs(places[k]) <= absorber.walls.gap
+        travel = float(np.sum(np.abs(places[:, k] - still)))
+        fits = absorber.walls is None or travel <= absorber.walls.gap
         if fits and not stuck[k]:
-            displacement[k] = 0.0
-            velocity[k] = 0.0
+            displacement[k] = np.sum(still).real
+            velocity[k] = np.sum(1j * omegas * still).real
     single = len(masses) == 1
     return InitialState(
-        motion.real,
-        (1j * omega * motion).real,
+        np.sum(motion, axis=0).real,
+        np.sum(1j * omegas[:, None] * motion, axis=0).real,
         float(displacement[0]) if single else displacement,
         float(velocity[0]) if single else velocity,
     )
+
+
+def _harmonics_of(drive: AnyDrive) -> list[_Harmonic]:
+    """Return the harmonic loads at time 0; empty beside a start of the loads' own."""
+    if isinstance(drive, Drive):
+        drive = Loads((Force(drive),))
+    if drive.start != LOAD_STARTS[0]:
+        return []
+    found = []
+    for part in drive.parts:
+        if find_schedule(part) is None and not isinstance(part, Tones):
+            continue
+        for piece in part.pieces():
+            omega, _, phase, real, imaginary = piece.rows[0, :5].tolist()
+            size = complex(real, imaginary) * complex(np.exp(1j * phase))
+            force, base = (0j, size) if piece.moves_base else (size, 0j)
+            found.append(_Harmonic(omega, force, base))
+    return found
 
 
 def _sliding_absorbers(scene: Scene) -> tuple[SlidingAbsorber, ...]:
@@ -85,35 +129,50 @@ def _sliding_absorbers(scene: Scene) -> tuple[SlidingAbsorber, ...]:
     return (scene.absorber,) if isinstance(scene.absorber, SlidingAbsorber) else ()
 
 
+def _load_on_modes(scene: Scene, harmonic: _Harmonic) -> Complex:
+    """Return the complex modal load (N_m,) on the structure alone."""
+    load = np.asarray(harmonic.force * scene.model.force_shape, dtype=np.complex128)
+    if harmonic.base == 0:
+        return load
+    participation = scene.model.base_participation
+    require(participation is not None, "base_participation", None, "given for a base that moves")
+    return load - harmonic.base * np.asarray(participation)
+
+
 def _modal_motion(
-    scene: Scene,
-    omega: float,
-    force: complex,
-    shapes: NDArray[np.float64],
-    masses: NDArray[np.float64],
+    scene: Scene, harmonic: _Harmonic, shapes: NDArray[np.float64], masses: NDArray[np.float64]
 ) -> Complex | None:
     """Return the complex modal displacements (N_m,) with ``masses`` (n,) in kg stuck at places with ``shapes`` (n, N_m); None if infinite."""
     model = scene.model
+    omega = harmonic.omega
     stiffness = np.diag(model.omega**2 + 2j * model.damping_ratio * model.omega * omega)
-    return _solve(stiffness - omega**2 * with_masses(shapes, masses), force * model.force_shape)
+    load = _load_on_modes(scene, harmonic)
+    load = load - model.base_at_absorber * harmonic.base * (masses @ shapes)
+    return _solve(stiffness - omega**2 * with_masses(shapes, masses), load)
 
 
 def _tuned_start(
-    scene: Scene, absorber: TunedAbsorber, omega: float, force: complex
+    scene: Scene, absorber: TunedAbsorber, harmonics: list[_Harmonic]
 ) -> InitialState | None:
     """Return the steady state of structure and tuned absorber."""
     model = scene.model
     n = model.modes
+    absorber_mass = scene.absorber_masses[0]
     stretch = np.append(-model.tip_shape, 1.0)
-    mass = np.append(np.ones(n), scene.absorber_masses[0])
+    mass = np.append(np.ones(n), absorber_mass)
     stiffness = with_link(model.omega**2, absorber.stiffness, stretch)
     damping = with_link(2 * model.damping_ratio * model.omega, absorber.damping, stretch)
-    matrix = stiffness - omega**2 * np.diag(mass) + 1j * omega * damping
-    motion = _solve(matrix, force * np.append(model.force_shape, 0.0))
-    if motion is None:
-        return None
-    rate = (1j * omega * motion).real
-    return InitialState(motion.real[:n], rate[:n], float(motion.real[n]), float(rate[n]))
+    place = np.zeros(n + 1)
+    rate = np.zeros(n + 1)
+    for one in harmonics:
+        matrix = stiffness - one.omega**2 * np.diag(mass) + 1j * one.omega * damping
+        on_absorber = -absorber_mass * model.base_at_absorber * one.base
+        motion = _solve(matrix, np.append(_load_on_modes(scene, one), on_absorber))
+        if motion is None:
+            return None
+        place += motion.real
+        rate += (1j * one.omega * motion).real
+    return InitialState(place[:n], rate[:n], float(place[n]), float(rate[n]))
 
 
 def _solve(matrix: ArrayLike, force: ArrayLike) -> Complex | None:

@@ -142,6 +142,10 @@ class ResonanceComparison:
     limits: tuple[float, float] = PAPER_LIMITS
     cases: dict[str, CurveCase] = field(default_factory=dict)
 
+    def limits_of(self, concept: Concept) -> tuple[float, float]:
+        """Return the range of a concept's sweeps over the resonance."""
+        return self.limits if concept.limits == PAPER_LIMITS else concept.limits
+
     @property
     def omega(self) -> float:
         """Resonance frequency of the free beam in rad/s."""

@@ -1,14 +1,33 @@
 """How long the runs of a command will take, measured on a short run before they begin."""
 
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import click
 
 from impact_env.drive import Drive, constant_frequency
-from impact_env.ensemble import available_cores
+from impact_env.ensemble import Lane, available_cores
+from impact_env.loads import Loads
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from optimisation.measures import measured
 
 LONG_S = 20.0  # from here on a command says how long it will take
 PROBE_PERIODS = 50.0  # of a run that is timed: milliseconds
+COARSER = 10.0  # times the rate: of the answer that comes first where a command takes long
+COARSE_PERIODS = 200.0  # of a sweep, at least, for such an answer
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRuns:
+    """A ``number`` of runs of a scene: sweeps near a resonance under about one ``force`` in N, of so many pseudo ``periods`` each."""
+
+    scene: Scene
+    force: float
+    resonance: int
+    periods: float
+    number: float
 
 
 def seconds_per_period(scene: Scene, force: float, resonance: int) -> float:
@@ -28,16 +47,54 @@ def duration_in_words(seconds: float) -> str:
 def announce_duration(
     scene: Scene, force: float, resonance: int, periods: float, runs: int, threads: int | None
 ) -> float:
-    """Return about how long so many runs take in s, and print it on standard error where it is long; ``periods``: pseudo periods of a run.
+    """Return about how long so many runs take in s, and print it on standard error where it is long; ``periods``: pseudo periods of a run."""
+    return announce_runs([PlannedRuns(scene, force, resonance, periods, runs)], threads)
+
+
+def announce_runs(
+    planned: Sequence[PlannedRuns], threads: int | None, how: str = "A higher --rate takes less."
+) -> float:
+    """Return about how long runs take in s, and print it on standard error where it is long; ``how`` it takes less, in words.
 
     The run that is timed has fewer impacts than a whole sweep may have: within a factor of about three.
     """
-    cores = min(threads or available_cores(), runs)
-    seconds = runs * periods * seconds_per_period(scene, force, resonance) / cores
-    if seconds > LONG_S:
-        many = f"{runs} runs" if runs > 1 else "one run"
-        click.echo(
-            f"About {duration_in_words(seconds)}, within a factor of three: {many} of {periods:,.0f} pseudo periods. A higher --rate takes less.",
-            err=True,
-        )
-    return seconds
+    number = sum(one.number for one in planned)
+    cores = max(1.0, min(threads or available_cores(), number))
+    seconds = sum(
+        one.number * one.periods * seconds_per_period(one.scene, one.force, one.resonance)
+        for one in planned
+    )
+    periods = max((one.periods for one in planned), default=0.0)
+    _announce(seconds / cores, round(number), f" of up to {periods:,.0f} pseudo periods", how)
+    return seconds / cores
+
+
+def announce_load_runs(scene: Scene, loads: Loads, runs: int, threads: int | None) -> float:
+    """Return about how long ``runs`` of a scene under loads take in s, and print it on standard error where it is long: one of them is timed."""
+    lane = Lane(scene, loads, steady_start=True)
+    started = time.perf_counter()
+    measured(lane)
+    seconds = time.perf_counter() - started
+    if seconds > 1.0:  # it may have been the compilation
+        started = time.perf_counter()
+        measured(lane)
+        seconds = time.perf_counter() - started
+    total = runs * seconds / max(1, min(threads or available_cores(), runs))
+    _announce(total, runs, f" of {loads.parts[0].duration:.4g} s", "Fewer --members take less.")
+    return total
+
+
+def _announce(seconds: float, number: int, size: str, how: str) -> None:
+    """Print a duration on standard error where it is long."""
+    if seconds <= LONG_S:
+        return
+    runs = f"{number:,} runs" if number > 1 else "one run"
+    click.echo(
+        f"About {duration_in_words(seconds)}, within a factor of three: {runs}{size}. {how}",
+        err=True,
+    )
+
+
+def announce_coarse(words: str) -> None:
+    """Print the answer that fast runs give before the others begin, on standard error."""
+    click.echo(f"Coarse answer, of single runs {COARSER:g} times as fast: {words}", err=True)

@@ -10,6 +10,7 @@ from impact_env.drive import MOST_PERIODS, PAPER_LIMITS, Drive, linear_sweep
 from impact_env.modes import ModalModel
 from impact_env.parameters import instance, positive, require, two, within
 from impact_env.scene import Scene
+from impact_env.steady_start import find_steady_start
 from impact_env.sweep import simulate
 from optimisation.tuned import highest_amplitude
 
@@ -78,7 +79,8 @@ def sweep_ratio(
 ) -> float:
     """Return the level of the sweeps without absorber (the larger of up and down) over `stationary_level`; 0 for an undamped resonance.
 
-    ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r. Raises ParameterError for numbers out of range.
+    They start from the steady state at their first frequency. ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r.
+    Raises ParameterError for numbers out of range.
     """
     model = instance("model", model, ModalModel)
     limits = two("limits", limits)
@@ -90,9 +92,8 @@ def sweep_ratio(
     )  # without absorber its place is free, and a level there streams
     levels = []
     for start, stop in (limits, limits[::-1]):
-        level = simulate(
-            scene, Drive(1.0, linear_sweep(model.resonance_omega(resonance), start, stop, rate))
-        ).level
+        drive = Drive(1.0, linear_sweep(model.resonance_omega(resonance), start, stop, rate))
+        level = simulate(scene, drive, initial=find_steady_start(scene, drive)).level
         assert level is not None
         levels.append(level.value)
     return max(levels) / stationary

@@ -50,7 +50,7 @@ from optimisation.gap_search import (
     worst_level,
 )
 from optimisation.statistics import Prediction, predict
-from optimisation.sweep_range import find_sweep_range
+from optimisation.sweep_range import find_reading_ratios, find_sweep_range
 
 Array = NDArray[np.float64]
 MEMBERS = 3
@@ -512,13 +512,11 @@ def _answer(
     runs: GapRuns, samples: LevelSamples, step: float, tolerance: float, rate: float
 ) -> Answer:
     """Return a device that ran, with where its level was read and its impact speed."""
-    lanes = runs.curves[step, rate].lanes
-    worse = np.argmax(lanes.level[0], axis=1)
-    ratios = np.take_along_axis(lanes.frequency_ratio[0], worse[:, None], axis=1)
+    (ratio,) = find_reading_ratios(runs.curves[step, rate])
     found = answer_at(runs.device(step), samples, step, tolerance)
     return replace(
         found,
-        frequency_ratio=float(np.median(ratios)),
+        frequency_ratio=float(ratio),
         impact_speed=runs.speeds.get((step, rate)),
     )
 

@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.curve import BAND
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Executor, Lane, Members
 from impact_env.parameters import count, fraction, instance, require, row
@@ -31,6 +30,7 @@ from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
 from optimisation.sobol import Sensitivity as Sensitivity
 from optimisation.sobol import sobol_points, sobol_sensitivity
+from optimisation.statistics import prediction_band, prediction_interval
 from optimisation.uncertain import on_another_structure
 from optimisation.variables import (
     DAMPING,
@@ -50,13 +50,18 @@ SPREAD = 0.2  # of a value, to either side: the neighbourhood of a design
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Response levels in m: ``median``, ``low`` and ``high`` (5 and 95 %) over the members, each (designs, conditions), and that without absorber."""
+    """Response levels in m: ``median`` of the members, the ends ``low`` and ``high`` of the interval that holds 90 % of fresh runs, and ``without``.
+
+    Each is (designs, conditions), but for the level ``without`` absorber, (conditions,). Ends are NaN where the spread is not known. ``ratios``
+    (designs, conditions): where a level was read, over the resonance, 0 under loads; None if that was not asked for.
+    """
 
     conditions: tuple[Condition, ...]
     median: Array
     low: Array
     high: Array
     without: Array
+    ratios: Array | None = None
 
     @property
     def relative(self) -> Array:
@@ -75,8 +80,10 @@ def levels(
 ) -> Levels:
     """Run designs under other conditions than a problem's own, for fresh ``members``, at its sweep rate or another ``rate``."""
     worse, without = member_levels(problem, designs, conditions, members, executor, progress, rate)
-    low, median, high = np.quantile(worse, (BAND[0], 0.5, BAND[1]), axis=1)
-    return Levels(tuple(conditions), median, low, high, np.median(without, axis=0))
+    low, high = np.moveaxis(np.array([prediction_band(one.T) for one in worse]), 1, 0)
+    return Levels(
+        tuple(conditions), np.median(worse, axis=1), low, high, np.median(without, axis=0)
+    )
 
 
 def member_levels(
@@ -222,10 +229,11 @@ WATCH = 200.0
 class Service:
     """What is known of a design in service, at each of the problem's C conditions, the last axis of all arrays.
 
-    ``watched``: for each of `WATCHED` 5, 50 and 95 % over the members, (3, C), in the units of `optimisation.measures.MEASURES`. ``forces`` (2, C) in
-    N: between them it at least halves the level; NaN where it does not at the condition's own force. ``single``: for each tolerance the median level
-    in m with the number too small and too large, (2, C). ``joint`` (quantiles, C) in m: `QUANTILES` of the level with all of them off. ``level``
-    (C,) in m: the median with none off. ``lasting`` (C,) in m: the largest RMS of a vibration of constant frequency over the range of the sweep.
+    ``watched``: for each of `WATCHED` the median of the members between the ends of the interval that holds 90 % of fresh runs, (3, C), in the units
+    of `optimisation.measures.MEASURES`. ``forces`` (2, C) in N: between them it at least halves the level; NaN where it does not at the condition's
+    own force. ``single``: for each tolerance the median level in m with the number too small and too large, (2, C). ``joint`` (quantiles, C) in m:
+    `QUANTILES` of the level with all of them off. ``level`` (C,) in m: the median with none off. ``lasting`` (C,) in m: the largest RMS of a
+    vibration of constant frequency over the range of the sweep.
     """
 
     conditions: tuple[Condition, ...]
@@ -311,10 +319,14 @@ def watched(
     (found,) = _run(
         problem, [_chunks(problem, design, {}, ensemble, names)], len(ensemble), executor, progress
     )
-    bands = np.quantile(found, (BAND[0], 0.5, BAND[1]), axis=0)
-    return {name: bands[:, :, k] for k, name in enumerate(names) if name != LEVEL}, np.asarray(
-        bands[1, :, 0]
-    )
+    median = np.median(found, axis=0)
+    seen = {}
+    for k, name in enumerate(names):
+        if name == LEVEL:
+            continue
+        ends = np.array([prediction_interval(row) for row in found[:, :, k].T])
+        seen[name] = np.array([ends[:, 0], median[:, k], ends[:, 1]])
+    return seen, np.asarray(median[:, 0])
 
 
 def lasting_levels(

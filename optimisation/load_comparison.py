@@ -7,6 +7,7 @@ loads alone the tuned absorber is that of the least mean square that is expected
 ratios are paired.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -32,15 +33,36 @@ from impact_env.parameters import (
     positive,
     require,
 )
+from impact_env.response import require_recorded
 from impact_env.scene import Scene
+from impact_env.sweep import simulate
 from impact_env.turning_loads import Force
-from optimisation.bounds import design_gap
+from optimisation.bounds import design_gap, reach
 from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import MEMBERS, MOST_TOLERANCE, TOLERANCE, Answer, answer_at, in_order
+from optimisation.gap_advice import (
+    MEMBERS,
+    MOST_TOLERANCE,
+    TOLERANCE,
+    Answer,
+    answer_at,
+    expected_factor,
+    in_order,
+)
 from optimisation.gap_check import RESTITUTION
 from optimisation.gap_search import PAIRS, STEP, LevelSamples, find_best, search_gaps
-from optimisation.measures import DECAY, START, check_size, free_size, measure_of, measured
+from optimisation.measures import (
+    DECAY,
+    LEVEL,
+    START,
+    check_size,
+    free_size,
+    measure_of,
+    measured,
+    record_of,
+)
 from optimisation.signals import band_levels, edges_of
+from optimisation.statistics import predict
+from optimisation.sweep_range import is_at_end
 from optimisation.tuned import minimax
 
 Array = NDArray[np.float64]
@@ -56,11 +78,20 @@ CLOSE = 1e-3
 MOST_TRIALS = 120
 
 
+@dataclass(frozen=True)
+class Reading:
+    """Where a level under loads with a schedule was read: a frequency in ``hertz``, NaN for other measures; whether at an end of the schedule."""
+
+    hertz: float
+    at_end: bool
+
+
 @dataclass(frozen=True, eq=False)
 class LoadComparison:
     """Measures ``values`` (F, M, B) of each concept over the ``factors`` (F,) of intensity, M members and B bands; absorbers, and `free_size` (m).
 
-    ``edges`` (B + 1,) in Hz lie between the bands, see `signals.edges_of`; mostly there is one.
+    ``edges`` (B + 1,) in Hz lie between the bands, see `signals.edges_of`; mostly there is one. ``readings``: where each concept's level is read
+    under the loads as they are, see `find_reading`.
     """
 
     loads: Loads
@@ -70,10 +101,27 @@ class LoadComparison:
     absorbers: dict[str, Absorber | None]
     values: dict[str, Array]
     free_size: float
+    readings: dict[str, Reading]
 
     def ratio(self, concept: str) -> Array:
         """Return a concept's measure over that without absorber, (F, M, B), member by member."""
         return np.asarray(self.values[concept] / self.values["none"])
+
+
+def find_reading(model: ModalModel, absorber: Absorber | None, loads: AnyDrive) -> Reading:
+    """Return where an absorber's level is read under loads with one schedule, from one run; NaN for other measures, and where there are bands."""
+    if not isinstance(loads, Loads) or measure_of(loads) != LEVEL:
+        return Reading(math.nan, False)
+    if len(edges_of(model, loads)) > 2:
+        return Reading(math.nan, False)
+    lane = Lane(Scene(model, absorber), loads, steady_start=True)
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=record_of(loads))
+    ratio = require_recorded("level", response.level).frequency_ratio
+    schedule = loads.schedule
+    ends = np.array([schedule.omegas.min(), schedule.omegas.max()]) / schedule.reference
+    rate = 1e4 * float(np.ptp(schedule.omegas)) / schedule.reference / schedule.periods
+    at_end = ends[0] < ends[1] and is_at_end(ratio, (float(ends[0]), float(ends[1])), rate)
+    return Reading(ratio * schedule.reference / (2 * np.pi), bool(at_end))
 
 
 def _in_bands(lane: Lane) -> tuple[float, ...]:
@@ -93,7 +141,11 @@ def runs_of(
 ) -> Array:
     """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
     found = each_lane(
-        [Lane(Scene(model, absorber), drive) for absorber in absorbers for drive in drives],
+        [
+            Lane(Scene(model, absorber), drive, steady_start=True)
+            for absorber in absorbers
+            for drive in drives
+        ],
         measure,
         threads=threads,
         executor=executor,
@@ -234,13 +286,16 @@ def compare_loads(
 ) -> LoadComparison:
     """Return the comparison over a number of ``factors`` of the loads' intensity; a ``gap`` in m is taken instead of the best one.
 
+    The absorbers are chosen on ``members`` runs, and compared on as many others.
     ``progress`` takes what is looked for, the number of runs so far, and how many there will be (0: not known). An ``executor`` runs them elsewhere.
     """
     none = Scene(model, None)
     check_load(none, loads, Exact())
-    drives = drives_of(draw_members(count("members", members, 1), seed), loads)
+    members = count("members", members, 1)
+    every = drives_of(draw_members(2 * members, seed), loads)
+    drives = every[:members]  # on which absorbers are chosen; they are compared on the others
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
-    size = float(np.mean([free_size(Lane(none, drive)) for drive in drives]))
+    size = float(np.mean([free_size(Lane(none, drive, steady_start=True)) for drive in drives]))
     if gap is not None:
         check_size(Scene(model, impact_absorber(gap, RESTITUTION, None, mass_ratio)), loads)
     gaps = size * GAPS if gap is None else np.array([gap])
@@ -267,15 +322,16 @@ def compare_loads(
     grid = [
         drive.member(Member(factor=float(factor)))
         for factor in found
-        for drive in drives
+        for drive in every[members:]
         if isinstance(drive, Loads)
     ]
     values = {
         name: run([one], grid, measure=_in_bands).reshape(factors, members, -1)
         for name, one in absorbers.items()
     }
+    readings = {name: find_reading(model, one, loads) for name, one in absorbers.items()}
     return LoadComparison(
-        loads, measure_of(loads), edges_of(model, loads), found, absorbers, values, size
+        loads, measure_of(loads), edges_of(model, loads), found, absorbers, values, size, readings
     )
 
 
@@ -291,7 +347,7 @@ class LoadAdvice:
     """The answers under ``loads``, whose measure they are told by, and what they rest on.
 
     ``start``: the gap (m) from which ``samples`` counts; ``rule``: the design rule's gap (m), None where there is no rule; ``without`` (M,): the
-    measure without absorber, member by member; ``mass`` in kg.
+    measure without absorber, member by member; ``mass`` in kg. ``reading``: where the level of the recommended device was read.
     """
 
     loads: Loads
@@ -305,11 +361,21 @@ class LoadAdvice:
     without: Array
     sharp: Answer
     recommended: Answer
+    reading: Reading
 
     @property
     def gaps(self) -> Array:
         """Gaps that were run, in m, rising."""
         return np.asarray(self.start * np.exp(STEP * np.array(sorted(self.samples.levels))))
+
+    @property
+    def band(self) -> Array:
+        """Ends of the interval that holds 90 % of fresh runs at each of the gaps, (2, G); NaN where no gap ran twice."""
+        ends = []
+        for step in sorted(self.samples.levels):
+            found = predict(self.samples.levels[step], self.samples.groups_near(step))
+            ends.append((math.nan, math.nan) if found is None else found.interval())
+        return np.array(ends).reshape(-1, 2).T
 
     @property
     def size_of(self) -> str:
@@ -365,7 +431,7 @@ def advise_for_loads(
     check_load(none, loads, Exact())
     drives = drives_of(draw_members(count("members", members, 1), seed), loads)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
-    rms = free_size(Lane(none, drives[0]))
+    rms = free_size(Lane(none, drives[0], steady_start=True))
     require(rms > 0, "load", 0.0, "one that moves the absorber's place")
     rule = rule_gap(model, mass, loads, resonance)
     start = START * rms if rule is None else rule
@@ -389,7 +455,10 @@ def advise_for_loads(
         more = drives[len(known) : number]
         return np.append(known, runs_of(model, [device(step)], more, threads, executor=executor))
 
-    search_gaps(run_gap, 0, tolerance, members, pairs, samples)
+    first = 0
+    if rule is not None:
+        first = round(math.log(expected_factor(reach(model, mass, resonance))) / STEP)
+    search_gaps(run_gap, first, tolerance, members, pairs, samples, also=0 if first else None)
     best = find_best(samples, tolerance, members)
     sharp, recommended = in_order(
         *(answer_at(device(step), samples, step, tolerance) for step in best)
@@ -407,4 +476,5 @@ def advise_for_loads(
         without,
         sharp,
         recommended,
+        find_reading(model, recommended.absorber, drives[0]),
     )

@@ -136,7 +136,7 @@ def free_size(lane: Lane) -> float:
     Of a shock, whose mean square depends on how long it is looked at, it is the largest displacement over the root of two.
     """
     check_sampling(lane)
-    found = simulate(lane.scene, lane.drive, record=OF_LOADS[RMS][1]).history
+    found = simulate(lane.scene, lane.drive, initial=lane.start, record=OF_LOADS[RMS][1]).history
     assert found is not None
     motion = found.tip_displacement
     return float(
@@ -148,7 +148,7 @@ def free_size(lane: Lane) -> float:
 
 def design_gap_for(model: ModalModel, loads: Loads) -> float:
     """Return the gap in m from which a search begins where there is no rule: `START` times `free_size` (0 where nothing moves)."""
-    return START * free_size(Lane(Scene(model), loads))
+    return START * free_size(Lane(Scene(model), loads, steady_start=True))
 
 
 def check_size(scene: Scene, drive: AnyDrive) -> None:
@@ -173,6 +173,7 @@ IMPACT_RATE = "impact_rate"
 IMPACT_RMS = "impact_rms_speed"
 ACCELERATION = "acceleration"
 STRESS = "stress"
+LEVEL_RATIO = "level_ratio"
 MEASURES = {
     LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; of loads the measure that belongs to them",
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
@@ -185,6 +186,7 @@ MEASURES = {
     ACCELERATION: "largest change of velocity where the level is read from sample to sample, over the time between, in m/s^2, impacts included",
     STRESS: "largest bending moment at the clamp in N m, or of a modal model's stress in the file's unit",
     RMS: "root of the mean square of the free end's displacement in m over the second half of the run",
+    LEVEL_RATIO: "frequency over the resonance at which the response level of a swept force was read; 0 of other loads",
 }
 _OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE}
 _OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS, ACCELERATION, STRESS}
@@ -262,6 +264,9 @@ def measure(chunk: Chunk) -> Array:
 def _value(name: str, chunk: Chunk, response: Response) -> float:
     if name == LEVEL:
         return read(response)
+    if name == LEVEL_RATIO:
+        swept = not isinstance(response.drive, Loads)
+        return require_recorded("level", response.level).frequency_ratio if swept else 0.0
     if name in _OF_IMPACTS:
         impacts = require_recorded("impacts", response.impacts)
         if name == IMPACT_SPEED:

@@ -35,6 +35,7 @@ from optimisation.measures import (
     DECAY,
     FATIGUES,
     LEVEL,
+    LEVEL_RATIO,
     MEASURES,
     STRESS,
     STROKE,
@@ -293,7 +294,7 @@ class Problem:
             for parts in (self.objectives, self.constraints)
             for part in parts
             for name in part.measures
-        } | {LEVEL}
+        } | {LEVEL, LEVEL_RATIO}
         return tuple(name for name in MEASURES if name in needed)
 
     @cached_property
@@ -355,7 +356,8 @@ class Problem:
     ) -> Chunk:
         if condition.loads is not None:
             lanes = tuple(
-                Lane(scene, drive) for drive in _met(condition.loads, condition.force, ensemble)
+                Lane(scene, drive, steady_start=True)
+                for drive in _met(condition.loads, condition.force, ensemble)
             )
             return Chunk(
                 lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent
@@ -424,9 +426,8 @@ class Problem:
                             None, self._scene(None, condition.detuning), condition, ensemble, rate
                         )
                     )
-                powers = [
-                    self.fatigue_exponent if name == DAMAGE else 1.0 for name in self.measures
-                ]
+                special = {DAMAGE: self.fatigue_exponent, LEVEL_RATIO: 0.0}
+                powers = [special.get(name, 1.0) for name in self.measures]
                 rows.append(seen[kind] * (1.0 if own else condition.force) ** np.array(powers))
             self._references[key] = self.join(rows, len(ensemble))
         return self._references[key]

@@ -71,6 +71,7 @@ class Told:
         response = simulate(
             lane.scene,
             lane.drive,
+            initial=lane.start,
             record=Record(events=True, series=True, samples_per_period=self.samples),
         )
         return told_of(response, self)
@@ -235,9 +236,8 @@ def band_levels(lane: Lane) -> tuple[float, ...]:
     ratio = highest_tone(lane.drive) / lane.drive.schedule.reference
     samples = max(SAMPLES, int(np.ceil(LEAST_SAMPLES_PER_CYCLE * ratio)))
     require_sampled(lane.scene, lane.drive, samples)
-    response = simulate(
-        lane.scene, lane.drive, record=Record(level=False, series=True, samples_per_period=samples)
-    )
+    record = Record(level=False, series=True, samples_per_period=samples)
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
     history = require_recorded("history", response.history)
     model = response.scene.model
     displacement = history.modal_displacement @ model.level_shape

@@ -74,6 +74,54 @@ def predict(values: ArrayLike, groups: Sequence[ArrayLike]) -> Prediction | None
     return Prediction(float(own.mean()), scale, freedoms)
 
 
+OWN_MEMBERS = 8  # of a row, from which its own spread is used and its neighbours' are not
+UNKNOWN = (float("nan"), float("nan"))
+
+
+def prediction_interval(values: ArrayLike, alike: Sequence[ArrayLike] = ()) -> tuple[float, float]:
+    """Return the ends of the interval that holds `PREDICTED` (90 %) of fresh runs of a design, from its ``values`` (M,), NaN left out.
+
+    With fewer than `OWN_MEMBERS` values the spread is pooled with that of ``alike``, rows of designs that have nearly the same one. Values
+    follow a log-normal distribution; where one of them is 0 or below a normal one, cut at 0 where none is below it. NaN where the spread is not
+    known, as of one value alone.
+    """
+    own = np.asarray(values, dtype=np.float64)
+    own = own[np.isfinite(own)]
+    if own.size == 0:
+        return UNKNOWN
+    groups = [own]
+    if own.size < OWN_MEMBERS:
+        others = (np.asarray(row, dtype=np.float64) for row in alike)
+        groups += [row[np.isfinite(row)] for row in others]
+        groups = [row for row in groups if row.size > 0]
+    if all(np.all(row > 0) for row in groups):
+        found = predict(own, groups)
+        return UNKNOWN if found is None else found.interval()
+    least = min(float(row.min()) for row in groups)
+    freedoms = sum(row.size - 1 for row in groups)
+    if freedoms == 0:
+        return UNKNOWN
+    square = sum(float(np.sum((row - row.mean()) ** 2)) for row in groups) / freedoms
+    factor = float(scipy.stats.t.ppf((1 + PREDICTED) / 2, freedoms))
+    half = factor * float(np.sqrt(square * (1 + 1 / own.size)))
+    low = float(own.mean()) - half
+    return (max(low, 0.0) if least >= 0 else low), float(own.mean()) + half
+
+
+def prediction_band(rows: ArrayLike, near: int = 1) -> Array:
+    """Return `prediction_interval` of each of neighbouring designs or forces, values (F, M), as low and high ends (2, F).
+
+    Rows of few members share their spread with ``near`` rows to either side.
+    """
+    values = np.asarray(rows, dtype=np.float64)
+    require(values.ndim == 2, "rows", values.shape, "a row of members for each design")
+    ends = [
+        prediction_interval(row, [*values[max(k - near, 0) : k], *values[k + 1 : k + 1 + near]])
+        for k, row in enumerate(values)
+    ]
+    return np.array(ends).reshape(-1, 2).T
+
+
 def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.5) -> Gain:
     """Return the quantile of ``first`` (M,) over that of ``second`` (K,), values of members; the default is the ratio of medians.
 

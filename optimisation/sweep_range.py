@@ -8,7 +8,9 @@ both, but for the peaks it goes no further than half-way (geometric mean) to the
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from impact_env.curve import PerformanceCurve
 from impact_env.drive import PAPER_LIMITS
 from impact_env.modes import ModalModel
 from impact_env.parameters import positive
@@ -17,6 +19,8 @@ from optimisation.bounds import near_range
 BELOW = 0.97  # of the lower end of `near_range`: where a range begins
 MARGIN = 0.01  # beyond the natural frequencies of the tuned system
 LOWEST = 0.3  # of the resonance
+HALF_WINDOW = 1e-3  # of the level, in units of the resonance, at a rate of 1 % per 100 pseudo periods: 10 of them
+END_SHARES = (0.01, 0.05)  # of the range: the narrowest and widest end
 
 
 def find_sweep_range(
@@ -65,3 +69,35 @@ def neighbouring_ratios(model: ModalModel, omega_r: float) -> tuple[float, float
     lower = ratios[ratios < 1 - 1e-9]
     upper = ratios[ratios > 1 + 1e-9]
     return float(np.max(lower, initial=0.0)), float(np.min(upper, initial=np.inf))
+
+
+def find_reading_ratios(curve: PerformanceCurve) -> NDArray[np.float64]:
+    """Return where the levels of a curve were read, over the resonance, (F,): the median over the members of that of the larger direction.
+
+    NaN where nothing is finished.
+    """
+    levels = np.where(np.isnan(curve.level), -np.inf, curve.level)
+    worse = np.argmax(levels, axis=2)[..., None]
+    ratios = np.take_along_axis(curve.lanes.frequency_ratio, worse, axis=2)[..., 0]
+    found = np.full(len(ratios), np.nan)
+    for k, row in enumerate(ratios):
+        finished = row[np.isfinite(row)]
+        if finished.size:
+            found[k] = np.median(finished)
+    return found
+
+
+def is_at_end(ratio: float, sweep_range: tuple[float, float], rate: float) -> bool:
+    """Return whether a level was read at an end of sweeps at a rate in % per 100 pseudo periods; ``ratio`` and range over the resonance.
+
+    An end is half the window of the level wide, but from 1 to 5 % of the range. Not a number is not at an end.
+    """
+    low, high = sweep_range
+    near = float(np.clip(HALF_WINDOW * rate / (high - low), *END_SHARES)) * (high - low)
+    return bool(ratio <= low + near or ratio >= high - near)
+
+
+def reading_in_words(ratio: float, sweep_range: tuple[float, float], rate: float) -> str:
+    """Return where a level was read in words; an end of the sweeps is named, as the level may be larger beyond it."""
+    words = f"{ratio:.4g} of the resonance"
+    return f"{words}, an end of the sweeps" if is_at_end(ratio, sweep_range, rate) else words

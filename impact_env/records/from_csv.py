@@ -1,6 +1,5 @@
 """Records from tables of text: separated by commas, semicolons, tabs or spaces, with a header, decimal points or commas."""
 
-import codecs
 import csv
 import math
 import re
@@ -12,47 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError, require
+from impact_env.plain_files import decode_text
 from impact_env.records.channels import Channel
 from impact_env.records.columns import channel_of_columns
 from impact_env.records.options import RecordOptions
 from impact_env.records.units import find_unit
 
-BYTE_ORDER_MARKS = (
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF32_LE, "utf-32-le"),
-    (codecs.BOM_UTF32_BE, "utf-32-be"),
-    (codecs.BOM_UTF16_LE, "utf-16-le"),
-    (codecs.BOM_UTF16_BE, "utf-16-be"),
-)  # UTF-32 before UTF-16, whose mark begins alike
 COMMENTS = ("#", "%", "//")
 NUMERIC_LINE = re.compile(r"[\s\d.,;:+\-eEdD\"']*\d[\s\d.,;:+\-eEdD\"']*")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,(?:[eE][+-]?\d+)?")
 SEPARATOR_LINE = re.compile(r"sep=(.)", re.IGNORECASE)  # of spreadsheets, in the first line
 NUMBER_PATTERN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 EXAMPLE_HEADER = "a header, as time_s,value"
-
-
-def decode_text(file: Path) -> list[str]:
-    """Return the lines of a text file in UTF-8, UTF-16 or UTF-32 with a byte order mark, or else Latin-1."""
-    content = file.read_bytes()
-    mark, encoding = next(
-        ((mark, name) for mark, name in BYTE_ORDER_MARKS if content.startswith(mark)),
-        (b"", "utf-8"),
-    )
-    content = content[len(mark) :]
-    try:
-        text = content.decode(encoding)
-    except UnicodeDecodeError as error:
-        if mark:
-            raise ParameterError(
-                f"file = {file.name!r} is not allowed: text in {encoding.upper()}, as its byte order mark says ({error.reason})"
-            ) from error
-        text = content.decode("cp1252", errors="replace")
-    if "\0" in text:
-        raise ParameterError(
-            f"file = {file.name!r} is not allowed: text, in UTF-8 or with a byte order mark; it has bytes of zero"
-        )
-    return re.split(r"\r\n|\n|\r", text)
 
 
 @dataclass(frozen=True)

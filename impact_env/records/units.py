@@ -216,6 +216,19 @@ def _unit_between(label: str) -> str | None:
     return None
 
 
+CLOCK_NAMES = re.compile(
+    r"t|time.*|zeit.*|temps|timestamp.*|elapsed.*|.*time|.*zeit", re.IGNORECASE
+)
+LOAD_NAMES = re.compile(r"(acc|beschl|force|kraft|load)", re.IGNORECASE)
+
+
+def _is_no_clock(name: str, unit: str) -> bool:
+    """Return whether a unit of time behind a name without brackets is a part of the name, as the h of acc_h."""
+    if LOAD_NAMES.match(name):
+        return True
+    return unit.lower() in ("h", "min") and CLOCK_NAMES.fullmatch(name.strip(" _")) is None
+
+
 def read_label(text: str) -> Label:
     """Return a column's label: ``acc (g)``, ``time [ms]``, ``force_kN``, ``a / m/s^2``, ``Time ms`` and ``g`` alone have units.
 
@@ -243,6 +256,8 @@ def read_label(text: str) -> Label:
             continue
         before = label[: separator.start()]
         unit = find_unit(tail)
+        if unit is not None and unit.dimension == TIME_DIMENSION and _is_no_clock(before, tail):
+            continue  # acc_h is a horizontal acceleration, acc_min a smallest one
         prefix = PREFIX.search(before)
         if unit is not None and prefix is not None:
             return Label(label, before, None, label[prefix.start() :])

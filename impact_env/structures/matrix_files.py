@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from impact_env.checks import describe_error
 from impact_env.extras import MissingExtraError
 from impact_env.parameters import require
+from impact_env.plain_files import decode_text, require_readable
 from impact_env.structures.ansys import read_full
 
 # Abaqus writes this on the diagonal of a freedom that a boundary condition holds
@@ -315,17 +316,25 @@ def read_coordinates(path: Path, size: int | None = None) -> NDArray[np.float64]
 
 
 def read_columns(path: Path, name: str) -> dict[str, list[float]]:
-    """Return the columns of a CSV file with a line of names, commas between, by name; raises ParameterError, which names file and line."""
-    allowed = "a .csv file: a line of names, then a line of numbers for each mode, commas between"
+    """Return the columns of a CSV file with a line of names, by name; encodings and separators are those of records.
+
+    Raises ParameterError, which names file and line.
+    """
+    allowed = "a .csv file: a line of names, then a line of numbers for each mode, with commas, semicolons or tabs between"
+    require_readable(name, path)
+    text = [line for line in decode_text(path) if line.strip()]
+    separator = next((mark for mark in (";", "\t", ",") if text and mark in text[0]), ",")
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [
-                [cell.strip() for cell in line]
-                for line in csv.reader(file)
-                if any(cell.strip() for cell in line)
-            ]
-    except (OSError, ValueError, csv.Error) as error:
+        rows_of_cells = list(csv.reader(text, delimiter=separator))
+    except csv.Error as error:
         raise describe_error(name, str(path), f"{allowed} ({error})") from error
+    lines = [
+        [cell.strip() for cell in line]
+        for line in rows_of_cells
+        if any(cell.strip() for cell in line)
+    ]
+    if separator != ",":  # the decimal mark may be a comma
+        lines = lines[:1] + [[cell.replace(",", ".") for cell in line] for line in lines[1:]]
     require(len(lines) > 1 and len(set(lines[0])) == len(lines[0]), name, str(path), allowed)
     rows = []
     for number, line in enumerate(lines[1:], 1):

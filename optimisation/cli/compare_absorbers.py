@@ -11,10 +11,12 @@ from typing import Any
 import click
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase
+from impact_env.drive import default_rate
 from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, impact_absorber
 from impact_env.scene import Scene
+from optimisation.bounds import design_force, design_gap
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     BadInput,
@@ -38,8 +40,17 @@ from optimisation.comparison import (
     Comparison,
     compare,
 )
+from optimisation.duration import (
+    COARSER,
+    LONG_S,
+    PlannedRuns,
+    announce_coarse,
+    announce_load_runs,
+    announce_runs,
+)
 from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
+from optimisation.extremes import usable_mass_ratio
 from optimisation.files import require_writable, write_files
 from optimisation.frequency_levels import (
     ResonanceCurves,
@@ -48,8 +59,10 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_card import Impacts, impacts_of
-from optimisation.load_comparison import compare_loads
+from optimisation.gap_check import RESTITUTION
+from optimisation.load_comparison import LoadComparison, compare_loads
 from optimisation.machine import installed, peak_memory
+from optimisation.measures import design_gap_for
 from optimisation.mounting import mounted
 from optimisation.progress import stages_bar, sweeps_bar
 from optimisation.report import comparison_tables as tables
@@ -62,10 +75,16 @@ from optimisation.report.frequency_report import (
     frequency_files,
     save_history,
 )
+from optimisation.sweep_range import find_sweep_range
+
+SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wider range
 
 QUICK_FORCES = 10
 QUICK_MEMBERS = 2
-SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wider range
+COARSE_FORCES = 6
+IMPACTED = 2  # concepts with runs at every force: impact absorber and friction damper
+LOAD_RUNS = 130  # runs of a member under loads by which all absorbers are chosen, about
+CONCEPTS = ("none", "impact", "friction", "tuned")
 FORCE_HELP = "Force in N near the first of the resonances: the design rule gives the gap for it; with --scene all are compared at it."
 
 
@@ -88,7 +107,14 @@ def borne(comparison: Comparison, executor: Executor) -> Impacts | None:
     scene = Scene(comparison.model, case.absorber)
     rate = comparison.percent_per_100_periods
     return impacts_of(
-        CurveCase(scene, part.forces[part.told : part.told + 1], part.resonance, case.limits, rate),
+        CurveCase(
+            scene,
+            part.forces[part.told : part.told + 1],
+            part.resonance,
+            part.limits_of(case),
+            rate,
+            steady_start=True,
+        ),
         executor,
     )
 
@@ -131,6 +157,50 @@ def write(
     return write_files(contents) + write_card(out, card)
 
 
+def announce(own: Structure | None, given: dict[str, Any], threads: int | None) -> float:
+    """Return about how long a comparison takes in s, and print it where it is long: all runs count as those of the impact absorber."""
+    model = mounted(Beam() if own is None else own)
+    first = given["resonances"][0]
+    device = given.get("device")
+    ratio = given["mass_ratio"] if device is None else device.mass_ratio
+    mass = usable_mass_ratio("mass_ratio", ratio) * model.beam_mass
+    planned = []
+    for resonance in dict.fromkeys(given["resonances"]):
+        low, high = find_sweep_range(model, ratio, resonance)
+        rate = given["percent_per_100_periods"] or default_rate(model, given["resonances"])
+        gap = given["gap"] or (RigidWalls.gap if device is None else device.walls.gap)
+        force = design_force(model, mass, gap, resonance)
+        if given["force"] is not None and device is None:
+            force = given["force"]
+            gap = design_gap(model, mass, force, first)
+        absorber = device or impact_absorber(gap, RESTITUTION, None, ratio)
+        number = 2 * IMPACTED * given["forces"] * given["members"]
+        planned.append(
+            PlannedRuns(Scene(model, absorber), force, resonance, 1e4 * (high - low) / rate, number)
+        )
+    return announce_runs(planned, threads, "A higher --rate or --quick takes less.")
+
+
+def answer_coarsely(own: Structure | None, given: dict[str, Any], executor: Executor) -> None:
+    """Print the levels of a comparison by few and fast runs."""
+    model = mounted(Beam() if own is None else own)
+    usual = given["percent_per_100_periods"] or default_rate(model, given["resonances"])
+    fast = {"percent_per_100_periods": COARSER * usual, "members": 1, "forces": COARSE_FORCES}
+    with sweeps_bar("looking", leave=False) as show:
+        coarse = compare(own, progress=show, executor=executor, **given | fast)
+    if not coarse.complete:
+        raise KeyboardInterrupt
+    for part in coarse.resonances:
+        k = part.told
+        if k is not None:
+            levels = ", ".join(
+                f"{concept.label} {1e3 * part.curves[concept.key].median[k]:.3g} mm"
+                for concept in coarse.concepts
+                if concept.key in part.curves
+            )
+            announce_coarse(f"resonance {part.resonance}, {part.forces[k]:.3g} N: {levels}.")
+
+
 def compared_under_loads(
     load: Path, structure: Structure | None, out: Path, cluster: str | None, given: dict[str, Any]
 ) -> None:
@@ -140,16 +210,30 @@ def compared_under_loads(
     model = mounted(Beam() if structure is None else structure)
     chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed")}
     loads = scenes.loads_of(load, model)
-    with workers(given["threads"], cluster) as executor, stages_bar("comparing") as show:
-        found = compare_loads(
-            model,
-            loads,
-            factors=given["forces"],
-            threads=given["threads"],
-            executor=executor,
-            progress=show,
-            **chosen,
+    with workers(given["threads"], cluster) as executor:
+
+        def search(factors: int, **how: Any) -> LoadComparison:
+            with stages_bar("comparing") as show:
+                return compare_loads(
+                    model,
+                    loads,
+                    factors=factors,
+                    threads=given["threads"],
+                    executor=executor,
+                    progress=show,
+                    **chosen | how,
+                )
+
+        gap = given["gap"] or design_gap_for(model, loads) or RigidWalls.gap
+        probe = Scene(model, impact_absorber(gap, RESTITUTION, None, given["mass_ratio"]))
+        number = given["members"] * (LOAD_RUNS + len(CONCEPTS) * given["forces"])
+        long = (
+            cluster is None and announce_load_runs(probe, loads, number, given["threads"]) > LONG_S
         )
+        if long and given["members"] > 1:
+            coarse = search(2, members=1)
+            click.echo(f"Coarse answer, of one run each:\n{tables.load_table(coarse)}", err=True)
+        found = search(given["forces"])
     contents = {
         out / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(found)),
         out / "summary.json": tables.load_summary(found),
@@ -254,6 +338,8 @@ def main(
         scenes.warn_of_nodes(mounted(Beam() if own is None else own), *given["resonances"])
         threads = given.pop("threads")
         with executor_on(threads, cluster) as executor:
+            if cluster is None and announce(own, given, threads) > LONG_S:
+                answer_coarsely(own, given, executor)
             with sweeps_bar("comparing") as show:
                 comparison = compare(own, progress=show, executor=executor, **given)
             if comparison.empty:

@@ -12,12 +12,15 @@ import numpy as np
 from impact_env.curve import PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor
+from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Beam,
+    RigidWalls,
     SlidingAbsorber,
     friction_law,
+    impact_absorber,
     non_negative,
     positive,
     require,
@@ -25,7 +28,14 @@ from impact_env.parameters import (
 from impact_env.scene import Scene
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
-from optimisation.duration import LONG_S, announce_duration
+from optimisation.duration import (
+    COARSE_PERIODS,
+    COARSER,
+    LONG_S,
+    announce_coarse,
+    announce_duration,
+    announce_load_runs,
+)
 from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_gap, usable_rate
@@ -52,7 +62,9 @@ from optimisation.gap_card import (
     uncertain_levels,
 )
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
-from optimisation.load_comparison import advise_for_loads
+from optimisation.gap_search import PAIRS
+from optimisation.load_comparison import LoadAdvice, advise_for_loads
+from optimisation.measures import SHOWN, TOLD, UNITS, design_gap_for
 from optimisation.mounting import mounted
 from optimisation.progress import runs_bar, sweeps_bar
 from optimisation.report import load_gap_report as report
@@ -100,8 +112,6 @@ from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
 
 QUICK_MEMBERS = 1
 SWEEPS = 40  # of a search, about
-COARSER = 10.0  # times the rate: of the answer that comes first where a search is long
-COARSE_PERIODS = 200.0  # of a sweep, at least, for such an answer
 MEMBERS_HELP = (
     f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
 )
@@ -185,10 +195,7 @@ def simulated(
             return coarse
         best = coarse.recommended
         if best is not None:
-            click.echo(
-                f"Coarse answer, of one run a gap {COARSER:g} times as fast: a gap of {1e3 * best.gap:.3g} mm, level {1e3 * best.level:.3g} mm.",
-                err=True,
-            )
+            announce_coarse(f"a gap of {1e3 * best.gap:.3g} mm, level {1e3 * best.level:.3g} mm.")
     return search(rate, factors)
 
 
@@ -401,6 +408,11 @@ def write(
     return write_files(contents | frequency_files(out, frequency))
 
 
+def given_gap(model: ModalModel, loads: Loads) -> float:
+    """Return a gap in m for a run that is timed: that from which a search begins, or 1 mm where nothing moves."""
+    return design_gap_for(model, loads) or RigidWalls.gap
+
+
 def under_load(given: dict[str, Any]) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
     scenes.refuse_beside_load(given["load"], "rate")
@@ -424,20 +436,43 @@ def under_load(given: dict[str, Any]) -> None:
     model = model_on(structure)
     loads = scenes.loads_of(given["load"], model, given["resonance"])
     ratio = scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
-    with workers(given["threads"], given["cluster"]) as executor, runs_bar("simulating") as show:
-        found = advise_for_loads(
-            model,
-            loads,
-            given["resonance"],
-            factor=1.0 if given["force"] is None else given["force"],
-            threads=given["threads"],
-            **runs_of(given),
-            mass_ratio=ratio,
-            restitution=given["restitution"],
-            friction_limit=given["friction_limit"],
-            progress=show,
-            executor=executor,
+
+    with workers(given["threads"], given["cluster"]) as executor:
+
+        def search(**how: Any) -> LoadAdvice:
+            with runs_bar("simulating") as show:
+                return advise_for_loads(
+                    model,
+                    loads,
+                    given["resonance"],
+                    factor=1.0 if given["force"] is None else given["force"],
+                    threads=given["threads"],
+                    mass_ratio=ratio,
+                    restitution=given["restitution"],
+                    friction_limit=given["friction_limit"],
+                    progress=show,
+                    executor=executor,
+                    **runs_of(given) | how,
+                )
+
+        members = runs_of(given)["members"]
+        probe = Scene(
+            model, impact_absorber(given_gap(model, loads), given["restitution"], None, ratio)
         )
+        number = PAIRS if members <= MEMBERS else 10 + 5 * members
+        long = (
+            given["cluster"] is None
+            and announce_load_runs(probe, loads, number, given["threads"]) > LONG_S
+        )
+        if long and members > 1:
+            coarse = search(members=1)
+            scale, unit = SHOWN[UNITS[coarse.measure]]
+            best = coarse.recommended
+            click.echo(
+                f"Coarse answer, of one run a gap: a gap of {1e3 * best.gap:.3g} mm, {TOLD[coarse.measure]} {scale * best.level:.3g} {unit}.",
+                err=True,
+            )
+        found = search()
     out = given["out"]
     table = (report.COLUMNS, report.rows(found))
     figure = partial(report.save_figure, found=found)

@@ -10,10 +10,11 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import PAPER_LIMITS
+from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
+from impact_env.scene import Scene
 from optimisation.bounds import reach
 from optimisation.cli.common import (
     check_page,
@@ -36,6 +37,7 @@ from optimisation.cli.scene_options import (
     warn_of_nodes,
 )
 from optimisation.comparison import RESONANCES
+from optimisation.duration import COARSER, LONG_S, PlannedRuns, announce_coarse, announce_runs
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import usable_rate
 from optimisation.files import write_files
@@ -51,6 +53,7 @@ from optimisation.mounting import mounted
 from optimisation.page import markdown
 from optimisation.progress import runs_bar
 from optimisation.report.frequency_report import save_frequency
+from optimisation.sweep_range import find_reading_ratios, find_sweep_range, is_at_end
 
 MARKER = "masses"
 RATIOS = (0.01, 0.02, 0.05, 0.1)
@@ -95,6 +98,29 @@ def checks(
     return found
 
 
+def announce(
+    model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], given: dict[str, Any]
+) -> float:
+    """Return about how long all runs take in s, and print it where it is long."""
+    planned = []
+    for resonance in resonances:
+        rate = given["percent_per_100_periods"] or default_rate(model, (resonance,))
+        for ratio in ratios:
+            low, high = find_sweep_range(model, ratio, resonance)
+            gaps = gap_factors(reach(model, ratio * model.beam_mass, resonance))
+            scene = Scene(model, scaled_absorber(model, FORCE, resonance, ratio))
+            number = 2 * len(gaps) * given["members"]
+            periods = 1e4 * (high - low) / rate
+            planned.append(PlannedRuns(scene, FORCE, resonance, periods, number))
+    return announce_runs(planned, given["threads"])
+
+
+def fast(model: ModalModel, resonance: int, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `check_gap` that differ for a coarse answer."""
+    rate = given["percent_per_100_periods"] or default_rate(model, (resonance,))
+    return {"members": 1, "percent_per_100_periods": COARSER * rate}
+
+
 def _cells(check: GapCheck) -> tuple[str, ...]:
     best = check.best
     assert best is not None
@@ -110,7 +136,14 @@ def _cells(check: GapCheck) -> tuple[str, ...]:
         f"{100 * check.relative[check.at_rule]:.1f}",
         f"{price:.2f}",
         f"{low:.3g} to {high:.3g}",
+        _reading(check, best),
     )
+
+
+def _reading(check: GapCheck, best: int) -> str:
+    """Return where the level at the best gap was read, over the resonance; an end of the sweeps is named."""
+    ratio = float(find_reading_ratios(check.curves[best])[0])
+    return f"{ratio:.3f}{' (end)' if is_at_end(ratio, check.limits, check.rate) else ''}"
 
 
 def text(found: Sequence[GapCheck]) -> str:
@@ -123,6 +156,7 @@ def text(found: Sequence[GapCheck]) -> str:
             "level at the rule's, %",
             "rule's over best",
             "swept, of the resonance",
+            "level read at",
         ),
         [_cells(check) for check in found],
     )
@@ -203,10 +237,16 @@ def main(
                 "--rate", given["percent_per_100_periods"], [PAPER_LIMITS]
             )
         warn_of_nodes(model, *given["resonances"])
+        resonances = tuple(dict.fromkeys(given.pop("resonances")))
+        ratios = ratios or RATIOS
         with workers(given["threads"], cluster) as given["executor"]:
-            found = checks(
-                model, ratios or RATIOS, tuple(dict.fromkeys(given.pop("resonances"))), given
-            )
+            if cluster is None and announce(model, ratios, resonances, given) > LONG_S:
+                coarse = [
+                    text(checks(model, ratios, (resonance,), given | fast(model, resonance, given)))
+                    for resonance in resonances
+                ]
+                announce_coarse("\n" + "\n".join(coarse))
+            found = checks(model, ratios, resonances, given)
             frequency = [] if plot is None else frequency_of(found, given["executor"])
         table = text(found)
         click.echo(table)

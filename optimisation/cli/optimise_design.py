@@ -28,6 +28,7 @@ from optimisation.cli.common import (
     out_option,
     plain_errors,
 )
+from optimisation.cli.design_duration import announce_search
 from optimisation.designs import Design
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
@@ -52,6 +53,7 @@ from optimisation.insight import (
     with_gaps,
 )
 from optimisation.objectives import KINDS, MEAN, OWN, WORST, Condition, Objective
+from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.report import design_tables as tables
 from optimisation.report.card import write_card
@@ -70,7 +72,8 @@ from optimisation.report.frequency_report import (
 )
 from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import AUDITED, Findings
-from optimisation.search.settings import FAST, GP, SAMPLERS, SCIPY
+from optimisation.search.settings import FAST, GP, SAMPLERS, SCIPY, default_settings
+from optimisation.search.smooth import MEMBERS as SMOOTH_MEMBERS
 from optimisation.variables import GAP, IMPACT, VARIABLES
 
 ALL = "all"
@@ -236,6 +239,15 @@ def write(
     return write_files(contents) + write_card(out, findings_card(findings, frequency))
 
 
+def searched_share(problem: Problem, plan: Plan) -> float:
+    """Return how many runs a design takes on average, over those with all members at the problem's rate: hopeless ones are left behind."""
+    if plan.method(problem) == SCIPY:
+        return min(SMOOTH_MEMBERS, problem.members) / problem.members
+    sampler = plan.sampler if plan.sampler in SAMPLERS else None
+    settings = default_settings(problem, sampler, plan.batch, plan.seed, plan.screening)
+    return settings.members_a_design / problem.members
+
+
 def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
     """Search a concept, write its files, and return the findings."""
     loads = design.loads_in(given)
@@ -263,6 +275,13 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
         not given["no_screening"],
         given["from_scratch"],
         given["audit"],
+    )
+    announce_search(
+        problem,
+        designs * searched_share(problem, plan),
+        given["threads"],
+        given["cluster"],
+        executor,
     )
     findings = find(problem, plan, design.journal_of(given, out), executor, BARS)
     frequency: list[ResonanceCurves] = []

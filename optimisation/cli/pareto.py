@@ -22,6 +22,7 @@ from optimisation.cli.common import (
     out_option,
     plain_errors,
 )
+from optimisation.cli.design_duration import announce_search
 from optimisation.cli.scene_options import is_given, refuse_beside_load
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
@@ -80,6 +81,13 @@ def study(
     """Search, judge and compare; what a Ctrl-C breaks off is left out."""
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
     settings = default_settings(problem, given["sampler"], given["batch"], given["seed"])
+    announce_search(
+        problem,
+        designs * (1 + 2 * given["random_seeds"]),
+        given["threads"],
+        given["cluster"],
+        executor,
+    )
     front = fronts.search_front(
         problem, settings, designs, CORNERS[given["against"]], journal, executor
     )

@@ -32,6 +32,7 @@ from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import BadInput, Command, file_option, stacked
+from optimisation.extremes import usable_mass_ratio
 from optimisation.files import write_json
 from optimisation.friction_rule import best_friction
 from optimisation.mounting import mounted
@@ -105,6 +106,8 @@ def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
     scene = to_scene(plain, path.parent)
     beam = to_beam(plain)
     absorber = scene.absorber
+    if absorber is not None:
+        usable_mass_ratio(f"{path}: mass_ratio", absorber.mass_ratio)
     if not isinstance(absorber, SlidingAbsorber) or not isinstance(absorber.walls, RigidWalls):
         raise BadInput(
             f"--scene = {path} is not allowed: a scene with one impact absorber between rigid walls"
@@ -464,8 +467,9 @@ def make_scene(given: Options) -> tuple[Scene, Beam | None]:
     """Return the scene and its beam, which is None where a file has another structure."""
     if given["scene"] is not None:
         plain = read_plain(given["scene"])
-        folder = given["scene"].parent
-        return to_scene(plain, folder), to_beam(plain)
+        scene = to_scene(plain, given["scene"].parent)
+        warn_of_mass(scene)
+        return scene, to_beam(plain)
     if given["structure"] is not None:
         structure = read_structure(given["structure"])
         model = mounted(structure)
@@ -476,6 +480,19 @@ def make_scene(given: Options) -> tuple[Scene, Beam | None]:
         ) else None
     beam = Beam(**chosen(given, modes="modes", damping_ratio="damping"))
     return beam_scene(beam, make_absorber(given)), beam
+
+
+HEAVY = 0.5  # of the structure's mass
+
+
+def warn_of_mass(scene: Scene) -> None:
+    """Warn of an absorber that is heavier than half of the structure: its mass may be in kg or in %."""
+    if scene.absorber is not None and scene.absorber.mass_ratio > HEAVY:
+        click.echo(
+            f"warning: mass_ratio {scene.absorber.mass_ratio:g} is an absorber of {scene.absorber_mass:.4g} kg on a structure of "
+            f"{scene.model.beam_mass:.4g} kg; the ratio is a share of the structure's mass",
+            err=True,
+        )
 
 
 def make_method(given: Options) -> Method:

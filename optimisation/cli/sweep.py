@@ -37,11 +37,24 @@ from optimisation.files import STANDARD_OUTPUT, replacing, write_json
 from optimisation.machine import Timed
 from optimisation.measures import SAMPLES, check_size, stress_shape
 from optimisation.progress import Bar
-from optimisation.report.sweep_report import Result, contract, describe_run, save_figure, summary
+from optimisation.report.sweep_report import (
+    Result,
+    contract,
+    describe_run,
+    describe_start,
+    save_figure,
+    summary,
+)
 from optimisation.signals import Told
 from optimisation.sweep_range import find_sweep_range
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
+REST = "rest"
+STEADY = "steady"
+START_HELP = (
+    "State in which runs begin: at rest, as in the paper, or in the steady state of the linear structure at the first frequency, as in the commands "
+    "that choose a design."
+)
 SHORT = 2.0  # s: a run below this is timed three times
 TIME_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} left]"
 MOST_SAMPLED = 2**30  # bytes of states that a figure or measures may need
@@ -81,11 +94,9 @@ def heard(work: Callable[[], T], bar: Bar) -> T:
     return results[0]
 
 
-def recorded(
-    scene: Scene, drive: AnyDrive, method: Method, record: Record, most_events: int | None
-) -> Response:
+def recorded(lane: Lane, method: Method, record: Record, most_events: int | None) -> Response:
     """Run the first member, with a bar in pseudo periods."""
-    schedule = drive.schedule
+    schedule = lane.drive.schedule
     with Bar(
         total=round(schedule.periods), desc="integrating", bar_format=TIME_BAR, delay=1, leave=False
     ) as bar:
@@ -94,7 +105,15 @@ def recorded(
             bar.update(round(time / schedule.pseudo_period) - bar.n)
             bar.refresh()
 
-        return simulate(scene, drive, method, record=record, most_events=most_events, progress=show)
+        return simulate(
+            lane.scene,
+            lane.drive,
+            method,
+            initial=lane.start,
+            record=record,
+            most_events=most_events,
+            progress=show,
+        )
 
 
 def compute(
@@ -107,14 +126,20 @@ def compute(
     """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for."""
     record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
     most_events = given["most_events"]
-    response = recorded(scene, drives[0], method, record, most_events)
+    steady = given["initial_state"] == STEADY
+    every = [Lane(scene, drive, steady_start=steady) for drive in drives]
+    if steady and every[0].start is None:
+        raise BadInput(
+            "--start steady: there is no steady state to start from (it needs a harmonic load, damping at its frequency, no gravity and "
+            "no start in the load's file)"
+        )
+    response = recorded(every[0], method, record, most_events)
     others = None
     wall_time = None
     with Bar(total=len(drives), desc="integrating", unit="run", delay=1, leave=False) as bar:
         if len(drives) > 1:
-            lanes = [Lane(scene, drive) for drive in drives[1:]]
             others = run_lanes(
-                lanes,
+                every[1:],
                 method,
                 progress=lambda _done, _total: bar.update(),
                 most_events=most_events,
@@ -125,7 +150,7 @@ def compute(
         if given["time"]:
             bar.set_description_str("timing")
             wall_time = heard(lambda: integration_time(scene, drives[0], method, most_events), bar)
-    return Result(response, others, wall_time)
+    return Result(response, others, wall_time, steady=steady)
 
 
 def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
@@ -151,7 +176,8 @@ def measured(
         given["measures"], given["absolute"], stress_shape(scene.model if beam is None else beam)
     )
     with Bar(total=len(drives), desc="measuring", unit="run", delay=1, leave=False) as bar:
-        every = [Lane(scene, drive) for drive in drives]
+        steady = given["initial_state"] == STEADY
+        every = [Lane(scene, drive, steady_start=steady) for drive in drives]
         found = each_lane(
             every, told, progress=lambda _done, _total: bar.update(), executor=executor
         )
@@ -172,7 +198,8 @@ def write(result: Result, given: scenes.Options, beam: Beam | None) -> None:
             absorbers = describe_absorber(result.response.scene.absorber).split(
                 "; "
             )  # a line for each of several
-            title = "\n".join([*absorbers, describe_run(result.response, given["resonance"])])
+            run = describe_run(result.response, given["resonance"], describe_start(result))
+            title = "\n".join([*absorbers, run])
             save_figure(
                 files.enter_context(replacing(given["plot"].resolve())),
                 title,
@@ -319,6 +346,14 @@ MEASURES_HELP = (
 @click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
 @click.option("--rate", type=float, help=RATE_HELP)
 @click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
+@click.option(
+    "--start",
+    "initial_state",
+    type=click.Choice([REST, STEADY]),
+    default=REST,
+    show_default=True,
+    help=START_HELP,
+)
 @click.option(
     "--method",
     type=click.Choice(["exact", "moreau", "runge-kutta"]),

@@ -296,6 +296,8 @@ class Tab:
 def command_of(values: Asked) -> str:
     """Return the command that makes the same run and its numbers from the files of scene and load."""
     words = f"impact-absorber sweep --scene scene.json --resonance {values.resonance} --members {values.members}"
+    if values.load != "random":
+        words += " --start steady"
     if values.load != "force":
         return f"{words} --load load.json --plot sweep.png" + (
             f" --measures {SAMPLES} --json sweep.json" if values.load == "random" else " --energy"

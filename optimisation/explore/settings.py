@@ -143,7 +143,7 @@ class Loading:
 
 
 def _rms(lane: Lane, stop: Stop) -> tuple[float, ...]:
-    response = simulate(lane.scene, lane.drive, record=FINE, stop=stop)
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=FINE, stop=stop)
     return read(response), np.nan, np.nan, np.nan, float(response.impact_count), np.nan
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from impact_env.budget import Stop
 from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes
 from impact_env.drive import PAPER_LIMITS
+from impact_env.ensemble import Lane
 from impact_env.families import kernel_key
 from impact_env.frequency import tip_response
 from impact_env.laws import describe_absorber
@@ -49,12 +50,14 @@ from optimisation.explore.settings import (
     structure_of,
 )
 from optimisation.explore.waiting import Kernels, Newer, followed, tuned_to
+from optimisation.files import number
 from optimisation.friction_rule import best_friction
 from optimisation.gap_card import impact_numbers
 from optimisation.gap_check import scaled_absorber
 from optimisation.measures import read, settled_after
 from optimisation.mounting import scene_on
 from optimisation.signals import spectrum
+from optimisation.statistics import prediction_band, prediction_interval
 
 Array = NDArray[np.float64]
 Message = dict[str, Any]
@@ -152,7 +155,11 @@ class Work:
     def case(self) -> CurveCase:
         """Return the curve's case."""
         return CurveCase(
-            self.scene, force_grid(self.middle(), FORCES), self.resonance, load=self.loading.act
+            self.scene,
+            force_grid(self.middle(), FORCES),
+            self.resonance,
+            load=self.loading.act,
+            steady_start=True,
         )
 
     def passes(
@@ -256,7 +263,7 @@ class Work:
             )
             for d in (0, 1)
         )
-        low, high = curve.band
+        low, high = prediction_band(curve.combined)
         about = {
             "type": "curve",
             "rough": one.faster != 1.0,
@@ -276,7 +283,11 @@ class Work:
         up, down = self.case().schedules()
         drive = self.loading.act(self.intensity, down if self.values.direction == "down" else up)
         response = simulate(
-            self.scene, drive, record=replace(self.loading.record, envelope=BINS), stop=self.stop
+            self.scene,
+            drive,
+            initial=Lane(self.scene, drive, steady_start=True).start,
+            record=replace(self.loading.record, envelope=BINS),
+            stop=self.stop,
         )
         yield self._sweep(response)
         yield self._motion(response)
@@ -384,13 +395,13 @@ class Work:
         without = float(free.median[0])
         gap = self.gap()
         omega = self.model.resonance_omega(self.resonance)
-        (low,), (high,) = here.band
+        low, high = prediction_interval(here.combined[0])
         numbers: Message = {
             "type": "card",
             "force": self.intensity,
             "members": self.values.members,
             "level": level,
-            "band": [float(low), float(high)],
+            "band": [number(low), number(high)],
             "without": without,
             "mass": self.scene.absorber_mass,
             "resonance_hz": omega / (2 * np.pi),

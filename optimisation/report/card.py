@@ -255,7 +255,9 @@ def assumed_rows(
 def with_band(
     value: float, low: float, high: float, pattern: str = "{:.4g}", unit: str = ""
 ) -> str:
-    """Return a value with its unit, and in brackets the band of its members; without it where there is one, or all agree to the digits shown."""
+    """Return a value with its unit, and in brackets the band; without it where it is not known (NaN), or its ends agree to the digits shown."""
+    if math.isnan(low) or math.isnan(high):
+        low = high = value
     ends = pattern.format(low), pattern.format(high)
     text = f"{pattern.format(value)} {unit}".rstrip()
     return text if ends[0] == ends[1] else f"{text} ({ends[0]} to {ends[1]})"

@@ -37,20 +37,27 @@ from optimisation.report.card import (
     mass_rows,
     with_band,
 )
+from optimisation.report.comparison_tables import END_WARNING, concepts_read_at_end
+from optimisation.report.design_tables import END_WARNING as END_OF_DESIGN
 from optimisation.report.design_tables import (
     PAPER,
     WINNER,
     borne_pairs,
     compared,
     condition_values,
+    is_any_at_end,
     kept,
     limit,
+    reading,
     service_pairs,
 )
 from optimisation.report.frequency_report import frequency_charts
+from optimisation.report.front_report import front_reading, swept_conditions
 from optimisation.report.tuning_report import MINIMAX, TuningTable
 from optimisation.search.judge import Findings
 from optimisation.search.pareto import Front
+from optimisation.statistics import prediction_band
+from optimisation.sweep_range import find_reading_ratios, reading_in_words
 from optimisation.variables import MASS_RATIO, VARIABLES
 
 Array = NDArray[np.float64]
@@ -85,7 +92,7 @@ def comparison_card(
         name = f"Resonance {part.resonance}"
         if part.told is not None:
             groups.append(
-                (f"{name}, at {part.forces[part.told]:.3g} N", _levels(part, labels, part.told))
+                (f"{name}, at {part.forces[part.told]:.3g} N", _levels(found, part, part.told))
             )
         if part.told is not None and part is found.resonances[0] and borne is not None:
             groups.append(
@@ -103,8 +110,23 @@ def comparison_card(
             warnings.append(
                 f"{name}: the structure does not move as far as the rule's gap, and no wall is touched there"
             )
-    assumed = assumed_rows(
-        found.model, [part.resonance for part in found.resonances], found.percent_per_100_periods
+    ends = concepts_read_at_end(found)
+    if ends:
+        warnings.append(f"{END_WARNING}: {'; '.join(ends)}")
+    assumed = (
+        *assumed_rows(
+            found.model,
+            [part.resonance for part in found.resonances],
+            found.percent_per_100_periods,
+        ),
+        *(
+            Row(
+                f"resonance {part.resonance} swept over",
+                f"{part.limits[0]:.3g} to {part.limits[1]:.3g} of it",
+            )
+            for part in found.resonances
+        ),
+        Row("in brackets", "the interval that holds 90 % of further runs"),
     )
     return Card(
         "Absorbers of one mass compared",
@@ -124,18 +146,25 @@ def _parameters(absorber: Absorber | None) -> str:
     )
 
 
-def _levels(part: ResonanceComparison, labels: dict[str, str], k: int) -> tuple[Row, ...]:
+def _levels(found: Comparison, part: ResonanceComparison, k: int) -> tuple[Row, ...]:
+    labels = {concept.key: concept.label for concept in found.concepts}
+    ranges = {concept.key: part.limits_of(concept) for concept in found.concepts}
     rows = []
     for key, curve in part.curves.items():
         level, (low, high), none = (
             MM * curve.median[k],
-            MM * curve.band[:, k],
+            MM * prediction_band(curve.combined)[:, k],
             MM * part.curves[NONE].median[k],
         )
         rows.append(
             Row(
                 labels[key],
-                f"{with_band(level, low, high, unit='mm')}, {100 * level / none:.3g} %",
+                f"{with_band(level, low, high, unit='mm')}, {100 * level / none:.3g} %, read at "
+                + reading_in_words(
+                    float(find_reading_ratios(curve)[k]),
+                    ranges[key],
+                    found.percent_per_100_periods,
+                ),
             )
         )
     halves = contiguous_range(
@@ -149,16 +178,18 @@ def _levels(part: ResonanceComparison, labels: dict[str, str], k: int) -> tuple[
 
 
 def _comparison_chart(part: ResonanceComparison, labels: dict[str, str], name: str) -> Chart:
-    curves = [
-        Curve(
-            labels[key],
-            numbers(part.forces),
-            numbers(MM * curve.median),
-            numbers(MM * curve.band[0]),
-            numbers(MM * curve.band[1]),
+    curves = []
+    for key, curve in part.curves.items():
+        low, high = MM * prediction_band(curve.combined)
+        curves.append(
+            Curve(
+                labels[key],
+                numbers(part.forces),
+                numbers(MM * curve.median),
+                numbers(low),
+                numbers(high),
+            )
         )
-        for key, curve in part.curves.items()
-    ]
     what = "the force" if part.own_force is not None else f"best of the {labels[IMPACT]}"
     best = () if part.told is None else ((what, float(part.forces[part.told])),)
     return Chart(
@@ -274,6 +305,8 @@ def findings_card(found: Findings, frequency: Sequence[ResonanceCurves] = ()) ->
             (c.words[0].upper() + c.words[1:], _condition_rows(found, k))
             for k, c in enumerate(problem.conditions)
         ]
+        if is_any_at_end(problem, (verdict.winner,)):
+            warnings.append(END_OF_DESIGN)
         if not verdict.feasible:
             warnings.append("no feasible design: the winner breaks the constraints least")
         warnings += [
@@ -319,9 +352,12 @@ def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
     rows = []
     for who in (WINNER, PAPER):
         one: dict[str, Any] = values[who]  # type: ignore[assignment]
-        low, high = (scale * x for x in one[f"{name}_5_to_95_percent_{unit}"])
+        low, high = (
+            math.nan if x is None else scale * x for x in one[f"{name}_5_to_95_percent_{unit}"]
+        )
         level = with_band(scale * one[f"{name}_{unit}"], low, high, unit=shown)
         level += f", {100 * one['relative']:.3g} % of no absorber"
+        level += reading(found.problem, condition, one["level_frequency_ratio"])
         rows.append(Row(f"{who}'s design", level))
     rows.append(Row("no absorber", scale * float(found.own.without[k]), shown))
     if condition.loads is None:
@@ -377,7 +413,13 @@ def front_card(found: Front) -> Card:
         rows.append(
             Row(f"design {e.number}", values + ": {:.4g} and {:.4g}".format(*e.score.values))
         )
-    warnings = () if found.members else ("no design kept all constraints",)
+    if found.fresh:
+        rows += [
+            Row(f"{c.words}: levels", front_reading(found, k)) for k, c in swept_conditions(problem)
+        ]
+    warnings = [] if found.members else ["no design kept all constraints"]
+    if found.fresh and is_any_at_end(problem, found.fresh):
+        warnings.append(END_OF_DESIGN)
     parts = [("tried", found.told), ("on the front", found.members)]
     curves = [
         Curve(
@@ -405,5 +447,5 @@ def front_card(found: Front) -> Card:
         " against ".join(names),
         groups,
         (Chart("Front", names[0], names[1], tuple(curves)),),
-        warnings,
+        tuple(warnings),
     )

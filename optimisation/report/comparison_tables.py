@@ -2,25 +2,29 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from impact_env.curve import BAND, DOWN, UP, Optimum, quantiles
+from impact_env.curve import DOWN, UP, Optimum, PerformanceCurve, quantiles
 from impact_env.laws import SceneKind, describe_absorber, values
 from impact_env.loads import describe_amplitude
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
 from optimisation.files import number, numbers
-from optimisation.load_comparison import LoadComparison, TunedUnder
+from optimisation.load_comparison import LoadComparison, Reading, TunedUnder
 from optimisation.measures import TOLD, UNITS
 from optimisation.report.card import with_band
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure
+from optimisation.statistics import prediction_band, prediction_interval
+from optimisation.sweep_range import find_reading_ratios, is_at_end
 
+Array = NDArray[np.float64]
 Json = dict[str, object]
 LIMIT = "limit"
 DIRECTIONS = {UP: "up", DOWN: "down"}
@@ -50,6 +54,7 @@ CURVE_COLUMNS = (
     "relative_median",
     "relative_5_percent",
     "relative_95_percent",
+    "level_frequency_ratio",
 )
 
 
@@ -79,12 +84,14 @@ def curve_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
     """Yield one row of `CURVE_COLUMNS` for each concept and force, and for the limit; an empty cell where nothing is finished."""
     for part in comparison.resonances:
         for key, curve in part.curves.items():
-            levels = quantiles(curve.combined, (0.5, *BAND))
+            levels = np.vstack([curve.median, prediction_band(curve.combined)])
+            ratios = find_reading_ratios(curve)
             directions = quantiles(np.moveaxis(curve.level, 2, 0), (0.5,))[0]
-            relative = quantiles(curve.relative_to(part.curves[NONE]), (0.5, *BAND))
+            shares = curve.relative_to(part.curves[NONE])
+            relative = np.vstack([quantiles(shares, (0.5,)), prediction_band(shares)])
             members = np.sum(~np.isnan(curve.combined), axis=1)
             for k, force in enumerate(part.forces):
-                cells = [*levels[:, k], *directions[:, k], *relative[:, k]]
+                cells = [*levels[:, k], *directions[:, k], *relative[:, k], ratios[k]]
                 yield (
                     part.resonance,
                     key,
@@ -93,7 +100,21 @@ def curve_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
                     *("" if math.isnan(x) else float(x) for x in cells),
                 )
         for force, limit in zip(part.forces, part.limit, strict=True):
-            yield (part.resonance, LIMIT, float(force), "", float(limit), *[""] * 7)
+            yield (part.resonance, LIMIT, float(force), "", float(limit), *[""] * 8)
+
+
+def _with_intervals(curve: PerformanceCurve, none: PerformanceCurve, point: Optimum) -> Optimum:
+    """Return a point of a curve whose bands hold 90 % of further runs (`prediction_interval`), that of the force 90 % of their best forces."""
+    k = int(np.flatnonzero(curve.forces == point.force)[0])
+    relative = curve.relative_to(none)
+    ran = ~np.isnan(relative).all(axis=0)
+    best = np.argmin(np.where(np.isnan(relative), np.inf, relative), axis=0)[ran]
+    level, share = (
+        tuple(prediction_band(values)[:, k].tolist()) for values in (curve.combined, relative)
+    )
+    low, high = np.clip(prediction_interval(curve.forces[best]), curve.forces[0], curve.forces[-1])
+    force = (float(low), float(high))
+    return replace(point, force_band=force, level_band=level, relative_band=share)
 
 
 def _relative(point: Optimum) -> Json:
@@ -111,6 +132,12 @@ def _at(point: Optimum) -> Json:
     return {"force_n": point.force, **level, **_relative(point)}
 
 
+def _at_index(curve: PerformanceCurve, none: PerformanceCurve, k: int) -> Json:
+    """Return level, relative level, and where the level was read, at a force."""
+    found = _at(_with_intervals(curve, none, curve.at(k, none)))
+    return found | {"level_frequency_ratio": number(find_reading_ratios(curve)[k])}
+
+
 def _linear(comparison: Comparison, concept: Concept) -> bool:
     return Scene(comparison.model, concept.absorber).kind is SceneKind.LINEAR
 
@@ -120,6 +147,8 @@ def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept:
     curve = part.curves[concept.key]
     none = part.curves[NONE]
     optimum = curve.optimum(none)
+    if optimum is not None:
+        optimum = _with_intervals(curve, none, optimum)
     parameters = (
         {}
         if concept.absorber is None
@@ -127,7 +156,7 @@ def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept:
     )
     summary: Json = {
         "label": concept.label,
-        "sweep_limits": list(concept.limits),
+        "sweep_limits": list(part.limits_of(concept)),
         "absorber": parameters,
         "complete": curve.complete,
     }
@@ -139,9 +168,9 @@ def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept:
             "force_5_to_95_percent_n": numbers(optimum.force_band),
         }
     if part.best is not None:
-        summary["at_best_force_of_impact_absorber"] = _at(curve.at(part.best, none))
+        summary["at_best_force_of_impact_absorber"] = _at_index(curve, none, part.best)
     if part.told is not None and part.own_force is not None:
-        summary["at_the_force"] = _at(curve.at(part.told, none))
+        summary["at_the_force"] = _at_index(curve, none, part.told)
     return summary
 
 
@@ -159,7 +188,7 @@ def summary(comparison: Comparison) -> Json:
             "beam_mass_kg": model.beam_mass,
             "damping_ratio": model.damping_ratio.tolist(),
             "percent_per_100_pseudo_periods": comparison.percent_per_100_periods,
-            "level": "larger of sweep up and sweep down; median and 5 to 95 % over the members",
+            "level": "larger of sweep up and sweep down; median of the members, and the interval that holds 90 % of further runs",
         },
         "resonances": {
             str(part.resonance): {
@@ -191,8 +220,11 @@ def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) ->
     none = part.curves[NONE]
     optimum = curve.optimum(none)
     if optimum is None or part.told is None:
-        return [concept.label, *["-"] * 4]
-    here = curve.at(part.told, none)
+        return [concept.label, *["-"] * 5]
+    optimum = _with_intervals(curve, none, optimum)
+    here = _with_intervals(curve, none, curve.at(part.told, none))
+    ratio = float(find_reading_ratios(curve)[part.told])
+    at_end = is_at_end(ratio, part.limits_of(concept), comparison.percent_per_100_periods)
     best = (
         "any"
         if _linear(comparison, concept)
@@ -210,6 +242,7 @@ def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) ->
             1e3 * here.level, (1e3 * here.level_band[0], 1e3 * here.level_band[1]), "{:.3f}"
         ),
         level,
+        f"{ratio:.3f}{' (end)' if at_end else ''}",
     ]
 
 
@@ -217,7 +250,14 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
     at = "the best force" if part.told is None else f"{part.forces[part.told]:.3g} N"
     rows = [
-        ["concept", "best force, N", "level there, %", f"level at {at}, mm", f"level at {at}, %"]
+        [
+            "concept",
+            "best force, N",
+            "level there, %",
+            f"level at {at}, mm",
+            f"level at {at}, %",
+            "read at",
+        ]
     ]
     rows += [
         _row(comparison, part, concept)
@@ -231,6 +271,7 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
                 "",
                 "",
                 f"{1e3 * part.limit[part.told]:.3f}",
+                "",
                 "",
             ]
         )
@@ -262,13 +303,36 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
 
 def text_table(comparison: Comparison) -> str:
     """Return the results as aligned text, one block a resonance; levels in % are relative to no absorber."""
-    notes = "Median, in brackets 5 to 95 % of the members. Levels in % are relative to no absorber."
+    notes = [
+        "Median; in brackets the interval that holds 90 % of further runs. Levels in % are relative to no absorber.",
+        "Read at: frequency over the resonance at which the level was read.",
+    ]
+    ends = concepts_read_at_end(comparison)
+    if ends:
+        notes.append(f"Warning: {END_WARNING}: {'; '.join(ends)}.")
     return "\n\n".join(
-        ["\n".join(_block(comparison, part)) for part in comparison.resonances] + [notes]
+        ["\n".join(_block(comparison, part)) for part in comparison.resonances] + ["\n".join(notes)]
     )
 
 
-LOAD_BAND = (0.05, 0.5, 0.95)
+END_WARNING = "read at an end of the sweeps, beyond which the level may be larger (another resonance decides, or the start of the sweep)"
+
+
+def concepts_read_at_end(comparison: Comparison) -> list[str]:
+    """Return the absorbers, in words, whose level at the force of the comparison was read at an end of their sweeps."""
+    found = []
+    for part in comparison.resonances:
+        if part.told is None:
+            continue
+        for concept in comparison.concepts:
+            if concept.key in part.curves:
+                ratio = float(find_reading_ratios(part.curves[concept.key])[part.told])
+                limits = part.limits_of(concept)
+                if is_at_end(ratio, limits, comparison.percent_per_100_periods):
+                    found.append(f"{concept.label} near resonance {part.resonance}")
+    return found
+
+
 LOAD_COLUMNS = ("concept", "factor", "member", "band", "value")
 LOAD_LOOKS = {
     "impact": ("impact absorber", BLUE, "-"),
@@ -295,6 +359,9 @@ def load_summary(comparison: LoadComparison) -> dict[str, Any]:
         "band_edges_hz": comparison.edges[:-1].tolist(),
         "factors": comparison.factors.tolist(),
         "free_size_m": comparison.free_size,
+        "level_frequency_hz": {
+            name: number(reading.hertz) for name, reading in comparison.readings.items()
+        },
         "absorbers": {
             name: values(absorber)
             for name, absorber in comparison.absorbers.items()
@@ -302,10 +369,28 @@ def load_summary(comparison: LoadComparison) -> dict[str, Any]:
         },
         "without_absorber": np.median(comparison.values["none"], axis=1).T.tolist(),
         "ratio_5_50_95": {
-            name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1).transpose(2, 1, 0).tolist()
+            name: [[numbers(point) for point in band] for band in load_bands(comparison, name)]
             for name in LOAD_LOOKS
         },
     }
+
+
+LOAD_END_WARNING = "a level was read at an end of the schedule, beyond which it may be larger"
+
+
+def reading_in_words(reading: Reading) -> str:
+    """Return where a level was read under loads, in words that follow it; nothing for other measures."""
+    return "" if math.isnan(reading.hertz) else f", read at {reading.hertz:.4g} Hz"
+
+
+def load_bands(comparison: LoadComparison, name: str) -> Array:
+    """Return an absorber's measure over that without absorber, (B, F, 3): the median between the ends of the interval of 90 % of further runs."""
+    ratio = comparison.ratio(name)
+    found = []
+    for band in range(ratio.shape[2]):
+        low, high = prediction_band(ratio[:, :, band])
+        found.append(np.stack([low, np.median(ratio[:, :, band], axis=1), high], axis=1))
+    return np.array(found)
 
 
 def _heads(comparison: LoadComparison) -> list[str]:
@@ -320,24 +405,26 @@ def _heads(comparison: LoadComparison) -> list[str]:
 
 def load_table(comparison: LoadComparison) -> str:
     """Return the lines that are printed."""
-    lines = [
-        f"{TOLD[comparison.measure]} under {describe_amplitude(comparison.loads)}, over that without absorber: median (5 to 95 %)"
-    ]
+    runs = comparison.values["none"].shape[1]
+    what = f"{TOLD[comparison.measure]} under {describe_amplitude(comparison.loads)}"
+    lines = [f"{what}, over that without absorber: median of {runs} runs (90 % of further runs)"]
     lines += [
-        f"  {describe_absorber(absorber)}"
-        for absorber in comparison.absorbers.values()
+        f"  {describe_absorber(absorber)}{reading_in_words(comparison.readings[name])}"
+        for name, absorber in comparison.absorbers.items()
         if absorber is not None
     ]
-    bands = {name: np.quantile(comparison.ratio(name), LOAD_BAND, axis=1) for name in LOAD_LOOKS}
+    bands = {name: load_bands(comparison, name) for name in LOAD_LOOKS}
     for band, head in enumerate(_heads(comparison)):
         lines += [f"  {head}"] if head else []
         lines.append("  intensity" + "".join(f"{LOAD_LOOKS[name][0]:>24}" for name in LOAD_LOOKS))
         for k, factor in enumerate(comparison.factors):
             cells = (
                 f"{middle:.3f}" + (f" ({low:.2f} to {high:.2f})" if high > low else "")
-                for low, middle, high in (bands[name][:, k, band] for name in LOAD_LOOKS)
+                for low, middle, high in (bands[name][band, k] for name in LOAD_LOOKS)
             )
             lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
+    if any(reading.at_end for reading in comparison.readings.values()):
+        lines.append(f"Warning: {LOAD_END_WARNING}.")
     return "\n".join(lines)
 
 
@@ -372,7 +459,7 @@ def save_load_figure(path: Path, comparison: LoadComparison) -> None:
     panels = np.atleast_1d(panels)
     for band, (axes, head) in enumerate(zip(panels, heads, strict=True)):
         for name, (label, colour, style) in LOAD_LOOKS.items():
-            low, middle, high = np.quantile(comparison.ratio(name)[:, :, band], LOAD_BAND, axis=1)
+            low, middle, high = load_bands(comparison, name)[band].T
             axes.fill_between(comparison.factors, low, high, color=colour, alpha=0.18, linewidth=0)
             axes.plot(comparison.factors, middle, style, color=colour, label=label)
         axes.axhline(1.0, color="black", linewidth=0.8)

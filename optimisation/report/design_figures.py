@@ -30,6 +30,7 @@ from optimisation.report.design_tables import limit
 from optimisation.report.figures import write_figure
 from optimisation.search.judge import Findings
 from optimisation.sobol import Sensitivity
+from optimisation.statistics import prediction_band
 from optimisation.variables import GAP, MASS_RATIO, POSITION
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def save_figure(path: Path, comparison: Comparison) -> None:
         if comparison.members == 1
         else f"{comparison.members} runs that differ in when the force begins and by a millionth of it"
     )
-    band = f"lines: median, bands: 5 to 95 % of {runs}{'' if comparison.complete else ' (stopped early)'}"
+    band = f"lines: median, bands: 90 % of further runs, by {runs}{'' if comparison.complete else ' (stopped early)'}"
     caption = f"level: RMS around the largest displacement, the larger of a sweep up and a sweep down\n{band}"
     legend = figures.draw_legend(
         figure, panels[0], 3, fontsize=10, title=caption, alignment="center"
@@ -100,7 +101,7 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
         )
         if curve is None:
             continue
-        low, high = figures.MM * curve.band
+        low, high = figures.MM * prediction_band(curve.combined)
         panel.fill_between(part.forces, low, high, color=look.colour, alpha=0.25, lw=0)
         panel.plot(
             part.forces,
@@ -197,7 +198,7 @@ def save_curves(path: Path, findings: Findings) -> None:
         panel.plot(forces, scale * levels.without, color=figures.BLACK, lw=1.2, label="no absorber")
         _lines(panel, forces, levels, np.full(len(forces), scale))
         panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel=_axis(own))
-        bottom = 0.5 * scale * float(np.min(levels.low))
+        bottom = 0.5 * scale * float(np.nanmin([levels.low, levels.median]))
         dense = over_force(own, np.geomspace(forces[0], forces[-1], 60))
         bound = np.array(
             [

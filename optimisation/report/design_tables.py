@@ -28,7 +28,8 @@ from optimisation.problem import Problem
 from optimisation.report.card import with_band
 from optimisation.search.judge import Findings, Judged, Verdict
 from optimisation.search.settings import Evaluated
-from optimisation.statistics import COVERED, Branches, Gain, branches
+from optimisation.statistics import COVERED, PREDICTED, Branches, Gain, branches
+from optimisation.sweep_range import is_at_end, reading_in_words
 from optimisation.variables import VARIABLES, parts_of
 
 Json = dict[str, object]
@@ -112,7 +113,10 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
         for k, condition in enumerate(part.conditions):
             for d in range(len(part.median)):
                 who = [names[d], ""] if names else [WINNER, gaps[d]]
-                values = [float(x[d, k]) for x in (part.median, part.low, part.high)]
+                values: list[float | str] = [
+                    "" if math.isnan(x[d, k]) else float(x[d, k])
+                    for x in (part.median, part.low, part.high)
+                ]
                 place = condition.resonance if condition.loads is None else condition.place
                 rows.append(
                     [
@@ -276,6 +280,7 @@ def condition_values(findings: Findings, k: int) -> Json:
         )
         rows[who] = {
             f"{name}_{unit}": number(level),
+            "level_frequency_ratio": _ratio(own, d, k),
             f"{name}_5_to_95_percent_{unit}": [number(own.low[d, k]), number(own.high[d, k])],
             "relative": number(level / without),
             "branches": _branches(branches(judged.levels[:, k]), without),
@@ -283,6 +288,33 @@ def condition_values(findings: Findings, k: int) -> Json:
             "share_of_possible_reduction": number(share),
         }
     return rows
+
+
+def _ratio(levels: Levels, d: int, k: int) -> float | None:
+    """Return where a design's level under a condition was read, over the resonance; None under loads."""
+    if levels.ratios is None or levels.conditions[k].loads is not None:
+        return None
+    return number(float(levels.ratios[d, k]))
+
+
+def reading(problem: Problem, condition: Condition, ratio: float | None) -> str:
+    """Return where a level was read, in words that follow it after a comma; nothing under loads."""
+    if ratio is None:
+        return ""
+    return f", read at {reading_in_words(ratio, condition.limits, problem.rate)}"
+
+
+END_WARNING = "a level was read at an end of the sweeps, where it may be that of another resonance or of the sweep's start"
+
+
+def is_any_at_end(problem: Problem, judged: Sequence[Judged]) -> bool:
+    """Return whether a level of one of the designs was read at an end of its sweeps."""
+    return any(
+        is_at_end(float(ratio), condition.limits, problem.rate)
+        for one in judged
+        for condition, ratio in zip(problem.conditions, one.ratios, strict=True)
+        if condition.loads is None
+    )
 
 
 def text(findings: Findings) -> str:
@@ -346,13 +378,15 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
         yield f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}, rule {rule:.4g}) {v.si}".rstrip()
     for name, judged in every.items():
         (low, high), *_ = judged.bands
-        yield f"  {name} on fresh members: {with_band(judged.score.values[0], low, high)}{kept(problem, judged.score)}"
+        members = f"{len(judged.members[0])} fresh members"
+        yield f"  {name} on {members}: {with_band(judged.score.values[0], low, high)}{kept(problem, judged.score)}"
     if not verdict.feasible:
         yield "  no feasible design: the winner is the one that breaks the constraints least; loosen them, or search longer"
     elif verdict.winner in (verdict.paper, verdict.rule):
         yield f"  the winner is the {PAPER if verdict.winner is verdict.paper else RULE}'s design: the search found none better on fresh members"
     over = f"winner over paper {verdict.gain}, over the rule's design {verdict.gain_over(verdict.rule)}"
-    yield f"  the search thought {verdict.found.score.values[0]:.4g}; {over}, in brackets {100 * COVERED:g} % bootstrap intervals"
+    yield f"  in brackets behind a design: the interval that holds {100 * PREDICTED:g} % of further runs"
+    yield f"  the search thought {verdict.found.score.values[0]:.4g}; {over}, with {100 * COVERED:g} % bootstrap intervals"
     for line in problem.space.at_bounds(verdict.winner.design):
         yield f"  the winner lies at a bound: {line}"
 
@@ -391,8 +425,13 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
         )
         condition = findings.own.conditions[k]
         (name, unit), (scale, shown) = condition.told, SHOWN[condition.told[1]]
-        levels = f"{scale * mine[f'{name}_{unit}']:.3f} {shown}, {100 * mine['relative']:.1f} % of no absorber"
-        yield f"  {condition.words}: {levels} (paper {100 * paper['relative']:.1f} %){reached}"
+        ends = [
+            math.nan if x is None else scale * x for x in mine[f"{name}_5_to_95_percent_{unit}"]
+        ]
+        level = with_band(scale * mine[f"{name}_{unit}"], ends[0], ends[1], "{:.3f}", shown)
+        levels = f"{level}, {100 * mine['relative']:.1f} % of no absorber"
+        where = reading(findings.problem, condition, mine["level_frequency_ratio"])
+        yield f"  {condition.words}: {levels}{where} (paper {100 * paper['relative']:.1f} %){reached}"
         for name, part in ((WINNER, mine), (PAPER, paper)):
             if part["branches"] is not None:
                 low, high = (
@@ -406,7 +445,11 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
                 yield f"    {name} has two branches: {low} and {high}"
         if sweep is not None:
             fast = ": too fast to tell the share of the possible" if sweep < LEAST_RATIO else ""
-            yield f"    the sweeps show {sweep:.3f} of the stationary level without absorber{fast}"
+            first, last = condition.limits
+            yield f"    the sweeps, {first:.3g} to {last:.3g} of the resonance, show {sweep:.3f} of the stationary level without absorber{fast}"
+    assert findings.verdict is not None
+    if is_any_at_end(findings.problem, (findings.verdict.winner,)):
+        yield f"  Warning: {END_WARNING}."
 
 
 WORDS = {

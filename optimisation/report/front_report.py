@@ -5,7 +5,9 @@ from numpy.typing import NDArray
 
 from optimisation.files import Table, numbers
 from optimisation.measures import LEVEL, TOLD
-from optimisation.report.design_tables import limit, name_of
+from optimisation.objectives import Condition
+from optimisation.problem import Problem
+from optimisation.report.design_tables import END_WARNING, is_any_at_end, limit, name_of
 from optimisation.search.pareto import Front
 
 Json = dict[str, object]
@@ -39,6 +41,9 @@ def front_summary(front: Front) -> Json:
     ]
     for row, judge in zip(rows, front.fresh or (), strict=False):
         row["score_on_fresh_members"] = numbers(judge.score.values)
+        row["level_frequency_ratios"] = [
+            float(judge.ratios[k]) for k, _ in swept_conditions(front.problem)
+        ]
     return {
         "problem": front.problem.describe(),
         "finished": front.finished,
@@ -57,6 +62,18 @@ def front_summary(front: Front) -> Json:
     }
 
 
+def swept_conditions(problem: Problem) -> list[tuple[int, Condition]]:
+    """Return the conditions with a swept force, with their indices."""
+    return [(k, c) for k, c in enumerate(problem.conditions) if c.loads is None]
+
+
+def front_reading(front: Front, k: int) -> str:
+    """Return where the levels of a front under a condition, by its index, were read, in words."""
+    assert front.fresh is not None
+    ratios = [float(judge.ratios[k]) for judge in front.fresh]
+    return f"read at {min(ratios):.4g} to {max(ratios):.4g} of the resonance"
+
+
 def front_text(front: Front) -> str:
     """Return the study's result as a text to read."""
     problem = front.problem
@@ -65,14 +82,19 @@ def front_text(front: Front) -> str:
     lines.append(
         f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s, {100 * cost.overhead:.1f} % of it outside the runs"
     )
-    for condition in problem.conditions:
+    for k, condition in enumerate(problem.conditions):
         ratio = problem.sweep_ratio(condition)
         if condition.loads is not None:
             lines.append(f"  under {condition.words}; the level is the {TOLD[condition.told[0]]}")
             continue
+        low, high = condition.limits
         lines.append(
-            f"  resonance {condition.resonance}: sweeps show {ratio:.3f} of the stationary level without absorber"
+            f"  resonance {condition.resonance}: sweeps from {low:.3g} to {high:.3g} of it show {ratio:.3f} of the stationary level without absorber"
         )
+        if front.fresh:
+            lines[-1] += f"; levels of the front {front_reading(front, k)}"
+    if front.fresh and is_any_at_end(problem, front.fresh):
+        lines.append(f"  Warning: {END_WARNING}.")
     names = [name_of(objective) for objective in problem.objectives]
     header = [*(v.name for v in problem.space.free), *names, *(f"{name} fresh" for name in names)]
     lines.append("  " + "  ".join(f"{name:>14}" for name in header))

@@ -38,6 +38,7 @@ from optimisation.report.figures import (
     write_figure,
 )
 from optimisation.report.frequency_report import frequency_charts
+from optimisation.sweep_range import is_at_end
 from optimisation.uncertain import Spread, plain
 
 HEADER = (
@@ -71,10 +72,8 @@ def _ratio(answer: Answer) -> str:
 
 
 def is_read_at_end(found: Advice, answer: Answer) -> bool:
-    """Return whether a level was read at an end of the sweeps: within the half window of 10 periods, or 1 % of the range."""
-    low, high = found.check.limits
-    near = max(1e-3 * found.check.rate, 0.01 * (high - low))
-    return not low + near < answer.frequency_ratio < high - near
+    """Return whether a level was read at an end of the sweeps."""
+    return is_at_end(answer.frequency_ratio, found.check.limits, found.check.rate)
 
 
 def device(answer: Answer, mass: float) -> str:

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from impact_env.loads import describe_amplitude
+from optimisation.files import number
 from optimisation.gap_advice import Answer
 from optimisation.load_comparison import LoadAdvice
 from optimisation.measures import SHOWN, START, TOLD, UNITS
-from optimisation.report.comparison_tables import LOAD_BAND
+from optimisation.report.comparison_tables import LOAD_END_WARNING, reading_in_words
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis, write_figure
 from optimisation.report.gap_report import SUBS, answer_values, band_in_words, device
 
@@ -37,6 +38,7 @@ def summary(found: LoadAdvice) -> Json:
         "settings": {
             "force_tolerance": found.tolerance,
             "members": len(found.without),
+            "level_frequency_hz": number(found.reading.hertz),
             "runs": sum(map(len, found.runs)),
         },
     }
@@ -60,11 +62,12 @@ def text(found: LoadAdvice) -> str:
             if math.isnan(answer.worst)
             else f"at most {factor * answer.worst:.4g} {unit}"
         )
-        return f"{band}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
+        runs = f"median of {answer.members} runs" if answer.members > 1 else "one run"
+        return f"{band}, {runs}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
 
     lines = [
         f"Recommended: {device(best, found.mass)}, under {describe_amplitude(found.loads)}.",
-        f"  {what[0].upper()}{what[1:]} {level(best)}.",
+        f"  {what[0].upper()}{what[1:]} {level(best)}{reading_in_words(found.reading)}.",
     ]
     if sharp.gap != best.gap:
         lines.append(f"Lowest {what}: {1e3 * sharp.gap:.4g} mm, {level(sharp)}.")
@@ -75,6 +78,8 @@ def text(found: LoadAdvice) -> str:
         )
     else:
         lines.append(f"Design rule (no simulation): {1e3 * found.rule:.4g} mm.")
+    if found.reading.at_end:
+        lines.append(f"Warning: {LOAD_END_WARNING}.")
     if best.level >= without:
         lines.append(
             f"Warning: no gap brings the {what} below that without absorber: another place or mass may suit better."
@@ -86,9 +91,8 @@ def save_figure(path: Path, found: LoadAdvice) -> None:
     """Draw the measure over the gap, with the answers; the ending of ``path`` chooses the format."""
     factor, unit = SHOWN[UNITS[found.measure]]
     figure, axes = figure_of(6.4, 4.4)
-    low, middle, high = (
-        factor * np.array([np.quantile(runs, q) for runs in found.runs]) for q in LOAD_BAND
-    )
+    low, high = factor * found.band
+    middle = factor * np.array([np.median(runs) for runs in found.runs])
     gaps = 1e3 * found.gaps
     axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
     axes.plot(
@@ -97,7 +101,7 @@ def save_figure(path: Path, found: LoadAdvice) -> None:
         "o-",
         color=BLUE,
         ms=5,
-        label=f"median and 5 to 95 % of up to {len(found.without)} runs",
+        label=f"median of up to {len(found.without)} runs, 90 % of further runs",
     )
     axes.axhline(
         factor * float(np.median(found.without)), color="black", lw=0.8, label="no absorber"

@@ -13,12 +13,13 @@ from impact_env.energy import EnergyAccount, mechanical_energy
 from impact_env.ensemble import LaneLevels
 from impact_env.laws import describe_absorber, describe_modes
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.loads import Loads, describe_amplitude
+from impact_env.loads import LOAD_STARTS, Loads, describe_amplitude
 from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.plain import from_scene
 from impact_env.response import History, Response, require_recorded
 from optimisation.extremes import LEAST_RATIO
 from optimisation.report.figures import MM, figure_of, write_figure
+from optimisation.statistics import prediction_interval
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Result:
     """The recorded run of member 0, levels of the members after it (None: there are none), and the time of one bare integration in s, if measured.
 
     ``sweep_ratio``: level of such sweeps without absorber over the stationary one; None at a constant frequency. ``measures`` of each member, as
-    `optimisation.signals` has them, None unless asked for.
+    `optimisation.signals` has them, None unless asked for. ``steady``: runs start from the steady state of the linear structure, not from rest.
     """
 
     response: Response
@@ -34,6 +35,7 @@ class Result:
     wall_time: float | None = None
     sweep_ratio: float | None = None
     measures: list[dict[str, Any]] | None = None
+    steady: bool = False
 
     @property
     def levels(self) -> list[float]:
@@ -68,6 +70,7 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
         "stuck_time_s": response.stuck_time,
         **({} if energy is None else {"energy_balance_relative_error": energy.relative_error}),
         "pseudo_periods": response.drive.schedule.periods,
+        "start": START_WORDS[result.steady],
         "sweep_over_stationary_level": result.sweep_ratio,
         **({} if result.wall_time is None else {"wall_s": result.wall_time}),
         **({} if result.measures is None else {"measures": result.measures}),
@@ -76,19 +79,60 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
     }
 
 
-def describe_run(response: Response, resonance: int) -> str:
-    """Say in a line how the run was driven and with which method."""
+STARTED = 0.05  # of a sweep from rest: a level that is read there is that of the start
+START_WORDS = {False: "rest", True: "steady state"}
+
+
+def describe_start(result: Result) -> str:
+    """Return where the runs start, in words; nothing beside a start of the loads' own."""
+    loads = result.response.drive
+    if not result.steady and isinstance(loads, Loads) and loads.start != LOAD_STARTS[0]:
+        return ""
+    return f", from {'the ' if result.steady else ''}{START_WORDS[result.steady]}"
+
+
+def find_end(result: Result) -> str | None:
+    """Return which end of a swept run the level of the first member was read at, "start" or "end"; None inside, and where nothing is swept."""
+    response = result.response
+    schedule = response.drive.schedule
+    if schedule.omegas[0] == schedule.omegas[-1]:
+        return None
+    time = require_recorded("level", response.level).time
+    total = float(schedule.times[-1])
+    near = HALF_WINDOW_PERIODS * schedule.pseudo_period
+    from_start = near if result.steady else max(near, STARTED * total)
+    if time <= from_start:
+        return "start"
+    return "end" if time >= total - near else None
+
+
+def end_warning(result: Result) -> list[str]:
+    """Return the warning about a level that was read at an end of the sweep; none inside."""
+    end = find_end(result)
+    if end is None:
+        return []
+    why = {
+        "start": "the range may begin too late"
+        if result.steady
+        else "the force that begins at once shakes all modes, or the range begins too late: see --start steady",
+        "end": "the range may end too early, or another resonance decides",
+    }[end]
+    return [f"Warning: the level was read at the {end} of the sweep: {why}."]
+
+
+def describe_run(response: Response, resonance: int, start: str = "") -> str:
+    """Say in a line how the run was driven, from which ``start`` (in words), and with which method."""
     schedule = response.drive.schedule
     modes = response.scene.model.modes
     if isinstance(response.drive, Loads):
         told = f"{describe_amplitude(response.drive)} for {float(schedule.times[-1]):g} s"
-        return f"{told}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s, {describe_modes(modes)}, {response.method}"
+        return f"{told}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s{start}, {describe_modes(modes)}, {response.method}"
     ratios = schedule.omegas / schedule.reference
     frequency = (
         f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
     )
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
-    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods, {describe_modes(modes)}, {response.method}"
+    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods{start}, {describe_modes(modes)}, {response.method}"
 
 
 def summary(result: Result, resonance: int) -> str:
@@ -103,12 +147,12 @@ def summary(result: Result, resonance: int) -> str:
         ("response level", f"{levels[0]:.4g} mm", f"around {ratios[0]:.4f} times the resonance")
     ]
     if len(levels) > 1:
-        low, middle, high = np.quantile(levels, (0.05, 0.5, 0.95))
+        low, high = prediction_interval(levels)
         rows.append(
             (
                 "",
-                f"{middle:.4g} mm",
-                f"median of {len(levels)} members, 5 to 95 %: {low:.4g} to {high:.4g} mm",
+                f"{np.median(levels):.4g} mm",
+                f"median of {len(levels)} members, 90 % of runs: {low:.4g} to {high:.4g} mm",
             )
         )
     stuck = response.stuck_time / float(schedule.times[-1])
@@ -173,8 +217,9 @@ def summary(result: Result, resonance: int) -> str:
             )
         )
     lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
+    run = describe_run(response, resonance, describe_start(result))
     return "\n".join(
-        [describe_absorber(response.scene.absorber), describe_run(response, resonance), *lines]
+        [describe_absorber(response.scene.absorber), run, *lines, *end_warning(result)]
     )
 
 

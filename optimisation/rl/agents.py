@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from impact_env.envs import ENVIRONMENTS
 from impact_env.parameters import ParameterError, require
+from impact_env.plain_files import require_readable
 from optimisation.files import replacing, write_csv
 
 AGENT_FORMAT = 1
@@ -194,6 +195,7 @@ def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
     Raises ParameterError for any other file, task or algorithm.
     """
     path = place if isinstance(place, Path) else packaged_file(place, algorithm)
+    require_readable("agent", path, "a file that train wrote")
     try:
         source = io.BytesIO(zipfile.ZipFile(path).read(FINAL)) if path.suffix == ".zip" else path
         with np.load(source, allow_pickle=False) as file:

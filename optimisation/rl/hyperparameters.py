@@ -23,6 +23,7 @@ from impact_env.parameters import (
     require,
     within,
 )
+from impact_env.plain_files import require_readable
 
 WIDTHS = "a list of widths, as [64, 64]"
 
@@ -224,6 +225,7 @@ def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
     with optional():
         import yaml
     name = "hyperparameters"
+    require_readable(name, file)
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -16,19 +16,18 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from impact_env.curve import BAND
 from impact_env.ensemble import Executor, Members
 from impact_env.parameters import count, require
 from optimisation.designs import Design
 from optimisation.evaluation import Progress, evaluate
 from optimisation.files import number
 from optimisation.insight import Levels, Sensitivity, Service
-from optimisation.measures import LEVEL
+from optimisation.measures import LEVEL, LEVEL_RATIO
 from optimisation.mounting import with_more_modes
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
 from optimisation.search.settings import Evaluated, seed_of
-from optimisation.statistics import Gain, ratio_of_quantiles
+from optimisation.statistics import Gain, prediction_interval, ratio_of_quantiles
 from optimisation.variables import FRICTION_LIMIT, GAP, parts_of
 
 if TYPE_CHECKING:
@@ -47,7 +46,9 @@ AUDIT = 3
 class Judged:
     """A design on fresh members: its ``score`` and, for each objective, one value a member, ``members`` (objectives, M).
 
-    ``levels`` (M, conditions) in m of the free end, the larger of up and down, and that ``without`` absorber of the same members.
+    ``levels`` (M, conditions) in m of the free end, the larger of up and down, and that ``without`` absorber of the same members. ``ratios``
+    (conditions,): where the level was read, over the resonance, the median of the members; 0 under loads. ``alike``: designs
+    near this one, whose spread is used where there are few members.
     """
 
     design: Design
@@ -55,13 +56,25 @@ class Judged:
     members: Array
     levels: Array
     without: Array
+    ratios: Array
+    alike: tuple[Judged, ...] = ()
 
     @property
     def bands(self) -> list[tuple[float, float]]:
-        """5 and 95 % quantiles of the members, for each objective."""
+        """Ends of the interval that holds 90 % of fresh runs, for each objective; NaN where the spread is not known."""
         return [
-            (float(low), float(high)) for low, high in np.quantile(self.members, BAND, axis=1).T
+            prediction_interval(row, [other.members[k] for other in self.alike])
+            for k, row in enumerate(self.members)
         ]
+
+    @property
+    def level_bands(self) -> Array:
+        """Ends of the interval that holds 90 % of fresh levels in m, (2, conditions); NaN where the spread is not known."""
+        ends = [
+            prediction_interval(column, [other.levels[:, k] for other in self.alike])
+            for k, column in enumerate(self.levels.T)
+        ]
+        return np.array(ends).reshape(-1, 2).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +98,12 @@ class Verdict:
 
     def levels(self, conditions: Sequence[Condition]) -> Levels:
         """Return the levels of winner and paper's design, (2, conditions), under the problem's own ``conditions``."""
-        low, median, high = np.quantile(
-            [self.winner.levels, self.paper.levels], (BAND[0], 0.5, BAND[1]), axis=1
-        )
-        return Levels(tuple(conditions), median, low, high, np.median(self.winner.without, axis=0))
+        both = (self.winner, self.paper)
+        median = np.array([np.median(one.levels, axis=0) for one in both])
+        low, high = np.moveaxis(np.array([one.level_bands for one in both]), 1, 0)
+        without = np.median(self.winner.without, axis=0)
+        ratios = np.array([one.ratios for one in both])
+        return Levels(tuple(conditions), median, low, high, without, ratios)
 
     def gain_over(self, other: Judged) -> Gain:
         """Return the winner over another design in the first objective: the ratio of their values, and its 95 % bootstrap interval."""
@@ -112,15 +127,17 @@ def judged(
     results: dict[int, Judged] = {}
     for k, measured in evaluate(problem, designs, ensemble, problem.rate, executor, progress):
         values = problem.member_values(measured, ensemble, problem.rate)
-        level, without = (
-            array[..., problem.measures.index(LEVEL)].max(axis=2) for array in (measured, reference)
-        )
+        at = problem.measures.index(LEVEL)
+        level, without = (array[..., at].max(axis=2) for array in (measured, reference))
+        worse = np.argmax(measured[..., at], axis=2)[..., None]
+        read = np.take_along_axis(measured[..., problem.measures.index(LEVEL_RATIO)], worse, axis=2)
         results[k] = Judged(
             designs[k],
             problem.score(designs[k], measured, ensemble, problem.rate),
             values,
             level,
             without,
+            np.median(read[..., 0], axis=0),
         )
     return [results[k] for k in range(len(designs))]
 
@@ -163,7 +180,9 @@ def verdict(
     best = best_candidates(problem, candidates, finalists)
     paper, start = problem.space.paper, problem.space.default
     designs = [*(e.design for e in best), paper, start]
-    ranking = list(rank_on_fresh_members(problem, designs, executor, progress))
+    ranked = rank_on_fresh_members(problem, designs, executor, progress)
+    ranking = list(ranked)
+    alike = tuple(one for k, one in ranked.items() if k < len(best))
     found = best[next(k for k in ranking if k < len(best))]
 
     ensemble = problem.fresh_ensemble(problem.members, VERDICT)
@@ -174,6 +193,8 @@ def verdict(
     for k in ranking:
         if k not in known:
             (known[k],) = judged(problem, [designs[k]], ensemble, executor, progress)
+        if k < len(best):
+            known[k] = replace(known[k], alike=alike)
         tried.append(known[k])
         if known[k].score.feasible:
             break

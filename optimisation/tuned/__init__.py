@@ -3,7 +3,6 @@
 `optimisation.tuned.certificate` proves a largest amplitude between grid points; it needs cvxpy and is imported on its own.
 """
 
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -380,11 +379,11 @@ def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) 
     return float(np.real(1j / (2 * np.pi) * c @ (logs[1] - logs[0]) @ weighted))
 
 
-# shifts of ln stiffness and ln damping from the closed form at which a search may start too, and how many of them it takes
-START_SHIFTS = tuple(
-    itertools.product((-1.2, -0.8, -0.4, 0.0, 0.3, 0.6, 1.0), (-1.5, -0.5, 0.5, 1.5))
-)
-GRID_STARTS = 2
+# shifts of ln stiffness and ln damping from the closed form, a grid whose lowest local minima are starts of a search too
+STIFFNESS_SHIFTS = (-1.6, -1.2, -0.8, -0.4, -0.2, 0.0, 0.15, 0.3, 0.6, 1.0)
+DAMPING_SHIFTS = (-3.5, -2.5, -1.5, -0.5, 0.5, 1.5, 2.5)
+GRID_STARTS = 4
+FARTHEST = 7.0  # from the closed form, in ln stiffness or damping: a spring as stiff as that holds the mass, one as soft leaves it at rest
 _REFUSED = 1e3  # objective (log of the score) of a design that the range cannot score
 
 Array = NDArray[np.float64]
@@ -421,25 +420,34 @@ def smallest_amplitude(
 ) -> TunedAbsorber:
     """Return the stiffness and damping with the smallest `highest_amplitude` over low..high times omega_r, flanks and other resonances included.
 
-    It is judged as other absorbers are whose sweeps go over the range. Where the range is too narrow for both peaks of the split resonance, as it
-    is beside a close resonance, a peak outside does not count.
+    It is judged as other absorbers are whose sweeps go over the range. A peak of the split resonance that lies beyond the range counts as well
+    (`_seen_range`), so that no design is best because its peak is out of sight.
     """
     exact = undamped_minimax(model, mass_ratio, resonance)
     rule = den_hartog(model, mass_ratio, resonance)
-    wide = True
-    try:
-        require_wide_range(model, mass_ratio, resonance, low, high)
-    except ParameterError:
-        wide = False
-    return _smallest(
-        lambda absorber: highest_amplitude(model, absorber, resonance, low, high)[0],
-        (exact, rule),
-        model,
-        resonance,
-        low,
-        high,
-        inside=wide,
-    )
+
+    def score(absorber: TunedAbsorber) -> float:
+        seen = _seen_range(model, absorber, resonance, low, high)
+        return highest_amplitude(model, absorber, resonance, *seen)[0]
+
+    return _smallest(score, (exact, rule), model, resonance, low, high, inside=False)
+
+
+def _seen_range(
+    model: ModalModel, absorber: TunedAbsorber, resonance: int, low: float, high: float
+) -> tuple[float, float]:
+    """Return low..high (over omega_r), widened so that it holds both natural frequencies into which an absorber splits the resonance.
+
+    It goes no further than half-way (geometric mean) to the neighbouring resonances, and to `LOW` and `HIGH`.
+    """
+    omega_r = model.resonance_omega(resonance)
+    split = natural_frequencies(model, absorber)[resonance - 1 : resonance + 1] / omega_r
+    ratios = model.omega / omega_r
+    below = float(np.max(ratios[ratios < 1 - 1e-9], initial=LOW**2))
+    above = float(np.min(ratios[ratios > 1 + 1e-9], initial=HIGH**2))
+    lowest = max(0.99 * float(split[0]), np.sqrt(below), LOW)
+    highest = min(1.01 * float(split[1]), np.sqrt(above), HIGH)
+    return min(low, lowest), max(high, highest)
 
 
 def minimum_h2(
@@ -473,8 +481,8 @@ def _smallest(
 ) -> TunedAbsorber:
     """Return the absorber with the smallest score: Nelder-Mead in the logarithms of k and c from several starts.
 
-    They are two known tunings, two detuned ones, and the best of a grid (`START_SHIFTS`): with close modes there are several local optima. The
-    search is repeated from the best, because the optimum of a largest peak is a kink (two equal peaks). ``inside``: only designs whose natural
+    They are two known tunings and the lowest local minima of a grid around them (`STIFFNESS_SHIFTS`): with close modes there are several. The search
+    is repeated from the best, because the optimum of a largest peak is a kink (two equal peaks). ``inside``: only designs whose natural
     frequencies around the resonance lie within the range.
     """
     mass_ratio = known[0].mass_ratio
@@ -485,6 +493,8 @@ def _smallest(
         return TunedAbsorber(mass_ratio, *np.exp(logs).tolist())
 
     def objective(logs: Array) -> float:
+        if np.any(np.abs(logs - middle) > FARTHEST):
+            return _REFUSED
         absorber = absorber_at(logs)
         if not inside:
             return float(np.log(score(absorber)))
@@ -496,9 +506,13 @@ def _smallest(
         )  # outside a peak would not be seen
 
     starts = [np.log([a.stiffness, a.damping]) for a in known]
-    starts += [starts[0] + np.array([-0.15, 0.5]), starts[0] + np.array([0.15, -0.5])]
-    grid = [starts[0] + np.array(shift) for shift in START_SHIFTS]
-    starts += sorted(grid, key=objective)[:GRID_STARTS]
+    middle = starts[0]
+    shifts = np.stack(np.meshgrid(STIFFNESS_SHIFTS, DAMPING_SHIFTS, indexing="ij"), axis=-1)
+    grid = middle + shifts
+    values = np.apply_along_axis(objective, 2, grid)
+    lowest = values <= scipy.ndimage.minimum_filter(values, size=3, mode="nearest")
+    minima = sorted(zip(values[lowest].tolist(), grid[lowest].tolist(), strict=True))
+    starts += [np.array(start) for _, start in minima[:GRID_STARTS]]
 
     def descend(start: Array, size: float, steps: float, gain: float) -> Array:
         options = {

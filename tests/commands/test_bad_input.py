@@ -64,7 +64,7 @@ sweep --json a.json
     --scene bad.toml -> scene.beam.length = 2 is not allowed: only the keys length_m
     --scene file -> a name that ends in .toml or .json
     --scene good.toml --modes 2 -> --modes does not go with --scene
-    --structure none.toml -> file = 'none.toml' is not allowed: TOML that can be read
+    --structure none.toml -> file = 'none.toml' is not allowed: a file that can be read: there is no such file
     --json other -> is a directory
     --json /dev/null -> a plain file
     --load shock:40:2 -> --load shock:40:2: SHOCK:PEAK_N:PULSE_S:DURATION_S, numbers

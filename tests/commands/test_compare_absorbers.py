@@ -3,12 +3,13 @@
 import contextlib
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import scipy.linalg
+import scipy
 from commands import done, load, read
 from drawing import line, saved_figures
 from load_cases import KINDS, MASS, OMEGA, chain, tables_of
@@ -35,7 +36,8 @@ from optimisation.comparison import (
 )
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.measures import measure_of, measured
-from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, summary
+from optimisation.report.cards import comparison_card
+from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, summary, text_table
 from optimisation.tuned import den_hartog
 
 FILES = {
@@ -112,6 +114,40 @@ def test_study_holds_every_concept_near_both_resonances(study: Comparison) -> No
     assert impact["optimum"]["force_n"] in part["forces_n"]
     assert tuned["optimum"]["force_n"] is None
     assert tuned["at_best_force_of_impact_absorber"]["force_n"] == impact["optimum"]["force_n"]
+
+
+def test_bands_are_predictions_and_levels_say_where_they_were_read(study: Comparison) -> None:
+    part = study.resonances[0]
+    curve = part.curves[IMPACT]
+    k = part.best
+    content = summary(study)["resonances"]["1"]["concepts"][IMPACT]
+    here = content["at_best_force_of_impact_absorber"]
+    rows = [np.log(curve.combined[j]) for j in (k - 1, k, k + 1) if 0 <= j < len(part.forces)]
+    squares = sum(float(np.sum((row - row.mean()) ** 2)) for row in rows)
+    freedoms = 2 * len(rows)
+    half = scipy.stats.t.ppf(0.95, freedoms) * np.sqrt(squares / freedoms * (1 + 1 / 3))
+    middle = np.log(curve.combined[k]).mean()
+    assert np.log(here["response_level_5_to_95_percent_m"]) == pytest.approx(
+        [middle - half, middle + half]
+    )
+    worse = np.argmax(curve.level[k], axis=1)
+    ratios = curve.lanes.frequency_ratio[k, np.arange(3), worse]
+    assert here["level_frequency_ratio"] == np.median(ratios)
+    assert f"{np.median(ratios):.3f}" in text_table(study)
+    assert content["sweep_limits"] == [0.9, 1.06]
+
+
+def test_a_level_that_is_read_at_an_end_of_the_sweeps_is_warned_of(study: Comparison) -> None:
+    """Of the absorbers that are inside the range the impact absorber is put at its end."""
+    assert "impact absorber near" not in text_table(study)
+    part = study.resonances[0]
+    lanes = part.curves[IMPACT].lanes
+    ends = replace(lanes, frequency_ratio=np.full_like(lanes.frequency_ratio, 0.9))
+    curves = part.curves | {IMPACT: replace(part.curves[IMPACT], lanes=ends)}
+    other = replace(study, resonances=(replace(part, curves=curves), *study.resonances[1:]))
+    assert "impact absorber near resonance 1" in text_table(other)
+    assert "0.900 (end)" in text_table(other)
+    assert any("end of the sweeps" in line for line in comparison_card(other).warnings)
 
 
 def test_quick_look_writes_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -3,8 +3,10 @@
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import click
 import numpy as np
@@ -13,20 +15,26 @@ from click.testing import CliRunner
 from commands import FAST, call, done, load, read
 from drawing import labelled_lines, saved_figures
 
+from impact_env.curve import CurveCase, performance_curves
 from impact_env.ensemble import Threads
+from impact_env.loads import Loads, Shock
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.plain import to_scene
+from impact_env.scene import Scene
 from optimisation.bounds import design_gap, reach
 from optimisation.cli import mass_ratios
 from optimisation.cli.common import plain_errors
+from optimisation.cli.design_duration import announce_search
+from optimisation.comparison import compare
 from optimisation.designs import design_space
-from optimisation.duration import duration_in_words
+from optimisation.duration import announce_load_runs, duration_in_words
 from optimisation.gap_check import check_gap, scaled_absorber
 from optimisation.insight import sensitivity
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.design_tables import LEVEL_COLUMNS, limit
+from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, undamped_h2
 
 pytest.importorskip("optuna")
@@ -416,7 +424,7 @@ def test_a_long_search_says_how_long_and_answers_coarsely_first(
     given = ["--force", 3.5, "--modes", 2, "--members", 1, "--no-card"]
     result = done(command, *given, "--rate", 10, "--out", tmp_path / "both")
     assert "About " in result.stderr
-    assert "40 runs of" in result.stderr
+    assert "40 runs of up to" in result.stderr
     found = re.search(r"a gap of (\S+) mm, level (\S+) mm", result.stderr)
     assert found is not None
     monkeypatch.setattr(command, "LONG_S", math.inf)
@@ -424,6 +432,92 @@ def test_a_long_search_says_how_long_and_answers_coarsely_first(
     alone = json.loads((tmp_path / "alone" / "summary.json").read_text())["recommended"]
     assert float(found[1]) == pytest.approx(1e3 * alone["gap_m"], rel=1e-2)
     assert float(found[2]) == pytest.approx(1e3 * alone["level_m"], rel=1e-2)
+
+
+def test_masses_are_announced_and_answered_coarsely_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A period counts as 1 s: the time is that of all sweeps; the coarse table is of one run at ten times the rate."""
+    seen: list[tuple[int, float | None]] = []
+    factors = np.array([0.5, 1.0, 1.5])
+    original = mass_ratios.checks
+
+    def noted(*given: Any) -> Any:
+        seen.append((given[3]["members"], given[3]["percent_per_100_periods"]))
+        return original(*given)
+
+    for name in ("FACTORS", "LOW_FACTORS"):
+        monkeypatch.setattr(mass_ratios, name, factors)
+    monkeypatch.setattr(mass_ratios, "checks", noted)
+    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_given: 1.0)
+    given = ("--mass-ratio", 0.02, "--resonances", 1, 1, "--members", 2, "--rate", 50)
+    result = done(mass_ratios, *given, "--threads", 1)
+    low, high = find_sweep_range(modal_model(Beam()), 0.02, 1)
+    seconds = 2 * 3 * 2 * 1e4 * (high - low) / 50
+    assert f"About {duration_in_words(seconds)}" in result.stderr
+    assert "12 runs of up to" in result.stderr
+    assert seen == [(1, 500.0), (2, 50.0)]
+    assert "Coarse answer" in result.stderr
+    assert result.stderr.count("best gap over the rule's") == 1
+    assert "level read at" in result.stdout
+
+
+def test_a_search_is_announced_with_the_level_of_the_rules_design(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_given: 1.0)
+    problem = Problem(
+        design_space("impact"), (Condition(1, 3.5),), beam=Beam(modes=2), members=2, rate=10.0
+    )
+    announce_search(problem, 30.0, 1, None, Threads())
+    told = capsys.readouterr().err
+    periods = 1e4 * (1.06 - 0.9) / 10.0
+    assert f"About {duration_in_words(30 * 2 * 2 * periods)}" in told
+    case = CurveCase(
+        Scene(problem.model, problem.space.default.absorber()),
+        np.array([3.5]),
+        1,
+        (0.9, 1.06),
+        100.0,
+        steady_start=True,
+    )
+    none = replace(case, scene=Scene(problem.model))
+    level, free = (curve.median[0] for curve in performance_curves([case, none], 1, 0))
+    found = re.search(r"no absorber (\S+)\.\n", told)
+    assert float(found[1]) == pytest.approx(level / free, rel=2e-2)
+    announce_search(problem, 30.0, 1, "host:1", Threads())
+    assert not capsys.readouterr().err
+
+
+def test_a_comparison_is_announced_and_answered_coarsely_first(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    command = load("compare_absorbers", monkeypatch)
+    seen: list[dict[str, Any]] = []
+
+    def small(_own: Any, **given: Any) -> Any:
+        seen.append(given)
+        return compare(Beam(modes=2), **given | {"percent_per_100_periods": 200.0})
+
+    monkeypatch.setattr(command, "compare", small)
+    monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)
+    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_given: 1.0)
+    given = ("--forces", 2, "--members", 2, "--rate", 5, "--threads", 1)
+    result = done(command, *given, "--out", tmp_path)
+    assert "About " in result.stderr
+    assert "Coarse answer" in result.stderr
+    assert "impact absorber " in result.stderr
+    rates = [(one["members"], one["percent_per_100_periods"]) for one in seen]
+    assert rates == [(1, 50.0), (2, 5.0)]
+
+
+def test_runs_under_loads_are_announced_by_one_of_them(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("optimisation.duration.LONG_S", 0.0)
+    loads = Loads((Shock("half-sine", 10.0, 0.01, 0.5),), MODEL.resonance_omega(1))
+    seconds = announce_load_runs(Scene(MODEL, impact_absorber()), loads, 1000, 1)
+    told = capsys.readouterr().err
+    assert f"About {duration_in_words(seconds)}" in told
+    assert "1,000 runs of 0.5 s" in told
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from drawing import line, saved_figures
 from impact_env import Drive, Record, simulate
 from impact_env.drive import PAPER_LIMITS
 from impact_env.methods import Exact, Moreau, RungeKutta
+from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
@@ -31,6 +32,7 @@ KEYS = {
     "stuck_time_s": float,
     "energy_balance_relative_error": float,
     "pseudo_periods": float,
+    "start": str,
     "sweep_over_stationary_level": float,
     "wall_s": float,
     "omega_rad_s": list,
@@ -83,7 +85,7 @@ def test_json_keeps_the_contract(arguments: list[str], tmp_path: Path) -> None:
     assert all(
         math.isfinite(x)
         for key, value in values.items()
-        if key != "scene"
+        if key not in ("scene", "start")
         for x in (value if KEYS[key] is list else [value])
     )
     assert (
@@ -122,6 +124,32 @@ def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() ->
         *SHORT, "--absorber", "none", "--damping", "0"
     )  # its stationary level has no end
     assert "0.000   without absorber, at 10 % per 100 pseudo periods: too fast" in undamped.output
+
+
+def test_a_sweep_starts_as_it_is_told(tmp_path: Path) -> None:
+    """At a high resonance, below it: from rest the level is that of the start, which is warned of; from the steady state there is none."""
+    arguments = ("--resonance", 4, "--from", 0.9, "--to", 0.95, "--force", 1, "--modes", 5)
+    out = done(sweep, "--absorber", "none", *arguments, "--phase", 1.57).stdout
+    assert "from rest" in out
+    assert "Warning: the level was read at the start of the sweep" in out
+    file = tmp_path / "a.json"
+    steady = ("--start", "steady", "--members", 2, "--json", file)
+    out = done(sweep, "--absorber", "none", *arguments, *steady).stdout
+    assert "from the steady state" in out
+    assert "at the start" not in out
+    content = json.loads(file.read_text())
+    assert content["start"] == "steady state"
+    model = modal_model(Beam(modes=5))
+    omega = 0.95 * model.omega[3]
+    terms = model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega
+    level = abs(np.sum(model.tip_shape * model.force_shape / terms)) / np.sqrt(2)
+    assert content["response_level_m"] == pytest.approx([level] * 2, rel=0.02)
+
+
+def test_where_nothing_is_steady_is_refused() -> None:
+    result = call("--load", "shock:40:0.0125:2", "--start", "steady")
+    assert result.exit_code != 0
+    assert "no steady state" in result.stderr
 
 
 def test_members_are_reproducible_from_the_seed(tmp_path: Path) -> None:

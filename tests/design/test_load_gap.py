@@ -173,7 +173,7 @@ def test_the_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     runs: dict[float, list[float]] = {}
     for row in read(tmp_path / "runs.csv"):
         runs.setdefault(1e3 * float(row["gap_m"]), []).append(float(row["value"]))
-    gap, decay = line(panel, "median and 5 to 95 %")
+    gap, decay = line(panel, "median of up to")
     np.testing.assert_allclose(sorted(gap), sorted(runs))
     np.testing.assert_allclose(decay, [np.median(runs[x]) for x in gap.tolist()], rtol=1e-9)
     np.testing.assert_allclose(line(panel, "recommended")[0], 1e3 * best["gap_m"])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from commands import done
 from core import STEEL
 from design_studies import BATCH, Model, problem, settings
@@ -13,11 +14,13 @@ from scipy.stats import multivariate_normal
 
 from impact_env.ensemble import Threads
 from impact_env.parameters import Beam
+from impact_env.sweep import simulate
 from optimisation.designs import Design, design_space
 from optimisation.files import read_json
 from optimisation.insight import SHOWN
 from optimisation.objectives import Condition, Constraint, Score
 from optimisation.problem import Problem
+from optimisation.report.design_tables import text
 from optimisation.search.find import Plan, find
 from optimisation.search.gaussian_process import (
     FIRST_MODELLED,
@@ -310,6 +313,37 @@ def test_what_is_reported_is_the_verdicts_own(findings: Findings) -> None:
     ]
     assert len(set.union(*sets)) == 16
     assert not set.union(*sets) & set(problem.ensemble.phases)
+
+
+def test_bands_of_the_verdict_are_predictions_and_levels_say_where_they_were_read(
+    findings: Findings,
+) -> None:
+    """The interval of the paper's design from its own four members in closed form; the winner's is narrower by the finalists' spread."""
+    found = findings.verdict
+    logs = np.log(found.paper.members[0])
+    half = scipy.stats.t.ppf(0.95, 3) * np.std(logs, ddof=1) * np.sqrt(1 + 1 / 4)
+    low, high = found.paper.bands[0]
+    assert np.log([low, high]) == pytest.approx([logs.mean() - half, logs.mean() + half])
+    if found.winner is not found.paper and found.winner is not found.rule:
+        assert len(found.winner.alike) > 1
+    own = findings.own
+    assert own.low[1, 0] == pytest.approx(low * np.median(found.paper.without), rel=0.05)
+    (condition,) = findings.problem.conditions
+    assert np.all((own.ratios > condition.limits[0]) & (own.ratios < condition.limits[1]))
+    chunk, *_ = findings.problem.chunks(
+        found.paper.design, findings.problem.fresh_ensemble(4, VERDICT), findings.problem.rate
+    )
+    levels = [simulate(lane.scene, lane.drive, initial=lane.start).level for lane in chunk.lanes]
+    worse = [
+        max(pair, key=lambda level: level.value)
+        for pair in zip(levels[::2], levels[1::2], strict=True)
+    ]
+    assert own.ratios[1, 0] == pytest.approx(np.median([level.frequency_ratio for level in worse]))
+    words = text(findings)
+    assert f"read at {own.ratios[0, 0]:.4g} of the resonance" in words
+    assert "Warning" not in words
+    at_end = replace(found, winner=replace(found.winner, ratios=np.array([condition.limits[0]])))
+    assert "read at an end of the sweeps" in text(replace(findings, verdict=at_end))
 
 
 def test_winner_runs_with_more_modes(findings: Findings) -> None:

@@ -317,6 +317,14 @@ def test_bad_files_are_named(name: str, text: str | bytes, message: str, tmp_pat
         read_plain(tmp_path / name)
 
 
+def test_files_that_cannot_be_opened_are_named_in_words(tmp_path: Path) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    for name, why in (("none.toml", "there is no such file"), ("folder.toml", "it is a folder")):
+        with pytest.raises(ParameterError, match=why) as caught:
+            read_plain(tmp_path / name)
+        assert "Errno" not in str(caught.value)
+
+
 @pytest.mark.parametrize(("name", "text"), [("a.toml", "beam = 1\n"), ("a.json", '{"beam": 1}')])
 def test_a_byte_order_mark_is_no_key(name: str, text: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + text.encode())

@@ -9,6 +9,7 @@ from impact_env import Beam, Drive, Record, Scene, modal_model, simulate
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
+from impact_env.loads import BASE, Force, Loads, ShakenBase, Shock, Tone, Tones
 from impact_env.parameters import (
     Absorber,
     StuckAbsorber,
@@ -52,6 +53,61 @@ def test_motion_is_the_closed_form_from_the_first_instant(kind: str, phase: floa
     np.testing.assert_allclose(
         history.modal_displacement @ MODEL.tip_shape, motion, atol=1e-6 * 5.0 * abs(expected)
     )
+
+
+@pytest.mark.parametrize("kind", ["none", "tuned", "stuck"])
+def test_motion_under_a_shaken_base_and_tones_is_the_closed_form(kind: str) -> None:
+    """Two orders of a base's acceleration and a force beside them; the matrices of structure and absorber are solved as they stand."""
+    reference = MODEL.resonance_omega(2)
+    schedule = constant_frequency(reference, 0.4, 6.0)
+    tones = (Tone(3.0, order=1.0, phase=0.7), Tone(5.0, order=2.2, phase=-1.0))
+    force = Drive(2.0, schedule, 0.3)
+    loads = Loads((Tones(tones, schedule=schedule, quantity=BASE), Force(force)))
+    mass = 0.02 * MODEL.beam_mass
+    n = MODEL.modes
+    tuned = TunedAbsorber(0.02, 9000.0, 3.0)
+    absorber = {"none": None, "tuned": tuned, "stuck": StuckAbsorber(0.02)}[kind]
+    inertia = np.diag(np.append(np.ones(n), mass))
+    stiffness = np.diag(np.append(MODEL.omega**2, 0.0)).astype(complex)
+    losses = np.diag(np.append(2 * MODEL.damping_ratio * MODEL.omega, 0.0))
+    stretch = np.append(-MODEL.tip_shape, 1.0)
+    if kind == "tuned":
+        stiffness += 9000.0 * np.outer(stretch, stretch)
+        losses += 3.0 * np.outer(stretch, stretch)
+    stuck = np.vstack([np.eye(n), MODEL.tip_shape])
+    joined = {"none": np.eye(n + 1, n), "tuned": np.eye(n + 1), "stuck": stuck}[kind]
+    scene = Scene(MODEL, absorber)
+    start = find_steady_start(scene, loads)
+    history = simulate(scene, loads, initial=start, record=Record(series=True)).history
+    motion = np.zeros((len(history.time), n))
+    harmonics = [(0.4 * reference * tone.order, tone.amplitude, tone.phase) for tone in tones]
+    for omega, size, phase in [*harmonics, (0.4 * reference, 2.0, 0.3)]:
+        on_base = -np.append(MODEL.base_participation, mass)
+        load = np.append(MODEL.force_shape, 0.0) if size == 2.0 else on_base
+        matrix = joined.T @ (stiffness + 1j * omega * losses - omega**2 * inertia) @ joined
+        amplitude_of = np.linalg.solve(matrix, joined.T @ load * size * np.exp(1j * phase))[:n]
+        motion += (np.exp(1j * omega * history.time)[:, None] * amplitude_of).real
+    tolerance = 1e-6 * np.abs(motion).max()
+    np.testing.assert_allclose(history.modal_displacement, motion, atol=tolerance)
+
+
+def test_free_absorber_rests_in_space_on_a_shaken_base() -> None:
+    schedule = constant_frequency(MODEL.resonance_omega(1), 0.9, 6.0)
+    omega = 0.9 * MODEL.resonance_omega(1)
+    loads = Loads((ShakenBase(schedule, displacement=1e-4, phase=0.4),))
+    start = find_steady_start(Scene(MODEL, impact_absorber(1.0, 0.7, 0.0, 0.02)), loads)
+    assert start.absorber_displacement == pytest.approx(-1e-4 * np.cos(0.4))
+    assert start.absorber_velocity == pytest.approx(1e-4 * omega * np.sin(0.4))
+
+
+def test_loads_that_have_no_steady_state_start_as_they_say() -> None:
+    schedule = constant_frequency(MODEL.resonance_omega(1), 0.9, 6.0)
+    seconds = float(schedule.times[-1])
+    shock = Loads((Shock("half-sine", 10.0, 0.01, seconds),), MODEL.resonance_omega(1))
+    swept = Loads((Force(Drive(1.0, schedule)),), start="lower-wall")
+    for loads in (shock, swept):
+        assert find_steady_start(Scene(MODEL, impact_absorber()), loads) is None
+        assert Lane(Scene(MODEL, impact_absorber()), loads, steady_start=True).start is None
 
 
 def test_free_absorber_rests_between_its_walls() -> None:

@@ -564,6 +564,23 @@ def test_columns_are_the_rows_of_a_model(tmp_path: Path) -> None:
     np.testing.assert_array_equal(own.damping_ratio, [0.01, 0.02])
 
 
+@pytest.mark.parametrize("name", ["semicolons and decimal commas", "tabs", "UTF-16", "Latin-1"])
+def test_columns_are_read_as_records_are(name: str, tmp_path: Path) -> None:
+    expected = load_structure(bracket(tmp_path))
+    european = TABLE.replace(",", ";").replace(".", ",")
+    content = {
+        "semicolons and decimal commas": european.encode(),
+        "tabs": TABLE.replace(",", "\t").encode(),
+        "UTF-16": european.encode("utf-16"),
+        "Latin-1": TABLE.replace("\n", "\r\n").encode("latin-1"),
+    }[name]
+    file = bracket(tmp_path)
+    (tmp_path / "modes.csv").write_bytes(content)
+    found = load_structure(file)
+    np.testing.assert_array_equal(found.omega, expected.omega)
+    np.testing.assert_array_equal(found.tip_shape, expected.tip_shape)
+
+
 @pytest.mark.parametrize(
     ("table", "more", "message"),
     [

@@ -127,7 +127,7 @@ export class Plot {
 
 function bandAt(figure, name, x) {
   const area = figure.areas?.find((a) => a.name === name), k = area ? area.x.indexOf(x) : -1;
-  return k < 0 ? "" : ` (${digits(area.low[k])} to ${digits(area.high[k])})`;
+  return k < 0 || area.low[k] === null ? "" : ` (${digits(area.low[k])} to ${digits(area.high[k])})`;
 }
 
 const escaped = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);

@@ -251,7 +251,7 @@ function drawResponse() {
 
 const mm = (x, n = 4) => (x === null ? "–" : `${digits(1e3 * x, n)} mm`);
 function cardRows(c) {
-  const all = [[values.load === "random" ? "RMS" : "Level", mm(c.level)], ["5 to 95 % of members", `${digits(1e3 * c.band[0])} to ${mm(c.band[1])}`], ["Without absorber", mm(c.without)], ["Of no absorber", `${digits((100 * c.level) / c.without, 3)} %`]];
+  const all = [[values.load === "random" ? "RMS" : "Level", mm(c.level)], ["90 % of further runs", c.band[0] === null ? "–" : `${digits(1e3 * c.band[0])} to ${mm(c.band[1])}`], ["Without absorber", mm(c.without)], ["Of no absorber", `${digits((100 * c.level) / c.without, 3)} %`]];
   if (c.limit !== undefined) all.push(["Limit, mass and gap", c.limit > 0 ? mm(c.limit) : "none at this force"], ["Share of the possible", c.share === null ? "–" : `${digits(100 * c.share, 3)} %`]);
   if (c.gap !== undefined) all.push(["Gap", mm(c.gap)], [values.load === "random" ? "Search begins at" : "Rule's gap here", mm(c.rule_gap)]);
   if (c.reach !== undefined) all.push(["Free amplitude / gap", digits(c.reach, 3)]);
@@ -259,7 +259,7 @@ function cardRows(c) {
   if (c.largest_speed !== undefined) all.push(["Impact speed, largest", `${digits(c.largest_speed, 3)} m/s`], ["Impact speed, RMS", `${digits(c.rms_speed, 3)} m/s`], ["Impacts a second", digits(c.impacts_a_second, 3)], ["Power lost in them", `${digits(1e3 * c.power, 3)} mW`]);
   if (c.acceleration !== null) all.push(["Acceleration, harmonic", `${digits(c.acceleration, 3)} m/s²`]);
   all.push(["Resonance", `${digits(c.resonance_hz)} Hz`]);
-  if (c.rate !== null) all.push(["Sweep rate", `${digits(c.rate, 3)} % / 100 periods`]);
+  if (c.rate !== null) all.push(["Sweep rate", `${digits(c.rate, 3)} % / 100 periods`], ["Sweeps start from", "the steady state"]);
   return all;
 }
 function drawCard() {
