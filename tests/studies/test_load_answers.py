@@ -113,6 +113,7 @@ def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     FIGURES["loads_shock"](tmp_path / "shock.png", rows)
 
 
+@pytest.mark.nightly
 def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     smaller(load_answers, monkeypatch, FACTORS=(0.8,), CASES={"cantilever": CASE})
     page = tmp_path / "loads.md"
