@@ -162,9 +162,9 @@ def fraction(name: str, value: object) -> float:
 
 def within(name: str, value: object, least: float, most: float, allowed: str) -> float:
     """Return ``value`` as a float if it lies from ``least`` to ``most``; ``allowed`` says so in words."""
-    found = number(value)
-    require(least <= found <= most, name, value, allowed)
-    return found
+    result = number(value)
+    require(least <= result <= most, name, value, allowed)
+    return result
 
 
 def count(
@@ -176,9 +176,9 @@ def count(
         if high is not None:
             allowed = f"a whole number from {low} to {high}"
     require(isinstance(value, Integral) and _is_number(type(value)), name, value, allowed)
-    found = int(value)  # type: ignore[call-overload]
-    require(found >= low and (high is None or found <= high), name, value, allowed)
-    return int(found)
+    result = int(value)  # type: ignore[call-overload]
+    require(result >= low and (high is None or result <= high), name, value, allowed)
+    return int(result)
 
 
 def flag(name: str, value: object) -> bool:
@@ -222,10 +222,10 @@ def listed(name: str, values: Iterable[T]) -> tuple[T, ...]:
 
 def two(name: str, values: Iterable[float]) -> tuple[float, float]:
     """Return a range (low, high) of two finite numbers, low below high, as floats."""
-    given = listed(name, values)
-    low, high = (*map(number, given), math.nan, math.nan)[:2]
+    items = listed(name, values)
+    low, high = (*map(number, items), math.nan, math.nan)[:2]
     require(
-        len(given) == 2 and -LARGE <= low < high <= LARGE,
+        len(items) == 2 and -LARGE <= low < high <= LARGE,
         name,
         values,
         "(low, high), two finite numbers with low below high",

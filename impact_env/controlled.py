@@ -114,7 +114,7 @@ class ControlledRuns:
     ) -> None:
         method = Exact() if method is None else method
         kernels = find_solver(scene, method)
-        beside = _build_disturbance(
+        disturbance = _build_disturbance(
             scene,
             method,
             record,
@@ -128,13 +128,16 @@ class ControlledRuns:
             scene.absorber,
             "one absorber in a run that is controlled in intervals",
         )
-        self.scene, self.method, self.lanes = scene, method, count("lanes", lanes, 1)
+        self.scene = scene
+        self.method = method
+        self.lanes = count("lanes", lanes, 1)
         self.threads = available_cores() if threads is None else count("threads", threads, 1)
         period = 2 * np.pi / positive("reference", reference)
         modes = scene.model.modes
         samples = count_whole_samples(interval, count("samples_per_period", samples_per_period, 1))
         self.duration = samples * period / samples_per_period
-        self.orders, self.reports = np.zeros(lanes, ORDER), np.zeros(lanes, REPORT)
+        self.orders = np.zeros(lanes, ORDER)
+        self.reports = np.zeros(lanes, REPORT)
         self.status = np.zeros(lanes, dtype=np.int64)
         self.idle = np.zeros(lanes, dtype=np.bool_)
         self._rows = np.arange(lanes)  # where in the memory a lane's is
@@ -144,8 +147,8 @@ class ControlledRuns:
         )
         self._samples_per_period = samples_per_period
         if record is not None:
-            found = response_spectrum(scene.model, record)
-            require_spectrum(samples_per_period, reference, record, *found)
+            result = response_spectrum(scene.model, record)
+            require_spectrum(samples_per_period, reference, record, *result)
         mass = 0.0 if scene.absorber_mass is None else scene.absorber_mass
         omega, tip, read = (
             np.array(row)
@@ -162,11 +165,11 @@ class ControlledRuns:
             mass,
             read,
             place,
-            beside,
+            disturbance,
         )
         self._watch = watch
         self._period = period
-        self._crew = self._new_crew()
+        self._pool = self._new_pool()
         self._compiled = False
         self.wall_time = 0.0
         self._shares: dict[int, NDArray[np.int64]] = {}
@@ -178,31 +181,31 @@ class ControlledRuns:
         self._unread = {
             name: (self.orders[name][0].item(), where)
             for name, where in CHANGED_ORDERS.items()
-            if name not in _find_changeable_orders(scene, beside is not None)
+            if name not in _find_changeable_orders(scene, disturbance is not None)
         }
         self.restart(np.arange(lanes))
 
-    def _new_crew(self) -> WorkerPool:
+    def _new_pool(self) -> WorkerPool:
         """Return the threads that advance the lanes."""
         batch = Batch(self._watch, self._memory, self.orders, self.reports, self.status)
-        board = new_work_queue(self.lanes)
+        queue = new_work_queue(self.lanes)
         return WorkerPool(
             partial(
                 find_solver(self.scene, self.method).control(
                     self.scene, self.method, self._period, batch
                 ),
-                board,
+                queue,
             ),
-            board,
+            queue,
         )
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""
-        return {name: value for name, value in vars(self).items() if name != "_crew"}
+        return {name: value for name, value in vars(self).items() if name != "_pool"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._crew = self._new_crew()
+        self._pool = self._new_pool()
         self._compiled = False
 
     @property
@@ -249,11 +252,11 @@ class ControlledRuns:
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
         """Advance the lanes of stretches, rows [low, high), with so many threads."""
         if self._compiled:
-            self._crew.work(parts, workers - 1)
+            self._pool.work(parts, workers - 1)
         else:
             with compiling_for(self.scene, self.method, "environments"):
-                self._crew.work(parts, 0)
-            self._crew.take = bind_kernel(self._crew.take)
+                self._pool.work(parts, 0)
+            self._pool.take = bind_kernel(self._pool.take)
             self._compiled = True
 
     def _check_orders(self) -> None:
@@ -307,8 +310,8 @@ class ControlledRuns:
 
     def restore(self, snapshot: list[Array]) -> None:
         """Go on from a snapshot of runs that were made with the same arguments."""
-        for values, kept in zip(self._variables(), snapshot, strict=True):
-            values[...] = kept
+        for values, saved in zip(self._variables(), snapshot, strict=True):
+            values[...] = saved
 
     def copy_from(self, source: "ControlledRuns", times: int = 1) -> None:
         """Go on from the runs of another group, each of which is taken ``times`` times, one after the other.
@@ -327,17 +330,17 @@ class ControlledRuns:
 
     def close(self) -> None:
         """End the threads; they start again when they are needed."""
-        self._crew.close()
+        self._pool.close()
 
 
-def _find_changeable_orders(scene: Scene, beside: bool) -> set[str]:
+def _find_changeable_orders(scene: Scene, has_disturbance: bool) -> set[str]:
     """Return which of `CHANGED_ORDERS` the kernels of a scene read; ``beside``: whether a record or a moving base acts beside one force."""
-    found = {"place"} if beside else set()
+    result = {"place"} if has_disturbance else set()
     absorber = scene.absorber
     if scene.kind is SceneKind.RIGID and isinstance(absorber, SlidingAbsorber):
-        found |= {"gap"} if absorber.walls is not None else set()
-        found |= {"limit"} if absorber.friction is not None else set()
-    return found
+        result |= {"gap"} if absorber.walls is not None else set()
+        result |= {"limit"} if absorber.friction is not None else set()
+    return result
 
 
 def count_whole_samples(interval: float, samples_per_period: int) -> int:
@@ -360,13 +363,13 @@ def bind_kernel(kernel: Any) -> Callable[[int, int], bool]:
     if not COMPILED:
         return kernel
     types = tuple(map(typeof, (*kernel.args, 0, 0)))
-    found = kernel.func.overloads.get(types)
-    if found is None:
+    result = kernel.func.overloads.get(types)
+    if result is None:
         raise TypeError(f"{kernel.func.__name__} is not compiled for {types}")
     for values in _collect_arrays(kernel.args):
         if not (values.flags.c_contiguous and values.flags.aligned):
             raise TypeError(f"{kernel.func.__name__} takes arrays that are contiguous and aligned")
-    return partial(found.entry_point, *kernel.args)
+    return partial(result.entry_point, *kernel.args)
 
 
 def _collect_arrays(values: Any) -> list[NDArray[Any]]:
@@ -400,7 +403,8 @@ class PooledRuns(ControlledRuns):
         self._make: Callable[..., ControlledRuns] = partial(
             ControlledRuns, reference=reference, interval=interval, method=method, **options
         )
-        self.scenes, self.which = tuple(scenes), np.zeros(lanes, dtype=np.int64)
+        self.scenes = tuple(scenes)
+        self.which = np.zeros(lanes, dtype=np.int64)
         self._members: dict[int, ControlledRuns] = {}
         super().__init__(scenes[0], lanes, reference, interval, method, **options)
         self._ordered, self._reported, self._ended = (
@@ -427,7 +431,7 @@ class PooledRuns(ControlledRuns):
             made.reports = self._reported
             made.status = self._ended
             made._memory = self._memory
-            made._crew = made._new_crew()
+            made._pool = made._new_pool()
             self._members[number] = made
         return self._members[number]
 
@@ -491,7 +495,8 @@ class PooledRuns(ControlledRuns):
 
     def _variables(self) -> list[NDArray[Any]]:
         self._lay(np.arange(self.lanes))  # what is kept is then that of lane after lane
-        self._laid[...], self._still = -1, None
+        self._laid[...] = -1
+        self._still = None
         return [*super()._variables(), self.which]
 
     def close(self) -> None:

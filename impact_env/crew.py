@@ -18,9 +18,9 @@ SPINS_BETWEEN_CHECKS = 1 << 9
 class WorkerPool:
     """A calling thread and its helpers. ``take`` (a kernel of `impact_env.kernels.control.lanes`) takes parts from the board and does them."""
 
-    def __init__(self, take: Callable[[int, int], bool], board: WorkQueue) -> None:
+    def __init__(self, take: Callable[[int, int], bool], queue: WorkQueue) -> None:
         self.take = take
-        self._board = board
+        self._queue = queue
         self._pool: ThreadPoolExecutor | None = None
         self._helpers: list[Future[bool]] = []
         self._ended = 0.0
@@ -31,7 +31,7 @@ class WorkerPool:
         No part waits for a helper: what it has not taken when the caller gets there, the caller does.
         """
         number = len(parts)
-        self._board.cuts[:number] = parts
+        self._queue.cuts[:number] = parts
         try:
             self._call(helpers)
             done = self.take(number, 0)
@@ -40,9 +40,9 @@ class WorkerPool:
                     if helper.done():
                         helper.result()  # raises what went wrong there
                 time.sleep(0)
-                done = self._board.words[PARTS_DONE] == number
+                done = self._queue.words[PARTS_DONE] == number
         except BaseException:  # Ctrl-C, or no room: a part that is left or under way must not be taken for one of the next call
-            self._board.words[PARTS_LEFT] = 0
+            self._queue.words[PARTS_LEFT] = 0
             self.close()
             raise
         self._ended = time.perf_counter()

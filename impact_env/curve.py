@@ -100,7 +100,8 @@ class CurveCase:
 
     def schedules(self) -> tuple[FrequencySchedule, FrequencySchedule]:
         """Return the sweep up and the sweep down."""
-        omega, (low, high) = self.scene.model.resonance_omega(self.resonance), self.limits
+        omega = self.scene.model.resonance_omega(self.resonance)
+        (low, high) = self.limits
         return linear_sweep(omega, low, high, self.percent_per_100_periods), linear_sweep(
             omega, high, low, self.percent_per_100_periods
         )
@@ -172,9 +173,9 @@ class PerformanceCurve:
         return quantiles(self.combined, BAND)
 
     def __repr__(self) -> str:
-        return f"PerformanceCurve({', '.join(text for _, text in self._told())})"
+        return f"PerformanceCurve({', '.join(text for _, text in self._table_rows())})"
 
-    def _told(self) -> list[tuple[str, str]]:
+    def _table_rows(self) -> list[tuple[str, str]]:
         count = len(self.forces)
         median = 1e3 * self.median[np.isfinite(self.median)]
         forces = f"{count} force{'s' * (count != 1)} from {self.forces.min():.4g} to {self.forces.max():.4g} N"
@@ -192,7 +193,7 @@ class PerformanceCurve:
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
-        return html_table("Performance curve", self._told())
+        return html_table("Performance curve", self._table_rows())
 
     def plot(self, axes: Axes | None = None, label: str | None = None, **options: Any) -> Axes:
         """Draw the median level over the force with its band; return matplotlib's axes, for other curves too. ``options`` go to its loglog."""
@@ -405,11 +406,11 @@ def curve_passes(
     with ThreadPoolExecutor(workers) as pool:
         try:
             for one in passes:
-                found = known.setdefault(one.faster, {})
+                result = known.setdefault(one.faster, {})
                 yield from (
                     (one, curve)
                     for curve in _run_pass(
-                        case, one, drawn, of, pool, found, (UP, DOWN if both_ways else UP)
+                        case, one, drawn, of, pool, result, (UP, DOWN if both_ways else UP)
                     )
                 )
                 if order.given:
@@ -426,7 +427,7 @@ def _run_pass(
     drawn: Members,
     measure: Callable[[Lane], tuple[float, ...]],
     pool: ThreadPoolExecutor,
-    found: dict[_Run, tuple[float, ...]],
+    result: dict[_Run, tuple[float, ...]],
     ways: tuple[int, int],
 ) -> Iterator[PerformanceCurve]:
     """Make the runs of a pass that ``found`` has no level of, coarse grids of forces first, and yield the curve now and then, and at the end.
@@ -448,7 +449,7 @@ def _run_pass(
 
     def run(which: _Run) -> None:
         k, m, d = which
-        found[which] = measure(
+        result[which] = measure(
             Lane(
                 case.scene,
                 case.drive(drawn, m, 1.0 if linear else float(case.forces[k]), schedules[d]),
@@ -460,7 +461,7 @@ def _run_pass(
         values = np.full((6, len(here), one.members, 2), np.nan)
         for k, force in enumerate(here):
             for m, d in np.ndindex(one.members, 2):
-                values[:, k, m, d] = found.get((0 if linear else int(force), m, ways[d]), np.nan)
+                values[:, k, m, d] = result.get((0 if linear else int(force), m, ways[d]), np.nan)
         if linear:
             values[[0, 3]] *= case.forces[here][:, None, None]
         level, at, ratio, tip, impacts, stuck = values
@@ -469,9 +470,9 @@ def _run_pass(
         )
         return PerformanceCurve(case.forces[here], drawn[: one.members], levels)
 
-    missing = [which for which in wanted if which not in found]
+    missing = [which for which in wanted if which not in result]
     left: set[Future[None]] = set()
-    told = time.monotonic()
+    last_report = time.monotonic()
     for number, which in enumerate(missing):
         left.add(pool.submit(run, which))
         if number == 0:
@@ -481,13 +482,13 @@ def _run_pass(
             done, left = wait(left, timeout=LANES_PER_REPORT, return_when=FIRST_COMPLETED)
             for future in done:
                 future.result()
-            if left and done and time.monotonic() - told > LANES_PER_REPORT:
+            if left and done and time.monotonic() - last_report > LANES_PER_REPORT:
                 part = curve()
                 if (
                     not part.complete
                 ):  # runs may end meanwhile: a whole curve is the last of its pass
                     yield part
-                told = time.monotonic()
+                last_report = time.monotonic()
     except Stopped:
         for future in left:
             future.cancel()

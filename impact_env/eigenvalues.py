@@ -160,7 +160,7 @@ def solve_eigenproblem(c: Coupling, weak: float) -> Eigen:
     offset = np.concatenate([part[1] for part in starts])
     alone, lead, place = _close(leads.lead, leads.point + offset)
     single = select_offsets(leads, alone)
-    found = [eigenvectors(c, single, solve_secular(c, single, offset[alone], MOST_NEWTON_STEP))]
+    result = [eigenvectors(c, single, solve_secular(c, single, offset[alone], MOST_NEWTON_STEP))]
     if len(lead) > 0:
-        found.append(close_pairs(c, lead, place))
-    return concatenate(found)
+        result.append(close_pairs(c, lead, place))
+    return concatenate(result)

@@ -258,11 +258,11 @@ def run_lanes(
     budget = None if most_events is None else count("most_events", most_events, 1)
     measure = LevelOf(method, Record(samples_per_period=samples_per_period), budget, stop)
     values = np.full((6, len(lanes)), np.nan)
-    for k, found in enumerate(
+    for k, result in enumerate(
         each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)
     ):
-        if found is not None:
-            values[:, k] = found
+        if result is not None:
+            values[:, k] = result
     level, time, ratio, tip, impacts, stuck = values
     return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=not np.isnan(level).any())
 
@@ -317,14 +317,14 @@ def each_lane(
     kind = getattr(measure, "func", type(measure))
     workers = available_cores() if threads is None else count("threads", threads, 1)
     keys = [kernel_key(lane.scene, method, lane.drive) for lane in lanes]
-    found: list[R | None] = [None] * len(lanes)
+    result: list[R | None] = [None] * len(lanes)
     if executor is not None:
-        _run_elsewhere(lanes, keys, measure, executor, found, progress)
-        return found
+        _run_elsewhere(lanes, keys, measure, executor, result, progress)
+        return result
 
     def run(k: int) -> None:
         with suppress(Stopped):
-            found[k] = _measured(k, lanes[k], measure)
+            result[k] = _measured(k, lanes[k], measure)
             _was_imported.add((kind, keys[k]))
 
     _run_all(
@@ -334,7 +334,7 @@ def each_lane(
         workers,
         progress,
     )
-    return found
+    return result
 
 
 def _measured(k: int, lane: Lane, measure: Callable[[Lane], R]) -> R:
@@ -358,11 +358,12 @@ def _run_elsewhere(
     keys: Sequence[Hashable],
     measure: Callable[[Lane], R],
     executor: Executor,
-    found: list[R | None],
+    result: list[R | None],
     progress: LaneProgress | None,
 ) -> None:
     """Fill ``found`` batch by batch."""
-    starts, done = range(0, len(lanes), LANES_A_BATCH), 0
+    starts = range(0, len(lanes), LANES_A_BATCH)
+    done = 0
     batches = [(k, lanes[k : k + LANES_A_BATCH]) for k in starts]
     with closing(
         executor.each(
@@ -373,7 +374,7 @@ def _run_elsewhere(
     ) as results:
         try:
             for number, values in results:
-                found[starts[number] : starts[number] + len(values)] = values
+                result[starts[number] : starts[number] + len(values)] = values
                 done += len(values)
                 if progress is not None:
                     progress(done, len(lanes))

@@ -88,19 +88,19 @@ def dataclass_codec(
 
     def read(path: str, plain: Any) -> Any:
         require_keys(path, plain, keys, needed)
-        given = {
+        arguments = {
             name: sort.read(f"{path}.{key}", plain[key])
             for key, (name, sort) in keys.items()
             if key in plain
         }
         try:
-            return make(**given)
+            return make(**arguments)
         except ParameterError as error:
             raise error.at_key(path, {name: key for key, (name, _) in keys.items()}) from error
 
     def write(value: Any) -> dict[str, Any]:
-        found = {key: (getattr(value, name), sort) for key, (name, sort) in keys.items()}
-        return {key: sort.write(part) for key, (part, sort) in found.items() if part is not None}
+        result = {key: (getattr(value, name), sort) for key, (name, sort) in keys.items()}
+        return {key: sort.write(part) for key, (part, sort) in result.items() if part is not None}
 
     return Codec(read, write)
 

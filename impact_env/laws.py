@@ -308,16 +308,16 @@ def describe_absorber(absorber: Absorber | None) -> str:
         )
     if absorber is None:
         return "no absorber"
-    told = [
+    descriptions = [
         ABSORBER_NAMES[concept(absorber)],
         f"mass ratio {absorber.mass_ratio:g}",
         *(find_law(law).words(law) for law in list_laws(absorber)),
     ]
     if isinstance(absorber, SlidingAbsorber) and absorber.friction is None:
-        told.append("no friction")
+        descriptions.append("no friction")
     if find_largest_gravity(absorber) != 0:
-        told.append(f"gravity {find_largest_gravity(absorber):g} m/s^2")
-    return ", ".join(word for word in told if word)
+        descriptions.append(f"gravity {find_largest_gravity(absorber):g} m/s^2")
+    return ", ".join(word for word in descriptions if word)
 
 
 def describe(value: Any) -> str:
@@ -331,31 +331,33 @@ for _kind in (*_ENTRIES, *get_args(Absorber)):
     describe_in_errors(_kind, describe)
 
 
-def _choose_law(laws: tuple[Law, ...], given: Values) -> Law:
+def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
     """Return the law of a group that the given names belong to."""
-    law = next((law for law in laws if law.mark in given), laws[0])
-    for name in given:
+    law = next((law for law in laws if law.mark in values), laws[0])
+    for name in values:
         other = name in _keys(*laws) and name not in law.keys
         require(
             not other,
             name,
-            given[name],
+            values[name],
             f"left out with {law.mark}: {law.of.__name__} have {', '.join(law.keys)}",
         )
     return law
 
 
-def _make_friction(given: Values, walls: object) -> CoulombFriction | ElasticCoulombFriction | None:
+def _make_friction(
+    values: Values, walls: object
+) -> CoulombFriction | ElasticCoulombFriction | None:
     """Return friction beside walls: elastic where they are springs, as stiff as they are unless it is said otherwise."""
-    limit = given.get("friction_limit")
-    stiffness = given.get("friction_stiffness")
+    limit = values.get("friction_limit")
+    stiffness = values.get("friction_stiffness")
     if stiffness is None and isinstance(walls, CompliantWalls):
         stiffness = walls.stiffness
-    if "friction_stiffness" in given:
+    if "friction_stiffness" in values:
         require(
             limit is not None, "friction_stiffness", stiffness, "left out without a friction_limit"
         )
-    ratio = given.get("static_friction_ratio", 1.0)
+    ratio = values.get("static_friction_ratio", 1.0)
     require(
         limit is not None or ratio == 1,
         "static_friction_ratio",

@@ -47,12 +47,12 @@ def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, sta
     require_samples(samples_per_period, highest_tone(drive) / reference)
     for part in drive.parts if isinstance(drive, Loads) else ():
         if isinstance(part, Strike):
-            found = _free_motion(scene, start)
+            result = _free_motion(scene, start)
         elif isinstance(part, Samples | Random | Shock):
-            found = response_spectrum(scene.model, part)
+            result = response_spectrum(scene.model, part)
         else:
             continue
-        require_spectrum(samples_per_period, reference, part, *found)
+        require_spectrum(samples_per_period, reference, part, *result)
 
 
 def require_sampled(

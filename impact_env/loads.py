@@ -221,12 +221,12 @@ class Random(Load):
         """Return the spectrum at each line, in N^2/Hz or (m/s^2)^2/Hz."""
         hertz, values = self.spectrum.T
         frequency = np.clip(self.lines / self.length, hertz[0], hertz[-1])
-        found = np.exp(np.interp(np.log(frequency), np.log(hertz), np.log(values)))
+        result = np.exp(np.interp(np.log(frequency), np.log(hertz), np.log(values)))
         for k in np.flatnonzero(np.diff(hertz) == 0):
-            found[np.isclose(frequency, hertz[k], rtol=LINE_TOL, atol=0)] = np.mean(
+            result[np.isclose(frequency, hertz[k], rtol=LINE_TOL, atol=0)] = np.mean(
                 values[k : k + 2]
             )
-        return np.asarray(self.factor**2 * found)
+        return np.asarray(self.factor**2 * result)
 
     def amplitudes(self) -> NDArray[np.complex128]:
         """Return the complex amplitude of each line."""
@@ -285,7 +285,7 @@ class Loads:
         durations = [part.duration for part in self.parts]
         ok = max(durations) - min(durations) <= TIME_TOL * max(durations)
         require(ok, "duration", durations, "the same for all loads that act together")
-        known = [found for found in map(find_schedule, self.parts) if found is not None]
+        known = [result for result in map(find_schedule, self.parts) if result is not None]
         if self.reference is None:
             require(
                 len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule"
@@ -304,9 +304,9 @@ class Loads:
     def schedule(self) -> FrequencySchedule:
         """Return the frequency over time to which responses refer: the first schedule, else the reference for as long as the loads last."""
         assert self.reference is not None
-        for found in map(find_schedule, self.parts):
-            if found is not None:
-                return FrequencySchedule(found.times, found.omegas, self.reference)
+        for result in map(find_schedule, self.parts):
+            if result is not None:
+                return FrequencySchedule(result.times, result.omegas, self.reference)
         return FrequencySchedule(
             np.array([0.0, self.parts[0].duration]), np.full(2, self.reference), self.reference
         )

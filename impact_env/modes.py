@@ -101,8 +101,8 @@ def assemble_matrices(beam: Beam) -> tuple[Real, Real]:
     entries of one matrix have one unit: kg and N/m. The scaling keeps the eigenproblem well conditioned.
     """
     mass, stiffness = _assemble_unsupported(beam)
-    kept = np.ix_(find_free_freedoms(beam), find_free_freedoms(beam))
-    return mass[kept], stiffness[kept]
+    free = np.ix_(find_free_freedoms(beam), find_free_freedoms(beam))
+    return mass[free], stiffness[free]
 
 
 def compute_base_load(beam: Beam) -> Real:
@@ -144,7 +144,9 @@ def rigid_shapes(beam: Beam) -> Real:
     nodes = np.arange(beam.elements + 1)
     shift = np.zeros(2 * beam.elements + 2)
     turn = np.zeros(2 * beam.elements + 2)
-    shift[0::2], turn[0::2], turn[1::2] = 1, nodes * element, element
+    shift[0::2] = 1
+    turn[0::2] = nodes * element
+    turn[1::2] = element
     return np.column_stack([shift, turn][2 - beam.rigid_motions :])[find_free_freedoms(beam)]
 
 
@@ -256,10 +258,10 @@ class ModalModel:
 
     def _place(self, place: float) -> int:
         n = len(self.places)
-        found = number(place)
+        result = number(place)
         allowed = f"the number of one of the structure's places for absorbers, 1 to {n}"
-        require(found in range(1, n + 1), "position", place, allowed)
-        return int(found) - 1
+        require(result in range(1, n + 1), "position", place, allowed)
+        return int(result) - 1
 
     def with_absorber_at(self, place: float) -> ModalModel:
         """Return the model for one absorber at a place (counted from 1) of `places`; the level is read where it was."""

@@ -63,21 +63,21 @@ OLDER_KEYS = {"stiffness_n_m": "stiffness", "damping_n_s_m": "damping"}
 
 def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
     """Return an absorber's values in the form of now; one in the older form is read with a notice."""
-    found = dict(plain)
+    result = dict(plain)
     old = {name for name in (*OLDER_TABLES, *OLDER_KEYS) if name in plain}
     for name, keys in OLDER_TABLES.items():
-        table = found.pop(name, None)
+        table = result.pop(name, None)
         if table is not None:
             require_keys(f"{path}.{name}", table, {"kind": "", **keys})
-            found |= {keys[key]: value for key, value in table.items() if key != "kind"}
-    found = {OLDER_KEYS.get(key, key): value for key, value in found.items()}
+            result |= {keys[key]: value for key, value in table.items() if key != "kind"}
+    result = {OLDER_KEYS.get(key, key): value for key, value in result.items()}
     if old:
         warnings.warn(
             f"{path}: {', '.join(sorted(old))} is an older form; from the next version on it is an error: docs/scenes.md",
             FutureWarning,
             2,
         )
-    return found
+    return result
 
 
 def _read_single_absorber(
@@ -86,17 +86,17 @@ def _read_single_absorber(
     """Return the single absorber of a plain form, and the values of the keys of ``more`` that are there."""
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
     concept = one_of(f"{path}.kind", plain.get("kind", "impact"), ABSORBER_KINDS)
-    found = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
+    result = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
     require_keys(
         path,
-        found,
+        result,
         dict.fromkeys((*CONCEPTS[concept], *((GRAVITY_KEY,) if concept in HEAVY else ()), *more)),
     )
-    beside = {key: found.pop(key) for key in more if key in found}
-    if found.get("gap") == INFINITY:
-        found["gap"] = math.inf
+    shared = {key: result.pop(key) for key in more if key in result}
+    if result.get("gap") == INFINITY:
+        result["gap"] = math.inf
     try:
-        return make(concept, found), beside
+        return make(concept, result), shared
     except ParameterError as error:
         raise error.at_key(
             path, {name: name for name in (*CONCEPTS[concept], GRAVITY_KEY)}
@@ -104,8 +104,8 @@ def _read_single_absorber(
 
 
 def _write_single_absorber(absorber: Absorber | None) -> Plain:
-    found = {"kind": concept(absorber), **values(absorber)}
-    return found | ({"gap": INFINITY} if found.get("gap") == math.inf else {})
+    result = {"kind": concept(absorber), **values(absorber)}
+    return result | ({"gap": INFINITY} if result.get("gap") == math.inf else {})
 
 
 def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
@@ -119,7 +119,7 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
         "a list of tables, one for each absorber",
     )
     every: list[SlidingAbsorber] = []
-    beside: list[dict[str, Any]] = []
+    extras: list[dict[str, Any]] = []
     for i, member in enumerate(members):
         where = f"{path}.absorbers[{i}]"
         one, more = _read_single_absorber(where, member, ("position", "share"))
@@ -134,19 +134,19 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
             "the key position must be given: it has no default",
         )
         every.append(one)
-        beside.append(
+        extras.append(
             {"position": fraction(f"{where}.position", more["position"])}
             | ({"share": fraction(f"{where}.share", more["share"])} if "share" in more else {})
         )
     own = [member.get("mass_ratio") for member in members]
-    shares = [more.get("share") for more in beside]
+    shares = [more.get("share") for more in extras]
     alone = any(mass is not None for mass in own)
     allowed = "either a mass_ratio for each, or for none: then they share one, in equal parts or with a share for each"
-    for name, given in (("mass_ratio", own), ("share", shares)):
+    for name, numbers in (("mass_ratio", own), ("share", shares)):
         require(
-            len({value is None for value in given}) <= 1,
+            len({value is None for value in numbers}) <= 1,
             f"{path}: absorbers' {name}",
-            given,
+            numbers,
             allowed,
         )
     require(
@@ -162,7 +162,7 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
                 len(every), plain.get("mass_ratio", DEFAULT_MASS_RATIO), shares=parts
             )
             every = [replace(one, mass_ratio=mass) for one, mass in zip(every, masses, strict=True)]
-        return SeveralAbsorbers(tuple(every), tuple(more["position"] for more in beside))
+        return SeveralAbsorbers(tuple(every), tuple(more["position"] for more in extras))
     except ParameterError as error:
         raise error.at_key(path, {}) from error
 
@@ -245,15 +245,15 @@ def to_structure(
     folder = instance("folder", folder, Path | None)
     path = text("path", path)
     require_keys(path.rstrip(".") or "structure", plain, dict.fromkeys(SCENE_KEYS))
-    given = [kind for kind in STRUCTURES if kind in plain]
+    kinds = [kind for kind in STRUCTURES if kind in plain]
     allowed = "left out beside another structure: a scene has one of them"
     require(
-        len(given) <= 1,
-        f"{path}{given[0] if given else ''}",
-        plain.get(given[0]) if given else None,
+        len(kinds) <= 1,
+        f"{path}{kinds[0] if kinds else ''}",
+        plain.get(kinds[0]) if kinds else None,
         allowed,
     )
-    kind = given[0] if given else "beam"
+    kind = kinds[0] if kinds else "beam"
     return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
 
 

@@ -24,12 +24,12 @@ BYTE_ORDER_MARKS = (
 
 def _refuse_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return a JSON object as a dict; a key that is given twice raises ValueError, as in TOML."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for key, value in pairs:
-        if key in found:
+        if key in result:
             raise ValueError(f"the key {key} twice")
-        found[key] = value
-    return found
+        result[key] = value
+    return result
 
 
 PLAIN_READERS: dict[str, Callable[[str], Any]] = {

@@ -170,15 +170,15 @@ WORD_OR_NUMBER_CODEC = "the number of a channel, from 1, or its name"
 def _read_options(path: str, plain: Mapping[str, Any], quantity: str) -> RecordOptions:
     """Return what a load's table says about its record."""
     numbers = {"scale": finite, "sample_rate_hz": positive}
-    given: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         key: check(f"{path}.{key}", plain[key]) for key, check in numbers.items() if key in plain
     }
-    given |= {
+    arguments |= {
         key: flag(f"{path}.{key}", plain[key])
         for key in ("resample", "allow_clipping")
         if key in plain
     }
-    given |= {
+    arguments |= {
         key: require_unit(f"{path}.{key}", plain[key], dimension).name
         for key, dimension in (("unit", DIMENSIONS[quantity]), ("time_unit", TIME_DIMENSION))
         if key in plain
@@ -187,9 +187,9 @@ def _read_options(path: str, plain: Mapping[str, Any], quantity: str) -> RecordO
         channel = plain["channel"]
         ok = isinstance(channel, str | int) and not isinstance(channel, bool)
         require(ok, f"{path}.channel", channel, WORD_OR_NUMBER_CODEC)
-        given["channel"] = channel
-    given["sample_rate"] = given.pop("sample_rate_hz", None)
-    return RecordOptions(quantity, **given)
+        arguments["channel"] = channel
+    arguments["sample_rate"] = arguments.pop("sample_rate_hz", None)
+    return RecordOptions(quantity, **arguments)
 
 
 SAMPLE_KEYS = (

@@ -210,28 +210,28 @@ def _read_beam(path: str, plain: Any) -> Beam:
     """Return a beam whose bending stiffness and mass are given, or follow from material and section."""
     if not (isinstance(plain, Mapping) and any(key in plain for key in OF_MATERIAL)):
         return BEAM_KEYS.read(path, plain)
-    found = dict(plain)
+    result = dict(plain)
     for key in OF_MATERIAL:
         require(
-            key in found, f"{path}.{key}", None, f"given: {', '.join(OF_MATERIAL)} belong together"
+            key in result, f"{path}.{key}", None, f"given: {', '.join(OF_MATERIAL)} belong together"
         )
     for key in ("bending_stiffness_n_m2", "mass_per_length_kg_m"):
         require(
-            key not in found,
+            key not in result,
             f"{path}.{key}",
-            found.get(key),
+            result.get(key),
             "left out beside a section, from which it follows",
         )
     young, density = (
-        positive(f"{path}.{key}", NUMBER_CODEC.read(f"{path}.{key}", found.pop(key)))
+        positive(f"{path}.{key}", NUMBER_CODEC.read(f"{path}.{key}", result.pop(key)))
         for key in OF_MATERIAL[:2]
     )
-    profile = PROFILE_CODEC.read(f"{path}.section", found.pop("section"))
-    found |= {
+    profile = PROFILE_CODEC.read(f"{path}.section", result.pop("section"))
+    result |= {
         "bending_stiffness_n_m2": young * profile.second_moment,
         "mass_per_length_kg_m": density * profile.area,
     }
-    return BEAM_KEYS.read(path, found)
+    return BEAM_KEYS.read(path, result)
 
 
 BEAM_CODEC = Codec(_read_beam, BEAM_KEYS.write)
@@ -367,19 +367,19 @@ def _modes_of_universal(
 ) -> tuple[Path, list[MeasuredMode], int | None]:
     """Return the file, its modes, and how many of them are kept."""
     path = folder / file
-    found = read_modes(path, None if load_case is None else count("load_case", load_case, 0))
-    return path, found, modes
+    result = read_modes(path, None if load_case is None else count("load_case", load_case, 0))
+    return path, result, modes
 
 
 def _read_universal(folder: Path, **values: Any) -> ModalModel:
-    path, found, _ = _modes_of_universal(folder, **values)
+    path, result, _ = _modes_of_universal(folder, **values)
     used = {
         name: part.node
         for name in ("force", "absorber", "response", "stress")
         for part in _as_list(values.get(name))
     }
     require_global_directions(path, used)
-    return _read_modes_table(found, path, **values)
+    return _read_modes_table(result, path, **values)
 
 
 def _as_list(places: Any) -> list[_NodeDirection]:
@@ -391,7 +391,7 @@ def _as_list(places: Any) -> list[_NodeDirection]:
 
 
 def _read_modes_table(
-    found: list[MeasuredMode],
+    result: list[MeasuredMode],
     path: Path,
     *,
     force: _NodeDirection,
@@ -406,24 +406,26 @@ def _read_modes_table(
     **_file: Any,
 ) -> ModalModel:
     """Return the model of the modes of a file: the lowest ``modes`` of them, with their shapes at the places."""
-    kept = found if modes is None else found[: count("modes", modes, 1, len(found))]
-    measured = [mode.damping_ratio for mode in kept]
-    ratios = choose_damping_ratios(damping_ratio, None if None in measured else measured, len(kept))
+    selected = result if modes is None else result[: count("modes", modes, 1, len(result))]
+    measured = [mode.damping_ratio for mode in selected]
+    ratios = choose_damping_ratios(
+        damping_ratio, None if None in measured else measured, len(selected)
+    )
 
     def shape(name: str, place: _NodeDirection) -> Any:
-        return select_shapes(kept, path, name, (place.node, place.direction))
+        return select_shapes(selected, path, name, (place.node, place.direction))
 
     places = [shape("absorber", place) for place in absorber]
     read = None if response is None else shape("response", response)
     strain = _combine_strains(stress, lambda place: shape("stress", place))
     base = None if base_participation is None else np.array(base_participation)
     require(
-        base is None or len(base) == len(kept),
+        base is None or len(base) == len(selected),
         "base_participation",
         base_participation,
-        f"a number for each of the {len(kept)} modes",
+        f"a number for each of the {len(selected)} modes",
     )
-    omega = [m.omega for m in kept]
+    omega = [m.omega for m in selected]
     return _locate_rows(
         omega, ratios, shape("force", force), places, read, mass, strain, base, base_at_absorber
     )
@@ -455,13 +457,15 @@ def _modes_of_nastran(
 ) -> tuple[Path, list[MeasuredMode], int | None]:
     path = folder / file
     case = None if subcase is None else count("subcase", subcase, 0)
-    found = nastran.read_modes(path, None if bdf is None else folder / bdf, read_units(units), case)
-    return path, found, modes
+    result = nastran.read_modes(
+        path, None if bdf is None else folder / bdf, read_units(units), case
+    )
+    return path, result, modes
 
 
 def _read_nastran(folder: Path, **values: Any) -> ModalModel:
-    path, found, _ = _modes_of_nastran(folder, **values)
-    return _read_modes_table(found, path, **values)
+    path, result, _ = _modes_of_nastran(folder, **values)
+    return _read_modes_table(result, path, **values)
 
 
 def _modes_of_ansys(
@@ -472,8 +476,8 @@ def _modes_of_ansys(
 
 
 def _read_ansys(folder: Path, **values: Any) -> ModalModel:
-    path, found, _ = _modes_of_ansys(folder, **values)
-    return _read_modes_table(found, path, **values)
+    path, result, _ = _modes_of_ansys(folder, **values)
+    return _read_modes_table(result, path, **values)
 
 
 RESULT_KEYS: Keys = {**MODE_KEYS, "units": ("units", TEXT_CODEC)}
@@ -515,7 +519,7 @@ class _Solved:
 
     omega: Any
     shapes: Any
-    kept: StructureModes
+    modes: StructureModes
     inertia: Any
     stiffness: MatrixFile
     damping: Any
@@ -547,10 +551,10 @@ def _solve_matrices(
     suspension = None
     if suspension_frequency is not None:  # in the unit of time of the matrices
         suspension = positive("suspension_frequency", suspension_frequency) * system.time
-    kept = lowest_modes(inertia, elastic, count("modes", modes, 1), suspension)
-    omega = kept.omega / system.time
-    shapes = kept.shapes / np.sqrt(system.mass)
-    return _Solved(omega, shapes, kept, inertia, matrices["stiffness"], resistance, system)
+    solution = lowest_modes(inertia, elastic, count("modes", modes, 1), suspension)
+    omega = solution.omega / system.time
+    shapes = solution.shapes / np.sqrt(system.mass)
+    return _Solved(omega, shapes, solution, inertia, matrices["stiffness"], resistance, system)
 
 
 def _build_from_matrices(
@@ -587,10 +591,10 @@ def _build_from_matrices(
     )
     for line in list_matrix_warnings(inertia.diagonal() * solved.units.mass, structure_mass, rows):
         warnings.warn(line, StructureWarning, stacklevel=2)
-    found = None
+    result = None
     if solved.damping is not None:
-        found = proportional_damping(solved.damping, solved.kept, inertia.diagonal() == 0)
-    ratios = choose_damping_ratios(damping_ratio, found, len(solved.omega))
+        result = proportional_damping(solved.damping, solved.modes, inertia.diagonal() == 0)
+    ratios = choose_damping_ratios(damping_ratio, result, len(solved.omega))
 
     def shape(place: tuple[int, float]) -> Any:
         return place[1] * solved.shapes[place[0]]
@@ -603,7 +607,7 @@ def _build_from_matrices(
         moved = [sign * float(rigid[k]) for k, sign in places]
         allowed = "the same displacement at all places for absorbers"
         require(len(set(moved)) == 1, "base_vector", moved, allowed)
-        base = np.sqrt(solved.units.mass) * (solved.kept.shapes.T @ (inertia @ rigid))
+        base = np.sqrt(solved.units.mass) * (solved.modes.shapes.T @ (inertia @ rigid))
     return _locate_rows(
         solved.omega,
         ratios,
@@ -620,15 +624,15 @@ def _build_from_matrices(
 def _read_matrices(folder: Path, names: Mapping[str, str | None]) -> dict[str, MatrixFile]:
     """Return the matrices of files over the freedoms of the stiffness; those that a boundary condition holds have empty rows."""
     letters = {"mass": "M", "stiffness": "K", "damping": "C"}
-    found = {
+    result = {
         key: read_matrix(folder / file, key, letters[key])
         for key, file in names.items()
         if file is not None
     }
-    held = found["stiffness"].held
+    held = result["stiffness"].held
     return {
-        key: without_freedoms(with_freedoms(key, part, found["stiffness"].freedoms), held)
-        for key, part in found.items()
+        key: without_freedoms(with_freedoms(key, part, result["stiffness"].freedoms), held)
+        for key, part in result.items()
     }
 
 
@@ -656,18 +660,18 @@ def _find_row(file: MatrixFile, name: str, place: Any, size: int) -> tuple[int, 
     return file.freedoms.index((place.node, axis)), sign
 
 
-def _base_vector(folder: Path, given: Any, size: int) -> Any:
+def _base_vector(folder: Path, entries: Any, size: int) -> Any:
     """Return the rigid displacement (size,) for a unit motion of the base: a list, or a text file with one number a row."""
     allowed = f"a list or a file with {size} finite numbers, one for each row of the matrices"
-    if isinstance(given, str):
-        require_readable("base_vector", folder / given, allowed)
+    if isinstance(entries, str):
+        require_readable("base_vector", folder / entries, allowed)
         try:
-            given = np.loadtxt(folder / given, ndmin=1).tolist()
+            entries = np.loadtxt(folder / entries, ndmin=1).tolist()
         except (OSError, ValueError) as error:
-            raise describe_error("base_vector", given, f"{allowed} ({error})") from error
-    found = row("base_vector", given, allowed)
-    require(len(found) == size, "base_vector", f"{len(found)} numbers", allowed)
-    return found
+            raise describe_error("base_vector", entries, f"{allowed} ({error})") from error
+    result = row("base_vector", entries, allowed)
+    require(len(result) == size, "base_vector", f"{len(result)} numbers", allowed)
+    return result
 
 
 def read_structure_nodes(folder: Path, plain: Mapping[str, Any]) -> tuple[Any, Any] | None:
@@ -706,30 +710,30 @@ def read_structure_shapes(folder: Path, plain: Mapping[str, Any]) -> NodalShapes
     }
     for kind, (read, keys) in kinds.items():
         if kind in plain:
-            _path, found, limit = dataclass_codec(partial(read, folder), keys).read(
+            _path, result, limit = dataclass_codec(partial(read, folder), keys).read(
                 kind, plain[kind]
             )
-            kept = found if limit is None else found[: count("modes", limit, 1, len(found))]
-            nodes = sorted({int(node) for mode in kept for node in mode.nodes})
+            selected = result if limit is None else result[: count("modes", limit, 1, len(result))]
+            nodes = sorted({int(node) for mode in selected for node in mode.nodes})
             freedoms = tuple((node, axis) for node in nodes for axis in (1, 2, 3))
             rows = {node: k for k, node in enumerate(nodes)}
-            shapes = np.zeros((len(kept), len(nodes), 3))
-            for k, mode in enumerate(kept):
+            shapes = np.zeros((len(selected), len(nodes), 3))
+            for k, mode in enumerate(selected):
                 shapes[k, [rows[int(node)] for node in mode.nodes]] = mode.shape
-            omega = np.array([mode.omega for mode in kept])
-            return NodalShapes(omega, freedoms, shapes.reshape(len(kept), -1))
+            omega = np.array([mode.omega for mode in selected])
+            return NodalShapes(omega, freedoms, shapes.reshape(len(selected), -1))
     require(
         "matrices" in plain,
         "structure",
         list(plain),
         "a file with nodes: one of the tables universal, nastran, ansys, matrices",
     )
-    found = dataclass_codec(partial(_solve_matrices, folder), MATRIX_KEYS).read(
+    result = dataclass_codec(partial(_solve_matrices, folder), MATRIX_KEYS).read(
         "matrices", plain["matrices"]
     )
-    own = found.stiffness.freedoms
-    freedoms = own or tuple((k, 0) for k in range(len(found.shapes)))
-    return NodalShapes(found.omega, freedoms, found.shapes.T)
+    own = result.stiffness.freedoms
+    freedoms = own or tuple((k, 0) for k in range(len(result.shapes)))
+    return NodalShapes(result.omega, freedoms, result.shapes.T)
 
 
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names

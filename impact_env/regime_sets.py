@@ -68,12 +68,10 @@ def _solve_coupled(model: ModalModel, masses: Real, shapes: Real, weak: float) -
     v = np.zeros((len(e.s), n), complex)
     to = np.zeros((len(e.s), 2 * n), complex)
     weights = np.zeros((len(e.s), n), complex)
-    v[:, which], weights[:, which], to[:, which], to[:, n + which] = (
-        e.v,
-        e.by_force,
-        e.by_displacement,
-        e.by_velocity,
-    )
+    v[:, which] = e.v
+    weights[:, which] = e.by_force
+    to[:, which] = e.by_displacement
+    to[:, n + which] = e.by_velocity
     coupled = SetModes(e.s, v, to, weights, e.z / np.sqrt(masses))
     return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
 
@@ -128,24 +126,24 @@ def _rows(
     """Return the rows of weights (n + 1, ROWS, J) of a set."""
     s = modes.values
     every = []
-    there = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
-    there[:, joined] = modes.places
-    there *= _double(s)[:, None]
+    at_places = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
+    at_places[:, joined] = modes.places
+    at_places *= _double(s)[:, None]
     for a, (mass, shape) in enumerate(zip(masses, shapes, strict=True)):
-        guard = mass * s**2 * there[:, a] if a in joined else -there[:, a]
+        guard = mass * s**2 * at_places[:, a] if a in joined else -at_places[:, a]
         every.append(
             slot_rows(
                 s,
                 modes.weights @ model.force_shape,
                 -modes.weights @ shape,
                 guard,
-                there[:, a],
+                at_places[:, a],
                 size,
             )
         )
     nothing = np.zeros_like(s)
     every.append(
-        slot_rows(s, modes.weights @ model.force_shape, nothing, nothing, there[:, -1], size)
+        slot_rows(s, modes.weights @ model.force_shape, nothing, nothing, at_places[:, -1], size)
     )
     return np.array(every)
 

@@ -104,8 +104,10 @@ def solve_own_modes(model: ModalModel, which: Index) -> RegimeModes:
     row = np.arange(len(s))
     out = np.zeros((2 * n + 2, size), complex)
     into = np.zeros((size, 2 * n + 2), complex)
-    out[index, row], out[n + 1 + index, row] = weight, weight * s
-    into[row, index], into[row, n + 1 + index] = alpha, kappa
+    out[index, row] = weight
+    out[n + 1 + index, row] = weight * s
+    into[row, index] = alpha
+    into[row, n + 1 + index] = kappa
     tip = (weight * model.tip_shape[index]).astype(np.complex128)
     push = into[:, n + 1 : 2 * n + 1]
     return RegimeModes(
@@ -140,10 +142,12 @@ def solve_coupled_modes(
     counted = np.where(e.s.imag == 0, 1, 2)
     shape = np.zeros((count, n + 1), complex)
     into = np.zeros((count, 2 * n + 2), complex)
-    shape[:, which], shape[:, n] = e.v, e.z[:, 0] / root
+    shape[:, which] = e.v
+    shape[:, n] = e.z[:, 0] / root
     place = np.append(which, n)[: len(c.omega)]
     scale = np.append(np.ones(len(which)), root)[: len(c.omega)]
-    into[:, place], into[:, n + 1 + place] = e.by_displacement * scale, e.by_velocity * scale
+    into[:, place] = e.by_displacement * scale
+    into[:, n + 1 + place] = e.by_velocity * scale
     summed = e.v * c.psi[0]
     direct = (stiffness is not None) & (
         np.sum(np.abs(summed), axis=1) < np.abs(e.z[:, 0]) + np.abs(e.stretch)
@@ -155,7 +159,7 @@ def solve_coupled_modes(
     forces = e.by_force @ model.force_shape[which], e.by_pull / root
     push = np.zeros((count, n), complex)
     push[:, which] = e.by_force
-    found = RegimeModes(
+    result = RegimeModes(
         e.s,
         (rates.T * counted),
         into,
@@ -169,7 +173,7 @@ def solve_coupled_modes(
         *(
             np.concatenate(parts, axis=axis)
             for parts, axis in zip(
-                zip(vars(found).values(), vars(alone).values(), strict=True),
+                zip(vars(result).values(), vars(alone).values(), strict=True),
                 (0, 1, 0, 0, 0, 0, 0, 0),
                 strict=True,
             )

@@ -45,11 +45,14 @@ class Scene:
                 "model",
                 replace(self.model, tip_shape=self.model.level_shape, response_shape=None),
             )
-        found = 0 if shapes is None else len(shapes)
+        result = 0 if shapes is None else len(shapes)
         wanted = 0 if several is None else len(several.absorbers)
         allowed = f"{wanted} rows, one for each of the several absorbers"
         require(
-            found == wanted or several is None, "absorber_shapes of the modal model", found, allowed
+            result == wanted or several is None,
+            "absorber_shapes of the modal model",
+            result,
+            allowed,
         )
         sliding = self.absorber if isinstance(self.absorber, SlidingAbsorber) else None
         # a cavity without clearance holds the mass: the same mechanics as a stuck absorber
@@ -176,7 +179,8 @@ class InitialState:
         An absorber that rounding put beyond a rigid wall is put on it. The force of an elastic slider is no part of a state: it starts at 0.
         Raises ParameterError for a vector of another length.
         """
-        n, places = scene.model.modes, scene.places
+        n = scene.model.modes
+        places = scene.places
         half = n + places
         allowed = (
             f"{2 * half} finite numbers for {n} modes and {places} absorber{'s' * (places > 1)}"

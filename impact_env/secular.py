@@ -202,7 +202,8 @@ def eliminate(c: Coupling, leads: PoleOffsets, offset: Complex) -> Elimination:
         w = c.psi / d[mode][:, None, :] @ c.psi.T + (1 / x**2 + e)[:, None, None] * np.eye(p)
         force = -np.linalg.solve(w, c.psi.T[k][:, :, None])[:, :, 0]
         moved = force @ c.psi / d[mode]
-        y[mode], stretch[mode] = force, force[:, 0] * e
+        y[mode] = force
+        stretch[mode] = force[:, 0] * e
         rest[mode] = -np.einsum("ja,ja->j", c.psi.T[k], force)
         rest_slope[mode] = (2 / x**3 + damper * e**2) * np.sum(force**2, axis=1) + np.sum(
             change[mode] * moved**2, axis=1

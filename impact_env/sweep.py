@@ -93,10 +93,12 @@ FAILURE_ADVICE = {
 }
 
 
-def integrate(scene: Scene, drive: AnyDrive, method: Method, state: Array, room: Observers) -> int:
+def integrate(
+    scene: Scene, drive: AnyDrive, method: Method, state: Array, observe: Observers
+) -> int:
     """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place and return its status code."""
     with compiling_for(scene, method):
-        return find_solver(scene, method).run(scene, drive, method, state, room)
+        return find_solver(scene, method).run(scene, drive, method, state, observe)
 
 
 def needs_energy(scene: Scene, record: Record) -> bool:

@@ -99,11 +99,11 @@ class Load(ABC):
 def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
     """Return straight lines between values (K,) at times (K,), which may have one time twice: a jump."""
     steps = np.diff(times)
-    kept = steps > 0
-    rows = np.zeros((int(np.sum(kept)), 9))
-    rows[:, 3] = values[:-1][kept]
-    rows[:, 5] = (np.diff(values)[kept]) / steps[kept]
-    return Pieces(np.append(times[:-1][kept], times[-1]), rows, moves_base)
+    rising = steps > 0
+    rows = np.zeros((int(np.sum(rising)), 9))
+    rows[:, 3] = values[:-1][rising]
+    rows[:, 5] = (np.diff(values)[rising]) / steps[rising]
+    return Pieces(np.append(times[:-1][rising], times[-1]), rows, moves_base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,11 +228,9 @@ def _squared_coefficients(schedule: FrequencySchedule, factor: float) -> Array:
     coefficients = np.zeros((len(schedule.times) - 1, 6))
     omega = schedule.omegas[:-1]
     rate = np.diff(schedule.omegas) / np.diff(schedule.times)
-    coefficients[:, 0], coefficients[:, 2], coefficients[:, 4] = (
-        factor * omega**2,
-        2 * factor * omega * rate,
-        factor * rate**2,
-    )
+    coefficients[:, 0] = factor * omega**2
+    coefficients[:, 2] = 2 * factor * omega * rate
+    coefficients[:, 4] = factor * rate**2
     return coefficients
 
 
@@ -313,16 +311,16 @@ class ShakenBase(Load):
 
     def __post_init__(self) -> None:
         keep_checked(self, schedule=kind_of(FrequencySchedule))
-        given = [
+        names = [
             name for name in ("acceleration", "displacement") if getattr(self, name) is not None
         ]
         require(
-            len(given) == 1,
+            len(names) == 1,
             "acceleration",
             self.acceleration,
             "given, or a displacement in its place: one of the two",
         )
-        keep_checked(self, **dict.fromkeys((*given, "phase"), finite))
+        keep_checked(self, **dict.fromkeys((*names, "phase"), finite))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
@@ -372,8 +370,8 @@ class Tone:
             self.frequency,
             "given, or an order in its place: one of the two",
         )
-        given = "order" if self.frequency is None else "frequency"
-        keep_checked(self, **{given: positive})
+        names = "order" if self.frequency is None else "frequency"
+        keep_checked(self, **{names: positive})
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,10 +90,8 @@ class ActiveTask(Task):
             cycle.fatigue_exponent,
         )
         self.options = {"force": FORCE_BOUNDS, "frequency_ratio": (low, high)}
-        self.squares, self._scale = (
-            np.zeros((lanes, max(1, round(1 / settings.interval)))),
-            np.ones(lanes),
-        )
+        self.squares = np.zeros((lanes, max(1, round(1 / settings.interval))))
+        self._scale = np.ones(lanes)
         self._speed, self._rms, self._whole = (
             np.zeros(lanes),
             np.zeros(lanes),
@@ -162,8 +160,10 @@ class ActiveTask(Task):
             np.zeros((self.lanes, 2)),
         )  # displacement and velocity
         values[:, 7:10] = values[:, 6:9]  # frequency, time left, level
-        values[:, 0], values[:, 1] = tip[:, 0] / self.length, tip[:, 1] * self._units.per_velocity
-        values[:, 5], values[:, 6] = np.cos(phase), np.sin(phase)
+        values[:, 0] = tip[:, 0] / self.length
+        values[:, 1] = tip[:, 1] * self._units.per_velocity
+        values[:, 5] = np.cos(phase)
+        values[:, 6] = np.sin(phase)
         return values
 
     def level_shapes(self) -> Array:
@@ -243,4 +243,5 @@ class ActiveGapTask(MovingWallsTask, ActiveTask):
         require_cavity(settings.scene.absorber)
         self.drive = drive
         super().__init__(settings, cycle, lanes)
-        self.described, self._before = (cycle, drive), np.zeros(lanes)
+        self.described = (cycle, drive)
+        self._before = np.zeros(lanes)

@@ -105,7 +105,8 @@ class SweepGapTask(ChosenGapTask, SweepTask):
         self, settings: TaskSettings, passage: PassageSettings, cavity: GapRange, lanes: int
     ) -> None:
         require_cavity(settings.scene.absorber)
-        self.cavity, self.wanted = cavity, np.zeros(lanes)
+        self.cavity = cavity
+        self.wanted = np.zeros(lanes)
         super().__init__(settings, passage, lanes)
         self.described = (passage, cavity)
 
@@ -139,7 +140,8 @@ class VariableFrictionTask(Task):
 
     def set_limits(self, settings: TaskSettings, grip: FrictionRange, lanes: int) -> None:
         """Set the limits in N; raises ParameterError where there is no rigid friction."""
-        scene, self._begin = settings.scene, friction_limit(settings.scene)
+        scene = settings.scene
+        self._begin = friction_limit(settings.scene)
         require(
             math.isfinite(self._begin),
             "absorber",
@@ -230,10 +232,8 @@ class GapTask(ChosenGapTask):
     def __init__(self, settings: TaskSettings, control: GapControl, lanes: int) -> None:
         require_cavity(settings.scene.absorber)
         self.described = (control,)
-        self.control, self._ratios = (
-            control,
-            check_range("frequency_ratio", control.frequency_ratio),
-        )
+        self.control = control
+        self._ratios = check_range("frequency_ratio", control.frequency_ratio)
         self._gaps = check_range("gap_limits", control.gap_limits)
         require_samples(settings.samples_per_period, self._ratios[1])
         self.fatigue = control.objective == "fatigue"
@@ -242,7 +242,8 @@ class GapTask(ChosenGapTask):
         self._forces = np.zeros((lanes, steps))
         self._scale = np.ones((lanes, steps))
         self._ratio = np.ones(lanes)
-        self._rows, self.wanted = np.arange(lanes), np.zeros(lanes)
+        self._rows = np.arange(lanes)
+        self.wanted = np.zeros(lanes)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw the frequency and the schedule of the force."""

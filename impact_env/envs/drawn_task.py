@@ -85,12 +85,12 @@ class RandomisedSettings:
             fatigue_exponent=positive,
             start_spread=non_negative,
         )
-        room = 0.5 * (self.limits[1] - self.limits[0])
+        half_width = 0.5 * (self.limits[1] - self.limits[0])
         require(
-            self.start_spread < room,
+            self.start_spread < half_width,
             "start_spread",
             self.start_spread,
-            f"less than half the width of limits, {room:g}",
+            f"less than half the width of limits, {half_width:g}",
         )
         keep_checked(self, sweep_rates=partial(speeds, limits=self.limits))
 
@@ -401,7 +401,8 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
             standard.modes,
             "2: structures that are drawn have as many",
         )
-        self.pool, self.models = pool, pool.models(standard)
+        self.pool = pool
+        self.models = pool.models(standard)
         if not pool.observe_structure:
             self.features = ActiveFrictionTask.features
         usual = stationary_amplitude(standard, standard.omega[0], settings.moves_base)

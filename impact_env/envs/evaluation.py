@@ -126,9 +126,11 @@ class Evaluation:
         )
         for row in (self.policy, *self.others.values()):
             better = self.differences.get(row.name)
-            told = "" if better is None else f"{better[0]:.4f} [{better[1]:.4f}, {better[2]:.4f}]"
+            interval = (
+                "" if better is None else f"{better[0]:.4f} [{better[1]:.4f}, {better[2]:.4f}]"
+            )
             lines.append(
-                f"{row.name:<{width}}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{told:>28}"
+                f"{row.name:<{width}}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{interval:>28}"
             )
         return "\n".join(lines)
 
@@ -200,12 +202,12 @@ def play(
     require(len(seeds) > 0, "seeds", seeds, "at least one seed")
     with optional():
         import gymnasium
-    given = {
+    options = {
         "vectorization_mode": "vector_entry_point",
         "autoreset_mode": "DISABLED",
         **(arguments or {}),
     }
-    env: Any = gymnasium.make_vec(env_id, num_envs=len(seeds), **given)
+    env: Any = gymnasium.make_vec(env_id, num_envs=len(seeds), **options)
     try:
         observations, _ = env.reset(seed=list(seeds))
         player = _Player(policy, env.action_space.shape)
@@ -242,9 +244,9 @@ def evaluate(
     require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
     split = one_of("split", split, SEED_SPLITS)
     seeds = SEED_SPLITS[split][: count("episodes", episodes, 2, len(SEED_SPLITS[split]))]
-    given = ({"split": split} if ENVIRONMENTS[env_id].has_split else {}) | dict(arguments or {})
+    options = ({"split": split} if ENVIRONMENTS[env_id].has_split else {}) | dict(arguments or {})
     own = PolicyScores.of(
-        str(getattr(policy, "name", "policy")), play(policy, env_id, seeds, given).scores
+        str(getattr(policy, "name", "policy")), play(policy, env_id, seeds, options).scores
     )
     rivals = (
         dict(against)
@@ -254,7 +256,7 @@ def evaluate(
         else {str(getattr(against, "name", "rival")): against}
     )
     others = {
-        name: PolicyScores.of(name, play(rival, env_id, seeds, given).scores)
+        name: PolicyScores.of(name, play(rival, env_id, seeds, options).scores)
         for name, rival in rivals.items()
     }
     differences = {}

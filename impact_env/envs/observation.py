@@ -105,22 +105,24 @@ class Sensors:
 
         Lanes that are ``resting`` draw no random numbers: they are reset before their observation is used.
         """
-        seen = values
+        observed = values
         if self.noise > 0:
-            seen = values.copy()
+            observed = values.copy()
             number = int(self.measured.sum())
             wanted = np.ones(len(values), dtype=np.bool_) if fresh is None else fresh
             for lane in np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist():
-                seen[lane, self.measured] += self.noise * generators[lane].standard_normal(number)
+                observed[lane, self.measured] += self.noise * generators[lane].standard_normal(
+                    number
+                )
         if self.delay > 0:
             size = len(self._past)
             if fresh is None:
                 self._at = (self._at + 1) % size
-                self._past[self._at] = seen
+                self._past[self._at] = observed
             else:
-                self._past[:, fresh] = seen[fresh]
-            seen = np.where(self.measured, self._past[(self._at + 1) % size], seen)
-        return np.minimum(np.maximum(seen, -FEATURE_LIMIT), FEATURE_LIMIT).astype(
+                self._past[:, fresh] = observed[fresh]
+            observed = np.where(self.measured, self._past[(self._at + 1) % size], observed)
+        return np.minimum(np.maximum(observed, -FEATURE_LIMIT), FEATURE_LIMIT).astype(
             np.float32
         )  # np.clip takes three times as long
 

@@ -69,9 +69,9 @@ def check_word(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[s
 def check_range(name: str, value: Any) -> Range:
     """Return (low, high) for a finite number, or for a pair of them with low not above high."""
     if isinstance(value, Sequence | np.ndarray) and getattr(value, "ndim", 1) > 0:
-        given = listed(name, value)
-        require(len(given) == 2, name, value, "a number, or a pair (low, high)")
-        low, high = (finite(name, x) for x in given)
+        items = listed(name, value)
+        require(len(items) == 2, name, value, "a number, or a pair (low, high)")
+        low, high = (finite(name, x) for x in items)
         require(low <= high, name, value, "a pair (low, high) with low not above high")
         return low, high
     return (finite(name, value),) * 2
@@ -117,8 +117,8 @@ def _scene(absorber: str, options: str, beam: str) -> tuple[Scene, Beam]:
         values["modal_frequency_ratio"] = {
             int(mode): ratio for mode, ratio in values["modal_frequency_ratio"].items()
         }
-    found = Beam(**values)
-    return beam_scene(found, make(absorber, json.loads(options))), found
+    result = Beam(**values)
+    return beam_scene(result, make(absorber, json.loads(options))), result
 
 
 def as_json(name: str, value: Any) -> str:

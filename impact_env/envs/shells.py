@@ -43,14 +43,14 @@ class TaskSpec:
             SCENE_PARTS if arguments.get("whole_scene") is not None else ()
         )  # what describes a scene does not apply beside a whole one
         defaults = {name: value for name, value in self.defaults.items() if name not in left_out}
-        given = defaults | dict(arguments)
+        merged = defaults | dict(arguments)
         names = [{field.name for field in fields(group)} for group in self.groups]
-        strange = sorted(set(given).difference(*names))
+        strange = sorted(set(merged).difference(*names))
         if strange:
             raise ParameterError(
                 f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted(set().union(*names)))}"
             )
-        parts = [{name: value for name, value in given.items() if name in own} for own in names]
+        parts = [{name: value for name, value in merged.items() if name in own} for own in names]
         return self.task(
             *(group(**part) for group, part in zip(self.groups, parts, strict=True)), lanes
         )
@@ -162,16 +162,16 @@ def make_screen(env: Any, is_reset: bool, maker: str) -> Any:
 def add_feature_table(env: Any) -> None:
     """Put the features of its task in the place of (features) into the docstring of an environment, as a table."""
     kind: TaskSpec = env.kind
-    given = {field.name: field.default for group in kind.groups for field in fields(group)} | dict(
-        kind.defaults
-    )
-    from_middle = given.get("frequency_origin") == "middle"
+    defaults = {
+        field.name: field.default for group in kind.groups for field in fields(group)
+    } | dict(kind.defaults)
+    from_middle = defaults.get("frequency_origin") == "middle"
     words = {
-        "few": f", cut off at {FEW_IMPACTS:g}" if given["impacts_limit"] == FEW_IMPACTS else "",
+        "few": f", cut off at {FEW_IMPACTS:g}" if defaults["impacts_limit"] == FEW_IMPACTS else "",
         "origin": "the middle of ``limits``" if from_middle else "1",
         "scale": "``frequency_unit``" if from_middle else kind.task.frequency_unit,
         "level": "half-clearance of the scene"
-        if given.get("level_unit") == "gap"
+        if defaults.get("level_unit") == "gap"
         else "reference level",
     }
     rows = [

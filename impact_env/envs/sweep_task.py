@@ -136,11 +136,9 @@ class SweepTask(Task):
 
     def rate(self, actions: NDArray[Any]) -> Array:
         """Return the rates (L,) in % per 100 pseudo periods for actions in [-1, 1], (L, 1)."""
-        share, (slow, fast), back = (
-            actions[:, 0].astype(np.float64),
-            self.passage.rates,
-            self.passage.backward_rate,
-        )
+        share = actions[:, 0].astype(np.float64)
+        (slow, fast) = self.passage.rates
+        back = self.passage.backward_rate
         if back == 0:
             return interpolate_log(0.5 * (share + 1), slow, fast)
         return np.where(share < 0, share * back, interpolate_log(np.maximum(share, 0), slow, fast))

@@ -198,11 +198,11 @@ class Task(ABC):
         """
         costs = self.costs
         samples = self.interval * self.settings.samples_per_period
-        costs[:, 0], costs[:, 3], costs[:, 4] = level, moved, contact
-        costs[:, 1], costs[:, 2] = (
-            self.duration / self.interval / self.steps,
-            self.runs.reports["damage"] / samples,
-        )
+        costs[:, 0] = level
+        costs[:, 3] = moved
+        costs[:, 4] = contact
+        costs[:, 1] = self.duration / self.interval / self.steps
+        costs[:, 2] = self.runs.reports["damage"] / samples
 
     @abstractmethod
     def level(self) -> Array:

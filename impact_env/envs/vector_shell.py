@@ -79,10 +79,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         self.render_mode = render_mode
         self.num_envs = task.lanes
         self.reward_space = reward_space(task, vector_reward)
-        self.single_action_space, self.single_observation_space = (
-            action_space,
-            observation_space(task),
-        )
+        self.single_action_space = action_space
+        self.single_observation_space = observation_space(task)
         self.action_space = batch_space(action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._generators: list[np.random.Generator] = []
@@ -250,7 +248,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         for name, values in info.items():
             if which is not None:
                 values[~which] = 0
-            masked[name], masked[f"_{name}"] = values, mask
+            masked[name] = values
+            masked[f"_{name}"] = mask
         return masked
 
     def snapshot(self) -> dict[str, Any]:
@@ -278,7 +277,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         for generator, state in zip(self._generators, snapshot["generators"], strict=True):
             generator.bit_generator.state = state
         self.task.restore(snapshot["task"])
-        self._observations, self._over = snapshot["observations"].copy(), snapshot["over"].copy()
+        self._observations = snapshot["observations"].copy()
+        self._over = snapshot["over"].copy()
         self._rest = snapshot.get("rest", np.zeros_like(self._over)).copy()
         return self._observations.copy()
 
@@ -304,11 +304,11 @@ def environment(single: type[TaskEnv]) -> type[TaskEnv]:
     """Complete an environment: the table of features in its docstring and, beside it in its module, its native vector, named after it."""
     add_feature_table(single)
     name = single.__name__.replace("Env", "VectorEnv")
-    told = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
+    text = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
     vector = type(
         name,
         (TaskVectorEnv,),
-        {"__doc__": told, "__module__": single.__module__, "kind": single.kind},
+        {"__doc__": text, "__module__": single.__module__, "kind": single.kind},
     )
     setattr(sys.modules[single.__module__], name, vector)
     return single

@@ -119,29 +119,29 @@ def balance_branches(
         "two frequencies in rad/s above 0, the lower one first",
     )
     problem = frequency_problem(balance, low, high)
-    found: list[Branch] = []
+    result: list[Branch] = []
     for omega, z in _starts(balance, low, high, seeds):
         try:
             solution = balance.at(OMEGA_PARAMETER, omega).solved(z)
         except NoConvergenceError:
             continue
-        if any(lies_on(balance, branch, solution, omega) for branch in found):
+        if any(lies_on(balance, branch, solution, omega) for branch in result):
             continue
-        show = None if progress is None else partial(progress, f"branch {len(found) + 1}")
+        show = None if progress is None else partial(progress, f"branch {len(result) + 1}")
         if omega in problem.limits:  # from a limit of the frequency it has one side only
             branch = follow_branch(
                 problem, solution, omega, 1.0 if omega == low else -1.0, steps, show
             )
         else:
             branch = follow_both_ways(problem, solution, omega, steps, show)
-        found.append(branch)
+        result.append(branch)
         if branch.ended == INTERRUPTED:
             break
-    if not found:
+    if not result:
         raise NoConvergenceError(
             "harmonic balance: no start at either end of the range or from an exact orbit converged"
         )
-    return tuple(found)
+    return tuple(result)
 
 
 def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
@@ -154,10 +154,10 @@ def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
         if np.linalg.norm(between - z) > NEAR_POINT * size:
             continue
         try:
-            there = balance.at(OMEGA_PARAMETER, omega).solved(between)
+            solution = balance.at(OMEGA_PARAMETER, omega).solved(between)
         except NoConvergenceError:
             continue
-        if np.linalg.norm(there - z) <= SAME_SOLUTION_TOL * size:
+        if np.linalg.norm(solution - z) <= SAME_SOLUTION_TOL * size:
             return True
     return False
 

@@ -59,10 +59,10 @@ class Share:
         return self._interval()[1]
 
     def _interval(self) -> tuple[float, float]:
-        found = scipy.stats.binomtest(self.ended, self.runs).proportion_ci(
+        result = scipy.stats.binomtest(self.ended, self.runs).proportion_ci(
             BASIN_CONFIDENCE, method="wilson"
         )
-        return float(found.low), float(found.high)
+        return float(result.low), float(result.high)
 
     def to_plain(self) -> dict[str, Any]:
         """Return the number of runs that ended there, the share, and the limits of its interval."""
@@ -242,9 +242,9 @@ def _find_attractor(
         for orbit in stable:
             if distance_to(orbit, state, phase) < near:
                 return orbit
-        found = _find_orbit_near(case, state, phase, most_multiple)
-        if found is not None and distance_to(found, state, phase) < near:
-            return next((orbit for orbit in stable if is_same_orbit(orbit, found)), found)
+        result = _find_orbit_near(case, state, phase, most_multiple)
+        if result is not None and distance_to(result, state, phase) < near:
+            return next((orbit for orbit in stable if is_same_orbit(orbit, result)), result)
     return silent
 
 
@@ -253,12 +253,12 @@ def _find_orbit_near(case: Case, state: Array, phase: float, most_multiple: int)
     symmetric, multiple, _ = find_return(case, state, phase, most_multiple)
     if multiple == 0:
         return None
-    found = orbit_next_to(case, phase, state, symmetric, multiple)
-    if isinstance(found, Orbit) and least_multiple(found) != multiple:
-        found = orbit_next_to(case, phase, state, symmetric, least_multiple(found))
-    if isinstance(found, NoOrbit) or len(found.impacts) == 0 or not found.stability.stable:
+    result = orbit_next_to(case, phase, state, symmetric, multiple)
+    if isinstance(result, Orbit) and least_multiple(result) != multiple:
+        result = orbit_next_to(case, phase, state, symmetric, least_multiple(result))
+    if isinstance(result, NoOrbit) or len(result.impacts) == 0 or not result.stability.stable:
         return None
-    return found
+    return result
 
 
 def distance_to(orbit: Orbit, state: Array, phase: float) -> float:

@@ -196,7 +196,7 @@ class CurveContinuation(OrbitContinuation):
     def monitors(self) -> tuple[Monitor, ...]:
         """See `OrbitContinuation`. Behind grazing the orbit is none, but the curve may come back, and is followed."""
         low, high = self.frequencies
-        watched = (
+        values = (
             Monitor(GRAZING, self.clearance),
             Monitor(PULLING, lambda z, value: self.weakest(z[:-1], value), ends=True),
             Monitor(
@@ -210,19 +210,19 @@ class CurveContinuation(OrbitContinuation):
             for side, kind in kinds_of_birth(self.schedule)
         )
         return (
-            (*watched, *alike, Monitor(RESONANCE, self._apart, ends=True))
+            (*values, *alike, Monitor(RESONANCE, self._apart, ends=True))
             if self.kind == TORUS
-            else (*watched, *alike)
+            else (*values, *alike)
         )
 
     def _along_start(self, side: float, z: Array, value: float) -> float:
         """Return by how much the halves differ in the way in which they do at the start: zero where they get alike, and maybe elsewhere."""
         assert self.start is not None
         here = compute_half_difference(self.solution(z, value), side)
-        there = compute_half_difference(self.start, side)
+        reference = compute_half_difference(self.start, side)
         return (
-            float(here @ there)
-            if len(here) == len(there) and np.all(np.isfinite(there))
+            float(here @ reference)
+            if len(here) == len(reference) and np.all(np.isfinite(reference))
             else np.nan
         )
 
@@ -507,13 +507,13 @@ def bifurcation_curves(
                     if other.kind == kind and has_same_form(other, solution)
                 ]
                 known.append(
-                    (curve, np.array([[*make_place(found), value] for found, value in at]))
+                    (curve, np.array([[*make_place(result), value] for result, value in at]))
                 )
                 stopped = curve.branch.ended == INTERRUPTED
                 if not stopped and not any(isinstance(orbit, Orbit) for orbit in curve.orbits):
                     continue
                 if any(
-                    np.mean([mirror_places(places, found, value) for found, value in at])
+                    np.mean([mirror_places(places, result, value) for result, value in at])
                     > SAME_CURVE_SHARE
                     for places in others
                 ):

@@ -171,8 +171,8 @@ def find_parent_at_birth(
             solution.error,
             solution.steps,
         )
-        found = _solve_for_minus_one(start, parameter)
-        return None if found is None else (kind, found)
+        result = _solve_for_minus_one(start, parameter)
+        return None if result is None else (kind, result)
     return None
 
 
@@ -196,6 +196,6 @@ def _solve_for_minus_one(start: Solution, parameter: str) -> Solution | None:
         )
     except (RuntimeError, ValueError):
         return None
-    found = last[-1]
-    away = abs(float(getattr(found.case, parameter)) - value) / unit
-    return found if away < LEAST_HALF_DIFFERENCE else None
+    result = last[-1]
+    away = abs(float(getattr(result.case, parameter)) - value) / unit
+    return result if away < LEAST_HALF_DIFFERENCE else None

@@ -180,11 +180,11 @@ def correct_point(
 def compute_tangent(jacobian: Real, along: Real) -> Real:
     """Return the unit tangent of the branch, in the direction of ``along``."""
     n = len(jacobian)
-    found = _solve_bordered(np.vstack([jacobian, along]), np.append(np.zeros(n), 1.0))
-    size = float(np.linalg.norm(found))
+    result = _solve_bordered(np.vstack([jacobian, along]), np.append(np.zeros(n), 1.0))
+    size = float(np.linalg.norm(result))
     if not (np.isfinite(size) and size > 0):
         raise NoConvergenceError("the branch has no tangent here")
-    return np.asarray(found / size)
+    return np.asarray(result / size)
 
 
 @dataclass(frozen=True)
@@ -224,15 +224,15 @@ class ReturnGate:
     system: ScaledSystem
     place: BranchState
 
-    def returned(self, here: BranchState, there: BranchState) -> bool:
+    def returned(self, before: BranchState, after: BranchState) -> bool:
         """Return whether the step goes over the place: next to the chord, and Newton's method from there ends in it."""
-        chord = there.x - here.x
+        chord = after.x - before.x
         first = self.place
         if len(chord) != len(first.x) or first.tangent @ chord <= 0:
             return False
         length = float(np.linalg.norm(chord))
-        share = float((first.x - here.x) @ chord) / length**2
-        nearest = here.x + share * chord
+        share = float((first.x - before.x) @ chord) / length**2
+        nearest = before.x + share * chord
         if not 0 < share <= 1 or np.linalg.norm(first.x - nearest) > 0.3 * length:
             return False
         try:
@@ -249,19 +249,19 @@ class _Between:
     """The branch between two places, as a function of the share s of the way: Newton's method from a cubic through both."""
 
     system: ScaledSystem
-    here: BranchState
-    there: BranchState
+    begin: BranchState
+    end: BranchState
 
     def __call__(self, s: float) -> BranchState:
         """Return the place in the plane across the chord at a share of it; raises NoConvergenceError."""
-        chord = self.there.x - self.here.x
+        chord = self.end.x - self.begin.x
         length = float(np.linalg.norm(chord))
-        a = length * self.here.tangent - chord
-        b = chord - length * self.there.tangent
-        guess = self.here.x + s * chord + s * (1 - s) * ((1 - s) * a + s * b)
+        a = length * self.begin.tangent - chord
+        b = chord - length * self.end.tangent
+        guess = self.begin.x + s * chord + s * (1 - s) * ((1 - s) * a + s * b)
         normal = chord / length
         x, jacobian, _ = correct_point(
-            self.system, guess, normal, float(normal @ self.here.x) + s * length
+            self.system, guess, normal, float(normal @ self.begin.x) + s * length
         )
         return make_state(x, jacobian, normal)
 
@@ -270,7 +270,7 @@ def _locate_zero(
     between: _Between, value: Callable[[BranchState], float], kind: str, after: int
 ) -> tuple[float, SpecialPoint]:
     """Return the share of the way at which ``value`` changes sign, and what is there."""
-    known: dict[float, BranchState] = {0.0: between.here, 1.0: between.there}
+    known: dict[float, BranchState] = {0.0: between.begin, 1.0: between.end}
 
     def at(s: float) -> float:
         if s not in known:
@@ -292,19 +292,19 @@ def _locate_zero(
         ValueError,
     ):  # no point, no end of the search, or a value that is not a number on the way
         s = 0.0
-        place = between.here
+        place = between.begin
     return s, SpecialPoint(kind, after, *between.system.plain(place.x), place.tangent)
 
 
 def _locate_crossing(between: _Between, after: int) -> tuple[float, SpecialPoint]:
     """Return the branch point, or the kink at which the determinant jumps over zero."""
-    logarithm = max(between.here.determinant[1], between.there.determinant[1])
+    logarithm = max(between.begin.determinant[1], between.end.determinant[1])
 
     def scaled(place: BranchState) -> float:
         return place.determinant[0] * float(np.exp(place.determinant[1] - logarithm))
 
     s, event = _locate_zero(between, scaled, BRANCH_POINT, after)
-    smaller = min(abs(scaled(between.here)), abs(scaled(between.there)))
+    smaller = min(abs(scaled(between.begin)), abs(scaled(between.end)))
     try:
         jump = min(abs(scaled(between(float(np.clip(s + sign * 1e-6, 0, 1))))) for sign in (-1, 1))
     except NoConvergenceError:
@@ -317,27 +317,27 @@ def _locate_crossing(between: _Between, after: int) -> tuple[float, SpecialPoint
 def locate_zeros(
     monitors: tuple[Monitor, ...],
     system: ScaledSystem,
-    here: BranchState,
-    there: BranchState,
+    begin: BranchState,
+    end: BranchState,
     after: int,
 ) -> tuple[SpecialPoint, ...]:
     """Return the zeros of monitors between two places, point number ``after`` and the next, in the order of the branch.
 
     Two zeros of one function in one step cancel and are missed: the continuation's limit on the tangent's turn is there to keep steps short of that.
     """
-    between = _Between(system, here, there)
-    found = []
-    if here.tangent[-1] * there.tangent[-1] < 0:
-        found.append(_locate_zero(between, lambda place: float(place.tangent[-1]), FOLD, after))
-    if here.determinant[0] * there.determinant[0] < 0:
-        found.append(_locate_crossing(between, after))
+    between = _Between(system, begin, end)
+    result = []
+    if begin.tangent[-1] * end.tangent[-1] < 0:
+        result.append(_locate_zero(between, lambda place: float(place.tangent[-1]), FOLD, after))
+    if begin.determinant[0] * end.determinant[0] < 0:
+        result.append(_locate_crossing(between, after))
     for monitor in monitors:
 
         def value(place: BranchState, monitor: Monitor = monitor) -> float:
             return monitor.value(*system.plain(place.x))
 
-        before = value(here)
-        behind = value(there)
+        before = value(begin)
+        behind = value(end)
         if before * behind < 0 or (behind == 0 and before != 0):
-            found.append(_locate_zero(between, value, monitor.kind, after))
-    return tuple(event for _, event in sorted(found, key=lambda pair: pair[0]))
+            result.append(_locate_zero(between, value, monitor.kind, after))
+    return tuple(event for _, event in sorted(result, key=lambda pair: pair[0]))

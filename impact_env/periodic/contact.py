@@ -179,7 +179,7 @@ class ContactForce(NamedTuple):
     by_rate: Real
 
 
-class ContactLaw(Protocol):
+class ContactForceLaw(Protocol):
     """What harmonic balance asks of a contact law."""
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:
@@ -212,7 +212,7 @@ class RigidContact:
         )
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:
-        """See `ContactLaw`."""
+        """See `ContactForceLaw`."""
         walls = _walls(dynamic - self.weight * motion, self.weight, self.gap, parameter)
         held = walls.matrix
         slope = walls.by_gap if parameter == "gap" else np.zeros_like(motion)
@@ -290,7 +290,7 @@ class CompliantContact:
             object.__setattr__(self, "friction_stiffness", friction.stiffness)
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:  # noqa: ARG002 - no law of the dynamics
-        """See `ContactLaw`."""
+        """See `ContactForceLaw`."""
         zero = np.zeros_like(motion)
         stiffness = 0.0 if self.stiffness is None else self.stiffness
         walls = _walls(-stiffness * motion, stiffness, self.gap, parameter)

@@ -171,11 +171,11 @@ def follow_branch(
     ended = None
     message = ""
     try:
-        system, here = start_branch(problem, z, parameter, direction, steps)
+        system, state = start_branch(problem, z, parameter, direction, steps)
         size = steps.first
-        gates = [ReturnGate(0, system, here)]
+        gates = [ReturnGate(0, system, state)]
         while True:
-            way.append(system.plain(here.x))
+            way.append(system.plain(state.x))
             at = f"{problem.parameter} = {way[-1][1]:.10g}"
             if progress is not None:
                 progress(len(way), way[-1][1])
@@ -184,7 +184,7 @@ def follow_branch(
             try:
                 doing = f"lost at {at}, where the unknowns change"
                 chart = (
-                    problem.recentre(*way[-1], here.tangent * system.scale)
+                    problem.recentre(*way[-1], state.tangent * system.scale)
                     if problem.recentre is not None and len(way) > 1
                     else None
                 )
@@ -192,18 +192,18 @@ def follow_branch(
                     problem = replace(
                         problem, residual=chart.residual, scale=chart.scale, monitors=chart.monitors
                     )
-                    system, here = start_branch(
+                    system, state = start_branch(
                         problem, chart.point, way[-1][1], chart.tangent, steps
                     )
-                    gates.append(ReturnGate(len(way) - 1, system, here))
+                    gates.append(ReturnGate(len(way) - 1, system, state))
                 doing = f"no step from {at} down to {steps.least:.1e}"
-                there, size, kink = _take_step(system, here, size, steps)
+                next_state, size, kink = _take_step(system, state, size, steps)
             except NoConvergenceError as error:
                 ended = MINIMUM_STEP
                 message = f"{doing}: {error}"
                 break
-            here, happened, ended, message = _end_step(
-                problem, gates, system, here, there, kink, len(way) - 1
+            state, happened, ended, message = _end_step(
+                problem, gates, system, state, next_state, kink, len(way) - 1
             )
             events += happened
             if ended is None and len(way) + 1 >= steps.points:
@@ -226,8 +226,8 @@ def _end_step(
     problem: ContinuationProblem,
     gates: list[ReturnGate],
     system: ScaledSystem,
-    here: BranchState,
-    there: BranchState,
+    state: BranchState,
+    next_state: BranchState,
     kink: bool,
     index: int,
 ) -> tuple[BranchState, tuple[SpecialPoint, ...], str | None, str]:
@@ -235,51 +235,56 @@ def _end_step(
     ended = None
     message = ""
     gate = next(
-        (gate for gate in gates if index - gate.index >= 2 and gate.returned(here, there)), None
+        (gate for gate in gates if index - gate.index >= 2 and gate.returned(state, next_state)),
+        None,
     )
     if gate is not None:
-        there = gate.place
+        next_state = gate.place
         ended = CLOSED
         message = (
             "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
         )
-    bounded = _stop_at_limit(problem, system, here, there)
+    bounded = _stop_at_limit(problem, system, state, next_state)
     if bounded is not None:
-        there = bounded
+        next_state = bounded
         ended = PARAMETER_LIMIT
-        message = f"{problem.parameter} = {system.plain(there.x)[1]:.10g} is its limit"
-    events = locate_zeros(problem.monitors, system, here, there, index)
+        message = f"{problem.parameter} = {system.plain(next_state.x)[1]:.10g} is its limit"
+    events = locate_zeros(problem.monitors, system, state, next_state, index)
     if kink:
-        events = (*events, SpecialPoint(KINK, index, *system.plain(here.x), here.tangent))
+        events = (*events, SpecialPoint(KINK, index, *system.plain(state.x), state.tangent))
     enders = {monitor.kind for monitor in problem.monitors if monitor.ends}
     last = next((k for k, event in enumerate(events) if event.kind in enders), None)
     if last is not None:
         event = events[last]
-        there = replace(there, x=system.scaled(event.point, event.parameter))
+        next_state = replace(next_state, x=system.scaled(event.point, event.parameter))
         events = events[: last + 1]
         ended = event.kind
         message = f"{event.kind} at {problem.parameter} = {event.parameter:.10g}"
-    return there, events, ended, message
+    return next_state, events, ended, message
 
 
 def _take_step(
-    system: ScaledSystem, here: BranchState, size: float, steps: Steps
+    system: ScaledSystem, state: BranchState, size: float, steps: Steps
 ) -> tuple[BranchState, float, bool]:
     """Return the next place, the size of the step after it, and whether the tangent jumps between; raises NoConvergenceError below the least step."""
     while True:
         why = ""
         try:
             x, jacobian, iterations = correct_point(
-                system, here.x + size * here.tangent, here.tangent
+                system, state.x + size * state.tangent, state.tangent
             )
-            there = make_state(x, jacobian, here.tangent)
-            drift = float(np.linalg.norm(x - here.x)) / size
-            angle = float(np.arccos(np.clip(there.tangent @ here.tangent, -1, 1)))
+            next_state = make_state(x, jacobian, state.tangent)
+            drift = float(np.linalg.norm(x - state.x)) / size
+            angle = float(np.arccos(np.clip(next_state.tangent @ state.tangent, -1, 1)))
             smooth = angle <= steps.turn and drift < 1.2
             if smooth or (size <= 4 * steps.least and drift < 2):
                 wanted = 4 / iterations * (1.5 if angle < steps.turn / 3 else 1.0)
                 factor = np.clip(wanted, 0.5, 2.0) if angle <= 0.7 * steps.turn else 0.7
-                return there, float(np.clip(size * factor, steps.least, steps.most)), not smooth
+                return (
+                    next_state,
+                    float(np.clip(size * factor, steps.least, steps.most)),
+                    not smooth,
+                )
             why = f"the tangent turns by {angle:.2f} rad, and the point lies {drift:.2f} steps away"
         except NoConvergenceError as error:
             why = str(error)
@@ -289,11 +294,11 @@ def _take_step(
 
 
 def _stop_at_limit(
-    problem: ContinuationProblem, system: ScaledSystem, here: BranchState, there: BranchState
+    problem: ContinuationProblem, system: ScaledSystem, state: BranchState, next_state: BranchState
 ) -> BranchState | None:
     """Return the place at the parameter's limit if the step goes over it."""
-    before = system.plain(here.x)[1]
-    after = system.plain(there.x)[1]
+    before = system.plain(state.x)[1]
+    after = system.plain(next_state.x)[1]
     limit = (
         problem.limits[1]
         if after > problem.limits[1]
@@ -303,13 +308,13 @@ def _stop_at_limit(
     )
     if limit is None or before == after:
         return None
-    normal = np.append(np.zeros(len(here.x) - 1), 1.0)
-    guess = here.x + (limit - before) / (after - before) * (there.x - here.x)
+    normal = np.append(np.zeros(len(state.x) - 1), 1.0)
+    guess = state.x + (limit - before) / (after - before) * (next_state.x - state.x)
     try:
         x, jacobian, _ = correct_point(system, guess, normal, limit / float(system.scale[-1]))
-        return make_state(x, jacobian, there.x - here.x)
+        return make_state(x, jacobian, next_state.x - state.x)
     except NoConvergenceError:
-        return there  # a fold at the limit itself: the last point lies just outside
+        return next_state  # a fold at the limit itself: the last point lies just outside
 
 
 def follow_both_ways(
@@ -344,18 +349,18 @@ def switch_at_branch_point(
     across = plane - np.outer(plane @ event.tangent, event.tangent)
     other = across[int(np.argmax(np.linalg.norm(across, axis=1)))]
     other /= np.linalg.norm(other)
-    found = []
+    result = []
     why = ""
     for sign in (1.0, -1.0):
         try:
             at, jacobian, _ = correct_point(system, x + sign * size * other, other)
-            found.append(
+            result.append(
                 (*system.plain(at), compute_tangent(jacobian, sign * other) * system.scale)
             )
         except NoConvergenceError as error:
             why = str(error)
-    if not found:
+    if not result:
         raise NoConvergenceError(
             f"no other branch within {size:g} of the branch point at {problem.parameter} = {event.parameter:.10g}: {why}"
         )
-    return tuple(found)
+    return tuple(result)

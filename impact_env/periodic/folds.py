@@ -164,7 +164,8 @@ def find_reordered_fold(
         )
         if isinstance(fold, NoOrbit) or case.friction_limit == 0 or is_consistent(fold.motion):
             return fold
-        case, (order, phases) = fold.case, order_of_motion(fold.motion)
+        case = fold.case
+        (order, phases) = order_of_motion(fold.motion)
         motion = _find_reordered_orbit(case, order, linear_states(case, order, phases))
     return NoOrbit(
         case, schedule, "the order of its reversals does not settle", start[: len(schedule.events)]
@@ -172,18 +173,18 @@ def find_reordered_fold(
 
 
 def _find_reordered_orbit(case: Case, schedule: EventSchedule, start: Array) -> Motion | NoOrbit:
-    found: Motion | NoOrbit = NoOrbit(
+    result: Motion | NoOrbit = NoOrbit(
         case, schedule, "no orbit beside the fold", start[: len(schedule.events)]
     )
     for share in START_FACTORS:
-        found = reorder_events(
+        result = reorder_events(
             case.changed(force=case.force * share),
             schedule,
             shift_from_fold(case, schedule, start, share),
         )
-        if not isinstance(found, NoOrbit):
+        if not isinstance(result, NoOrbit):
             break
-    return found
+    return result
 
 
 def find_level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
@@ -193,14 +194,14 @@ def find_level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
 
     def slope(omega: float) -> float:
         solution = last[-1].motion.solution
-        beside = find_reordered_fold(
+        neighbour = find_reordered_fold(
             solution.case.changed(omega=omega), solution.schedule, read_unknowns(solution), "force"
         )
-        if isinstance(beside, NoOrbit):
-            lost.append(beside)
-            raise RuntimeError(beside.reason)
-        last.append(beside)
-        return beside.slope
+        if isinstance(neighbour, NoOrbit):
+            lost.append(neighbour)
+            raise RuntimeError(neighbour.reason)
+        last.append(neighbour)
+        return neighbour.slope
 
     omega = fold.case.omega
     try:
@@ -218,12 +219,12 @@ def find_level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
                 fold.motion.solution.phases,
             )
         )
-    found = last[-1]
-    if abs(found.case.omega - omega) > reach:
+    result = last[-1]
+    if abs(result.case.omega - omega) > reach:
         return NoOrbit(
-            found.case,
-            found.motion.solution.schedule,
+            result.case,
+            result.motion.solution.schedule,
             "its level fold lies elsewhere",
-            found.motion.solution.phases,
+            result.motion.solution.phases,
         )
-    return found
+    return result

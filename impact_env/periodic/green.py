@@ -106,14 +106,14 @@ def residual_and_jacobian(
     m = len(unknowns)
     require(m == schedule.unknowns, "unknowns", m, f"{schedule.unknowns} numbers for this schedule")
     system = new_system(m)
-    room = new_orbit_workspace(structure, order)
+    workspace = new_orbit_workspace(structure, order)
     fill_conditions(
         structure,
         case.point,
         order,
         np.asarray(unknowns, dtype=float),
         case.scale,
-        room,
+        workspace,
         system,
         True,
     )
@@ -136,8 +136,12 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
     Newton's method with an analytic Jacobian. What comes back fulfils the conditions at the events; whether nothing happens between them is for
     `impact_env.periodic.orbit` to say. Raises ParameterError for a schedule with joined segments.
     """
-    given = np.array(start, dtype=float)
-    z = linear_states(case, schedule, given) if len(given) == len(schedule.events) else given
+    unknowns = np.array(start, dtype=float)
+    z = (
+        linear_states(case, schedule, unknowns)
+        if len(unknowns) == len(schedule.events)
+        else unknowns
+    )
     require(
         len(z) == schedule.unknowns,
         "start",

@@ -42,7 +42,7 @@ from impact_env.parameters import (
     require_weightless,
 )
 from impact_env.periodic.branch import Residual
-from impact_env.periodic.contact import CompliantContact, ContactLaw, RigidContact
+from impact_env.periodic.contact import CompliantContact, ContactForceLaw, RigidContact
 from impact_env.periodic.continuation import ContinuationProblem, start_branch
 from impact_env.periodic.trigonometric import Real, derivative, find_largest
 from impact_env.scene import Scene
@@ -175,7 +175,7 @@ class Balance:
     """
 
     linear: JointOfMass
-    law: ContactLaw
+    law: ContactForceLaw
     omega: float
     force: float
     symmetric: bool = True
@@ -191,7 +191,7 @@ class Balance:
         )
 
     @property
-    def kept(self) -> NDArray[np.intp]:
+    def indices(self) -> NDArray[np.intp]:
         """Places of the unknowns z in a polynomial (2H + 1,)."""
         h = self.linear.harmonics
         odd = np.arange(1, h + 1, 2)
@@ -200,7 +200,7 @@ class Balance:
     def polynomial(self, z: Real) -> Real:
         """Return the relative displacement (2H + 1,) in m of unknowns z."""
         row = np.zeros(2 * self.linear.harmonics + 1)
-        row[self.kept] = z
+        row[self.indices] = z
         return row
 
     def at(self, parameter: str, value: float) -> Balance:
@@ -235,8 +235,10 @@ class Balance:
         residual = dynamic - contact.force
         residual[0] += self.centring * motion[0]
         jacobian[0, 0] += self.centring
-        kept = self.kept
-        return residual[kept], np.column_stack([jacobian[np.ix_(kept, kept)], last[kept]])
+        indices = self.indices
+        return residual[indices], np.column_stack(
+            [jacobian[np.ix_(indices, indices)], last[indices]]
+        )
 
     def residual(self, parameter: str) -> Residual:
         """Return the function of z and the parameter that `follow_branch` takes."""
@@ -262,7 +264,7 @@ class Balance:
         d = self.linear.dynamics(self.omega)
         relative = np.zeros_like(d.stiffness)
         relative[1:] = -self.force * d.drive[1:] / d.stiffness[1:]
-        return real_row(relative)[self.kept]
+        return real_row(relative)[self.indices]
 
     def solved(self, z: Real) -> Real:
         """Return the solution next to z at this frequency and force; raises NoConvergenceError.
@@ -276,7 +278,7 @@ class Balance:
             return residual, scale * jacobian[:, :-1]
 
         with np.errstate(over="ignore"):  # in the covariance that nobody asks for
-            found = scipy.optimize.root(
+            result = scipy.optimize.root(
                 values, z / scale, jac=True, method="lm", options={"maxiter": 400}
             )
         problem = ContinuationProblem(
@@ -285,7 +287,7 @@ class Balance:
             scale=scale,
             parameter_scale=max(abs(self.force), 1.0),
         )
-        return np.asarray(start_branch(problem, scale * found.x, self.force)[1].x[:-1] * scale)
+        return np.asarray(start_branch(problem, scale * result.x, self.force)[1].x[:-1] * scale)
 
     def at_impacts(
         self,
@@ -308,7 +310,7 @@ class Balance:
         if friction is not None:
             pushed += friction(order)
         relative = (pushed - self.force * d.drive[1:]) / d.stiffness[1:]
-        return real_row(np.append(0.0, relative))[self.kept]
+        return real_row(np.append(0.0, relative))[self.indices]
 
 
 def _applied(values: NDArray[np.complex128], row: Real) -> Real:
@@ -323,13 +325,14 @@ def _matrix(values: NDArray[np.complex128]) -> Real:
     k = np.arange(1, h + 1)
     matrix[0, 0] = values[0].real
     matrix[k, k] = matrix[k + h, k + h] = values[1:].real
-    matrix[k, k + h], matrix[k + h, k] = values[1:].imag, -values[1:].imag
+    matrix[k, k + h] = values[1:].imag
+    matrix[k + h, k] = -values[1:].imag
     return matrix
 
 
 def _law(
     model: ModalModel, absorber: SlidingAbsorber, mass: float, weight: float, friction_weight: float
-) -> ContactLaw:
+) -> ContactForceLaw:
     walls = absorber.walls
     friction = absorber.friction
     gap = None if walls is None else walls.gap
@@ -423,16 +426,16 @@ def hill_multipliers(balance: Balance, z: Real) -> Complex:
     law = balance.law
     elastic = isinstance(law, CompliantContact) and law.friction_limit is not None
     require(not elastic, "friction", law, "rigid, or none, for Hill's method")
-    found: list[tuple[float, complex, int]] = []
+    result: list[tuple[float, complex, int]] = []
     for kind in (0, 1):
         exponents, order, omega = _exponents(balance, z, kind)
         sign = 1 if balance.symmetric == (kind == 1) else -1
-        found += [
+        result += [
             (at, complex(sign * np.exp(np.pi / omega * exponent)), kind)
             for at, exponent in zip(order, exponents, strict=True)
         ]
     taken: list[tuple[float, complex, int]] = []
-    for one in sorted(found, key=lambda each: each[0]):
+    for one in sorted(result, key=lambda each: each[0]):
         if all(
             one[2] == other[2] or abs(one[1] - other[1]) > MULTIPLIER_TOL * abs(one[1])
             for other in taken
@@ -459,10 +462,10 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
         rows = [real_row(row) for row in twice]
     h = len(rows[0]) // 2
     orders = np.concatenate([[0], np.arange(1, h + 1), np.arange(1, h + 1)])
-    kept = np.flatnonzero(orders % 2 == kind)
+    selected = np.flatnonzero(orders % 2 == kind)
     contact = law.contact(rows[0], rows[1], omega, OMEGA_PARAMETER)
     turn, held, slope, rate = (
-        each[np.ix_(kept, kept)]
+        each[np.ix_(selected, selected)]
         for each in (
             omega * derivative(np.eye(2 * h + 1)).T,
             contact.by_dynamic,
@@ -475,11 +478,11 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
     across = np.append(-tip, 1.0)
     push = np.append(-tip, 1 / linear.mass)
     losses = np.append(2 * model.damping_ratio * model.omega, linear.grounded_damper / linear.mass)
-    one = np.eye(len(kept))
+    one = np.eye(len(selected))
     bodies = np.eye(len(across))
-    size = len(across) * len(kept)
+    size = len(across) * len(selected)
     flow = np.block([
-        [-np.kron(bodies, turn), np.eye(size), np.zeros((size, len(kept)))],
+        [-np.kron(bodies, turn), np.eye(size), np.zeros((size, len(selected)))],
         [-np.kron(np.diag(np.append(model.omega**2, 0.0)), one), -np.kron(bodies, turn) - np.kron(np.diag(losses), one), np.kron(push[:, None], one)],
         [np.kron(across[None], slope - rate @ turn), np.kron(across[None], rate), held - one],
     ])  # fmt: skip
@@ -487,6 +490,12 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
         flow, scipy.linalg.block_diag(np.eye(2 * size), np.zeros_like(one))
     )
     inside = np.isfinite(exponents) & (np.abs(exponents.imag) < STRIP * omega)
-    shares = np.sum(np.abs(vectors[:size, inside].reshape(len(across), len(kept), -1)) ** 2, axis=0)
+    shares = np.sum(
+        np.abs(vectors[:size, inside].reshape(len(across), len(selected), -1)) ** 2, axis=0
+    )
     inside[inside] = ok = np.sum(shares, axis=0) > 0
-    return exponents[inside], orders[kept] @ (shares[:, ok] / np.sum(shares[:, ok], axis=0)), omega
+    return (
+        exponents[inside],
+        orders[selected] @ (shares[:, ok] / np.sum(shares[:, ok], axis=0)),
+        omega,
+    )

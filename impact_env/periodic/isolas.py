@@ -88,11 +88,11 @@ def find_folds(
     the branch, how finely it is followed decides which of these are met. So it is done with steps of two sizes. ``branches``: those of
     `orbit_branches` where they are known; None: they are followed here. Ctrl-C breaks it off.
     """
-    found = []
+    result = []
     reach = (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
     for omega in closed_folds(case, low, high):
         at = case.changed(omega=omega)
-        found += [_locate_folds(at, fold) for fold in _find_both_folds(at, "omega")]
+        result += [_locate_folds(at, fold) for fold in _find_both_folds(at, "omega")]
     for branch in (
         ()
         if case.friction_limit == 0
@@ -104,14 +104,16 @@ def find_folds(
         for again in (branch, coarse):
             if again.branch.ended == INTERRUPTED:
                 raise KeyboardInterrupt
-            found += [
+            result += [
                 _locate_folds(case, fold) for fold in again.folds() if not isinstance(fold, NoOrbit)
             ]
-    kept: list[Threshold] = []  # without repetitions, and those that are no orbits where none is
-    for fold in sorted(found, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
-        if not any(_same(fold, other) for other in kept):
-            kept.append(fold)
-    return tuple(sorted(kept, key=lambda fold: fold.omega_ratio))
+    confirmed: list[
+        Threshold
+    ] = []  # without repetitions, and those that are no orbits where none is
+    for fold in sorted(result, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
+        if not any(_same(fold, other) for other in confirmed):
+            confirmed.append(fold)
+    return tuple(sorted(confirmed, key=lambda fold: fold.omega_ratio))
 
 
 def _find_both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
@@ -152,7 +154,7 @@ def find_thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...
     They are valleys and ridges of the closed form's fold force, found again with all reversals where something turns: by Newton's method on the
     fold's own conditions, and along branches over the force where that does not settle. Ctrl-C breaks it off.
     """
-    found = []
+    result = []
     for kind, force, omega in find_level_places(case, low, high):
         at = case.changed(omega=omega, force=force)
         fold = _find_both_folds(at, "force")[0]
@@ -166,8 +168,8 @@ def find_thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...
                 else NoOrbit(at, fold.schedule, f"{fold.reason}; {again.reason}", fold.phases)
             )
         here = at if isinstance(fold, NoOrbit) else fold.case
-        found.append(Threshold(kind, here.force, here.omega_ratio, _orbit_of(fold)))
-    return tuple(found)
+        result.append(Threshold(kind, here.force, here.omega_ratio, _orbit_of(fold)))
+    return tuple(result)
 
 
 def _orbit_of(fold: Fold | NoOrbit) -> Orbit | NoOrbit:
@@ -350,21 +352,21 @@ def find_lowest_fold(case: Case) -> Fold | NoOrbit:
     lowest = float(fold_force(case, [case.omega])[0])
     for share in FORCE_FACTORS:
         at = case.changed(force=share * lowest)
-        found = list[Fold]()
+        result = list[Fold]()
         for start in closed_form(at):
             motion = reorder_events(at, schedule, [start.phase])
             if isinstance(motion, NoOrbit):
                 reason = motion.reason
                 continue
             try:
-                found += _folds_over_force(
+                result += _folds_over_force(
                     motion.solution, FORCE_LIMITS[0] * lowest, FORCE_LIMITS[1] * lowest
                 )
                 reason = "no fold of the branch over the force is an orbit"
             except NoConvergenceError as error:
                 reason = str(error)
-        if found:
-            return min(found, key=lambda fold: fold.case.force)
+        if result:
+            return min(result, key=lambda fold: fold.case.force)
     return NoOrbit(case, schedule, reason, np.zeros(1))
 
 

@@ -82,17 +82,17 @@ class Periodic:
 
     def states(self, phases: ArrayLike) -> Array:
         """Return states (S, 2 N_m + 2), as `InitialState.vector`, at phases (S,) of the force in rad, any number of periods ahead or back."""
-        given = np.asarray(phases, dtype=float)
+        angles = np.asarray(phases, dtype=float)
         schedule = self.solution.schedule
         require(
-            given.ndim == 1 and bool(np.all(np.isfinite(given))),
+            angles.ndim == 1 and bool(np.all(np.isfinite(angles))),
             "phases",
             phases,
             "a row of finite numbers in rad",
         )
-        rounds = np.floor((given - self.begin) / schedule.turn)
+        rounds = np.floor((angles - self.begin) / schedule.turn)
         states = self.within(
-            (given - self.begin - rounds * schedule.turn) / self.solution.case.omega
+            (angles - self.begin - rounds * schedule.turn) / self.solution.case.omega
         )
         return (
             np.where(rounds % 2 == 1, -1.0, 1.0)[:, None] * states if schedule.symmetric else states
@@ -229,8 +229,8 @@ def motion_of(solution: Solution) -> Motion:
     flights = compute_flights(structure, point, order, solution.phases, solution.impulses)
     turns = np.empty(MOST_SUBDIVISIONS)
     h = receptance(structure, case.omega)[0]
-    extremes, found, fits = scan_flights(structure, point, h, flights, order, turns)
-    phases = turns[: min(found, MOST_SUBDIVISIONS)] * case.omega
+    extremes, result, fits = scan_flights(structure, point, h, flights, order, turns)
+    phases = turns[: min(result, MOST_SUBDIVISIONS)] * case.omega
     return Motion(
         solution,
         flights,

@@ -84,12 +84,12 @@ def switch_branch(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
         phases = np.concatenate([one.phases, one.phases + old.turn])
         impulses = np.concatenate([one.impulses, side * one.impulses])
         twice = Solution(one.case, schedule, phases, impulses, one.offset, one.error, one.steps)
-        found = _start_beside_fold(twice, side, orbits.branch.parameter)
-        if found is not None:
-            yield found
+        result = _start_next_to_fold(twice, side, orbits.branch.parameter)
+        if result is not None:
+            yield result
 
 
-def _start_beside_fold(solution: Solution, side: float, parameter: str) -> Solution | None:
+def _start_next_to_fold(solution: Solution, side: float, parameter: str) -> Solution | None:
     """Return an orbit of the branch that leaves at a solution whose second half is its first one, times ``side``; None if no point of it is found."""
     conditions = Conditions(solution.case, solution.schedule, parameter)
     value = getattr(solution.case, parameter)
@@ -101,18 +101,18 @@ def _start_beside_fold(solution: Solution, side: float, parameter: str) -> Solut
     along = _is_tangent_alike(system(system.scaled(z, value))[1], solution, side)
     for size in SWITCH_SIZES:
         try:
-            point, there, _ = switch_at_branch_point(
+            point, unknowns, _ = switch_at_branch_point(
                 problem, SpecialPoint(BRANCH_POINT, 0, z, value, along), size
             )[0]
         except NoConvergenceError:
             continue
-        at = solution.case.changed(**{parameter: there})
-        found = solve(at, solution.schedule, in_units(at, solution.schedule, point, solution.case))
+        at = solution.case.changed(**{parameter: unknowns})
+        result = solve(at, solution.schedule, in_units(at, solution.schedule, point, solution.case))
         if (
-            not isinstance(found, NoOrbit)
-            and largest_half_difference(found, side) > LEAST_HALF_DIFFERENCE
+            not isinstance(result, NoOrbit)
+            and largest_half_difference(result, side) > LEAST_HALF_DIFFERENCE
         ):
-            return found
+            return result
     return None
 
 
@@ -124,12 +124,13 @@ def _is_tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array
     for begin, size, sign in ((0, n, 1.0), (n, m, side)):
         index = np.arange(begin, begin + size)
         shift[index, np.roll(index, size // 2)] = sign
-    shift[-2, -2], shift[-1, -1] = side, 1.0
+    shift[-2, -2] = side
+    shift[-1, -1] = 1.0
     plane = np.linalg.svd(jacobian)[2][-2:]
     alike = plane @ (shift + np.eye(len(shift))) @ plane.T
     weights = np.linalg.eigh(0.5 * (alike + alike.T))[1][:, -1]
-    found = weights @ plane
-    return np.asarray(found / np.linalg.norm(found))
+    result = weights @ plane
+    return np.asarray(result / np.linalg.norm(result))
 
 
 def descendants(
@@ -161,16 +162,16 @@ def descendants(
                     reason = f"there are more branches that leave others than the {MOST_BRANCHES} that are followed in a range"
                     yield NoOrbit(solution.case, solution.schedule, reason, solution.phases)
                     return
-                found = follow_descendants(
+                result = follow_descendants(
                     solution, limits, -1.0 if kind == SYMMETRY_BREAKING else 1.0
                 )
-                if isinstance(found, NoOrbit):
-                    yield found
+                if isinstance(result, NoOrbit):
+                    yield result
                     continue
-                known.append((found, list_places(found)))
-                queue.append(found)
-                yield found
-                if found.branch.ended == INTERRUPTED:
+                known.append((result, list_places(result)))
+                queue.append(result)
+                yield result
+                if result.branch.ended == INTERRUPTED:
                     return
 
 
@@ -197,10 +198,10 @@ def follow_descendants(
             solution.phases,
         )
     try:
-        found = orbit_branch(solution, "omega", limits, DESCENDANT_STEPS)
+        result = orbit_branch(solution, "omega", limits, DESCENDANT_STEPS)
     except NoConvergenceError as error:
         return NoOrbit(solution.case, solution.schedule, str(error), solution.phases)
-    return found if side is None else _cut_at_return(found, side)
+    return result if side is None else _cut_at_return(result, side)
 
 
 def _cut_at_return(orbits: OrbitBranch, side: float) -> OrbitBranch:
@@ -213,8 +214,9 @@ def _cut_at_return(orbits: OrbitBranch, side: float) -> OrbitBranch:
     )
     if len(apart) == 0 or apart[-1] - apart[0] == len(orbits.schedules) - 1:
         return orbits
-    branch, (first, last) = orbits.branch, apart[[0, -1]]
-    kept = slice(first, last + 1)
+    branch = orbits.branch
+    (first, last) = apart[[0, -1]]
+    section = slice(first, last + 1)
     pairs = [
         pair
         for pair in zip(branch.located, orbits.located_schedules, strict=True)
@@ -223,8 +225,8 @@ def _cut_at_return(orbits: OrbitBranch, side: float) -> OrbitBranch:
     located = tuple(replace(event, after=max(0, event.after - first)) for event, _ in pairs)
     whole = replace(
         branch,
-        points=branch.points[kept],
-        parameters=branch.parameters[kept],
+        points=branch.points[section],
+        parameters=branch.parameters[section],
         located=located,
         ended=BACK_ON_PARENT,
         message=BACK_ON_PARENT,
@@ -232,7 +234,7 @@ def _cut_at_return(orbits: OrbitBranch, side: float) -> OrbitBranch:
     return replace(
         orbits,
         branch=whole,
-        schedules=orbits.schedules[kept],
+        schedules=orbits.schedules[section],
         located_schedules=tuple(schedule for _, schedule in pairs),
     )
 
@@ -253,7 +255,7 @@ def all_orbits_over(
     impacts count, and their branches are followed. Ctrl-C yields what is known so far and goes on to the caller. Raises ParameterError for ratios
     that do not rise.
     """
-    search = _Search(case, ratios, longest, progress)
+    search = _DescendantSearch(case, ratios, longest, progress)
     try:
         search.symmetric()
         search.leave(search.branches)
@@ -267,7 +269,7 @@ def all_orbits_over(
 
 
 @dataclass(eq=False)
-class _Search:
+class _DescendantSearch:
     """What is known so far: a group of orbits for each frequency, and the branches that they lie on."""
 
     case: Case
@@ -333,8 +335,8 @@ class _Search:
             self._tell("runs", k, len(self.groups))
             group = self.groups[k]
             if not any(orbit.stability.stable for orbit in group.orbits):
-                for found in attractors(group.case, group.orbits, most_multiple=self.longest):
-                    self._add(k, found)
+                for result in attractors(group.case, group.orbits, most_multiple=self.longest):
+                    self._add(k, result)
 
     def draw(self, starts: int, seed: int) -> None:
         """Run from random initial states at each frequency, and follow what is found."""
@@ -348,17 +350,17 @@ class _Search:
             for orbit in basins.orbits:
                 self._add(k, orbit)
 
-    def _add(self, k: int, found: Orbit | NoOrbit) -> None:
+    def _add(self, k: int, result: Orbit | NoOrbit) -> None:
         group = self.groups[k]
-        if isinstance(found, NoOrbit):
-            self.groups[k] = replace(group, refused=(*group.refused, found))
+        if isinstance(result, NoOrbit):
+            self.groups[k] = replace(group, refused=(*group.refused, result))
             return
-        if len(found.impacts) == 0 or len(orbits := drop_repeated([*group.orbits, found])) == len(
+        if len(result.impacts) == 0 or len(orbits := drop_repeated([*group.orbits, result])) == len(
             group.orbits
         ):
             return
         self.groups[k] = replace(group, orbits=tuple(orbits))
-        if found.schedule.flies:
-            branch = follow_descendants(found.solution, self.limits)
+        if result.schedule.flies:
+            branch = follow_descendants(result.solution, self.limits)
             self._join([branch])
             self.leave([] if isinstance(branch, NoOrbit) else [branch])

@@ -82,22 +82,22 @@ class Orbit:
         schedule = self.schedule
         solution = self.solution
         whole = 2 * np.pi * self.schedule.period_multiple
-        found = [
+        result = [
             Impact(float(p % whole), float(i), event.wall)
             for p, i, event in zip(solution.phases, solution.impulses, schedule.events, strict=True)
             if event.is_impact
         ]
         if self.recorded is not None:
-            found = [
+            result = [
                 Impact(impact.phase % whole, impact.impulse, impact.wall)
                 for impact in self.recorded
             ]
         if schedule.symmetric:
-            found += [
+            result += [
                 Impact((impact.phase + schedule.turn) % whole, -impact.impulse, -impact.wall)
-                for impact in found
+                for impact in result
             ]
-        return tuple(sorted(found, key=lambda impact: impact.phase))
+        return tuple(sorted(result, key=lambda impact: impact.phase))
 
 
 def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
@@ -134,8 +134,8 @@ def shot_orbit(
     case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1
 ) -> Orbit | NoOrbit:
     """Return the confirmed orbit by shooting from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) where the absorber flies, or why there is none."""
-    found = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
-    return found if isinstance(found, NoOrbit) else confirmed(found)
+    result = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
+    return result if isinstance(result, NoOrbit) else confirmed(result)
 
 
 def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
@@ -143,15 +143,16 @@ def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
 
     Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from the motion that leaves it out.
     """
-    found = confirmed(motion)
+    result = confirmed(motion)
     case = motion.solution.case
     if (
-        isinstance(found, Orbit)
+        isinstance(result, Orbit)
         or case.friction_limit == 0
-        or not any(reason in found.reason for reason in REORDERABLE)
+        or not any(reason in result.reason for reason in REORDERABLE)
     ):
-        return found
-    schedule, (phase, state) = motion.solution.schedule, motion.mid_flight()
+        return result
+    schedule = motion.solution.schedule
+    (phase, state) = motion.mid_flight()
     held = shot_orbit(case, phase, state, schedule.symmetric, schedule.period_multiple)
     reason = held.reason if isinstance(held, NoOrbit) else "shooting leads elsewhere"
     if (
@@ -159,7 +160,7 @@ def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
         and np.max(np.abs(held.motion.state_at(phase) - state) / units_of(case)) < NEIGHBOUR
     ):
         return held
-    return NoOrbit(case, found.schedule, f"{found.reason}; {reason}", found.phases)
+    return NoOrbit(case, result.schedule, f"{result.reason}; {reason}", result.phases)
 
 
 def mirror_orbit(orbit: Orbit) -> Orbit | NoOrbit:
@@ -205,12 +206,12 @@ def find_orbit_at(
     ``reorder``: with friction the reversals of the schedule may be wrong at the start; they are replaced by those that the motion shows, until both
     agree, and where friction would hold the absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
     """
-    found = (
+    result = (
         reorder_events(case, schedule, start) if reorder else settle_order(case, schedule, start)
     )
-    if isinstance(found, NoOrbit):
-        return found
-    return shoot_held_orbit(found) if reorder else confirmed(found)
+    if isinstance(result, NoOrbit):
+        return result
+    return shoot_held_orbit(result) if reorder else confirmed(result)
 
 
 def settle_order(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
@@ -385,11 +386,11 @@ def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
         schedule = flying_schedule(
             [event["wall"] for event in events], case.friction_limit > 0, *kind
         )
-        found = find_orbit_at(
+        result = find_orbit_at(
             case, schedule, [event["phase_rad"] for event in events], reorder=False
         )
-        if isinstance(found, Orbit):
-            return found
+        if isinstance(result, Orbit):
+            return result
     state = [
         *start["modal_displacement"],
         start["absorber_displacement_m"],

@@ -207,9 +207,9 @@ def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
             born.append(event)
             continue
         solution = orbits.at(schedule, event.point, event.parameter)
-        found = confirmed_bifurcation(event.kind, motion_of(solution))
-        if isinstance(found, NoOrbit):
-            refused.append(Unconfirmed(event.kind, solution, found.reason))
+        result = confirmed_bifurcation(event.kind, motion_of(solution))
+        if isinstance(result, NoOrbit):
+            refused.append(Unconfirmed(event.kind, solution, result.reason))
         else:
             good.append((event, schedule))
     steps = {event.after for event in born}
@@ -235,8 +235,8 @@ def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
         z = branch.points[k] + share * (branch.points[inner] - branch.points[k])
         near = branch.parameters[k] + share * (branch.parameters[inner] - branch.parameters[k])
         start = orbits.at(orbits.schedules[k], z, float(near))
-        found = solve(start.case, start.schedule, read_unknowns(start))
-        orbit = found if isinstance(found, NoOrbit) else shoot_held_orbit(motion_of(found))
+        result = solve(start.case, start.schedule, read_unknowns(start))
+        orbit = result if isinstance(result, NoOrbit) else shoot_held_orbit(motion_of(result))
         if isinstance(orbit, Orbit):
             return None
         reason = orbit.reason
@@ -351,14 +351,14 @@ class OrbitContinuation:
         motion = self.motion(z, value)
         if self.right(motion, along):
             return None
-        found = reorder_events(motion.solution.case, self.schedule, read_unknowns(motion.solution))
+        result = reorder_events(motion.solution.case, self.schedule, read_unknowns(motion.solution))
         if (
-            isinstance(found, NoOrbit)
-            or found.solution.schedule == self.schedule
-            or found.solution.schedule.impacts != self.schedule.impacts
+            isinstance(result, NoOrbit)
+            or result.solution.schedule == self.schedule
+            or result.solution.schedule.impacts != self.schedule.impacts
         ):
             return None
-        return self.chart(found.solution, float(z[0]))
+        return self.chart(result.solution, float(z[0]))
 
     def right(self, motion: Motion, along: Array) -> bool:
         """Return whether the schedule is the motion's; the way ``along`` the branch is remembered then."""
@@ -439,13 +439,13 @@ def orbit_branch(
     it is back at its start; Ctrl-C ends it with what is known so far. Bifurcations are located on
     the way, and confirmed in the end.
     """
-    found = OrbitBranch(
+    result = OrbitBranch(
         solution.case,
         *follow_to_both_sides(
             partial(_follow_one_way, solution, parameter, limits, steps, progress)
         ),
     )
-    return confirmed_places(found)
+    return confirmed_places(result)
 
 
 def follow_to_both_sides(
@@ -499,14 +499,14 @@ def orbit_branches(
     known: list[Array] = []
     schedule = symmetric_schedule(case.friction_limit > 0)
     first = float(case.model.omega[0])
-    beside = [
+    neighbours = [
         fold * (1 + side)
         for fold in closed_folds(case, low / first, high / first)
         for side in (-FOLD_DISTANCE, FOLD_DISTANCE)
     ]
     for omega in (
         *np.linspace(low, high, SEED_FREQUENCIES + 2)[1:-1],
-        *(omega for omega in (*beside, *also) if low < omega < high),
+        *(omega for omega in (*neighbours, *also) if low < omega < high),
     ):
         at = case.changed(omega=float(omega))
         for start in closed_form(at):

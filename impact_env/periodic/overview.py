@@ -211,12 +211,12 @@ def exact_curves(
 
 
 def _by_branch(
-    branches: tuple[OrbitBranch, ...], found: tuple[Threshold, ...]
+    branches: tuple[OrbitBranch, ...], result: tuple[Threshold, ...]
 ) -> list[list[Motion]]:
     """Return the folds that are orbits, each with the branch that it lies next to."""
     places = [list_places(branch) for branch in branches]
     groups = list[list[Motion]]([] for _ in branches)
-    for fold in found:
+    for fold in result:
         if isinstance(fold.orbit, Orbit) and isinstance(fold.orbit.motion, Motion) and branches:
             point = make_place(fold.orbit.solution)
             groups[int(np.argmin([compute_distance(rows, point) for rows in places]))].append(
@@ -263,7 +263,7 @@ def compute_overview(
     reference: float,
     low: float,
     high: float,
-    asked: OverviewOptions,
+    options: OverviewOptions,
     progress: OverviewProgress | None = None,
     keep: ComputeOrLoad = compute_uncached,
 ) -> Overview:
@@ -296,48 +296,56 @@ def compute_overview(
         yield runs.at(scene, force, reference, ratio)
 
     try:
-        if asked.exact:
-            exact = partial(exact_curves, scene, force, reference, low, high, asked.pairs, progress)
+        if options.exact:
+            exact = partial(
+                exact_curves, scene, force, reference, low, high, options.pairs, progress
+            )
             curves.extend(
                 keep(
-                    {"piece": "exact", **ends, "pairs": asked.pairs},
+                    {"piece": "exact", **ends, "pairs": options.pairs},
                     exact,
                     ResponseCurve.from_plain,
                 )
             )
-        if asked.balance is not None:
-            linear_part = asked.balance.linear
-            law = repr(asked.balance.law)
+        if options.balance is not None:
+            linear_part = options.balance.linear
+            law = repr(options.balance.law)
             name = {
                 "piece": "balance",
                 **ends,
                 "harmonics": linear_part.harmonics,
                 "law": law,
                 "damper": linear_part.grounded_damper,
-                "hill": asked.hill,
+                "hill": options.hill,
             }
             curves.extend(
                 keep(
                     name,
                     partial(
-                        balance_curves, asked.balance, reference, low, high, progress, asked.hill
+                        balance_curves,
+                        options.balance,
+                        reference,
+                        low,
+                        high,
+                        progress,
+                        options.hill,
                     ),
                     ResponseCurve.from_plain,
                 )
             )
         rate = (
             _rate(scene, reference)
-            if asked.percent_per_100_periods is None
-            else asked.percent_per_100_periods
+            if options.percent_per_100_periods is None
+            else options.percent_per_100_periods
         )
-        for start, stop in asked.sweeps:
+        for start, stop in options.sweeps:
             name = {"piece": "sweep", "from": start, "to": stop, "rate": rate}
             sweeps.extend(keep(name, partial(swept, start, stop, rate), SweepEnvelope.from_plain))
-        if asked.runs is not None:
-            for ratio in asked.runs.ratios(low, high):
-                name = {"piece": "stationary", "at": ratio, **asked.runs.settings}
+        if options.runs is not None:
+            for ratio in options.runs.ratios(low, high):
+                name = {"piece": "stationary", "at": ratio, **options.runs.settings}
                 stationary.extend(
-                    keep(name, partial(settled, asked.runs, ratio), StationaryPoint.from_plain)
+                    keep(name, partial(settled, options.runs, ratio), StationaryPoint.from_plain)
                 )
     except KeyboardInterrupt:
         complete = False

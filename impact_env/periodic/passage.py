@@ -71,7 +71,9 @@ class Flow:
             matrix[n, n] += 1.0
             matrix[n, :n] -= tip
         else:
-            matrix[n, n], matrix[n, -1], matrix[-1, -1] = 1.0, dt, 1.0
+            matrix[n, n] = 1.0
+            matrix[n, -1] = dt
+            matrix[-1, -1] = 1.0
         return matrix
 
 
@@ -289,8 +291,10 @@ class _TrajectoryBuilder:
 
     def __init__(self, case: Case, phase: float, span: float) -> None:
         n = case.model.modes
-        self.case, self.found = case, OrbitTrajectory(case, phase, span, np.eye(2 * n + 2))
-        self.free, self.joined = _flow(case, joined=False), _flow(case, joined=True)
+        self.case = case
+        self.found = OrbitTrajectory(case, phase, span, np.eye(2 * n + 2))
+        self.free = _flow(case, joined=False)
+        self.joined = _flow(case, joined=True)
         self.sliding = Regime.SLIDING if case.friction_limit > 0 else Regime.FREE
         self.speed = np.concatenate(
             [np.zeros(n + 1), -case.model.tip_shape, [1.0]]

@@ -159,13 +159,13 @@ def read_duration(
     pause, and is left out.
     """
     last = end - silence
-    found = find_impact_free_interval(impacts, begin - silence, end, silence)
-    if found.began is not None and found.began <= begin:
+    result = find_impact_free_interval(impacts, begin - silence, end, silence)
+    if result.began is not None and result.began <= begin:
         return None
-    stop = last if found.began is None else min(found.began, last)
+    stop = last if result.began is None else min(result.began, last)
     inside = impacts[(impacts >= begin) & (impacts <= stop)]
     pause = float(np.max(np.diff(np.concatenate([[begin], inside])), initial=0.0))
-    return stop - begin, found.began is not None and found.began < last, found.returned, pause
+    return stop - begin, result.began is not None and result.began < last, result.returned, pause
 
 
 def _simulate_stay(
@@ -209,24 +209,24 @@ def stays(
         _simulate_stay, 2 * np.pi / approach.reference, begin, begin + periods, silence
     )
     lanes = [Lane(scene, hold(approach, force, ratio, periods, phase)) for phase in phases]
-    found = drop_unfinished(
+    result = drop_unfinished(
         each_lane(lanes, measure, threads=threads, progress=progress, executor=executor)
     )
-    there = [stay for stay in found if stay]
-    columns = list(zip(*there, strict=True)) or [(), (), (), ()]
+    present = [stay for stay in result if stay]
+    columns = list(zip(*present, strict=True)) or [(), (), (), ()]
     return Stays(
         np.array(columns[0], dtype=np.float64),
         np.array(columns[1], dtype=np.bool_),
-        len(found) - len(there),
+        len(result) - len(present),
         int(np.sum(columns[2])),
         np.array(columns[3], dtype=np.float64),
     )
 
 
-def drop_unfinished(found: Sequence[T | None]) -> list[T]:
+def drop_unfinished(result: Sequence[T | None]) -> list[T]:
     """Return the results of lanes; raises KeyboardInterrupt if one is missing."""
-    whole = [value for value in found if value is not None]
-    if len(whole) < len(found):
+    whole = [value for value in result if value is not None]
+    if len(whole) < len(result):
         raise KeyboardInterrupt
     return whole
 
@@ -305,7 +305,7 @@ class Hazard:
         Shares have the errors of their counts and, all of them together, that of the integral.
         Raises ParameterError if none of them both jumped and left.
         """
-        own = {n: found for n, found in measured.items() if 0 < found.jumped < found.present}
+        own = {n: result for n, result in measured.items() if 0 < result.jumped < result.present}
         require(
             bool(own),
             "sweeps",
@@ -313,8 +313,8 @@ class Hazard:
             "at least one slowness at which some runs jump and some do not",
         )
         n = np.array(list(own))
-        share = np.array([found.share for found in own.values()])
-        counted = (1 - share) / np.array([found.jumped for found in own.values()])
+        share = np.array([result.share for result in own.values()])
+        counted = (1 - share) / np.array([result.jumped for result in own.values()])
         bound = float(scipy.stats.norm.ppf((1 + level) / 2))
         common = (self.high - self.low) / (2 * bound) * n
         weights = np.linalg.solve(np.diag(counted) + np.outer(common, common), np.ones(len(n)))
@@ -387,10 +387,10 @@ class Jumps:
         """Return Wilson's interval of the share."""
         if not self.present:
             return 0.0, 1.0
-        found = scipy.stats.binomtest(self.jumped, self.present).proportion_ci(
+        result = scipy.stats.binomtest(self.jumped, self.present).proportion_ci(
             level, method="wilson"
         )
-        return float(found.low), float(found.high)
+        return float(result.low), float(result.high)
 
 
 @dataclass(frozen=True)
@@ -475,20 +475,20 @@ def jumps(
         )
         for phase in phases
     ]
-    found = np.array(
+    result = np.array(
         drop_unfinished(
             each_lane(lanes, measure, method, threads=threads, progress=progress, executor=executor)
         )
     )
-    began = np.where(np.isnan(found[:, 0]), np.inf, found[:, 0])
+    began = np.where(np.isnan(result[:, 0]), np.inf, result[:, 0])
     left = over.start + np.sign(over.stop - over.start) * (
         began[(began > first) & (began <= last)] - begin
     ) / (100 * periods_per_percent)
-    high = None if high_level is None else int(np.sum(found[:, 1] > high_level))
+    high = None if high_level is None else int(np.sum(result[:, 1] > high_level))
     return Jumps(
         int(np.sum(began > last)),
         int(np.sum(began > first)),
-        len(found),
+        len(result),
         high,
         tuple(left.tolist()),
     )

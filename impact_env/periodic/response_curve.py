@@ -258,10 +258,10 @@ def orbit_curve(
 
     ``folds``: motions at the branch's folds where they are known; None: those that were met on the branch.
     """
-    found = list(orbits.orbits())
+    result = list(orbits.orbits())
     refused = dict[str, int]()
-    values = np.array([(np.nan, np.nan, 0.0, 0.0)] * len(found))
-    for k, orbit in enumerate(found):
+    values = np.array([(np.nan, np.nan, 0.0, 0.0)] * len(result))
+    for k, orbit in enumerate(result):
         if isinstance(orbit, NoOrbit):
             refused[orbit.reason] = refused.get(orbit.reason, 0) + 1
         else:
@@ -299,7 +299,7 @@ def orbit_curve(
         tuple(refused.items()),
         orbits.schedules[0].period_multiple,
         orbits.schedules[0].symmetric,
-        packed(found),
+        packed(result),
     )
 
 
@@ -307,17 +307,17 @@ def _critical(kind: str, motion: Motion) -> tuple[complex, ...]:
     """Return the multipliers over the schedule's span that make the bifurcation, none at a place that is no bifurcation."""
     if kind not in CHECKED_KINDS:
         return ()
-    found = critical_multipliers(kind, stability_of(motion).multipliers)
-    return tuple(complex(m) for m in found)
+    result = critical_multipliers(kind, stability_of(motion).multipliers)
+    return tuple(complex(m) for m in result)
 
 
 def _marks(orbits: OrbitBranch, folds: Iterable[Motion] | None) -> Iterator[tuple[str, Motion]]:
     """Yield kind and motion of what was located and is an orbit, births too; folds as Newton's method finishes them."""
     if folds is None:
-        met = (fold for fold in orbits.folds() if not isinstance(fold, NoOrbit))
+        reached_folds = (fold for fold in orbits.folds() if not isinstance(fold, NoOrbit))
         folds = (
             fold.motion
-            for fold in met
+            for fold in reached_folds
             if not isinstance(confirmed_bifurcation(FOLD, fold.motion), NoOrbit)
         )
     yield from ((FOLD, motion) for motion in folds)

@@ -61,21 +61,21 @@ def shoot(
     sign = -1.0 if symmetric else 1.0
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
     try:
-        found = follow_trajectory(case, finite_phase, y, turn / case.omega)
-        miss = _closing_error(found, y, sign, unit)
+        result = follow_trajectory(case, finite_phase, y, turn / case.omega)
+        miss = _closing_error(result, y, sign, unit)
         steps = 0
         for _ in range(MOST_SHOOTING_STEPS):
             size_of_miss = float(np.max(np.abs(miss)))
             if size_of_miss <= CLOSING_TOL:
                 break
-            matrix = np.eye(size) - sign * found.derivative * unit / unit[:, None]
+            matrix = np.eye(size) - sign * result.derivative * unit / unit[:, None]
             step: Array = np.asarray(
                 np.linalg.lstsq(matrix, miss, rcond=NEUTRAL_TOL)[0], dtype=np.float64
             )
-            better = _damped_step(case, found, y, step, unit, sign, size_of_miss)
+            better = _damped_step(case, result, y, step, unit, sign, size_of_miss)
             if better is None:
                 break
-            found, y, miss = better
+            result, y, miss = better
             steps += 1
         miss_left = float(np.max(np.abs(miss)))
     except (TrajectoryError, np.linalg.LinAlgError) as error:
@@ -87,11 +87,11 @@ def shoot(
             f"shooting did not converge (residual {miss_left:.1e} after {steps} steps)",
             np.array([finite_phase]),
         )
-    return shoot_from(case, found, symmetric, period_multiple, miss_left, steps)
+    return shoot_from(case, result, symmetric, period_multiple, miss_left, steps)
 
 
-def _closing_error(found: OrbitTrajectory, y: Array, sign: float, unit: Array) -> Array:
-    return np.asarray((sign * found.end - y) / unit)
+def _closing_error(result: OrbitTrajectory, y: Array, sign: float, unit: Array) -> Array:
+    return np.asarray((sign * result.end - y) / unit)
 
 
 def _damped_step(
@@ -102,20 +102,20 @@ def _damped_step(
     for _ in range(MOST_HALVINGS):
         new = y + share * unit * step
         try:
-            found = follow_trajectory(case, last.phase, new, last.span)
+            result = follow_trajectory(case, last.phase, new, last.span)
         except TrajectoryError:
             share /= 2
             continue
-        miss = _closing_error(found, new, sign, unit)
+        miss = _closing_error(result, new, sign, unit)
         if np.max(np.abs(miss)) < size:
-            return found, new, miss
+            return result, new, miss
         share /= 3
     return None
 
 
 def shoot_from(
     case: Case,
-    found: OrbitTrajectory,
+    result: OrbitTrajectory,
     symmetric: bool,
     period_multiple: int,
     error: float,
@@ -125,12 +125,14 @@ def shoot_from(
     turn = count_turns(symmetric, period_multiple)
     whole = 2 * np.pi * period_multiple
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
-    if not found.happenings:
-        return NoOrbit(case, blank, "absorber and beam do not touch", np.array([found.phase]))
-    phases = found.phase + case.omega * np.array([happening.time for happening in found.happenings])
-    impulses = np.array([happening.impulse for happening in found.happenings])
+    if not result.happenings:
+        return NoOrbit(case, blank, "absorber and beam do not touch", np.array([result.phase]))
+    phases = result.phase + case.omega * np.array(
+        [happening.time for happening in result.happenings]
+    )
+    impulses = np.array([happening.impulse for happening in result.happenings])
     events, phases, impulses = rotate_start(
-        [happening.event for happening in found.happenings], phases, impulses, turn, symmetric
+        [happening.event for happening in result.happenings], phases, impulses, turn, symmetric
     )
     try:
         schedule = EventSchedule(events, symmetric, period_multiple)
@@ -139,7 +141,7 @@ def shoot_from(
     solution = Solution(
         case, schedule, phases - whole * np.floor(phases[0] / whole), impulses, 0.0, error, steps
     )
-    return ShotMotion(solution, found)
+    return ShotMotion(solution, result)
 
 
 def rotate_start(
@@ -195,15 +197,15 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
     vector = np.random.default_rng(0).normal(size=len(unit))
     growth = []
     for _ in range(SETTLING_STRETCHES + periods // STRETCH_LENGTH):
-        found = follow_trajectory(case, phase, state, STRETCH_LENGTH * case.period)
-        vector = (found.derivative @ (unit * vector)) / unit
+        result = follow_trajectory(case, phase, state, STRETCH_LENGTH * case.period)
+        vector = (result.derivative @ (unit * vector)) / unit
         size = float(np.linalg.norm(vector))
         require(
             size > 0, "tangent vector", vector, "one that friction does not take away altogether"
         )
         growth.append(np.log(size))
         vector = vector / size
-        state = found.end
+        state = result.end
     return exponent_of(np.array(growth[SETTLING_STRETCHES:]) / STRETCH_LENGTH)
 
 

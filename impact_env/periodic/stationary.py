@@ -378,7 +378,7 @@ class StationaryRuns:
         """Return the response at a ratio of ``reference`` (rad/s) under a force in N; Ctrl-C and errors as `classify_members`."""
         phases = draw_members(self.members, self.seed, "phase").phases.tolist()
         way = Approach(reference, self.approach)
-        found = classify_members(
+        result = classify_members(
             scene,
             force,
             way,
@@ -389,5 +389,5 @@ class StationaryRuns:
             threads=self.threads,
             executor=self.executor,
         )
-        impacts = float(np.mean([member.found.impacts_per_period for member in found]))
-        return StationaryPoint(ratio, envelope(found), impacts)
+        impacts = float(np.mean([member.found.impacts_per_period for member in result]))
+        return StationaryPoint(ratio, envelope(result), impacts)

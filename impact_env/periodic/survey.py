@@ -65,9 +65,9 @@ def orbit_of_simulation(
         return _report_nothing(
             case, f"the run does not come again within {most_multiple} periods (miss {miss:.1e})"
         )
-    found = orbit_next_to(case, here, state, symmetric, multiple)
-    shorter = multiple if isinstance(found, NoOrbit) else least_multiple(found)
-    return found if shorter == multiple else orbit_next_to(case, here, state, symmetric, shorter)
+    result = orbit_next_to(case, here, state, symmetric, multiple)
+    shorter = multiple if isinstance(result, NoOrbit) else least_multiple(result)
+    return result if shorter == multiple else orbit_next_to(case, here, state, symmetric, shorter)
 
 
 def orbit_next_to(
@@ -87,21 +87,21 @@ def orbit_next_to(
     if np.max(lengths) <= SHORTEST_FLIGHT / case.omega:
         return _report_nothing(case, "friction holds the absorber all the time")
     motion = shoot_from(case, run, symmetric, multiple, 0.0, 0)
-    found = None
+    result = None
     if (
         not isinstance(motion, NoOrbit)
         and motion.solution.schedule.flies
         and motion.solution.schedule.impacts > 0
     ):
-        found = find_orbit_at(case, motion.solution.schedule, motion.solution.phases)
-        if isinstance(found, Orbit):
-            return found
+        result = find_orbit_at(case, motion.solution.schedule, motion.solution.phases)
+        if isinstance(result, Orbit):
+            return result
     k = int(np.argmax(lengths))
     middle = float(times[k] + 0.5 * lengths[k])
     held = shot_orbit(
         case, phase + case.omega * middle, run.states(np.array([middle]))[0], symmetric, multiple
     )
-    return held if isinstance(held, Orbit) or found is None else found
+    return held if isinstance(held, Orbit) or result is None else result
 
 
 def _report_nothing(case: Case, reason: str) -> NoOrbit:
@@ -161,23 +161,23 @@ def closed_form_orbits(case: Case) -> OrbitSearch:
     refused: list[NoOrbit] = []
     for branch in closed_form(case):
         if branch.pushes:
-            found = find_orbit_at(
+            result = find_orbit_at(
                 case, schedule, np.array([branch.phase, branch.impulse / case.scale.impulse])
             )
-            if isinstance(found, NoOrbit):
-                refused.append(found)
+            if isinstance(result, NoOrbit):
+                refused.append(result)
             else:
-                orbits.append(found)
+                orbits.append(result)
     return OrbitSearch(case, tuple(drop_repeated(orbits)), tuple(refused))
 
 
 def drop_repeated(orbits: Iterable[Orbit]) -> list[Orbit]:
     """Return orbits of one case without those that are in the list already, the larger response first."""
-    kept: list[Orbit] = []
+    distinct: list[Orbit] = []
     for orbit in orbits:
-        if not any(is_same_orbit(orbit, other) for other in kept):
-            kept.append(orbit)
-    return sorted(kept, key=lambda orbit: -orbit.motion.tip_max)
+        if not any(is_same_orbit(orbit, other) for other in distinct):
+            distinct.append(orbit)
+    return sorted(distinct, key=lambda orbit: -orbit.motion.tip_max)
 
 
 def is_same_orbit(one: Orbit, other: Orbit) -> bool:
@@ -236,12 +236,12 @@ def closed_form_over(
         "one or more frequency ratios, rising",
     )
     first = float(case.model.omega[0])
-    found = []
+    result = []
     for k, ratio in enumerate(ratios, 1):
-        found.append(closed_form_orbits(case.changed(omega=float(ratio) * first)))
+        result.append(closed_form_orbits(case.changed(omega=float(ratio) * first)))
         if progress is not None:
             progress(k, len(ratios))
-    return found
+    return result
 
 
 def join_results(group: OrbitSearch, branches: Iterable[OrbitBranch]) -> OrbitSearch:
@@ -273,13 +273,13 @@ def orbits_over(
     are followed between the first and the last ratio; ``progress`` is told how many frequencies are
     done.
     """
-    found = closed_form_over(case, ratios, progress)
+    result = closed_form_over(case, ratios, progress)
     if case.friction_limit == 0 or len(ratios) < 2:
-        yield from found
+        yield from result
         return
     omegas = np.asarray(ratios) * float(case.model.omega[0])
     branches = list(orbit_branches(case, float(omegas[0]), float(omegas[-1]), omegas, COARSE_STEPS))
-    yield from (join_results(group, branches) for group in found)
+    yield from (join_results(group, branches) for group in result)
 
 
 def attractors(
@@ -300,7 +300,7 @@ def attractors(
             state[-1] += DISTURBANCE * case.gap * case.omega
             starts.append((InitialState.from_vector(case.scene, state), phase))
     for initial, phase in starts:
-        found = orbit_of_simulation(case, settle, most_multiple, initial, phase)
-        yield found
-        if isinstance(found, Orbit) and not found.schedule.symmetric:
-            yield mirror_orbit(found)
+        result = orbit_of_simulation(case, settle, most_multiple, initial, phase)
+        yield result
+        if isinstance(result, Orbit) and not result.schedule.symmetric:
+            yield mirror_orbit(result)

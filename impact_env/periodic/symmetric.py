@@ -105,15 +105,15 @@ def find_level_places(case: Case, low: float, high: float) -> tuple[tuple[str, f
     omegas = map_frequencies(case, low, high)
     forces = fold_force(case, omegas)
     rise = np.diff(forces)
-    found = []
+    result = []
     for k in _changes_of_sign(rise) + 1:
         omega = _level(case, omegas[k - 1], omegas[k + 1])
         at = case.changed(omega=omega)
         if fold_impulse(at) > 0:
-            found.append(
+            result.append(
                 (BIRTH if rise[k] >= 0 else MERGER, float(fold_force(at, [omega])[0]), omega)
             )
-    return tuple(found)
+    return tuple(result)
 
 
 def _changes_of_sign(values: Array) -> NDArray[np.intp]:
@@ -147,7 +147,7 @@ def closed_folds(case: Case, low: float, high: float) -> tuple[float, ...]:
     def excess(omega: float) -> float:
         return float(fold_force(case, [omega])[0]) - case.force
 
-    found = []
+    result = []
     for k in _changes_of_sign(above):
         omega = float(
             scipy.optimize.brentq(
@@ -155,5 +155,5 @@ def closed_folds(case: Case, low: float, high: float) -> tuple[float, ...]:
             )
         )
         if fold_impulse(case.changed(omega=omega)) > 0:
-            found.append(omega)
-    return tuple(found)
+            result.append(omega)
+    return tuple(result)

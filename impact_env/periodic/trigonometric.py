@@ -98,8 +98,8 @@ def find_roots(rows: Real) -> list[Real]:
         low = ends[:, :-1].ravel()
         high = ends[:, 1:].ravel()
     which, left, size, low, high = (np.concatenate(parts) for parts in zip(*brackets, strict=True))
-    found = _polish_roots(rows, which, left, left + size, low, high) % TURN
-    return [np.sort(found[which == p]) for p in range(len(rows))]
+    result = _polish_roots(rows, which, left, left + size, low, high) % TURN
+    return [np.sort(result[which == p]) for p in range(len(rows))]
 
 
 def _polish_roots(
@@ -134,8 +134,8 @@ def find_largest(row: Real) -> tuple[float, float]:
     """Return the least and the largest value of a polynomial (2H + 1,)."""
     turns = find_roots(derivative(row)[None])[0]
     at = np.concatenate([[0.0], turns])
-    found = values(row[None], np.zeros(len(at), dtype=np.intp), at)[0]
-    return float(np.min(found)), float(np.max(found))
+    result = values(row[None], np.zeros(len(at), dtype=np.intp), at)[0]
+    return float(np.min(result)), float(np.max(result))
 
 
 Intervals = (
@@ -182,11 +182,10 @@ def window(intervals: Intervals, harmonics: int) -> Real:
     matrix[0] = np.concatenate([c[:1], c[1 : h + 1], s[1 : h + 1]])
     matrix[1 : h + 1, 0], matrix[h + 1 :, 0] = 2 * c[1 : h + 1], 2 * s[1 : h + 1]
     odd = sign * s[difference]  # sin((k - m) angle)
-    matrix[1 : h + 1, 1 : h + 1], matrix[h + 1 :, h + 1 :] = (
-        c[difference] + c[total],
-        c[difference] - c[total],
-    )
-    matrix[1 : h + 1, h + 1 :], matrix[h + 1 :, 1 : h + 1] = s[total] - odd, s[total] + odd
+    matrix[1 : h + 1, 1 : h + 1] = c[difference] + c[total]
+    matrix[h + 1 :, h + 1 :] = c[difference] - c[total]
+    matrix[1 : h + 1, h + 1 :] = s[total] - odd
+    matrix[h + 1 :, 1 : h + 1] = s[total] + odd
     return matrix
 
 

@@ -99,7 +99,7 @@ def _compare_events(motion: AnyMotion, runs: Sequence[Response], starts: Array) 
     hits = np.array([event.is_impact for event in schedule.events])
     impacts = _mirrored(motion, start, motion.solution.phases[hits], motion.solution.impulses[hits])
     after = starts - start
-    found = np.hstack(
+    result = np.hstack(
         [
             [case.omega * each.time + at, each.impulse]
             for each, at in zip(impacted, after, strict=True)
@@ -114,12 +114,12 @@ def _compare_events(motion: AnyMotion, runs: Sequence[Response], starts: Array) 
     if schedule.flies:
         if len(begins) > 0:
             return JOINED_FOR_A_WHILE
-        if found.shape != impacts.shape:
-            return f"{found.shape[1]} impacts instead of {impacts.shape[1]}"
+        if result.shape != impacts.shape:
+            return f"{result.shape[1]} impacts instead of {impacts.shape[1]}"
     faint = FAINT_IMPULSE * max(
-        (float(np.max(np.abs(rows[1]))) for rows in (impacts, found) if rows.size), default=0.0
+        (float(np.max(np.abs(rows[1]))) for rows in (impacts, result) if rows.size), default=0.0
     )
-    for rows, others in ((impacts, found), (found, impacts)):
+    for rows, others in ((impacts, result), (result, impacts)):
         for phase, impulse in rows[:, np.abs(rows[1]) > faint].T:
             near = np.abs(others[0] - phase) <= EVENT_BAR
             if not np.any(near):
@@ -127,12 +127,12 @@ def _compare_events(motion: AnyMotion, runs: Sequence[Response], starts: Array) 
             if np.all(np.sign(others[1][near]) != np.sign(impulse)):
                 return "impacts on other walls"
     known = joins_for_a_while(motion, start)
-    seen = merge_chatter(begins, ends)
-    if known.shape != seen.shape:
-        return f"{seen.shape[1]} joined phases instead of {known.shape[1]}"
+    merged = merge_chatter(begins, ends)
+    if known.shape != merged.shape:
+        return f"{merged.shape[1]} joined phases instead of {known.shape[1]}"
     return (
         "joined phases at other times"
-        if seen.size and np.max(np.abs(known - seen)) > PHASE_BAR
+        if merged.size and np.max(np.abs(known - merged)) > PHASE_BAR
         else None
     )
 

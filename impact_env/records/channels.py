@@ -42,13 +42,13 @@ def choose_channel(file: Path, options: RecordOptions, names: Sequence[str]) -> 
         require(len(names) == 1, "channel", None, allowed)
         return 0
     if isinstance(chosen, str):
-        found = [k for k, name in enumerate(names) if name == chosen]
-        if not found:
-            found = [k for k, name in enumerate(names) if read_label(name).name == chosen]
+        result = [k for k, name in enumerate(names) if name == chosen]
+        if not result:
+            result = [k for k, name in enumerate(names) if read_label(name).name == chosen]
         require(
-            len(found) == 1, "channel", chosen, f"the name of one channel of {file.name}: {listed}"
+            len(result) == 1, "channel", chosen, f"the name of one channel of {file.name}: {listed}"
         )
-        return found[0]
+        return result[0]
     if not 1 <= chosen <= len(names):
         raise ParameterError(f"channel = {chosen} is not allowed: one in {file.name}: {listed}")
     return chosen - 1

@@ -77,14 +77,14 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
         raise ParameterError(
             f"{file.name}: rows of numbers = 0 is not allowed: {EXAMPLE_HEADER}, and two samples or more"
         )
-    given = SEPARATOR_LINE.fullmatch(lines[0].strip())
-    separator = given[1] if given else _find_separator(lines[first])
+    match = SEPARATOR_LINE.fullmatch(lines[0].strip())
+    separator = match[1] if match else _find_separator(lines[first])
     if separator is None and len(lines[first].split()) == 1:
         separator = ","
     rows = [
         (k, line.strip())
         for k, line in enumerate(lines[:first])
-        if line.strip() and not (given and k == 0)
+        if line.strip() and not (match and k == 0)
     ]
     comments = [(k, line.lstrip("#%/ \t")) for k, line in rows if line.startswith(COMMENTS)]
     titles = [(k, line) for k, line in rows if not line.startswith(COMMENTS)]
@@ -132,9 +132,9 @@ def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[l
     for k in range(table.first, last + 1):
         cells = split_line(file, k + 1, lines[k], table.separator)
         row = f"{file.name}: row {k + 1}"
-        shown = cells if len(cells) <= 8 else [*cells[:8], "..."]
+        excerpt = cells if len(cells) <= 8 else [*cells[:8], "..."]
         require(
-            len(cells) == width, row, shown, f"{width} cells, as the header has; numbers, no gap"
+            len(cells) == width, row, excerpt, f"{width} cells, as the header has; numbers, no gap"
         )
         for cell in cells:
             mark = "," if "," in cell else "." if "." in cell else ""
@@ -143,12 +143,12 @@ def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[l
                 require(
                     ok,
                     row,
-                    shown,
+                    excerpt,
                     "numbers with one decimal mark throughout, and no marks of thousands",
                 )
                 decimal = mark
         numbers = [_to_number(cell, decimal) for cell in cells]
-        require(all(map(math.isfinite, numbers)), row, shown, "finite numbers, no gap")
+        require(all(map(math.isfinite, numbers)), row, excerpt, "finite numbers, no gap")
         yield numbers
 
 
@@ -200,16 +200,16 @@ def _without_last_separator(
     header = table.header[:-1] if table.header[-1] == "" else table.header
     if len(header) != width - 1:
         return lines, table
-    found = list(lines)
+    result = list(lines)
     for k in range(table.first, len(lines)):
         line = lines[k].rstrip(" ")
         ok = not line.strip() or line.endswith(mark)
         require(ok, f"{file.name}: row {k + 1}", line[:60], f"{mark!r} at the end, as in all rows")
-        found[k] = line.removesuffix(mark)
+        result[k] = line.removesuffix(mark)
     units = table.units
     if units is not None and len(units) == width and units[-1] == "":
         units = units[:-1]
-    return found, replace(table, header=header, units=units)
+    return result, replace(table, header=header, units=units)
 
 
 def read_csv(file: Path, options: RecordOptions) -> Channel:

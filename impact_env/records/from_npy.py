@@ -23,47 +23,47 @@ def _load(file: Path) -> NDArray[Any]:
     try:
         with file.open("rb") as source, warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = np.load(source, allow_pickle=False)
+            result = np.load(source, allow_pickle=False)
             more = len(source.read(1))
     except (ValueError, EOFError, TypeError, SyntaxError, MemoryError, OverflowError) as error:
         words = " ".join(str(error).split())
         raise ParameterError(
             f"file = {file.name!r} is not allowed: an array of numbers, whole ({words})"
         ) from error
-    if not isinstance(found, np.ndarray):
+    if not isinstance(result, np.ndarray):
         raise ParameterError(
             f"file = {file.name!r} is not allowed: one array, not an archive of several"
         )
     require(not more, "file", file.name, "one array; the file has more bytes after it")
-    return found
+    return result
 
 
 def read_npy(file: Path, options: RecordOptions) -> Channel:
     """Return the values of a file, with times if it has them."""
-    found = _load(file)
-    names = found.dtype.names
+    result = _load(file)
+    names = result.dtype.names
     if names is not None:
         require(
-            found.ndim == 1,
+            result.ndim == 1,
             f"{file.name}: shape",
-            found.shape,
+            result.shape,
             "(K,) for an array with named columns",
         )
-        kinds = [found.dtype[name] for name in names]
+        kinds = [result.dtype[name] for name in names]
     else:
-        require(found.ndim in (1, 2), f"{file.name}: shape", found.shape, ALLOWED_SHAPES)
-        kinds = [found.dtype]
+        require(result.ndim in (1, 2), f"{file.name}: shape", result.shape, ALLOWED_SHAPES)
+        kinds = [result.dtype]
     allowed = "real numbers: whole numbers or floats"
     for kind in kinds:
         ok = kind.kind in REAL_DTYPES and not kind.subdtype
         require(ok, f"{file.name}: data type", str(kind), allowed)
-    require(found.size > 0, f"{file.name}: shape", found.shape, "two samples or more")
+    require(result.size > 0, f"{file.name}: shape", result.shape, "two samples or more")
     if names is not None:
-        columns = [found[name].astype(np.float64) for name in names]
+        columns = [result[name].astype(np.float64) for name in names]
         return channel_of_columns(file, options, columns, names, 1)
-    if found.ndim == 2:
+    if result.ndim == 2:
         require(
-            found.shape[0] >= found.shape[1], f"{file.name}: shape", found.shape, ALLOWED_SHAPES
+            result.shape[0] >= result.shape[1], f"{file.name}: shape", result.shape, ALLOWED_SHAPES
         )
-    columns = list(found.reshape(len(found), -1).astype(np.float64).T)
+    columns = list(result.reshape(len(result), -1).astype(np.float64).T)
     return channel_of_columns(file, options, columns, [""] * len(columns), 1)

@@ -92,7 +92,7 @@ def _read_datasets(file: Path) -> list[tuple[int, Dataset]]:
     with optional():
         import pyuff
     _require_whole(file)
-    found = []
+    result = []
     number = 0
     try:
         with warnings.catch_warnings():
@@ -100,14 +100,14 @@ def _read_datasets(file: Path) -> list[tuple[int, Dataset]]:
             reader = pyuff.UFF(str(file))
             for number, kind in enumerate(reader.get_set_types(), 1):
                 if kind in (58, 164):
-                    found.append((number, reader.read_sets(number - 1)))
+                    result.append((number, reader.read_sets(number - 1)))
     except Exception as error:  # the library raises bare exceptions
         words = " ".join(str(error).split())
         where = f"{file.name}: dataset {number}" if number else file.name
         raise ParameterError(
             f"file = {where!r} is not allowed: a Universal File that can be read ({words})"
         ) from error
-    return found
+    return result
 
 
 def _unit_system(file: Path, datasets: Sequence[tuple[int, Dataset]]) -> UnitSystem | None:
@@ -285,7 +285,8 @@ def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> 
     spacing = int(part["abscissa_spacing"])
     require(spacing in (0, 1), f"{where}: abscissa spacing", spacing, "0 or 1, uneven or even")
     if part.get("binary"):
-        order, form = int(part["byte_ordering"]), int(part["fp_format"])
+        order = int(part["byte_ordering"])
+        form = int(part["fp_format"])
         require(
             order in UFF_BYTE_ORDERS, f"{where}: byte order", order, "1 or 2, little or big endian"
         )
@@ -299,11 +300,11 @@ def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> 
     increment = float(part["abscissa_inc"])
     require(spacing == 0 or increment > 0, f"{where}: abscissa increment", increment, "above 0 s")
     announced = int(part["num_pts"])
-    there = len(part["data"])
+    length = len(part["data"])
     require(
-        there == announced,
+        length == announced,
         f"{where}: points",
-        f"{there} of {announced}",
+        f"{length} of {announced}",
         "all that the header announces",
     )
 

@@ -39,16 +39,16 @@ SHORTEST_STEP = (
 
 
 def _choose_unit(
-    file: Path, key: str, given: str | None, own: Unit | None, unknown: str | None, dimension: str
+    file: Path, key: str, unit: str | None, own: Unit | None, unknown: str | None, dimension: str
 ) -> Unit | None:
     """Return the unit of values or times, of the load's table or the file; raises ParameterError where both have one and differ."""
-    wanted = None if given is None else require_unit(key, given, dimension)
+    wanted = None if unit is None else require_unit(key, unit, dimension)
     if own is not None:
         if own.dimension != dimension:
             require_unit(f"{file.name}: unit", own.name, dimension)
         if wanted is not None and not wanted.is_same_as(own):
             raise ParameterError(
-                f"{key} = {given!r} is not allowed: {own.name}, as {file.name} has it, or left out"
+                f"{key} = {unit!r} is not allowed: {own.name}, as {file.name} has it, or left out"
             )
         return own
     if unknown is not None and wanted is None:

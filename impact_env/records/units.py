@@ -76,13 +76,13 @@ def _plain_text(text: str) -> str:
 
     Superscripts are digits, the sign of micro is u and per a slash; spaces and powers' signs are left out.
     """
-    found = (
+    result = (
         unicodedata.normalize("NFKC", PER_PATTERN.sub("/", text.strip()))
         .replace("\u03bc", "u")
         .replace("\u2212", "-")
     )
-    found = found.replace("**", "").replace("^", "").replace("·", "*").replace("⋅", "*")
-    return "".join(found.split()).replace("_", "/")
+    result = result.replace("**", "").replace("^", "").replace("·", "*").replace("⋅", "*")
+    return "".join(result.split()).replace("_", "/")
 
 
 def _in_table(table: dict[str, float], text: str) -> float | None:
@@ -142,11 +142,11 @@ def name_unit(dimension: str, factor: float) -> Unit:
 
 def require_unit(name: str, text: object, dimension: str) -> Unit:
     """Return the unit of a dimension that a text is; raises ParameterError for any other."""
-    found = find_unit(text) if isinstance(text, str) else None
-    if found is None or found.dimension != dimension:
+    result = find_unit(text) if isinstance(text, str) else None
+    if result is None or result.dimension != dimension:
         allowed = f"a unit of {dimension}, as {EXAMPLES[dimension]}"
         raise ParameterError(f"{name} = {text!r} is not allowed: {allowed}")
-    return found
+    return result
 
 
 def require_density_unit(name: str, text: object, dimension: str) -> float:
@@ -190,7 +190,7 @@ class Label:
 
 def _bracketed(label: str) -> list[str]:
     """Return the texts in the outer brackets of a label; of brackets that are a part of a unit the whole label."""
-    found = []
+    result = []
     expected: list[str] = []
     start = 0
     for k, letter in enumerate(label):
@@ -201,8 +201,8 @@ def _bracketed(label: str) -> list[str]:
             expected.pop()
             if not expected:
                 is_part = label[k + 1 : k + 2] in tuple(POWERS)
-                found.append(label if is_part else label[start:k].strip())
-    return found if not expected else [label]
+                result.append(label if is_part else label[start:k].strip())
+    return result if not expected else [label]
 
 
 def _unit_between(label: str) -> str | None:
@@ -210,9 +210,9 @@ def _unit_between(label: str) -> str | None:
     words = [word for word in SEPARATOR.split(label) if word]
     for first in range(len(words)):
         for last in range(min(first + MOST_WORDS, len(words) - 1), first, -1):
-            found = find_unit("_".join(words[first:last]))
-            if found is not None and found.dimension in LOADS:
-                return found.name
+            result = find_unit("_".join(words[first:last]))
+            if result is not None and result.dimension in LOADS:
+                return result.name
     return None
 
 

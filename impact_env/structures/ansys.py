@@ -59,12 +59,12 @@ def _results(path: Path, units_name: str) -> dict[str, Any]:
         "an Ansys file that exists and ends in .rst",
     )
     try:
-        found = read_arrays(path)
+        result = read_arrays(path)
     except ValueError as error:
         allowed = f"a .rst file with modes that the reader can read ({error})"
         raise describe_error("file", str(path), allowed) from error
-    require("shapes" in found, "file", str(path), "a .rst file with modes")
-    named = str(found["units"]).strip().upper()
+    require("shapes" in result, "file", str(path), "a .rst file with modes")
+    named = str(result["units"]).strip().upper()
     known = NAMED_UNITS.get(named)
     require(
         known is None or UNIT_SYSTEMS[known] == UNIT_SYSTEMS[units_name],
@@ -72,7 +72,7 @@ def _results(path: Path, units_name: str) -> dict[str, Any]:
         units_name,
         f"those that {path.name} names, {named}: {known!r}",
     )
-    return found
+    return result
 
 
 def read_modes(path: Path, units: ConsistentUnits, units_name: str) -> list[MeasuredMode]:
@@ -81,10 +81,10 @@ def read_modes(path: Path, units: ConsistentUnits, units_name: str) -> list[Meas
     The file does not say how its shapes are scaled: Ansys scales by the mass unless told otherwise (MODOPT, Nrmkey), and shapes
     that are scaled to 1 are refused. Raises ParameterError for a file that cannot be read or has no real modes.
     """
-    found = _results(path, units_name)
-    nodes = found["nodes"].astype(np.int64)
-    filled = np.all(np.isfinite(found["shapes"]), axis=(0, 2))
-    shapes = found["shapes"][:, filled]
+    result = _results(path, units_name)
+    nodes = result["nodes"].astype(np.int64)
+    filled = np.all(np.isfinite(result["shapes"]), axis=(0, 2))
+    shapes = result["shapes"][:, filled]
     require(shapes.size > 0, "file", str(path), "a .rst file with modes at one node or more")
     largest = np.max(np.abs(shapes), axis=(1, 2))
     require(
@@ -94,7 +94,7 @@ def read_modes(path: Path, units: ConsistentUnits, units_name: str) -> list[Meas
         "shapes scaled by the mass (MODOPT with Nrmkey OFF)",
     )
     modes = []
-    for k, hertz in enumerate(map(float, found["hertz"])):
+    for k, hertz in enumerate(map(float, result["hertz"])):
         require(
             hertz > 0,
             "file",
@@ -111,19 +111,19 @@ def read_nodes(
     path: Path, units: ConsistentUnits, units_name: str
 ) -> tuple[NDArray[np.int64], Real]:
     """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a .rst file."""
-    found = _results(path, units_name)
-    return found["mesh_nodes"].astype(np.int64), found["points"] * units.length
+    result = _results(path, units_name)
+    return result["mesh_nodes"].astype(np.int64), result["points"] * units.length
 
 
 def read_full(path: Path, letter: str) -> tuple[Any, tuple[tuple[int, int], ...]]:
     """Return a matrix of a .full file, M or K, and the (node, freedom 1 to 6) of each row; raises ValueError where it has none."""
-    found = read_arrays(path)
-    if letter not in ("M", "K") or letter not in found:
+    result = read_arrays(path)
+    if letter not in ("M", "K") or letter not in result:
         raise ValueError(f"a .full file with the matrix {letter}")
-    freedoms = found["freedoms"]
+    freedoms = result["freedoms"]
     if np.any(freedoms[:, 1] > 5):
         raise ValueError("it has freedoms other than displacements and rotations")
-    size = int(found["size"])
-    entries = (found[letter], (found[f"{letter}_rows"], found[f"{letter}_columns"]))
+    size = int(result["size"])
+    entries = (result[letter], (result[f"{letter}_rows"], result[f"{letter}_columns"]))
     matrix = scipy.sparse.coo_matrix(entries, shape=(size, size))
     return matrix, tuple((int(node), int(axis) + 1) for node, axis in freedoms)

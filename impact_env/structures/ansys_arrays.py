@@ -49,11 +49,11 @@ def collect_results(result: Any) -> dict[str, Any]:
 def collect_matrices(full: Any) -> dict[str, Any]:
     """Return stiffness and mass as rows, columns and values, and the node and freedom of each row, of a .full file."""
     freedoms, stiffness, mass = full.load_km(sort=False)
-    found = {"freedoms": np.asarray(freedoms), "size": stiffness.shape[0]}
+    result = {"freedoms": np.asarray(freedoms), "size": stiffness.shape[0]}
     for name, matrix in (("K", stiffness), ("M", mass)):
         entries = matrix.tocoo()
-        found |= {f"{name}_rows": entries.row, f"{name}_columns": entries.col, name: entries.data}
-    return found
+        result |= {f"{name}_rows": entries.row, f"{name}_columns": entries.col, name: entries.data}
+    return result
 
 
 def main(source: str, target: str) -> None:
@@ -63,15 +63,15 @@ def main(source: str, target: str) -> None:
     file = read_binary(source)
     kind = type(file).__name__
     if kind == "FullFile":
-        found = collect_matrices(file)
+        result = collect_matrices(file)
     elif kind == "Result":
         words = int(file._resultheader["ptrend"])  # of four bytes, up to the end of the results
         if WORD * words > Path(source).stat().st_size:
             raise ValueError("the file is cut")
-        found = collect_results(file)
+        result = collect_results(file)
     else:
         raise ValueError(f"it is a {kind}, not a .rst file of modes or a .full file")
-    np.savez(target, **found)
+    np.savez(target, **result)
 
 
 if __name__ == "__main__":

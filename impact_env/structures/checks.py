@@ -42,19 +42,19 @@ class StructureWarning(UserWarning):
 
 def list_matrix_warnings(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:
     """Return a sentence for what looks wrong beside a mass matrix, its ``diagonal`` and the structure's ``mass`` in kg; ``places``: rows by name."""
-    found = []
+    result = []
     total = float(np.sum(diagonal))
     if not DIAGONAL[0] * mass <= total <= DIAGONAL[1] * mass:
-        found.append(
+        result.append(
             f"mass_kg = {mass:g}, while the mass matrix has {total:.4g} kg on its diagonal over all directions: is it in kg?"
         )
     usual = float(np.quantile(diagonal, 0.75))
     for name, row in places.items():
         if diagonal[row] < ROTATES * usual:
-            found.append(
+            result.append(
                 f"{name} = {row}: the mass matrix has {diagonal[row]:.3g} there, {usual:.3g} elsewhere: is this row a rotation?"
             )
-    return found
+    return result
 
 
 def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
@@ -76,21 +76,21 @@ def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
 
 def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
     """Return a sentence for everything that looks wrong in a model; ``rigid`` of its modes are motions on a suspension."""
-    found = []
+    result = []
     first = float(model.omega[rigid]) / (2 * np.pi)
     damping = float(np.max(model.damping_ratio))
     if not LOW_HZ < first < HIGH_HZ:
-        found.append(
+        result.append(
             f"the first frequency is {first:.3g} Hz: are the units right (SI: kg, m, N, rad/s)?"
         )
     if damping > MUCH_DAMPING:
-        found.append(
+        result.append(
             f"a damping ratio of {damping:.3g} is {100 * damping:.3g} %: was it given in percent?"
         )
-    found += [*_scaling(model, rigid), *_doubles(model, rigid)]
+    result += [*_scaling(model, rigid), *_doubles(model, rigid)]
     for resonance in find_unmoved_resonances(model, rigid):
         hertz = float(model.omega[resonance - 1]) / (2 * np.pi)
-        found.append(
+        result.append(
             f"resonance {resonance} at {hertz:.5g} Hz moves none of the places of force, absorber and response: are they the right ones?"
         )
     for name, row in (
@@ -99,8 +99,8 @@ def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -
         ("response", model.level_shape),
     ):
         if not np.any(row[rigid:]):
-            found.append(f"no mode moves the place of the {name}: is it held there?")
-    return found if beam is None else [*found, *_beam(beam)]
+            result.append(f"no mode moves the place of the {name}: is it held there?")
+    return result if beam is None else [*result, *_beam(beam)]
 
 
 def _scaling(model: ModalModel, rigid: int) -> list[str]:
@@ -112,13 +112,13 @@ def _scaling(model: ModalModel, rigid: int) -> list[str]:
         *(() if model.absorber_shapes is None else model.absorber_shapes),
     ]
     every = np.abs(np.array(rows))[:, rigid:] * np.sqrt(model.beam_mass)
-    found = []
+    result = []
     most = np.max(every, axis=0)
     median = float(np.median(most))
     if median > 0 and not LIGHTEST <= median <= HEAVIEST:
         share = 1 / median**2
         text = f"the modes move masses of {share:.2g} of the structure's at the places given, as a median of the modes"
-        found.append(
+        result.append(
             f"{text}: are the shapes mass-normalised, in 1/sqrt(kg), and is the mass right?"
         )
     plain = np.max(np.abs(np.array(rows)), axis=0)[rigid:]
@@ -127,14 +127,14 @@ def _scaling(model: ModalModel, rigid: int) -> list[str]:
         and np.all(np.abs(plain - plain[0]) < 1e-6 * plain[0])
         and abs(plain[0] - 1) < 1e-6
     ):
-        found.append(
+        result.append(
             "the largest shape is 1 in every mode: that looks scaled to 1 and not mass-normalised; divide by the root of the modal mass"
         )
-    return found
+    return result
 
 
 def _doubles(model: ModalModel, rigid: int) -> list[str]:
-    found = []
+    result = []
     order = rigid + np.argsort(model.omega[rigid:])
     for i, j in pairwise(order):
         distance = model.omega[j] - model.omega[i]
@@ -142,10 +142,10 @@ def _doubles(model: ModalModel, rigid: int) -> list[str]:
         if distance < CLOSE_MODES_DISTANCE * width or distance < 1e-6 * model.omega[i]:
             hertz = float(model.omega[i]) / (2 * np.pi)
             text = f"modes {i + 1} and {j + 1} are one peak at {hertz:.5g} Hz: simulation and limit have both"
-            found.append(
+            result.append(
                 f"{text}, while design rule, tunings and friction rule start from a single mode"
             )
-    return found
+    return result
 
 
 def _beam(beam: Beam) -> list[str]:

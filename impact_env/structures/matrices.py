@@ -41,23 +41,23 @@ class StructureModes:
 
 def check_matrix(name: str, matrix: Any, size: int | None = None) -> Any:
     """Return a real symmetric matrix, dense or sparse (CSC); raises ParameterError for all else, and where it is not ``size`` by ``size``."""
-    found = matrix.tocsc() if scipy.sparse.issparse(matrix) else np.asarray(matrix)
-    shape = f"a matrix of shape {found.shape} and type {found.dtype}"
-    square = found.ndim == 2 and found.shape[0] == found.shape[1] > 0
+    result = matrix.tocsc() if scipy.sparse.issparse(matrix) else np.asarray(matrix)
+    shape = f"a matrix of shape {result.shape} and type {result.dtype}"
+    square = result.ndim == 2 and result.shape[0] == result.shape[1] > 0
     require(
-        square and size in (None, found.shape[0]),
+        square and size in (None, result.shape[0]),
         name,
         shape,
         "a square matrix" if size is None else f"{size} by {size}, as the mass matrix",
     )
     finite = "finite real numbers in all entries"
-    require(found.dtype.kind in "iuf", name, shape, finite)
-    rows, columns, values = _entries(found)
+    require(result.dtype.kind in "iuf", name, shape, finite)
+    rows, columns, values = _entries(result)
     for i in np.flatnonzero(~np.isfinite(values))[:1]:
         place = f"a matrix with {values[i]} in row {rows[i]}, column {columns[i]}"
         require(False, name, place, f"{finite} (rows and columns are counted from 0)")
-    found = found.astype(np.float64)
-    largest = float(abs(found).max())
+    result = result.astype(np.float64)
+    largest = float(abs(result).max())
     require(largest > 0, name, "a matrix of zeros", "entries other than 0")
     require(
         1 / LARGEST_ENTRY < largest < LARGEST_ENTRY,
@@ -65,8 +65,8 @@ def check_matrix(name: str, matrix: Any, size: int | None = None) -> Any:
         f"a matrix with the largest entry {largest:.3g}",
         f"a largest entry from {1 / LARGEST_ENTRY:g} to {LARGEST_ENTRY:g}",
     )
-    row, column, difference = _entries(found - found.T)
-    diagonal = np.abs(found.diagonal())
+    row, column, difference = _entries(result - result.T)
+    diagonal = np.abs(result.diagonal())
     usual = np.sqrt(diagonal[row] * diagonal[column])
     allowed = SYMMETRY_TOL * usual + 4 * np.finfo(float).eps * largest
     wrong = np.flatnonzero(np.abs(difference) > allowed)
@@ -76,16 +76,16 @@ def check_matrix(name: str, matrix: Any, size: int | None = None) -> Any:
         require(
             False,
             name,
-            f"a matrix with {found[i, j]:.6g} in row {i}, column {j}, and {found[j, i]:.6g} in row {j}, column {i}",
+            f"a matrix with {result[i, j]:.6g} in row {i}, column {j}, and {result[j, i]:.6g} in row {j}, column {i}",
             "a symmetric matrix, both triangles given (rows and columns are counted from 0)",
         )
-    return (found + found.T) / 2
+    return (result + result.T) / 2
 
 
 def _entries(matrix: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], Real]:
     """Return rows, columns and values of the entries that are not zero."""
-    found = scipy.sparse.coo_matrix(matrix)
-    return found.row, found.col, found.data
+    result = scipy.sparse.coo_matrix(matrix)
+    return result.row, result.col, result.data
 
 
 def _require_semidefinite(name: str, matrix: Any) -> None:
@@ -171,19 +171,19 @@ def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
     modes = min(modes, len(inertial))
     ratios = diagonal[0][inertial] / diagonal[1][inertial]
     shift = SPECTRAL_SHIFT * float(np.median(ratios))
-    kept = np.union1d(inertial, massless)
+    freedoms = np.union1d(inertial, massless)
     vectors = np.zeros((mass.shape[0], modes))
-    if len(kept) > DENSE and modes < len(inertial) // 4:
-        squares, found = _sparse(
-            _part(mass, kept, kept), _part(stiffness, kept, kept), modes, shift
+    if len(freedoms) > DENSE and modes < len(inertial) // 4:
+        squares, result = _sparse(
+            _part(mass, freedoms, freedoms), _part(stiffness, freedoms, freedoms), modes, shift
         )
-        vectors[kept] = found
+        vectors[freedoms] = result
     else:
         condensed, follow = _condense_massless(stiffness, inertial, massless)
-        squares, found = _dense(_dense_part(mass, inertial, inertial), condensed, modes, shift)
+        squares, result = _dense(_dense_part(mass, inertial, inertial), condensed, modes, shift)
         vectors = vectors[:, : len(squares)]
-        vectors[inertial] = found
-        vectors[massless] = follow @ found
+        vectors[inertial] = result
+        vectors[massless] = follow @ result
     norms = np.einsum("ij,ij->j", vectors, mass @ vectors)
     order = np.argsort(squares)
     vectors = (vectors / np.sqrt(norms))[:, order]

@@ -85,7 +85,7 @@ def _number(cell: str) -> float:
 
 def _rows(lines: list[str], columns: int) -> NDArray[np.float64]:
     """Return the numbers of lines (entries, columns); raises ValueError that names the line."""
-    found = []
+    result = []
     for number, line in enumerate(lines, 1):
         cells = line.replace(",", " ").split()
         if not cells or cells[0].startswith("*"):
@@ -96,8 +96,8 @@ def _rows(lines: list[str], columns: int) -> NDArray[np.float64]:
             raise ValueError(f"line {number}: {error}") from error
         if len(values) != columns:
             raise ValueError(f"line {number}: {len(values)} numbers; {columns} in the lines before")
-        found.append(values)
-    return np.array(found).reshape(-1, columns)
+        result.append(values)
+    return np.array(result).reshape(-1, columns)
 
 
 def _symmetric(
@@ -145,10 +145,10 @@ def _labelled(lines: list[str]) -> MatrixFile:
         )
     labels = _whole(entries[:, :4], 1, "node or freedom")
     pairs = np.concatenate([labels[:, :2], labels[:, 2:]])
-    found, rows = np.unique(pairs, axis=0, return_inverse=True)
+    result, rows = np.unique(pairs, axis=0, return_inverse=True)
     rows = rows.reshape(2, -1)
-    matrix = _symmetric(rows[0], rows[1], entries[:, 4], len(found))
-    return MatrixFile(matrix, tuple((int(node), int(axis)) for node, axis in found))
+    matrix = _symmetric(rows[0], rows[1], entries[:, 4], len(result))
+    return MatrixFile(matrix, tuple((int(node), int(axis)) for node, axis in result))
 
 
 def _read_mtx(path: Path, _letter: str) -> MatrixFile:
@@ -179,12 +179,12 @@ def _mark_fixed_rows(file: MatrixFile) -> MatrixFile:
 def _matrix_market(path: Path, header: list[str]) -> Any:
     if "pattern" in header:
         raise ValueError("it is a pattern: places without numbers")
-    found = scipy.io.mmread(path)
-    if scipy.sparse.issparse(found):
-        pairs = found.row.astype(np.int64) * found.shape[1] + found.col
+    result = scipy.io.mmread(path)
+    if scipy.sparse.issparse(result):
+        pairs = result.row.astype(np.int64) * result.shape[1] + result.col
         if len(np.unique(pairs)) != len(pairs):
             raise ValueError("an entry is listed twice")
-    return found
+    return result
 
 
 def _read_calculix(path: Path, _letter: str) -> MatrixFile:
@@ -213,10 +213,10 @@ def _read_calculix(path: Path, _letter: str) -> MatrixFile:
 
 def _read_full(path: Path, letter: str) -> MatrixFile:
     """Return the stiffness or mass of an Ansys file."""
-    found, freedoms = read_full(path, letter)
-    rows = found.row.astype(np.int64)
-    columns = found.col.astype(np.int64)
-    return MatrixFile(_symmetric(rows, columns, found.data, found.shape[0]), freedoms)
+    result, freedoms = read_full(path, letter)
+    rows = result.row.astype(np.int64)
+    columns = result.col.astype(np.int64)
+    return MatrixFile(_symmetric(rows, columns, result.data, result.shape[0]), freedoms)
 
 
 MATRIX_READERS: dict[str, Callable[[Path, str], MatrixFile]] = {

@@ -35,25 +35,25 @@ def require_text(path: str, plain: Any) -> str:
 TEXT_CODEC = Codec(require_text, str)
 
 
-def choose_damping_ratios(given: Any, found: Any, modes: int) -> Any:
+def choose_damping_ratios(specified: Any, measured: Any, modes: int) -> Any:
     """Return the damping ratio of each mode: as given, one number or one a mode, else as measured."""
     ratios = (
-        [non_negative("damping_ratio", given)] * modes
-        if np.ndim(given) == 0 and given is not None
-        else given
+        [non_negative("damping_ratio", specified)] * modes
+        if np.ndim(specified) == 0 and specified is not None
+        else specified
     )
-    if given is None:
+    if specified is None:
         require(
-            found is not None,
+            measured is not None,
             "damping_ratio",
-            given,
+            specified,
             "given, as one number or a list with one for each mode: the file has no damping",
         )
-        return found
+        return measured
     require(
         len(ratios) == modes,
         "damping_ratio",
-        given,
+        specified,
         f"one number, or one for each of the {modes} modes",
     )
     return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
@@ -89,9 +89,9 @@ def order_by_frequency(model: ModalModel) -> ModalModel:
     order = np.argsort(model.omega, kind="stable")
     if np.array_equal(order, np.arange(model.modes)):
         return model
-    given = ", ".join(str(k + 1) for k in order)
+    old_order = ", ".join(str(k + 1) for k in order)
     warnings.warn(
-        f"the modes are not listed by rising frequency; they are sorted: {given}",
+        f"the modes are not listed by rising frequency; they are sorted: {old_order}",
         StructureWarning,
         stacklevel=2,
     )

@@ -89,8 +89,8 @@ def read_modes(
         For a file that cannot be read, without modes or without nodes, and for shapes in curved coordinate systems.
 
     """
-    found = _load(path, "file", ".op2")
-    cases = {_case(key): table for key, table in found.eigenvectors.items()}
+    result = _load(path, "file", ".op2")
+    cases = {_case(key): table for key, table in result.eigenvectors.items()}
     some = ", ".join(map(str, sorted(cases))) or "none"
     if subcase is None:
         require(
@@ -108,10 +108,10 @@ def read_modes(
         f"{path}, table {table.table_name} with {type(table).__name__}",
         f"real eigenvectors in a table {', '.join(TABLES)}",
     )
-    masses = _modal_masses(path, found, table)
+    masses = _modal_masses(path, result, table)
     grid = table.node_gridtype[:, 1] == GRID_POINT
     nodes = table.node_gridtype[grid, 0].astype(np.int64)
-    turned = _node_rotations(path, found if bdf is None else _load(bdf, "bdf", ".bdf"), nodes, bdf)
+    turned = _node_rotations(path, result if bdf is None else _load(bdf, "bdf", ".bdf"), nodes, bdf)
     modes = []
     for k, number in enumerate(map(int, table.modes)):
         value = float(table.eigns[k])
@@ -137,9 +137,9 @@ def _case(key: Any) -> int:
     return int(key[0] if isinstance(key, tuple) else key)
 
 
-def _modal_masses(path: Path, found: Any, table: Any) -> dict[int, float]:
+def _modal_masses(path: Path, result: Any, table: Any) -> dict[int, float]:
     """Return the generalised mass by mode, of the table of eigenvalues that has those of the eigenvectors."""
-    for values in found.eigenvalues.values():
+    for values in result.eigenvalues.values():
         if not hasattr(values, "generalized_mass"):
             continue
         rows = {int(mode): k for k, mode in enumerate(values.mode)}
@@ -172,7 +172,7 @@ def _node_rotations(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Pa
             None,
             f"given: {path.name} has no nodes (GEOM1), so the directions of its displacements are not known",
         )
-    found = np.empty((len(nodes), 3, 3))
+    result = np.empty((len(nodes), 3, 3))
     for k, node in enumerate(map(int, nodes)):
         require(
             node in geometry.nodes,
@@ -183,7 +183,7 @@ def _node_rotations(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Pa
         system = geometry.nodes[node].cd
         system = int(getattr(system, "cid", system))
         if system == 0:
-            found[k] = np.eye(3)
+            result[k] = np.eye(3)
             continue
         coordinates = geometry.coords.get(system)
         kind = type(coordinates).__name__
@@ -200,8 +200,8 @@ def _node_rotations(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Pa
             f"given: node {node} of {path.name} has its displacements in the coordinate system {system}",
         )
         with _reader():
-            found[k] = np.asarray(coordinates.beta(), dtype=np.float64)
-    return found
+            result[k] = np.asarray(coordinates.beta(), dtype=np.float64)
+    return result
 
 
 def read_nodes(

@@ -72,13 +72,13 @@ def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
         and (mode := _mode(part, mass_unit)) is not None
         and load_case in (None, mode.load_case)
     ]
-    found = ", ".join(str(kind) for kind in sorted({part.kind for part in datasets})) or "none"
+    result = ", ".join(str(kind) for kind in sorted({part.kind for part in datasets})) or "none"
     of_case = "" if load_case is None else f" of load case {load_case}"
     require(
         len(modes) > 0,
         "file",
         str(path),
-        f"a Universal File with modes{of_case} in datasets 55; it has datasets {found}",
+        f"a Universal File with modes{of_case} in datasets 55; it has datasets {result}",
     )
     modes = without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
     by_mass = {mode.normalised_by_mass for mode in modes}
@@ -94,31 +94,31 @@ def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
 
 def _units(datasets: list[Dataset]) -> tuple[float, float]:
     """Return the length unit in m and the mass unit in kg of the datasets 164: SI without one."""
-    found = set()
+    result = set()
     for part in datasets:
         if part.kind == UNITS_DATASET:
             factors = [part.numbers(1, 3, 25)[k] for k in (0, 1)]  # of a length and a force over SI
             if min(factors) <= 0:
                 raise part.refuse(1, "factors above 0 for length and force")
-            found.add((1 / factors[0], factors[0] / factors[1]))
-    if not found:
+            result.add((1 / factors[0], factors[0] / factors[1]))
+    if not result:
         return 1.0, 1.0
     require(
-        len(found) == 1,
+        len(result) == 1,
         "file",
         str(datasets[0].path),
         "one system of units in all datasets 164",
     )
-    return found.pop()
+    return result.pop()
 
 
 def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]:
     """Return modes without those that repeat another with the same numbers; raises ParameterError for two listings of a mode that differ."""
-    kept: list[MeasuredMode] = []
+    distinct: list[MeasuredMode] = []
     dropped = []
     for mode in modes:
         repeated = False
-        for other in kept:
+        for other in distinct:
             distance = abs(mode.omega - other.omega)
             if not np.array_equal(mode.nodes, other.nodes):
                 assurance = 1.0 if mode.number and mode.number == other.number else 0.0
@@ -146,7 +146,7 @@ def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]
                 "each mode once: choose one listing by load_case, where the file has some, or remove one of them",
             )
         if not repeated:
-            kept.append(mode)
+            distinct.append(mode)
         elif not (mode.conjugated or other.conjugated):
             dropped.append(mode)
     if dropped:
@@ -156,7 +156,7 @@ def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]
             StructureWarning,
             stacklevel=2,
         )
-    return kept
+    return distinct
 
 
 def _assurance(a: Real, b: Real) -> float:
@@ -274,8 +274,8 @@ def _values(
         raise part.refuse(line, "values at one node or more")
     require(len(set(nodes)) == len(nodes), "file", part.name(), "each node once in a dataset 55")
     table = np.array(rows)
-    found = table[:, 0::2] + 1j * table[:, 1::2] if complex_data else table
-    return np.array(nodes, dtype=np.int64), found[:, :3]
+    result = table[:, 0::2] + 1j * table[:, 1::2] if complex_data else table
+    return np.array(nodes, dtype=np.int64), result[:, :3]
 
 
 def _real(name: str, shape: NDArray[np.complex128]) -> Real:
@@ -312,7 +312,7 @@ def _global_systems(datasets: list[Dataset], rows: int) -> set[int]:
 
     ``rows`` of the transformation are compared: three have the directions, the fourth has the origin.
     """
-    found = set(GLOBAL)
+    result = set(GLOBAL)
     for part in datasets:
         if part.kind == 2420:
             for line in range(2, len(part.lines), 6):
@@ -322,17 +322,17 @@ def _global_systems(datasets: list[Dataset], rows: int) -> set[int]:
                 matrix = np.array([part.numbers(line + 2 + k, 3, 25) for k in range(4)])
                 difference = np.abs(matrix - np.eye(4, 3))[:rows]
                 same = kind == 0 and np.max(difference) < IDENTITY_TOL
-                found = found | {label} if same else found - {label}
+                result = result | {label} if same else result - {label}
         elif (
             part.kind == 18
         ):  # all systems of the older dataset count as local: their form has many variants
-            found -= {part.whole(line, 1)[0] for line in range(0, len(part.lines), 4)}
-    return found
+            result -= {part.whole(line, 1)[0] for line in range(0, len(part.lines), 4)}
+    return result
 
 
 def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
     """Return for each node of the datasets 15 and 2411: definition and displacement system, and coordinates in the file's unit."""
-    found: dict[int, tuple[int, int, list[float]]] = {}
+    result: dict[int, tuple[int, int, list[float]]] = {}
     for part in datasets:
         if part.kind not in NODE_DATASETS:
             continue
@@ -345,9 +345,9 @@ def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
                 label, definition, displacement, _ = part.whole(line, 4, 3)
                 point = part.numbers(line + 1, 3, 25)
             node = (definition, displacement, point)
-            if found.setdefault(label, node) != node:
+            if result.setdefault(label, node) != node:
                 raise part.refuse(line, f"node {label} once, or each time with the same numbers")
-    return found
+    return result
 
 
 def _node_15(part: Dataset, line: int) -> tuple[int, int, int]:

@@ -34,8 +34,8 @@ class Dataset:
 
     def refuse(self, line: int, allowed: str) -> ParameterError:
         """Return the error of a line, counted from 0 in the dataset."""
-        found = self.lines[line].strip() if line < len(self.lines) else "(the dataset ends)"
-        return describe_error("file", f"{self.name(line)}: {found}", allowed)
+        result = self.lines[line].strip() if line < len(self.lines) else "(the dataset ends)"
+        return describe_error("file", f"{self.name(line)}: {result}", allowed)
 
     def whole(self, line: int, number: int, least: int | None = None) -> list[int]:
         """Return the first ``number`` whole numbers of a line in fields of 10 columns; ``least`` of them must be there, others are 0."""
@@ -47,24 +47,24 @@ class Dataset:
         if len(cells) < (number if least is None else least):
             cells = [text[k : k + 10].strip() for k in range(0, len(text), 10)]
         try:
-            found = [int(cell) for cell in cells[:number]]
+            result = [int(cell) for cell in cells[:number]]
         except ValueError as error:
             raise self.refuse(line, allowed) from error
-        if any(abs(value) >= LARGEST_WHOLE for value in found):
+        if any(abs(value) >= LARGEST_WHOLE for value in result):
             raise self.refuse(line, allowed)
-        if len(found) < (number if least is None else least):
+        if len(result) < (number if least is None else least):
             raise self.refuse(line, allowed)
-        return found + [0] * (number - len(found))
+        return result + [0] * (number - len(result))
 
     def numbers(self, line: int, number: int, width: int = 13) -> list[float]:
         """Return ``number`` numbers, six or fewer a line in fields of ``width`` columns, from a line on."""
         per_line = 6 if width == 13 else 3
-        found: list[float] = []
-        while len(found) < number:
-            wanted = min(per_line, number - len(found))
-            found += self._line_numbers(line, wanted, width)
+        result: list[float] = []
+        while len(result) < number:
+            wanted = min(per_line, number - len(result))
+            result += self._line_numbers(line, wanted, width)
             line += 1
-        return found
+        return result
 
     def _line_numbers(self, line: int, number: int, width: int) -> list[float]:
         allowed = f"{number} finite numbers, {width} columns each"
@@ -75,12 +75,12 @@ class Dataset:
         if len(cells) != number:  # they may touch
             cells = [text[k : k + width].strip() for k in range(0, len(text), width)]
         try:
-            found = [float(cell.replace("D", "E").replace("d", "e")) for cell in cells]
+            result = [float(cell.replace("D", "E").replace("d", "e")) for cell in cells]
         except ValueError as error:
             raise self.refuse(line, allowed) from error
-        if len(found) != number or not np.all(np.isfinite(found)):
+        if len(result) != number or not np.all(np.isfinite(result)):
             raise self.refuse(line, allowed)
-        return found
+        return result
 
 
 def read_datasets(path: Path) -> list[Dataset]:
@@ -92,7 +92,7 @@ def read_datasets(path: Path) -> list[Dataset]:
         allowed = f"a Universal File that can be read ({error})"
         raise describe_error("file", str(path), allowed) from error
     lines = content.splitlines(keepends=True)
-    found = []
+    result = []
     k = 0
     while k < len(lines):
         text = lines[k].strip()
@@ -106,8 +106,8 @@ def read_datasets(path: Path) -> list[Dataset]:
             "a Universal File: datasets, each between two lines with -1",
         )
         k, dataset = _dataset(path, lines, k + 1)
-        found.append(dataset)
-    return found
+        result.append(dataset)
+    return result
 
 
 def _text(line: bytes) -> str:
