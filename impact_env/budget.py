@@ -17,9 +17,18 @@ POLL_S = 0.1
 
 
 class Stop:
-    """An order to end runs, given from any thread: those under way end at their next event or window, within microseconds; later ones at once.
+    """Order to end runs, from any thread.
 
-    Many runs and threads may share one. It is given once, and stays given.
+    Runs under way end at their next event or window, within microseconds; later runs end at once. Many
+    runs and threads may share one order. An order that was given cannot be taken back.
+
+    Examples
+    --------
+    >>> from impact_env import Stop
+    >>> stop = Stop()
+    >>> stop.give()
+    >>> stop.given
+    True
     """
 
     def __init__(self) -> None:

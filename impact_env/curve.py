@@ -66,11 +66,31 @@ DOWN = 1
 
 @dataclass(frozen=True, eq=False)
 class CurveCase:
-    """What a curve is computed for: forces (F,) in N, each swept up and down through ``limits`` times a resonance (counted from 1).
+    """Forces and sweeps of one performance curve.
 
-    The rate is `impact_env.drive.default_rate` of the scene's model unless given. ``load`` makes of a force and a schedule what acts, by default a
-    `Drive`; one that gives `Loads` proportional to their first argument makes ``forces`` amplitudes in its unit, as m/s^2 of a base.
-    ``steady_start``: sweeps start from the steady state of the linear structure, not from rest as the paper's do, see `Lane`.
+    Parameters
+    ----------
+    scene : Scene
+        Structure with or without absorber.
+    forces : array_like, (F,)
+        Force amplitudes in N, or amplitudes in the unit of ``load``.
+    resonance : int, optional
+        Resonance that is swept up and down, counted from 1.
+    limits : (float, float), optional
+        Ends of the sweeps as ratios to the resonance frequency.
+    percent_per_100_periods : float, optional
+        Sweep rate in % of the resonance frequency per 100 pseudo periods. Default:
+        `impact_env.drive.default_rate`.
+    load : callable, optional
+        ``load(force, schedule)`` returns the `Drive` or `Loads` of a run, proportional to the first
+        argument; that is an acceleration in m/s^2 where it moves the base. Default: `Drive`.
+    steady_start : bool, optional
+        Start each sweep in the steady state of the linear structure instead of at rest.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range, or the structure lacks the resonance.
     """
 
     scene: Scene
@@ -138,9 +158,16 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class PerformanceCurve:
-    """Levels over the force. ``forces`` (F,) in N, M ``members``, arrays of ``lanes`` (F, M, 2): force, member, up or down.
+    """Response levels over the force. Runs that an interruption left out are NaN.
 
-    What an interrupted computation left out is NaN there, and left out of median and band.
+    Attributes
+    ----------
+    forces : array, (F,)
+        Force amplitudes in N.
+    members : Members
+        Phases and factors of the M members.
+    lanes : LaneLevels
+        Levels, impacts and stuck times of all runs, (F, M, 2): force, member, sweep up or down.
     """
 
     forces: Array
@@ -330,7 +357,69 @@ def performance_curve(
     most_events: int | None = None,
     steady_start: bool = False,
 ) -> PerformanceCurve:
-    """Compute one curve; see `CurveCase` and `performance_curves`."""
+    """Compute a performance curve: the response level over the force, with a band over an ensemble.
+
+    Parameters
+    ----------
+    scene : Scene
+        Structure with or without absorber.
+    forces : array_like, (F,)
+        Force amplitudes in N.
+    resonance : int, optional
+        Resonance that is swept, counted from 1.
+    members : int, optional
+        Members M of the ensemble. They differ in the phase of the force and, by a millionth at most,
+        in its amplitude, since levels in the impact regimes are random (paper, section 3.3).
+    seed : int, optional
+        Seed of the members.
+    method : Exact, Moreau or RungeKutta, optional
+        Integration method (default: `Exact`).
+    limits : (float, float), optional
+        Ends of the sweeps as ratios to the resonance frequency.
+    percent_per_100_periods : float, optional
+        Sweep rate in % of the resonance frequency per 100 pseudo periods. Default:
+        `impact_env.drive.default_rate`, which suits the damping of the resonance.
+    threads : int, optional
+        Threads (default: all cores). The result does not depend on it.
+    samples_per_period : int, optional
+        Samples of the level in a pseudo period.
+    progress : callable, optional
+        ``progress(done, total)`` is called after each run.
+    most_events : int, optional
+        Budget of each run, see `simulate`.
+    steady_start : bool, optional
+        Start each sweep in the steady state of the linear structure instead of at rest.
+
+    Returns
+    -------
+    PerformanceCurve
+        Levels (F, M, 2) in m of the sweeps up and down; `PerformanceCurve.median` and
+        `PerformanceCurve.band` are over the members.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range, or the method cannot integrate the scene.
+    IntegrationError
+        A run failed or used up its budget.
+
+    See Also
+    --------
+    curve_passes : the same curve, coarse first and then refined.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, beam_scene, impact_absorber, performance_curve
+    >>> absorber = impact_absorber(gap=1e-3, restitution=0.7, friction_limit=0.1)
+    >>> scene = beam_scene(Beam(modes=2), absorber)
+    >>> curve = performance_curve(
+    ...     scene, [6.0, 12.0], members=2, limits=(0.98, 1.0), percent_per_100_periods=20.0
+    ... )
+    >>> curve.median.shape
+    (2,)
+    >>> bool(curve.median[1] > curve.median[0])
+    True
+    """
     rate: Any = percent_per_100_periods
     case = CurveCase(scene, forces, resonance, limits, rate, steady_start=steady_start)  # type: ignore[arg-type]  # made an array there
     (curve,) = performance_curves(
@@ -348,7 +437,22 @@ def performance_curve(
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass over a curve: so many of its ``forces`` (None: all), swept so many times ``faster`` than the case says, with its first ``members``."""
+    """Pass over a performance curve, see `curve_passes`.
+
+    Parameters
+    ----------
+    forces : int, optional
+        Number of forces, spread over the case's. None: all of them.
+    faster : float, optional
+        Factor on the sweep rate of the case.
+    members : int, optional
+        Number of members of the ensemble.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+    """
 
     forces: int | None = None
     faster: float = 1.0

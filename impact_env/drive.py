@@ -36,9 +36,22 @@ LEAST_DAMPING = 1e-4  # the sweep of an undamped resonance would never end
 
 @dataclass(frozen=True, eq=False)
 class FrequencySchedule:
-    """Piecewise-linear circular frequency: ``times`` (K,) in s from 0, strictly rising, and ``omegas`` (K,) in rad/s, K >= 2.
+    """Circular frequency over time in straight lines.
 
-    ``reference`` is the resonance frequency in rad/s that defines the pseudo period and the frequency ratio.
+    Parameters
+    ----------
+    times : array_like, (K,)
+        Times in s, strictly rising from 0, K >= 2.
+    omegas : array_like, (K,)
+        Circular frequencies in rad/s at these times.
+    reference : float
+        Circular frequency of the resonance in rad/s. It defines the pseudo period 2 pi/reference and
+        the frequency ratio omega/reference.
+
+    Raises
+    ------
+    ParameterError
+        Times do not rise from 0, lengths differ, or a value is out of range.
     """
 
     times: NDArray[np.float64]
@@ -114,7 +127,37 @@ def linear_sweep(
     stop_ratio: float = PAPER_LIMITS[1],
     percent_per_100_periods: float = PAPER_RATE,
 ) -> FrequencySchedule:
-    """Return a linear sweep between two ratios of ``reference`` (rad/s); up or down follows from the ratios (paper, section 3.3)."""
+    """Return a linear sweep of the frequency (paper, section 3.3).
+
+    Parameters
+    ----------
+    reference : float
+        Circular frequency of the resonance in rad/s. It defines the pseudo period 2 pi/reference.
+    start_ratio, stop_ratio : float, optional
+        First and last frequency as ratios to the reference. The sweep goes up or down accordingly.
+    percent_per_100_periods : float, optional
+        Sweep rate in % of the reference per 100 pseudo periods, above 0.
+
+    Returns
+    -------
+    FrequencySchedule
+        The frequency over time, from time 0.
+
+    Raises
+    ------
+    ParameterError
+        Both ratios are equal, a value is out of range, or the sweep would take more than 1e9 pseudo
+        periods.
+
+    Examples
+    --------
+    >>> from impact_env import linear_sweep
+    >>> schedule = linear_sweep(100.0, 0.9, 1.0, 1.0)
+    >>> schedule.omegas.tolist()
+    [90.0, 100.0]
+    >>> round(schedule.periods)
+    1000
+    """
     reference = positive("reference frequency", reference, LOWEST_OMEGA, HIGHEST_OMEGA)
     start = non_negative("start ratio", start_ratio, MOST_RATIO)
     stop = non_negative("stop ratio", stop_ratio, MOST_RATIO)
@@ -154,7 +197,33 @@ def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
 
 
 def constant_frequency(reference: float, ratio: float, periods: float) -> FrequencySchedule:
-    """Return a constant frequency ``ratio * reference`` over a number of pseudo periods."""
+    """Return a constant frequency.
+
+    Parameters
+    ----------
+    reference : float
+        Circular frequency of the resonance in rad/s. It defines the pseudo period 2 pi/reference.
+    ratio : float
+        Frequency as a ratio to the reference.
+    periods : float
+        Duration in pseudo periods.
+
+    Returns
+    -------
+    FrequencySchedule
+        The frequency over time, from time 0.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import constant_frequency
+    >>> constant_frequency(100.0, 0.98, 50.0).omegas.tolist()
+    [98.0, 98.0]
+    """
     reference = positive("reference frequency", reference, LOWEST_OMEGA, HIGHEST_OMEGA)
     duration = positive("periods", periods, most=MOST_PERIODS) * 2 * np.pi / reference
     return FrequencySchedule(
@@ -166,7 +235,28 @@ def constant_frequency(reference: float, ratio: float, periods: float) -> Freque
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Force amplitude * cos(integral of omega + phase) (paper, Eq. exc): ``amplitude`` in N, ``phase`` in rad."""
+    """Harmonic force F(t) = amplitude cos(integral of omega + phase) (paper, Eq. exc).
+
+    Parameters
+    ----------
+    amplitude : float
+        Force amplitude in N.
+    schedule : FrequencySchedule
+        Circular frequency omega over time, see `linear_sweep` and `constant_frequency`.
+    phase : float, optional
+        Phase in rad at time 0.
+
+    Raises
+    ------
+    ParameterError
+        A value is not finite, or the schedule is none.
+
+    Examples
+    --------
+    >>> from impact_env import Drive, constant_frequency
+    >>> Drive(3.5, constant_frequency(252.3, 1.0, 100.0)).amplitude
+    3.5
+    """
 
     amplitude: float
     schedule: FrequencySchedule

@@ -63,7 +63,18 @@ class Exact:
 
 @dataclass(frozen=True)
 class Moreau:
-    """The paper's time stepping for rigid contact (paper, section 2.4): ``steps_per_period`` of the highest mode."""
+    """Moreau's time stepping scheme, for rigid contact (paper, section 2.4).
+
+    Parameters
+    ----------
+    steps_per_period : int, optional
+        Steps in a period of the highest mode.
+
+    Raises
+    ------
+    ParameterError
+        The value is out of range.
+    """
 
     steps_per_period: int = PAPER_STEPS
 
@@ -79,9 +90,22 @@ class Moreau:
 
 @dataclass(frozen=True)
 class RungeKutta:
-    """Classical fourth-order stepping for linear scenes and compliant contact (paper, appendix A): steps per period of the highest mode
-    and per contact, whose duration is pi sqrt(m_a/k).
-    """  # noqa: D205
+    """Classical Runge-Kutta method of order four, for linear scenes and compliant contact.
+
+    The paper uses it for compliant contact (appendix A).
+
+    Parameters
+    ----------
+    steps_per_period : int, optional
+        Steps in a period of the highest mode.
+    steps_per_contact : int, optional
+        Steps in a wall contact, whose duration is pi sqrt(m_a/k).
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+    """
 
     steps_per_period: int = PAPER_STEPS
     steps_per_contact: int = PAPER_STEPS

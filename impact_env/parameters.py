@@ -101,7 +101,22 @@ MOST_DAMPING = (
 
 @dataclass(frozen=True)
 class Section:
-    """Some ``elements`` of a beam, one after the other, with their own bending stiffness EI (N m^2) and mass per length (kg/m)."""
+    """Section of a beam with its own stiffness and mass.
+
+    Parameters
+    ----------
+    elements : int
+        Number of elements of the section.
+    bending_stiffness : float
+        Bending stiffness EI in N m^2.
+    mass_per_length : float
+        Mass per length in kg/m.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+    """
 
     elements: int
     bending_stiffness: float
@@ -118,14 +133,52 @@ class Section:
 
 @dataclass(frozen=True)
 class Beam:
-    """Straight beam of Hermite Euler-Bernoulli elements of one length, kept to its lowest modes (paper, section 2.1 and Table 1).
+    """Straight Euler-Bernoulli beam of Hermite elements, reduced to its lowest modes.
 
-    Positions are fractions of the length, measured from the left end, the clamped one of the paper's cantilever. ``damping_ratio`` is one number
-    for all modes or one per mode. ``modal_frequency_ratio`` maps a mode number (2 or more, counted from 1) to a wanted ratio
-    omega_i/omega_1; the paper varies omega_2 so. ``ends`` is one of `ENDS`, left and right. ``tip_mass`` in kg sits on the right end.
-    ``sections`` follow each other from the left; elements after them have the beam's own values. The response level is read at
-    ``response_position``; None: where the absorber is. A beam whose ends leave it rigid-body motions needs a ``suspension_frequency`` in Hz:
-    these motions then are its first modes, on soft springs.
+    The defaults are the paper's cantilever (section 2.1 and Table 1). Positions are shares of the
+    length, measured from the left end.
+
+    Parameters
+    ----------
+    length : float, optional
+        Length l in m.
+    bending_stiffness : float, optional
+        Bending stiffness EI in N m^2.
+    mass_per_length : float, optional
+        Mass per length in kg/m.
+    elements : int, optional
+        Number of finite elements of one length.
+    modes : int, optional
+        Number of modes kept, N_m.
+    damping_ratio : float or tuple of float, optional
+        Modal damping ratio, one for all modes or one for each.
+    force_position, absorber_position : float, optional
+        Positions of the force and of the absorber.
+    modal_frequency_ratio : mapping of int to float, optional
+        Wanted ratio omega_i/omega_1 of a mode i, 2 or above; the paper varies omega_2 in this way.
+    ends : str, optional
+        Left and right support, one of `impact_env.parameters.ENDS`.
+    tip_mass : float, optional
+        Mass on the right end in kg.
+    sections : tuple of Section, optional
+        Sections from the left with their own stiffness and mass. Elements after them have the beam's.
+    response_position : float, optional
+        Position where the response level is read. None: the absorber's.
+    suspension_frequency : float, optional
+        Frequency in Hz of the rigid-body motions on soft springs, which then are the first modes. A
+        beam whose supports leave it rigid-body motions needs it.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range, or a support leaves no mode of the kind that is asked for.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, modal_model
+    >>> beam = Beam(length=1.0, modes=3)
+    >>> modal_model(beam).omega.shape
+    (3,)
     """
 
     length: float = 0.5  # m
@@ -251,7 +304,20 @@ class Beam:
 
 @dataclass(frozen=True)
 class RigidWalls:
-    """Cavity walls with Newton's impact law (paper, Eqs. signorini and impulse). ``gap`` is the clearance to either wall in m."""
+    """Rigid cavity walls with Newton's impact law (paper, Eqs. signorini and impulse).
+
+    Parameters
+    ----------
+    gap : float, optional
+        Clearance to either wall in m.
+    restitution : float, optional
+        Coefficient of restitution, 0 to 1.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+    """
 
     gap: float = 1e-3
     restitution: float = 1.0
@@ -394,7 +460,20 @@ class CoulombFriction:
 
 @dataclass(frozen=True)
 class ElasticCoulombFriction:
-    """Spring k_t in series with a Coulomb slider (paper, Eq. elCoulomb). ``limit`` in N, ``stiffness`` k_t in N/m."""
+    """Spring in series with a Coulomb slider (paper, Eq. elCoulomb).
+
+    Parameters
+    ----------
+    limit : float
+        Force of sliding friction mu f_N in N.
+    stiffness : float
+        Stiffness k_t of the spring in N/m.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+    """
 
     limit: float
     stiffness: float
@@ -605,7 +684,35 @@ def impact_absorber(
     friction_limit: float | None = None,
     mass_ratio: float = DEFAULT_MASS_RATIO,
 ) -> SlidingAbsorber:
-    """Return the impact absorber with rigid contact; a ``friction_limit`` of 0 or None leaves friction out."""
+    """Return an impact absorber: a mass between two rigid walls, with or without friction.
+
+    Parameters
+    ----------
+    gap : float, optional
+        Clearance to either wall in m (default: the paper's 1 mm).
+    restitution : float, optional
+        Coefficient of restitution, 0 to 1.
+    friction_limit : float, optional
+        Force of sliding friction mu f_N in N. None or 0: no friction.
+    mass_ratio : float, optional
+        Mass of the absorber over the mass of the structure.
+
+    Returns
+    -------
+    SlidingAbsorber
+        The absorber, to be put on a structure by `beam_scene`.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import impact_absorber
+    >>> impact_absorber(gap=5e-4, restitution=0.7).walls.gap
+    0.0005
+    """
     return SlidingAbsorber(mass_ratio, RigidWalls(gap, restitution), friction_law(friction_limit))
 
 
@@ -615,7 +722,35 @@ def friction_damper(
     friction_stiffness: float | None = None,
     static_friction_ratio: float = 1.0,
 ) -> SlidingAbsorber:
-    """Return the pure friction damper, elastic if there is a ``friction_stiffness`` (N/m); the default limit is the paper's optimum for 3.5 N."""
+    """Return a friction damper: a mass that slides on the structure without walls.
+
+    Parameters
+    ----------
+    friction_limit : float, optional
+        Force of sliding friction mu f_N in N, above 0 (default: the paper's optimum for 3.5 N).
+    mass_ratio : float, optional
+        Mass of the damper over the mass of the structure.
+    friction_stiffness : float, optional
+        Stiffness in N/m of a spring in series with the slider. None: rigid friction.
+    static_friction_ratio : float, optional
+        Static over sliding friction, 1 or above; above 1 only with rigid friction.
+
+    Returns
+    -------
+    SlidingAbsorber
+        The damper, to be put on a structure by `beam_scene`.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import friction_damper
+    >>> friction_damper(0.3).friction.limit
+    0.3
+    """
     ratio = check_static_ratio("static_friction_ratio", static_friction_ratio)
     friction = friction_law(friction_limit, friction_stiffness, ratio)
     allowed = "above 0 for a friction damper: without friction it would not touch the beam, so leave the absorber out"

@@ -70,11 +70,39 @@ def require_recorded(name: str, part: Part | None) -> Part:
 
 @dataclass(frozen=True)
 class Record:
-    """What to observe: response level, impacts and contact phases, the state at samples, the energy balance.
+    """What a run records.
 
-    ``series``: the samples of the whole run, or of a `Window` of it. ``envelope``: least and largest displacement in so many equal parts of the run.
-    ``reversals``: where friction may turn, beside impacts and contact phases; of the exact method with rigid contact.
-    ``check``: whether the exact method's event search missed an event, by dense sampling; for tests, since a run takes much longer.
+    Parameters
+    ----------
+    level : bool, optional
+        Response level (`Response.level`).
+    events : bool, optional
+        Impacts and contact phases (`Response.impacts`, `Response.phases`).
+    series : bool or Window, optional
+        State at the samples of the whole run, or of a part of it (`Response.history`).
+    energy : bool, optional
+        Work and losses (`Response.energy`).
+    samples_per_period : int, optional
+        Samples in a pseudo period, for level, series and envelope.
+    check : bool, optional
+        Whether the exact method's event search missed an event, by dense sampling
+        (`Response.check`). For tests: the run takes much longer.
+    envelope : int, optional
+        Number B of equal parts of the run with their least and largest displacement
+        (`Response.envelope`). None: no envelope.
+    reversals : bool, optional
+        Times without relative velocity (`Response.reversals`), for rigid contact and the exact method.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import Record
+    >>> Record(events=True).level
+    True
     """
 
     level: bool = True
@@ -250,15 +278,39 @@ class RecordedParts:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Result of a run; what was not recorded is None, and refused by name in `require_recorded`.
+    """Result of a run. A part that was not recorded is None; `recorded` refuses such a part by name.
 
-    ``end_state`` as in `InitialState.vector` (`final_state` starts another run), ``stuck_time`` and ``wall_time`` in s.
-
-    ``check`` is None as well where there is no search: in scenes without contact, and with other methods.
-
-    Of several absorbers impacts are counted, and stuck times summed, over all of them.
-    ``steps``: time steps, or stretches between events of the exact method; ``evaluations``: of the right-hand side, or of the exact
-    method's event search, where a block of times counts once (0 for the closed form and the Moreau scheme).
+    Attributes
+    ----------
+    scene, drive, method
+        What was integrated.
+    end_state : array, (2 N_m + 2 n,)
+        State at the end, as `InitialState.vector`. `final_state` starts another run from it.
+    impact_count : int
+        Impacts of all absorbers.
+    stuck_time : float
+        Time in s in which absorbers stick or are held at a wall, summed over the absorbers.
+    steps : int
+        Time steps, or segments between the events of the exact method.
+    evaluations : int
+        Evaluations of the right-hand side, or of the exact method's event search, where a block of
+        times counts once. 0 for linear scenes and the Moreau scheme.
+    wall_time : float
+        Duration of the computation in s.
+    level : ResponseLevel or None
+        Response level, with `Record` ``level=True``.
+    impacts, phases : Impacts, ContactPhases or None
+        Impacts and contact phases, with ``events=True``.
+    history : History or None
+        State at the samples, with ``series``.
+    energy : EnergyAccount or None
+        Work and losses, with ``energy=True``.
+    check : SearchCheck or None
+        Check of the event search, with ``check=True``. None also without an event search.
+    envelope : Envelope or None
+        Least and largest displacements, with ``envelope``.
+    reversals : Reversals or None
+        Times without relative velocity, with ``reversals=True``.
     """
 
     scene: Scene

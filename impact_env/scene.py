@@ -125,10 +125,32 @@ class Scene:
 
 
 def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) -> Scene:
-    """Return the scene of a beam (default: the paper's) or a modal model, and an absorber (default: none).
+    """Return the scene of a structure with or without an absorber.
 
-    Several absorbers have their own positions on a beam; the level is measured at the beam's response position, or at its absorber position, which
-    then must be the free end. In a modal model they are where its absorber shapes say.
+    Parameters
+    ----------
+    beam : Beam or ModalModel, optional
+        Beam, or the modal model of any structure (see `load_structure`). Default: the paper's beam.
+    absorber : optional
+        `impact_absorber`, `friction_damper`, `TunedAbsorber`, `NonlinearSink`, `StuckAbsorber`,
+        `SlidingAbsorber` or `SeveralAbsorbers`. None: the structure alone.
+
+    Returns
+    -------
+    Scene
+        What `simulate` integrates.
+
+    Raises
+    ------
+    ParameterError
+        An argument is of another class, or the beam's values fit no modal model.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, beam_scene, impact_absorber
+    >>> scene = beam_scene(Beam(modes=3), impact_absorber())
+    >>> round(scene.absorber_mass, 6)
+    0.011275
     """
     beam = Beam() if beam is None else instance("beam", beam, Beam | ModalModel)
     if isinstance(beam, ModalModel) or not isinstance(absorber, SeveralAbsorbers):
@@ -151,10 +173,30 @@ def _check_state(name: str, value: Any) -> float | NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class InitialState:
-    """State at time 0: modal displacement (N_m,) and velocity (N_m,), absorber displacement (m) and velocity (m/s). None is rest.
+    """State at time 0.
 
-    An absorber displacement of None puts the absorber at the middle of the cavity: it starts with the displacement of the beam at its place. Several
-    absorbers take one number each, or one for all.
+    Parameters
+    ----------
+    modal_displacement : array_like, (N_m,), optional
+        Modal displacements in sqrt(kg) m. None: zero.
+    modal_velocity : array_like, (N_m,), optional
+        Modal velocities in sqrt(kg) m/s. None: zero.
+    absorber_displacement : float or array_like, (n,), optional
+        Displacement of the absorber in m; of several absorbers one number each, or one for all. None:
+        the middle of the cavity, the displacement of the structure at the absorber's place.
+    absorber_velocity : float or array_like, (n,), optional
+        Velocity of the absorber in m/s.
+
+    Raises
+    ------
+    ParameterError
+        A value is not finite. `simulate` also refuses a wrong length, and a place outside the cavity.
+
+    Examples
+    --------
+    >>> from impact_env import InitialState
+    >>> InitialState(absorber_velocity=0.1).absorber_velocity
+    0.1
     """
 
     modal_displacement: NDArray[np.float64] | None = None

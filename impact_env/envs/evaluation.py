@@ -234,12 +234,39 @@ def evaluate(
     episodes: int = EPISODES,
     arguments: Mapping[str, Any] | None = None,
 ) -> Evaluation:
-    """Play one episode on each of the first seeds of a split and return scores, intervals and differences.
+    """Play a policy on the first seeds of a split and return its scores, with intervals.
 
-    ``policy``: a function of observations (L, features) that returns actions (L, A), a model of stable-baselines3 (its deterministic action), an
-    agent of `load_agent`, or a constant action. ``against``: another one, or several by name, played on the same seeds. ``split``: "train",
-    "validation" or "test", handed on to environments that have an argument of that name. ``arguments`` of the environment; scores of others than
-    its defaults are not comparable with those that are published. Needs gymnasium. Raises ParameterError for what is not allowed.
+    Parameters
+    ----------
+    policy : callable, model, agent or action
+        Function of observations (L, features) that returns actions (L, A); or a model of
+        stable-baselines3, whose deterministic action is taken; or an agent of `load_agent`; or one
+        constant action.
+    env_id : str
+        Registered name, as "ImpactAbsorber/SweepRate-v1".
+    split : {"test", "train", "validation"}, optional
+        Seeds. Environments with an argument ``split`` get it too.
+    against : policy or mapping of str to policy, optional
+        Other policies on the same seeds.
+    episodes : int, optional
+        Number of episodes, one for each seed, 2 or more.
+    arguments : mapping, optional
+        Arguments of the environment. Scores with others than its defaults do not compare with
+        published scores.
+
+    Returns
+    -------
+    Evaluation
+        Scores, their means with 95 % bootstrap intervals, and differences to the other policies.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range, or the name is no environment's.
+
+    Notes
+    -----
+    Needs gymnasium, the extra ``env``.
     """
     require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
     split = one_of("split", split, SEED_SPLITS)
