@@ -70,4 +70,5 @@ def test_numbers_of_files_that_are_not_converted_only_become_smaller(tmp_path: P
 
 def test_the_sources_have_no_more_findings_than_are_known() -> None:
     known = lint.tomllib.loads(lint.NOT_CONVERTED.read_text())
-    assert lint.check_names(ROOT, known)[0] == []
+    lines = lint.check_names(ROOT, known)[0]
+    assert [line for line in lines if not line.endswith(lint.SMALLER)] == []
