@@ -110,7 +110,7 @@ def _harmonics_of(drive: AnyDrive) -> list[_Harmonic]:
         drive = Loads((Force(drive),))
     if drive.start != LOAD_STARTS[0]:
         return []
-    found = []
+    harmonics = []
     for part in drive.parts:
         if find_schedule(part) is None and not isinstance(part, Tones):
             continue
@@ -118,8 +118,8 @@ def _harmonics_of(drive: AnyDrive) -> list[_Harmonic]:
             omega, _, phase, real, imaginary = piece.rows[0, :5].tolist()
             size = complex(real, imaginary) * complex(np.exp(1j * phase))
             force, base = (0j, size) if piece.moves_base else (size, 0j)
-            found.append(_Harmonic(omega, force, base))
-    return found
+            harmonics.append(_Harmonic(omega, force, base))
+    return harmonics
 
 
 def _sliding_absorbers(scene: Scene) -> tuple[SlidingAbsorber, ...]:
