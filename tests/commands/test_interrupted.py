@@ -260,12 +260,12 @@ def test_during_imports_it_is_one_line(tmp_path: Path) -> None:
 
 ENDLESS = """
 import ctypes, pathlib, sys
-from impact_env.kernels.compiling import parts
+from impact_env.kernels.compiling import numba_internals
 def compile_endlessly(*_):
     pathlib.Path("compiling").touch()
     while True:
         ctypes.CDLL(None).sleep(100)  # as LLVM it heeds no signal
-parts._WholeCompiler._compile_core = compile_endlessly
+numba_internals._WholeCompiler._compile_core = compile_endlessly
 """
 SCENE = """
 import impact_env as i

@@ -1,17 +1,24 @@
 """How kernels are compiled: one that Python calls in one piece with all that it calls, without what cannot be reached."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import pytest
+from core import drive_of, scene_of
 from numba.core.caching import NullCache
+from numba.core.dispatcher import _FunctionCompiler
 from numba.core.errors import TypingError
 from places import SUPPORT
 from places import fresh as process
 
+from impact_env.kernels.compiling import numba_check
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
+from impact_env.kernels.exact.linear import linear_lane
+from impact_env.response import Record, Window
+from impact_env.sweep import simulate
 
 
 def fresh(kernel: Any) -> Any:
@@ -231,3 +238,92 @@ def test_machine_code_does_not_depend_on_what_was_compiled_before_and_a_sparing_
     assert len(first["sparing"]) < len(
         first["plain"]
     )  # by how much is the processor's: half on one with AVX-512, a few in a hundred without AVX
+
+
+# --- without numba's internals ---------------------------------------------------------------------------------------------------------
+
+
+SMALL_KERNELS = """
+import logging
+logging.basicConfig(format="%(levelname)s %(message)s")
+from typing import Any, NamedTuple
+import numpy as np
+from impact_env.kernels.compiling.jit import jit, jit_inline
+
+class Group(NamedTuple):
+    values: Any
+    others: Any
+
+@jit_inline
+def total(group):
+    if group.values is None:
+        return 0.0
+    if group.others is None:
+        return group.values[0] + 1.0
+    return group.values[0] + group.others[0]
+
+@jit
+def double(group):
+    return 2.0 * total(group)
+
+three, four = np.array([3.0]), np.array([4.0])
+print(*(double(group) for group in (Group(None, None), Group(three, None), Group(three, four))))
+print(type(double).__name__)
+"""
+
+
+def test_kernels_compile_by_documented_options_where_numba_has_other_internals(
+    tmp_path: Path,
+) -> None:
+    """The same values, with branches on None pruned, and one warning."""
+    file = tmp_path / "small_kernels.py"
+    file.write_text(SMALL_KERNELS, encoding="utf-8")
+    usual = process(file)
+    documented = process(file, IMPACT_ENV_DOCUMENTED_NUMBA=1)
+    assert usual.stdout.splitlines() == ["0.0 8.0 14.0", "Kernel"]
+    assert documented.stdout.splitlines() == ["0.0 8.0 14.0", "CPUDispatcher"]
+    assert usual.stderr.count("WARNING") == 0
+    assert documented.stderr.count("documented options") == 1
+
+
+@pytest.mark.parametrize(
+    ("version", "missing", "expected"),
+    [
+        ("0.70.0", None, "not one of the versions tested"),
+        ("0.64.1", None, "not one of the versions tested"),
+        ("0.68.1", "_compile_core", "_FunctionCompiler._compile_core"),
+        ("0.68.1", None, ""),
+    ],
+)
+def test_other_versions_and_missing_internals_of_numba_are_noticed(
+    monkeypatch: pytest.MonkeyPatch, version: str, missing: str | None, expected: str
+) -> None:
+    monkeypatch.delenv(numba_check.DOCUMENTED_ONLY, raising=False)
+    monkeypatch.setattr(numba, "__version__", version)
+    if missing is not None:
+        monkeypatch.delattr(_FunctionCompiler, missing)
+    obstacle = numba_check.find_obstacle.__wrapped__()
+    assert expected in obstacle
+    assert bool(obstacle) == bool(expected)
+
+
+# --- one kernel for every record ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_one_kernel_serves_every_record_but_energies() -> None:
+    """Without an absorber, whose kernel is the smallest; all kinds of scenes have the same observers."""
+    scene = scene_of(None, modes=2)
+    drive = drive_of(1.0, 1.0, periods=3.0)
+    simulate(scene, drive)
+    kernels = set(linear_lane.signatures)
+    for record in (
+        Record(level=False),
+        Record(events=True),
+        Record(series=True),
+        Record(series=Window(0.0, 0.01)),
+        Record(envelope=3),
+        Record(events=True, series=True, envelope=2),
+    ):
+        simulate(scene, drive, record=record)
+    assert set(linear_lane.signatures) == kernels

@@ -19,8 +19,7 @@ import numba
 from numba.core import types
 from numba.extending import intrinsic
 
-from impact_env.kernels.compiling.cache import attach_cache
-from impact_env.kernels.compiling.parts import kernel
+from impact_env.kernels.compiling.numba_check import compile_documented, find_obstacle
 from impact_env.kernels.compiling.plain_code import PlainCode, PlainNumber
 from impact_env.kernels.compiling.plain_code import opened as at_hand
 from impact_env.kernels.compiling.vector_code import Code, opened
@@ -44,6 +43,11 @@ _PLAIN: dict[str, Any] = {
 def _njit(**options: Any) -> Callable[[Any], Any]:
     if not COMPILED:
         return lambda function: function
+    if find_obstacle():
+        return lambda function: compile_documented(function, **options)
+    from impact_env.kernels.compiling.cache import attach_cache
+    from impact_env.kernels.compiling.numba_internals import kernel
+
     return lambda function: attach_cache(kernel(function, **options))
 
 

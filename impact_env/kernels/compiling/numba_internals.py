@@ -1,0 +1,241 @@
+"""A kernel that Python calls is compiled in one piece with all the kernels that it calls.
+
+numba optimises every function with what it calls, and makes machine code of it, before its caller
+does the same once more: with calls a dozen deep most of that is thrown away. Here a kernel that is
+met while another is compiled stays LLVM's intermediate code, a `Part`; only the kernel called from
+Python, a `Kernel`, is optimised and becomes machine code, with all its parts at once. So what it
+computes does not depend on what else a process has compiled. And two things are left out before
+types are inferred, which numba would compile and LLVM then drop: branches for an argument, or a
+field of one, that is None where it is not, and a function compiled once more for each constant that
+it is called with.
+
+How far a kernel is inlined is decided by what it is given. numba hands the wish to be inlined on to
+all that a part calls, so that nearly a whole lane becomes one function: the quickest to run, and
+slow to compile. A kernel that is given a `limit_inlining` group, as one that records much, has
+parts of its own, and of these only those that ask for it themselves are inlined at every call.
+Where two other kernels share a part, and only one of them wishes it inlined, the one that is
+compiled first still decides for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property, partial
+from typing import Any
+
+from numba.core import event, sigutils, types
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import _FunctionCompiler
+from numba.core.registry import CPUDispatcher
+
+from impact_env.kernels.compiling.numba_check import PruningPipeline
+from impact_env.kernels.compiling.parts import (
+    COMPILING,
+    INLINING_LIMITED,
+    ONLY_CACHED,
+    NotCached,
+    run_in_thread,
+)
+
+# changed under the compiler's lock
+_nested = 0  # kernels under way, one within the other
+_inlining_limited = False  # whether the outermost of them is inlined sparingly
+
+
+def _limits_inlining(kind: Any) -> bool:
+    if isinstance(kind, types.BaseNamedTuple) and kind.instance_class in INLINING_LIMITED:
+        return True
+    return isinstance(kind, types.BaseTuple) and any(_limits_inlining(element) for element in kind)
+
+
+@contextmanager
+def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
+    """Count a kernel that is being compiled; the outermost decides how far all are inlined."""
+    global _nested, _inlining_limited
+    with global_compiler_lock:
+        if not _nested:
+            _inlining_limited = any(map(_limits_inlining, args))
+        _nested += 1
+        try:
+            yield
+        finally:
+            _nested -= 1
+
+
+class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """The code of one part, as it is before LLVM's module passes; what it calls is kept beside it."""
+
+    def finalize(self) -> None:
+        """End it without machine code."""
+        self._raise_if_finalized()
+        self._finalize_dynamic_globals()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "external":
+                # as numba's own for linking: may be there twice, inlined and dropped
+                function.linkage = "linkonce_odr"
+        self._shared_module = self._final_module
+        self._finalized = True
+
+
+class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """A kernel's code with that of all its parts."""
+
+    def finalize(self) -> None:
+        """Link all parts, also those of parts, each once; optimise, and make machine code."""
+        self._linking_libraries = order_libraries(self._linking_libraries)
+        super().finalize()
+
+
+def order_libraries(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
+    """Return libraries and all that they link, ordered so that users precede their dependencies, as LLVM's linker needs them."""
+    seen: set[CodeLibrary] = set()
+    backwards: list[CodeLibrary] = []
+
+    def visit(library: CodeLibrary) -> None:
+        if library in seen:
+            return
+        seen.add(library)
+        if isinstance(library, PartLibrary):
+            for used in reversed(library._linking_libraries):
+                visit(used)
+        backwards.append(library)
+
+    for library in reversed(libraries):
+        visit(library)
+    return backwards[::-1]
+
+
+class _Pipeline(PruningPipeline):
+    """The passes of kernels, with a library of its own kind."""
+
+    library_class: type[JITCodeLibrary]
+
+    def __init__(self, typingctx: Any, targetctx: Any, library: Any, *others: Any) -> None:
+        if library is None:
+            library = self.library_class(targetctx.codegen(), self.library_class.__name__)
+            library.enable_object_caching()
+        super().__init__(typingctx, targetctx, library, *others)
+
+
+class _PartPipeline(_Pipeline):
+    library_class = PartLibrary
+
+
+class _WholePipeline(_Pipeline):
+    library_class = WholeLibrary
+
+
+class _PartCompiler(_FunctionCompiler):  # type: ignore[misc]
+    """Compiles without machine code, and without the wrapper for callers in Python."""
+
+    def _customize_flags(self, flags: Any) -> Any:
+        flags.no_compile = flags.no_cpython_wrapper = True
+        return flags
+
+    def _compile_core(self, args: Any, return_type: Any) -> Any:
+        result = super()._compile_core(args, return_type)
+        name = object()  # what callers find the part by, in place of a function of machine code
+        result.library._ensure_finalized()
+        result.target_context.insert_user_function(name, result.fndesc, [result.library])
+        return result._replace(entry_point=name)
+
+
+class _LimitedInliningCompiler(_PartCompiler):
+    """Inlines a part everywhere only if it asks for it itself, not for its caller's sake."""
+
+    def _customize_flags(self, flags: Any) -> Any:
+        flags.forceinline = bool(self.targetoptions.get("forceinline"))
+        return super()._customize_flags(flags)
+
+
+class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
+    def _compile_core(self, args: Any, return_type: Any) -> Any:
+        if ONLY_CACHED.get():
+            raise NotCached
+        with event.trigger_event(COMPILING):
+            result = super()._compile_core(args, return_type)
+        for environment in (
+            result._find_referenced_environments()
+        ):  # those of the parts, which no machine code of their own has set
+            result.codegen.set_env(environment.env_name, environment)
+        return result
+
+
+class Part(CPUDispatcher):  # type: ignore[misc]
+    """A kernel as other kernels call it."""
+
+    def __init__(
+        self, function: Callable[..., Any], options: dict[str, Any], compiler: type[_PartCompiler]
+    ) -> None:
+        super().__init__(function, {}, options, _PartPipeline)
+        self._compiler = compiler(function, self.targetdescr, options, {}, _PartPipeline)
+
+    def compile(self, signature: Any) -> Any:
+        """Compile for a caller in a kernel, without numba's timers, which every part below would ring."""
+        args, result_type = sigutils.normalize_signature(signature)
+        if args not in self.overloads:
+            with self._compiling_counter:
+                self.overloads[args] = self._compiler.compile(
+                    args, result_type
+                )  # Python cannot call it
+        return self.overloads[args].entry_point
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A kernel as Python calls it; what its callers in kernels get is its `part`, or its `limited_part`."""
+
+    def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
+        super().__init__(function, {}, options, _WholePipeline)
+        self._compiler = _WholeCompiler(function, self.targetdescr, options, {}, _WholePipeline)
+        self.wait: Callable[[], object] | None = (
+            None  # for another process, which is compiling this kernel
+        )
+
+    @cached_property
+    def part(self) -> Part:
+        """What other kernels call."""
+        return Part(self.py_func, self.targetoptions, _PartCompiler)
+
+    @cached_property
+    def limited_part(self) -> Part:
+        """What other kernels call whose inlining is limited."""
+        return Part(self.py_func, self.targetoptions, _LimitedInliningCompiler)
+
+    @property
+    def _called(self) -> Part:
+        return self.limited_part if _inlining_limited else self.part
+
+    def compile(self, signature: Any) -> Any:
+        """Compile for a caller in Python, or in a function that is no kernel, or load what another process has compiled.
+
+        That is done by a thread of its own, unless this one compiles something already.
+        """
+        if global_compiler_lock.is_locked():
+            return self._compile(signature)
+        return run_in_thread(partial(self._compile, signature))
+
+    def _compile(self, signature: Any) -> Any:
+        if self.wait is not None:
+            self.wait()
+        with _compiling(sigutils.normalize_signature(signature)[0]):
+            return super().compile(signature)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return the signature for a caller's type inference; within kernels constants are passed as numbers, so that one part serves all."""
+        if not _nested:
+            return super().get_call_template(args, kws)
+        return self._called.get_call_template(
+            tuple(map(types.unliteral, args)),
+            {name: types.unliteral(kind) for name, kind in kws.items()},
+        )
+
+    def get_overload(self, signature: Any) -> Any:
+        """Return the function that the caller's code calls."""
+        return self._called.get_overload(signature) if _nested else super().get_overload(signature)
+
+
+def kernel(function: Callable[..., Any], **options: Any) -> Kernel:
+    """Return a kernel that is compiled when it is first called."""
+    return Kernel(function, {}, {"nopython": True, "boundscheck": None, **options})
