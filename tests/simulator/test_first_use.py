@@ -141,7 +141,7 @@ def test_what_is_compiled_is_told_once_and_callbacks_hear_of_our_kernels_until_t
     assert told(SMALL + OWN, tmp_path) == (["third", "not kept"], [])  # all others are kept
     error = told(LOGGED + SMALL, tmp_path)[1]
     assert [one.startswith(f"LOG impact_env: {line}") for one in error] == [True, True]
-    assert told(SMALL.replace("PATIENCE = 0.0", "PATIENCE = 1000.0"), tmp_path) == (
+    assert told(SMALL.replace("SILENT_SECONDS = 0.0", "SILENT_SECONDS = 1000.0"), tmp_path) == (
         [],
         [],
     )  # what takes no second is not told
