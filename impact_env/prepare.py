@@ -67,7 +67,12 @@ def _run_silently(job: Job) -> None:
 # N, pseudo periods: nothing needs to happen, only to be compiled
 TRIAL_FORCE = 1e-3
 TRIAL_PERIODS = 1.0
-CHILD = "import pickle, sys; sys.path[:] = {path!r}; from impact_env.first_use import suppress_announcements\nwith suppress_announcements(): pickle.load(sys.stdin.buffer)()"
+CHILD = """import pickle, sys
+sys.path[:] = {path!r}
+from impact_env.first_use import suppress_announcements
+with suppress_announcements():
+    pickle.load(sys.stdin.buffer)()
+"""
 
 
 def short_run(
