@@ -22,8 +22,8 @@ def main(way: str) -> None:
     """Print whether it was kept before, processes, times that it was loaded, whether one still runs, whether it is kept now."""
     beside.available_cores = lambda: 2
     call = partial(job, way)
-    before = beside.is_kept(call)
-    with beside.alongside(compute_phase, call):
+    before = beside.is_cached(call)
+    with beside.run_alongside(compute_phase, call):
         processes = len(multiprocessing.active_children())
         compute_phase(LINE, 1.0, 0.5)
     left = len(multiprocessing.active_children())
@@ -33,7 +33,7 @@ def main(way: str) -> None:
         sum(compute_phase.stats.cache_hits.values()),
         left,
         compute_phase.wait,
-        beside.is_kept(call),
+        beside.is_cached(call),
     )
 
 
