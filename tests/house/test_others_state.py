@@ -39,7 +39,7 @@ from impact_env.ensemble import Lane, run_lanes
 from impact_env.kernels.compiling.jit import jit
 from optimisation.search.study import DesignStudy
 import optimisation.report.sweep_report
-from studies.paper.frame import legends, panels, saved
+from studies.paper.frame import draw_legends, make_panels, make_saver
 from design_studies import Model, problem, settings
 
 @jit
@@ -56,12 +56,12 @@ gymnasium.make("ImpactAbsorber/Passive-v0").close()
 DesignStudy(problem(), settings()).run(2, Model())
 
 def draw():
-    figure, axes = panels(1, 1, 3.0)
+    figure, axes = make_panels(1, 1, 3.0)
     assert axes[0, 0].xaxis.label.get_fontsize() == 8.5
-    legends(axes)
+    draw_legends(axes)
     return figure
 
-saved(draw)(pathlib.Path(__file__).with_name("figure.png"))
+make_saver(draw)(pathlib.Path(__file__).with_name("figure.png"))
 after = state()
 print(*(name for name in before if before[name] != after[name]))
 """

@@ -21,8 +21,8 @@ WHOLE = """
 import golden, impact_env, inspect, json
 from every_scene import bits
 from impact_env import warm_up
-from impact_env.kernels.exact.rigid import pass_event
-assert inspect.isfunction(pass_event)  # what a debugger steps into
+from impact_env.kernels.exact.rigid import handle_event
+assert inspect.isfunction(handle_event)  # what a debugger steps into
 told = []
 impact_env.on_compile(told.append)
 values = golden.run_cases()

@@ -72,7 +72,7 @@ def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
     """Two windows: a slow chirp from the window's start on, and a quick one from somewhere in it; one of them pushes as hard as 0.01 N or 100 N."""
     scene = scene_of(model)
     free, stuck, reach = rigid_regimes(scene, 3.2 * scene.model.pseudo_period())
-    slots = (stuck if joined else free).slots
+    slots = (stuck if joined else free).system
     found = []
     for k, share in enumerate((0.0, rng.uniform(0.3, 0.8))):
         omega = scene.model.omega[0] * rng.uniform(0.8, 1.2) * (1 + 2 * k)

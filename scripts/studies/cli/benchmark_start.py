@@ -34,8 +34,8 @@ NAME = "start"
 FIRST_CALL = """
 import sys
 from impact_env import simulate
-from studies.variants import METHODS, RECORDS, Variant
-variant = Variant(*sys.argv[1:])
+from studies.variants import METHODS, RECORDS, KernelVariant
+variant = KernelVariant(*sys.argv[1:])
 simulate(variant.scene(), variant.drive(1.0), METHODS[variant.method], record=RECORDS[variant.record])
 """
 FIRST_CALLS = (
