@@ -106,12 +106,12 @@ def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
     scene = to_scene(plain, path.parent)
     beam = to_beam(plain)
     absorber = scene.absorber
-    if absorber is not None:
-        usable_mass_ratio(f"{path}: mass_ratio", absorber.mass_ratio)
     if not isinstance(absorber, SlidingAbsorber) or not isinstance(absorber.walls, RigidWalls):
         raise BadInput(
             f"--scene = {path} is not allowed: a scene with one impact absorber between rigid walls"
         )
+    mass_ratio = usable_mass_ratio(f"{path}: mass_ratio", absorber.mass_ratio)
+    absorber = replace(absorber, mass_ratio=mass_ratio)
     if beam is None:
         return scene.model, absorber
     return (
