@@ -75,11 +75,16 @@ def stationary_level(
 
 
 def sweep_ratio(
-    model: ModalModel, rate: float, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS
+    model: ModalModel,
+    rate: float,
+    resonance: int = 1,
+    limits: tuple[float, float] = PAPER_LIMITS,
+    steady: bool = True,
 ) -> float:
     """Return the level of the sweeps without absorber (the larger of up and down) over `stationary_level`; 0 for an undamped resonance.
 
-    They start from the steady state at their first frequency. ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r.
+    They start from the steady state at their first frequency, or from rest (``steady`` False).
+    ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r.
     Raises ParameterError for numbers out of range.
     """
     model = instance("model", model, ModalModel)
@@ -93,7 +98,8 @@ def sweep_ratio(
     levels = []
     for start, stop in (limits, limits[::-1]):
         drive = Drive(1.0, linear_sweep(model.resonance_omega(resonance), start, stop, rate))
-        level = simulate(scene, drive, initial=find_steady_start(scene, drive)).level
+        start_state = find_steady_start(scene, drive) if steady else None
+        level = simulate(scene, drive, initial=start_state).level
         assert level is not None
         levels.append(level.value)
     return max(levels) / stationary

@@ -72,6 +72,7 @@ from optimisation.report.frequency_report import (
 )
 from optimisation.search.find import BARS, Plan, find
 from optimisation.search.judge import AUDITED, Findings
+from optimisation.search.ledger import check_study_file
 from optimisation.search.settings import FAST, GP, SAMPLERS, SCIPY, default_settings
 from optimisation.search.smooth import MEMBERS as SMOOTH_MEMBERS
 from optimisation.variables import GAP, IMPACT, VARIABLES
@@ -276,6 +277,8 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
         given["from_scratch"],
         given["audit"],
     )
+    journal = design.journal_of(given, out)
+    check_study_file(journal)
     announce_search(
         problem,
         designs * searched_share(problem, plan),
@@ -283,7 +286,7 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
         given["cluster"],
         executor,
     )
-    findings = find(problem, plan, design.journal_of(given, out), executor, BARS)
+    findings = find(problem, plan, journal, executor, BARS)
     frequency: list[ResonanceCurves] = []
     run = None
     try:

@@ -33,6 +33,7 @@ from optimisation.report.cards import front_card
 from optimisation.report.design_figures import save_front
 from optimisation.report.front_report import bounds_of, front_summary, front_table, front_text
 from optimisation.search import pareto as fronts
+from optimisation.search.ledger import check_study_file
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 
@@ -81,6 +82,7 @@ def study(
     """Search, judge and compare; what a Ctrl-C breaks off is left out."""
     designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
     settings = default_settings(problem, given["sampler"], given["batch"], given["seed"])
+    check_study_file(journal)
     announce_search(
         problem,
         designs * (1 + 2 * given["random_seeds"]),

@@ -248,8 +248,9 @@ def run(given: scenes.Options) -> None:
         result = replace(result, measures=measured(given, scene, beam, drives, executor))
     low, high = (float(end) for end in sorted((schedule.omegas / schedule.reference)[[0, -1]]))
     if given["load"] is None and low != high:  # at a constant frequency nothing is swept
+        rate = 1e4 * (high - low) / schedule.periods
         ratio = sweep_ratio(
-            scene.model, 1e4 * (high - low) / schedule.periods, given["resonance"], (low, high)
+            scene.model, rate, given["resonance"], (low, high), given["initial_state"] == STEADY
         )
         result = replace(result, sweep_ratio=ratio)
     click.echo(summary(result, given["resonance"]))

@@ -80,6 +80,11 @@ def _fold(value: object, known: hashlib._Hash) -> None:
         known.update(repr(value).encode() + b";")
 
 
+def check_study_file(file: Path) -> None:
+    """Raise ParameterError if a file cannot take a study."""
+    Kept(file, FILE).close()
+
+
 @contextmanager
 def remembering(
     executor: Executor, identity: dict[str, object], file: Path | None

@@ -248,6 +248,7 @@ search_methods --quick
 friction_branches --quick
 your_structure
     --page none.md -> none.md
+    --page bare.md -> printed blocks
 mutation_test
     --only nothing -> --only = nothing is not allowed
 check_places --quick

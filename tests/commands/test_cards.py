@@ -121,7 +121,8 @@ def test_the_comparisons_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
             )
             none = part["concepts"]["none"]["at_best_force_of_impact_absorber"]["response_level_m"]
             share = 100 * at["response_level_m"] / none
-            expected[heading, concept["label"]] = f"{level}, {share:.3g} %"
+            place = f"read at {at['level_frequency_ratio']:.4g} of the resonance"
+            expected[heading, concept["label"]] = f"{level}, {share:.3g} %, {place}"
             words = ""
             if "stiffness" in absorber:
                 words = f"{absorber['stiffness']:.6g} N/m, {absorber['damping']:.4g} N s/m"
@@ -148,11 +149,15 @@ def test_the_comparisons_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
         expected[heading, halves] = known if good[at] else "at no force that is known"
     expected |= assumptions((1, 2), "2; more are not tried")
     borne = {label for heading, label in rows_of(tmp_path) if heading == "What it bears there"}
-    check_rows(rows_of(tmp_path), expected, borne)
+    ranges = {f"resonance {number} swept over" for number in content["resonances"]}
+    found = {
+        key: text.removesuffix(", an end of the sweeps") for key, text in rows_of(tmp_path).items()
+    }
+    check_rows(found, expected, borne | ranges | {"in brackets"})
     for key in ("none", "impact", "friction"):
         one = content["resonances"]["1"]["concepts"][key]
         assert one["label"] in result.output
-    (figure,) = drawn
+    figure = drawn[0]  # the other one is the level over the frequency
     looks = {
         "none": "no absorber",
         "friction": "friction damper",
@@ -220,7 +225,7 @@ def test_the_gaps_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for (_, label), text in found.items():  # the card is printed, too
         assert f"  {label}" in result.stdout
         assert text in result.stdout
-    (figure,) = drawn
+    figure = drawn[0]  # the other one is the level over the frequency
     (panel,) = figure.axes
     full = [row for row in read(tmp_path / "levels.csv") if row["members"] == "2"]
     names = ("gap_m", "level_median_m", "level_5_percent_m", "level_95_percent_m")
@@ -246,6 +251,8 @@ def test_no_card_is_written_or_printed_where_none_is_wanted(
     command = load("design_gap", monkeypatch)
     result = done(command, *line, "--no-card", "--out", tmp_path)
     assert {file.name for file in tmp_path.iterdir()} == {
+        "frequency.csv",
+        "frequency.png",
         "levels.csv",
         "summary.json",
         "levels.png",
@@ -300,7 +307,8 @@ def test_the_searchs_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
             1e3 * one["level_m"], [1e3 * x for x in one["level_5_to_95_percent_m"]], "mm"
         )
         share = f"{100 * one['relative']:.3g} % of no absorber"
-        expected[heading, f"{name}'s design"] = f"{level}, {share}"
+        place = f"read at {one['level_frequency_ratio']:.4g} of the resonance"
+        expected[heading, f"{name}'s design"] = f"{level}, {share}, {place}"
     expected[heading, "no absorber"] = f"{1e3 * condition['without_m']:.4g} mm"
     limit = f"{1e3 * condition['winner']['limit_m']:.4g} mm"
     expected[heading, "no device in this cavity comes below"] = limit
@@ -338,7 +346,9 @@ def test_the_fronts_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     expected["Assumptions", "searched"] = searched
     found = rows_of(folder)
     borne = {label for heading, label in found if heading.startswith("What design")}
-    check_rows(found, expected, borne)
+    levels = {label for _, label in found if label.endswith(": levels")}
+    assert len(levels) == 2
+    check_rows(found, expected, borne | levels)
     (figure,) = drawn
     (panel,) = figure.axes
     columns = [name for name in read(folder / "front.csv")[0] if name.startswith("level_")][:2]

@@ -329,10 +329,8 @@ def test_a_compiler_that_never_ends_is_left_behind(words: str, tmp_path: Path) -
         ENDLESS + COMPILING[words], words if command else "", tmp_path, tmp_path / "compiling"
     )
     if command:
-        assert (code, err.splitlines()[-1].partition(":")[0]) in (
-            (130, "Broken off."),
-            (130, "Stopped early"),
-        )
+        assert code == 130
+        assert err.splitlines()[-1].startswith(("Broken off", "Stopped early"))
         assert "Traceback" not in err
     else:
         assert code == -signal.SIGINT  # what Python does with a KeyboardInterrupt that nobody takes

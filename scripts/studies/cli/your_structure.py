@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from impact_env.parameters import ParameterError
 from optimisation.cli.common import command, plain_errors
 from optimisation.files import replacing
 from optimisation.machine import conditions, sources
@@ -41,6 +42,8 @@ def update_page(page: Path) -> int:
     """
     text = page.read_text(encoding="utf-8")
     blocks = find_blocks(text)
+    if not blocks:
+        raise ParameterError(f"{page} is not allowed: a page with printed blocks")
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         write_files(text, Path(folder))
         results = [
