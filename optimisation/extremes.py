@@ -8,7 +8,7 @@ import numpy as np
 
 from impact_env.drive import MOST_PERIODS, PAPER_LIMITS, Drive, linear_sweep
 from impact_env.modes import ModalModel
-from impact_env.parameters import instance, positive, require, two, within
+from impact_env.parameters import flag, instance, positive, require, two, within
 from impact_env.scene import Scene
 from impact_env.steady_start import find_steady_start
 from impact_env.sweep import simulate
@@ -89,6 +89,7 @@ def sweep_ratio(
     """
     model = instance("model", model, ModalModel)
     limits = two("limits", limits)
+    steady = flag("steady", steady)
     stationary = stationary_level(model, resonance, limits)
     if np.isinf(stationary):
         return 0.0
