@@ -255,6 +255,15 @@ command = partial(
 
 
 @contextmanager
+def stoppable(complete: list[bool]) -> Iterator[None]:
+    """Let Ctrl-C end what runs, set ``complete[0]`` to False then, and go on with what is finished."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        complete[0] = False
+
+
+@contextmanager
 def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
     """Turn a bad value, a missing extra, a run that breaks down, a file that cannot be written, and Ctrl-C into one line and an exit code."""
     try:

@@ -1,7 +1,5 @@
 """Slow invariant manifold: the amplitude that an absorber keeps, by one formula, beside exact orbits."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -132,15 +130,6 @@ def cases_of_map(case: Case, given: dict[str, Any]) -> list[Case]:
     ]
 
 
-@contextmanager
-def stoppable(complete: list[bool]) -> Iterator[None]:
-    """Let Ctrl-C end what runs, and go on with what is finished."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        complete[0] = False
-
-
 @common.command()
 @scene_options(", 0 to 1", friction="none")
 @click.option(
@@ -218,7 +207,7 @@ def main(**given: Any) -> None:
         own = ManifoldCheck(case, resonance, ())
         rows: list[list[Any]] = []
         with (
-            stoppable(complete),
+            common.stoppable(complete),
             validation_alongside(case),
             counting_bar("orbits", "points", leave=False) as show,
         ):

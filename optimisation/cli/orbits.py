@@ -1,7 +1,6 @@
 """Exact periodic orbits of the impact absorber: two impacts a period and what a run settles to, folds, births and mergers of isolas."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -44,6 +43,7 @@ from optimisation.cli.common import (
     json_option,
     name_files,
     plain_errors,
+    stoppable,
 )
 from optimisation.cli.scene_options import (
     is_given,
@@ -82,15 +82,6 @@ Told = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
 
 
-@contextmanager
-def kept(complete: list[bool]) -> Iterator[None]:
-    """Let Ctrl-C end what is under way, and keep what is finished."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        complete[0] = False
-
-
 def searched(
     case: Case,
     ratios: Array,
@@ -113,7 +104,7 @@ def listed(
 ) -> list[OrbitSearch]:
     """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
     found: list[OrbitSearch] = []
-    with kept(complete):
+    with stoppable(complete):
         if given["at"] is None:
             found += searched(
                 case,
@@ -231,7 +222,7 @@ def two_parameters(
     def show(what: str, points: int, _value: float) -> None:
         told(f"{what}, points", points, 0)
 
-    with kept(complete):
+    with stoppable(complete):
         branches = list(orbit_branches(case, *limits, progress=show))
         branches += (
             ()
