@@ -13,7 +13,7 @@ import numpy as np
 from impact_env import Drive, Scene, SlidingAbsorber, simulate
 from impact_env.drive import default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, each_lane
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import command, plain_errors, rate_option, threads_option
 from optimisation.executors import cluster_option, workers
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, advise, expected_factor
 from optimisation.gap_check import scaled_absorber
@@ -270,16 +270,8 @@ def by_run_time(cases: Sequence[StructureCase]) -> tuple[StructureCase, ...]:
     type=click.IntRange(min=1),
     help=f"Fresh runs by which a gap is judged.  [default: {JUDGES}]",
 )
-@click.option(
-    "--rate",
-    type=float,
-    help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]",
-)
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the result does not depend on it.  [default: all cores]",
-)
+@rate_option
+@threads_option
 @cluster_option
 @add_table_options(NAME, "docs/which_gap.md")
 def main(

@@ -12,7 +12,7 @@ import numpy as np
 from impact_env import Beam, Drive, ModalModel, Scene, SlidingAbsorber
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Executor, Lane, each_lane
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import command, plain_errors, rate_option, threads_option
 from optimisation.executors import cluster_option, workers
 from optimisation.gap_advice import MEMBERS, TOLERANCE
 from optimisation.machine import sources
@@ -293,16 +293,8 @@ QUICK_MEMBERS = 1
     type=click.IntRange(min=1),
     help=f"Fresh runs by which a device is judged.  [default: {JUDGES}]",
 )
-@click.option(
-    "--rate",
-    type=float,
-    help="Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]",
-)
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the result does not depend on it.  [default: all cores]",
-)
+@rate_option
+@threads_option
 @cluster_option
 @add_table_options(NAME, "docs/which_place.md")
 def main(
