@@ -1,6 +1,7 @@
 """The commands by name: ``impact-absorber NAME`` anywhere, ``scripts/run NAME`` in a checkout, which also has those that make its pages.
 
 A command is the function ``main`` of the module of its name; a module is imported when its command is called, since some take long or need an extra.
+``periodic`` is a group of its own, whose subcommands are those of `PERIODIC`.
 """
 
 import ast
@@ -33,10 +34,17 @@ HEADINGS = {
         "mass_ratios",
         "tune_ltva",
     ),
-    "Periodic responses": ("orbits", "frequency_response", "isola", "manifold", "balance_error"),
+    "Periodic responses": ("periodic", "frequency_response", "balance_error"),
     "Learn": ("train", "judge", "record_demonstrations"),
     "This installation": ("doctor", "prepare", "cache"),
 }
+# subcommands of ``periodic``, in the order of its help, and their modules
+PERIODIC = {
+    "orbits": "orbits",
+    "isola": "isola",
+    "manifold": "manifold",
+}
+OLDER_NAMES = ("orbits", "isola", "manifold")  # subcommands that are also commands, not listed
 NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)
 HEAD_LINES = 40  # a command says near its top what it needs
 
@@ -54,9 +62,20 @@ def files() -> dict[str, dict[str, Path]]:
     return found
 
 
+def subcommand_files() -> dict[str, Path]:
+    """Return the modules of the subcommands of ``periodic``, by their names."""
+    return {name: HERE / f"{module}.py" for name, module in PERIODIC.items()}
+
+
+def modules() -> dict[str, Path]:
+    """Return the files of all modules that are a command or a subcommand, by the names of the modules."""
+    found = {name: file for commands in files().values() for name, file in commands.items()}
+    return found | {file.stem: file for file in subcommand_files().values()}
+
+
 def file_of(name: str) -> Path | None:
-    """Return the module of a command, None if there is no such command."""
-    return next((commands[name] for commands in files().values() if name in commands), None)
+    """Return the file of the module of a command or subcommand, None if there is none of this name."""
+    return modules().get(name)
 
 
 def imported(name: str) -> ModuleType:
@@ -90,19 +109,34 @@ def refuse(name: str, missing: dict[str, list[str]], /, **_options: object) -> N
 
 
 class Commands(click.Group):
-    """The commands of `files`."""
+    """Commands whose modules are imported when they are called."""
+
+    def sections(self) -> dict[str, dict[str, Path]]:
+        """Return the commands that help lists: the file of each, by heading and name."""
+        return files()
+
+    def older(self) -> dict[str, Path]:
+        """Return further names of commands, which are not listed."""
+        return {name: HERE / f"{PERIODIC[name]}.py" for name in OLDER_NAMES}
+
+    def file_of(self, name: str) -> Path | None:
+        """Return the file of a command of this group, None if there is none of this name."""
+        known = self.older()
+        for commands in self.sections().values():
+            known |= commands
+        return known.get(name)
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's own signature
-        """Return all names."""
-        return sorted(name for commands in files().values() for name in commands)
+        """Return all names that are listed."""
+        return sorted(name for commands in self.sections().values() for name in commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Return a command, None if there is none of this name; without an extra that it needs, it can tell its options only."""
-        file = file_of(cmd_name)
+        file = self.file_of(cmd_name)
         if file is None:
             return None
         try:
-            command: click.Command = imported(cmd_name).main
+            command: click.Command = imported(file.stem).main
         except KeyboardInterrupt:  # click would call it an error of its own
             click.echo("Broken off.", err=True)
             sys.exit(INTERRUPTED)
@@ -115,7 +149,7 @@ class Commands(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is called; raises UsageError, with the names that are most alike, if there is none."""
-        if not args[0].startswith("-") and file_of(args[0]) is None:
+        if not args[0].startswith("-") and self.file_of(args[0]) is None:
             alike = difflib.get_close_matches(args[0], self.list_commands(ctx))
             ctx.fail(
                 f"there is no command {args[0]}"
@@ -125,7 +159,7 @@ class Commands(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the names under their headings, with the first line of each module's docstring, without importing a command."""
-        for heading, commands in files().items():
+        for heading, commands in self.sections().items():
             said = {
                 name: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
                 for name, file in commands.items()
@@ -136,11 +170,14 @@ class Commands(click.Group):
                 )
 
 
+GROUP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 160}
+
+
 @click.command(
     cls=Commands,
     subcommand_metavar="NAME [OPTIONS]",
     options_metavar="",
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 160},
+    context_settings=GROUP_SETTINGS,
 )
 @click.version_option(package_name=DISTRIBUTION)
 def main() -> None:

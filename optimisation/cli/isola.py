@@ -1,4 +1,4 @@
-"""Isolas of periodic responses: the forces at which they are born and merge, over frequency, restitution, friction and number of modes."""
+"""The forces at which isolas of periodic orbits are born and merge."""
 
 from contextlib import closing
 from typing import Any

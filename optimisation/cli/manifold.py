@@ -1,4 +1,4 @@
-"""Slow invariant manifold: the amplitude that an absorber keeps, by one formula, beside exact orbits."""
+"""The slow invariant manifold by one formula, beside exact orbits."""
 
 from dataclasses import replace
 from itertools import product
@@ -180,7 +180,7 @@ def main(**given: Any) -> None:
     Two impacts a period keep the amplitude of the resonant mode on a curve over the absorber's amplitude, whatever the force is. Four variants of
     the formula are printed, from the literature's to the one with all modes, with what each says of fold force, modulation and gap.
 
-    Example: manifold --modes 10 --restitution 0.7 --force 3.5 --plot manifold.png
+    Example: periodic manifold --modes 10 --restitution 0.7 --force 3.5 --plot manifold.png
     """
     with common.plain_errors():
         common.check_targets(given)

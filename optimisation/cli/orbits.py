@@ -1,4 +1,4 @@
-"""Exact periodic orbits of the impact absorber: two impacts a period and what a run settles to, folds, births and mergers of isolas."""
+"""Exact periodic orbits with their stability, folds, births and mergers of isolas."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

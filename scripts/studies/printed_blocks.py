@@ -42,8 +42,11 @@ class Block:
 
     @property
     def command(self) -> str:
-        """Return the name of the command, empty for a Python example."""
-        return shlex.split(self.source)[1] if self.language == "sh" else ""
+        """Return the name of the command or of the subcommand of periodic, empty for a Python example."""
+        if self.language != "sh":
+            return ""
+        _, name, *arguments = shlex.split(self.source)
+        return arguments[0] if name == "periodic" else name
 
 
 def find_blocks(text: str) -> list[Block]:

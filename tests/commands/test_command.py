@@ -111,11 +111,11 @@ QUICK = {  # the shortest form of each command
     "explore": "--help",  # it serves until Ctrl-C
     "judge": "--task GapChoice-v1 --episodes 4",
     "frequency_response": BALANCE,
-    "isola": "--modes 1 --from 0.93",
-    "manifold": "--modes 1 --points 1",
+    "periodic isola": "--modes 1 --from 0.93",
+    "periodic manifold": "--modes 1 --points 1",
     "mass_ratios": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1 1",
     "optimise_design": f"{STEEP} --batch 4 --designs 4 --no-figures",
-    "orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",
+    "periodic orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",
     "pareto": f"{STEEP} --batch 4 --designs 4",
     "prepare": "",
     "record_demonstrations": "--task GapChoice-v1 --episodes 2",
@@ -181,10 +181,14 @@ def declared(script: Path) -> tuple[str, ...]:
 
 
 def shipped() -> dict[str, Path]:
-    """Return the modules of the commands that a wheel has."""
-    return {
-        name: command.HERE / f"{name}.py" for names in command.HEADINGS.values() for name in names
-    }
+    """Return the modules of the commands and subcommands that a wheel has."""
+    subcommands = {f"periodic {name}": file for name, file in command.subcommand_files().items()}
+    return subcommands | {name: command.HERE / f"{name}.py" for name in listed() - {"periodic"}}
+
+
+def listed() -> set[str]:
+    """Return the names of the commands that a wheel lists."""
+    return {name for names in command.HEADINGS.values() for name in names}
 
 
 def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Path) -> None:
@@ -192,12 +196,12 @@ def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Pa
     assert result.returncode == 0, result.stderr
     assert set(QUICK) == set(shipped())
     headings = "".join(f"{heading}:(?:\\n  .*)*\\n+" for heading in command.HEADINGS)
-    (listed,) = re.findall(headings, result.stdout)
+    (lines,) = re.findall(headings, result.stdout)
     assert {
         line.split()[0]
-        for line in listed.splitlines()
+        for line in lines.splitlines()
         if line[2:3].strip() and line.startswith("  ")
-    } == set(shipped())
+    } == listed()
     assert "Choose the gap of an impact absorber" in result.stdout
     assert "scripts" not in result.stdout
     assert {file.name for file in installed.iterdir() if file.suffix != ".dist-info"} - {"bin"} == {
@@ -212,6 +216,21 @@ def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Pa
         assert (installed / file).is_file()
 
 
+def test_subcommands_of_periodic_are_listed_once_and_older_names_go_on_working() -> None:
+    listed = call(command.main, "periodic", "--help").stdout
+    for name in command.PERIODIC:
+        assert len(re.findall(rf"^  {name} +\w", listed, re.M)) == 1
+    for name in command.OLDER_NAMES:
+        assert f"\n  {name} " not in call(command.main, "--help").stdout
+        older = call(command.main, name, "--help").stdout
+        assert older.replace(f"main {name}", f"main periodic {name}") == (
+            call(command.main, "periodic", name, "--help").stdout
+        )
+    refused = call(command.main, "periodic", "isolas")
+    assert (refused.exit_code, refused.stdout) == (2, "")
+    assert "there is no command isolas; did you mean isola?" in refused.stderr
+
+
 def test_another_name_is_one_error(installed: Path, tmp_path: Path) -> None:
     result = run(installed, tmp_path, "../lib/set_up")
     assert result.returncode == 2
@@ -221,7 +240,7 @@ def test_another_name_is_one_error(installed: Path, tmp_path: Path) -> None:
 
 def test_each_script_tells_its_options_without_any_extra(installed: Path, tmp_path: Path) -> None:
     code = "import json, sys\nfrom click.testing import CliRunner\nfrom optimisation.cli.group import main\n"
-    code += "names = main.list_commands(None)\nfound = [CliRunner().invoke(main, [n, '--help'], prog_name='impact-absorber') for n in names]\n"
+    code += f"names = {sorted(shipped())}\nfound = [CliRunner().invoke(main, [*n.split(), '--help'], prog_name='impact-absorber') for n in names]\n"
     code += "heavy = {'torch', 'cvxpy', 'optuna', 'gymnasium', 'distributed'} & set(sys.modules)\n"
     code += "print(json.dumps([[[n, f.exit_code, f.output, repr(f.exception)] for n, f in zip(names, found)], sorted(heavy)]))"
     call = [sys.executable, "-c", code]
@@ -264,6 +283,8 @@ def test_what_is_not_declared_is_refused(installed: Path, tmp_path: Path) -> Non
 def test_a_shell_completes_without_any_extra(installed: Path, tmp_path: Path) -> None:
     for words, wanted in (
         ("impact-absorber tra", "train"),
+        ("impact-absorber periodic man", "manifold"),
+        ("impact-absorber periodic isola --map-m", "--map-modes"),
         ("impact-absorber optimise_design --samp", "--sampler"),
     ):
         typed = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
@@ -284,7 +305,7 @@ def test_a_quick_form_needs_no_more_than_what_is_declared(
         result = run(
             installed,
             tmp_path,
-            name,
+            *name.split(),
             *QUICK[name].split(),
             *(("--json", "-") if writes else ()),
             extras=declared(shipped()[name]),

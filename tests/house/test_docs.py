@@ -7,7 +7,7 @@ import pytest
 from places import ROOT
 
 from impact_env.laws import CONCEPTS
-from optimisation.cli.group import file_of, files
+from optimisation.cli.group import file_of, modules
 from optimisation.page import has_markers
 
 KERNELS = ROOT / "impact_env" / "kernels"
@@ -49,7 +49,7 @@ def test_the_index_has_every_page_and_names_real_commands() -> None:
     assert there == {link for link in LINK.findall(text) if not link.startswith("..")}
     listed = re.findall(r"^\| \[[^\]]*\]\(([^)]*)\)", text, re.MULTILINE)
     assert len(listed) == len(set(listed))
-    scripts = {name for commands in files().values() for name in commands}
+    scripts = modules().keys()
     named = {
         name
         for row in re.findall(r"^\| .* \|$", text, re.MULTILINE)

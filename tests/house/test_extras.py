@@ -9,7 +9,7 @@ import pytest
 from places import ROOT, SCRIPTS, fresh
 
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
-from optimisation.cli.group import NEEDS, file_of, files
+from optimisation.cli.group import NEEDS, file_of, modules
 
 SOLD_AS = {
     "stable_baselines3": "stable-baselines3",
@@ -113,12 +113,14 @@ import importlib.util
 own = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *given: None if name.partition(".")[0] in {packages} else own(name, *given)
 from click.testing import CliRunner
-from optimisation.cli.group import file_of, files, main, missing_extras
-for name in [name for commands in files().values() for name in commands]:
-    told = CliRunner().invoke(main, [name, "--help"])
+from optimisation.cli.group import PERIODIC, file_of, main, missing_extras, modules
+subcommands = {{module: name for name, module in PERIODIC.items()}}
+for name in modules():
+    words = ["periodic", subcommands[name]] if name in subcommands else [name]
+    told = CliRunner().invoke(main, [*words, "--help"])
     print(name, told.exit_code, repr(told.exception), "Usage: " in told.output)
     if missing_extras(file_of(name)):
-        refused = CliRunner().invoke(main, [name])
+        refused = CliRunner().invoke(main, words)
         print(name, refused.exit_code, repr(refused.exception), " ".join(refused.stderr.split()))
 """
 
@@ -129,7 +131,7 @@ def test_every_command_tells_its_options_and_what_it_lacks() -> None:
     lines = said(TRY.format(packages=packages, modules=[]) + COMMANDS.format(packages=packages))
     helped = [line for line in lines if line.endswith("True")]
     refused = [line for line in lines if line not in helped]
-    names = [name for commands in files().values() for name in commands]
+    names = list(modules())
     assert helped == [f"{name} 0 None True" for name in names]
     assert [line.split()[0] for line in refused] == [
         name for name in names if NEEDS.search(file_of(name).read_text())
