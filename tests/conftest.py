@@ -59,8 +59,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    asked = config.getoption("--quick") and collection_path.name.startswith("test_")
-    return True if asked and collection_path.relative_to(HERE).as_posix() not in QUICK else None
+    is_selectable = config.getoption("--quick") and collection_path.name.startswith("test_")
+    return (
+        True
+        if is_selectable and collection_path.relative_to(HERE).as_posix() not in QUICK
+        else None
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -107,12 +107,12 @@ def requirements(machine: Machine) -> list[str]:
         for one in project["dependencies"] + project["optional-dependencies"]["env"]
         if re.split("[<>=]", one)[0] in VARIED
     ]
-    asked = (
+    extras = (
         ranges
         if machine.versions == "newest"
         else [one.split(",")[0].replace(">=", "==") for one in ranges]
     )
-    return asked + [line for line in lines if line.partition("==")[0] not in (*VARIED, "llvmlite")]
+    return extras + [line for line in lines if line.partition("==")[0] not in (*VARIED, "llvmlite")]
 
 
 def environment(name: str, machine: Machine) -> Path:
@@ -122,8 +122,8 @@ def environment(name: str, machine: Machine) -> Path:
     folder = ROOT / ".venv-check" / name
     python = folder / "bin" / "python"
     stamp = folder / "made"
-    asked = "\n".join([machine.python, *requirements(machine)])
-    if stamp.exists() and stamp.read_text() == asked:
+    request = "\n".join([machine.python, *requirements(machine)])
+    if stamp.exists() and stamp.read_text() == request:
         return python
     base = shutil.which(f"python{machine.python}")
     if base is None or subprocess.run([base, "-c", ""], capture_output=True).returncode:
@@ -133,7 +133,7 @@ def environment(name: str, machine: Machine) -> Path:
     pip = [str(python), "-m", "pip", "install", "-qq", "--no-input", "--disable-pip-version-check"]
     subprocess.run([*pip, *requirements(machine)], check=True)
     subprocess.run([*pip, "--no-deps", "--no-build-isolation", "--editable", str(ROOT)], check=True)
-    stamp.write_text(asked)
+    stamp.write_text(request)
     return python
 
 
@@ -143,15 +143,15 @@ def packages(python: Path) -> tuple[str, str]:
     version, *rest = subprocess.run(
         [str(python), "-c", code], check=True, capture_output=True, text=True
     ).stdout.split()
-    found = dict(zip(rest[::2], rest[1::2], strict=True))
+    versions = dict(zip(rest[::2], rest[1::2], strict=True))
     return version, " ".join(
-        f"{name} {found[name]}" for name in (*VARIED, "torch") if name in found
-    ).rstrip(",") + ("" if "torch" in found else ", no torch")
+        f"{name} {versions[name]}" for name in (*VARIED, "torch") if name in versions
+    ).rstrip(",") + ("" if "torch" in versions else ", no torch")
 
 
 def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], bool]:
     """Run the suite on a machine; return its row of the table, and whether tests ran and none failed."""
-    shown = " ".join(
+    printed = " ".join(
         f"`{word}`"
         for word in (
             *(f"{key}={value}" for key, value in machine.settings.items()),
@@ -168,7 +168,7 @@ def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], boo
             name,
             machine.python,
             machine.versions,
-            shown,
+            printed,
             f"not run: {error}",
             "",
             "",
@@ -236,7 +236,7 @@ def run(name: str, machine: Machine, options: list[str]) -> tuple[list[str], boo
     row = [
         name,
         *packages(python),
-        shown,
+        printed,
         str(passed),
         verdict,
         f"{skipped}{without}",
@@ -276,7 +276,7 @@ def table(rows: dict[str, list[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + f"\n\nOn {processor()}."
 
 
-def kept() -> dict[str, list[str]]:
+def read_results() -> dict[str, list[str]]:
     """Return the rows that the page has."""
     cells = (
         [cell.strip() for cell in line.strip("|").split("|")]
@@ -296,11 +296,11 @@ def main() -> int:
         action="append",
         help="this machine alone; can be given several times",
     )
-    asked, options = parser.parse_known_args()
-    rows = kept()
+    chosen, options = parser.parse_known_args()
+    rows = read_results()
     fine = True
     try:
-        for name in asked.only or MACHINES:
+        for name in chosen.only or MACHINES:
             print(f"== {name} {shlex.join(options)}", flush=True)
             rows[name], ok = run(name, MACHINES[name], options)
             fine = fine and ok

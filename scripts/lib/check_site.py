@@ -31,16 +31,16 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
-        self.places.update(given[name] for name in ("id", "name") if name in given)
-        if tag == "a" and given.get("href"):
-            self.links.append(given["href"])
+        attributes = {name: value or "" for name, value in attrs}
+        self.places.update(attributes[name] for name in ("id", "name") if name in attributes)
+        if tag == "a" and attributes.get("href"):
+            self.links.append(attributes["href"])
         if (
             tag in FETCHED
-            and given.get(FETCHED[tag])
-            and not (tag == "link" and given.get("rel") in POINTED_AT)
+            and attributes.get(FETCHED[tag])
+            and not (tag == "link" and attributes.get("rel") in POINTED_AT)
         ):
-            self.fetched.append(given[FETCHED[tag]])
+            self.fetched.append(attributes[FETCHED[tag]])
 
 
 def problems(site: Path) -> list[str]:
@@ -48,10 +48,10 @@ def problems(site: Path) -> list[str]:
     pages = {
         file.resolve(): Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")
     }
-    found = []
+    messages = []
     for file, page in pages.items():
         name = file.relative_to(site.resolve())
-        found += [
+        messages += [
             f"{name}: fetches {address}" for address in page.fetched if urlsplit(address).netloc
         ]
         for address in (*page.links, *page.fetched):
@@ -60,21 +60,21 @@ def problems(site: Path) -> list[str]:
                 continue
             target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
             if not target.is_file():
-                found.append(f"{name}: {address} leads to no file")
+                messages.append(f"{name}: {address} leads to no file")
             elif (
                 parts.fragment
                 and target in pages
                 and unquote(parts.fragment) not in pages[target].places
             ):
-                found.append(f"{name}: {address} leads to no place in that page")
-    return found if pages else [f"{site}: no pages"]
+                messages.append(f"{name}: {address} leads to no place in that page")
+    return messages if pages else [f"{site}: no pages"]
 
 
 def main(site: Path) -> int:
     """Print what is wrong; the exit code is 1 then."""
-    found = problems(site)
-    print("\n".join(found), end="\n" * bool(found), file=sys.stderr)
-    return 1 if found else 0
+    messages = problems(site)
+    print("\n".join(messages), end="\n" * bool(messages), file=sys.stderr)
+    return 1 if messages else 0
 
 
 if __name__ == "__main__":

@@ -19,8 +19,8 @@ MARKER = re.compile(r"^<!-- /?[\w ]+ -->\n", re.MULTILINE)
 def page(text: str, address: str, version: str) -> str:
     """Return a README whose links into a checkout lead to those files of a version at an address, or to nothing where that is empty."""
 
-    def link(found: re.Match[str]) -> str:
-        figure, words, path = found.groups()
+    def link(match: re.Match[str]) -> str:
+        figure, words, path = match.groups()
         if not address:
             return "" if figure else words
         return f"{figure}[{words}]({address}/{'raw' if figure else 'blob'}/v{version}/{path})"

@@ -18,6 +18,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 NOT_CONVERTED = Path(__file__).with_name("names_not_converted.toml")
 PACKAGES = ("impact_env", "optimisation")
+CHECKED = (*PACKAGES, "scripts/lib", "tests")  # folders whose names are checked
 # participles, adverbs, pronouns and metaphors: a name says what a quantity is, or what a function does
 WORDS = frozenset(
     [
@@ -125,7 +126,7 @@ def check_names(root: Path, known: dict[str, Any]) -> tuple[list[str], dict[str,
     """Return a line for everything that differs from what is known, and the number of findings of each file."""
     lines = []
     numbers = {}
-    for package in PACKAGES:
+    for package in CHECKED:
         if package in known["packages"]:
             continue
         for file in sorted((root / package).rglob("*.py")):

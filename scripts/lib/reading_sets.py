@@ -196,8 +196,8 @@ def measure_in_process(name: str) -> dict[str, Any]:
         check=True,
         text=True,
     )
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    counts: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return counts
 
 
 def files_of(folder: str) -> list[Path]:
@@ -262,11 +262,16 @@ def main() -> None:
         return
     print("What a reader opens:  files  functions  their lines  lines of the files")
     for key, (question, _, _) in QUESTIONS.items():
-        found = measure_in_process(key)
-        counts = (found["files"], found["functions"], found["lines"], found["lines_of_files"])
+        measured = measure_in_process(key)
+        counts = (
+            measured["files"],
+            measured["functions"],
+            measured["lines"],
+            measured["lines_of_files"],
+        )
         print("({})  {:5} {:10} {:12,} {:19,}   {}".format(key, *counts, question))
         if options.names:
-            print("".join(f"         {name}\n" for name in found["names"]), end="")
+            print("".join(f"         {name}\n" for name in measured["names"]), end="")
     tokens = {folder: sum(map(count_tokens, files_of(folder))) for folder in SOURCES}
     words = ", ".join(f"{folder} {count:,}" for folder, count in tokens.items())
     print(f"Tokens of Python: {words}, together {sum(tokens.values()):,}")

@@ -168,10 +168,10 @@ class SetUp:
 def main(layers: list[str]) -> int:
     set_up = SetUp(ROOT)
     try:
-        with lock(ROOT), ThreadPoolExecutor(1) as beside:
+        with lock(ROOT), ThreadPoolExecutor(1) as background:
             set_up.make([])
             kernels = (
-                beside.submit(set_up.warm_kernels) if "kernels" in layers else None
+                background.submit(set_up.warm_kernels) if "kernels" in layers else None
             )  # which need no other package
             set_up.make([layer for layer in layers if layer != "kernels"])
             if kernels:

@@ -18,7 +18,7 @@ from places import EXAMPLES, ROOT
 from optimisation.cli.group import file_of, imported, missing_extras, modules
 
 PLACES = {"steel": EXAMPLES / "steel_beam_tip.toml", "frame": EXAMPLES / "frame.toml", "root": ROOT}
-GIVEN = {  # files that lie in the folder of the call
+INPUT_FILES = {  # files that lie in the folder of the call
     "file": "",
     "bare.md": "no markers\n",
     "kept.json": '{"form": "another"}',
@@ -29,9 +29,9 @@ GIVEN = {  # files that lie in the folder of the call
     "other/jumps.json.gz": '{"part": "cost", "rows": []}',
     "paper/paper/jump.json.gz": '{"rows": []}',
 }
-GIVEN_BYTES = {
+BINARY_INPUT_FILES = {
     name: gzip.compress(text.encode(), mtime=0) if name.endswith(".gz") else text.encode()
-    for name, text in GIVEN.items()
+    for name, text in INPUT_FILES.items()
 }
 # for each command that has all options of the line and no other words for it, behind what its last lines begin with
 COMMON = """
@@ -303,21 +303,21 @@ def together(start: str, line: str) -> str:
 
 def wrong(command: object, line: str, words: str) -> str:
     """Return the differences between a call in this folder and a refusal in one line with these words: an empty text if there are none."""
-    for own, content in GIVEN_BYTES.items():
+    for own, content in BINARY_INPUT_FILES.items():
         Path(own).parent.mkdir(parents=True, exist_ok=True)
         Path(own).write_bytes(content)
     result = call(command, *shlex.split(line.format(**PLACES)))
-    told = " ".join(result.stderr.split())
+    message = " ".join(result.stderr.split())
     refused = (
         result.exit_code == 2
         and result.stdout == ""
-        and told.count("Error: ") == 1
-        and "Traceback" not in told
-        and words in told
+        and message.count("Error: ") == 1
+        and "Traceback" not in message
+        and words in message
     )
     left = {
         str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()
-    } == GIVEN_BYTES
+    } == BINARY_INPUT_FILES
     return (
         ""
         if refused and left
@@ -343,18 +343,18 @@ def test_what_cannot_be_done_is_one_message(
         for line, words in re.findall(r"^ +(.*?) -> (.+)", COMMON, re.M)
         if set(OPTION.findall(line)) <= known
     }
-    told = (common if head == LAST[name] else {}) | dict(lines)
+    arguments = (common if head == LAST[name] else {}) | dict(lines)
     if find_spec("distributed"):
         monkeypatch.setattr("optimisation.search.cluster.Workers.__init__.__defaults__", (1.0,))
     monkeypatch.chdir(tmp_path)
     for computing in ("impact_env.ensemble.Threads.each", "impact_env.ensemble.each_lane"):
         monkeypatch.setattr(computing, lambda *_, **__: pytest.fail("computed"))
-    found = (
+    unexpected = (
         wrong(command, together(start, line), words)
-        for line, words in told.items()
+        for line, words in arguments.items()
         if find_spec("distributed") or "--cluster" not in line
     )
-    assert not list(filter(None, found))
+    assert not list(filter(None, unexpected))
 
 
 FULL = {  # a word of the answer, by the line

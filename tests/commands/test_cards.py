@@ -74,10 +74,10 @@ def assumptions(resonances: tuple[int, ...], modes: str, rate: float | None = 40
     return {("Assumptions", label): text for label, text in rows.items()}
 
 
-def check_rows(found: Rows, expected: Mapping[tuple[str, str], str], elsewhere: set[str]) -> None:
+def check_rows(rows: Rows, expected: Mapping[tuple[str, str], str], elsewhere: set[str]) -> None:
     """Compare all rows; those ``elsewhere``, by label, must be there and are judged by other tests."""
-    assert {label for _, label in found.keys() - expected.keys()} == elsewhere
-    assert {key: found[key] for key in expected} == expected
+    assert {label for _, label in rows.keys() - expected.keys()} == elsewhere
+    assert {key: rows[key] for key in expected} == expected
 
 
 def curve_rows(file: Path, resonance: str, concept: str) -> list[list[float]]:
@@ -90,8 +90,8 @@ def curve_rows(file: Path, resonance: str, concept: str) -> list[list[float]]:
     ]
 
 
-def small(*_own: object, **given: Any) -> Comparison:
-    return compare(Beam(modes=2), **(given | {"percent_per_100_periods": 40.0}))
+def small(*_own: object, **options: Any) -> Comparison:
+    return compare(Beam(modes=2), **(options | {"percent_per_100_periods": 40.0}))
 
 
 def test_the_comparisons_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -148,12 +148,14 @@ def test_the_comparisons_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
         known = f"{force[low]:.3g} to {force[high]:.3g} N"
         expected[heading, halves] = known if good[at] else "at no force that is known"
     expected |= assumptions((1, 2), "2; more are not tried")
-    borne = {label for heading, label in rows_of(tmp_path) if heading == "What it bears there"}
+    service_labels = {
+        label for heading, label in rows_of(tmp_path) if heading == "What it bears there"
+    }
     ranges = {f"resonance {number} swept over" for number in content["resonances"]}
-    found = {
+    rows = {
         key: text.removesuffix(", an end of the sweeps") for key, text in rows_of(tmp_path).items()
     }
-    check_rows(found, expected, borne | ranges | {"in brackets"})
+    check_rows(rows, expected, service_labels | ranges | {"in brackets"})
     for key in ("none", "impact", "friction"):
         one = content["resonances"]["1"]["concepts"][key]
         assert one["label"] in result.output
@@ -179,9 +181,9 @@ def test_the_comparisons_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
 
 
 def test_the_gaps_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    given = ("--force", 3.5, "--modes", 2, "--rate", 40, "--members", 2, "--out", tmp_path)
+    options = ("--force", 3.5, "--modes", 2, "--rate", 40, "--members", 2, "--out", tmp_path)
     drawn = saved_figures(monkeypatch)
-    result = done(load("design_gap", monkeypatch), *given)
+    result = done(load("design_gap", monkeypatch), *options)
     content = summary_of(tmp_path)
     best = content["recommended"]
     none = 1e3 * content["level_without_absorber_m"]
@@ -216,13 +218,13 @@ def test_the_gaps_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     }
     expected |= {("Assumptions", label): text for label, text in swept.items()}
     assert best["mass_kg"] == pytest.approx(settings["mass_ratio"] * MODEL.beam_mass)
-    found = rows_of(tmp_path)
-    (damper,) = (label for _, label in found if label.startswith("best friction damper"))
-    impacts = {label for heading, label in found if heading == "What it bears"} - {stroke}
-    forces = {label for heading, label in found if heading == "Forces"}
+    rows = rows_of(tmp_path)
+    (damper,) = (label for _, label in rows if label.startswith("best friction damper"))
+    impacts = {label for heading, label in rows if heading == "What it bears"} - {stroke}
+    forces = {label for heading, label in rows if heading == "Forces"}
     tuned = "best tuned absorber of this mass"
-    check_rows(found, expected, {damper, tuned, "modes kept"} | impacts | forces)
-    for (_, label), text in found.items():  # the card is printed, too
+    check_rows(rows, expected, {damper, tuned, "modes kept"} | impacts | forces)
+    for (_, label), text in rows.items():  # the card is printed, too
         assert f"  {label}" in result.stdout
         assert text in result.stdout
     figure = drawn[0]  # the other one is the level over the frequency
@@ -231,9 +233,9 @@ def test_the_gaps_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     names = ("gap_m", "level_median_m", "level_5_percent_m", "level_95_percent_m")
     gap, median, low, high = 1e3 * np.array([[float(r[name]) for name in names] for r in full]).T
     x, y = line(panel, "median of up to 2 runs")
-    shown = np.isin(np.round(x, 9), np.round(gap, 9))
-    np.testing.assert_allclose([x[shown], y[shown]], [gap, median])
-    np.testing.assert_allclose(bands(panel)[1][:, shown][1:], [low, high])
+    in_curve = np.isin(np.round(x, 9), np.round(gap, 9))
+    np.testing.assert_allclose([x[in_curve], y[in_curve]], [gap, median])
+    np.testing.assert_allclose(bands(panel)[1][:, in_curve][1:], [low, high])
     marked = {"design rule": content["rule_gap_m"], "recommended": best["gap_m"]}
     marked["lowest level"] = content["sharp"]["gap_m"]
     for label, value in marked.items():
@@ -318,10 +320,10 @@ def test_the_searchs_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
     expected |= assumptions((1,), f"2; with {wider['modes']} {change} of its value")
     searched = f"{content['designs']} designs, {content['runs']} runs"
     expected["Assumptions", "searched"] = searched
-    found = rows_of(folder)
-    baselines = {label for _, label in found if label.startswith("best ")}
+    rows = rows_of(folder)
+    baselines = {label for _, label in rows if label.startswith("best ")}
     assert len(baselines) == 2
-    check_rows(found, expected, baselines)
+    check_rows(rows, expected, baselines)
     warnings = json.loads((folder / "card.json").read_text())["warnings"]
     bounds = [f"the winner lies at a bound: {line}" for line in content["winner_at_bounds"]]
     assert bounds
@@ -344,11 +346,11 @@ def test_the_fronts_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
     expected |= assumptions((1, 2), "2; more are not tried")
     searched = f"{content['designs']} designs, {content['runs']} runs"
     expected["Assumptions", "searched"] = searched
-    found = rows_of(folder)
-    borne = {label for heading, label in found if heading.startswith("What design")}
-    levels = {label for _, label in found if label.endswith(": levels")}
+    rows = rows_of(folder)
+    service_labels = {label for heading, label in rows if heading.startswith("What design")}
+    levels = {label for _, label in rows if label.endswith(": levels")}
     assert len(levels) == 2
-    check_rows(found, expected, borne | levels)
+    check_rows(rows, expected, service_labels | levels)
     (figure,) = drawn
     (panel,) = figure.axes
     columns = [name for name in read(folder / "front.csv")[0] if name.startswith("level_")][:2]
@@ -379,9 +381,9 @@ def test_the_tunings_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
         if one["stiffness_n_m"] is not None:
             words += f", {one['stiffness_n_m']:.6g} N/m, {one['damping_n_s_m']:.4g} N s/m"
         expected["Tunings", one["label"]] = words
-    found = rows_of(tmp_path)
-    borne = {label for heading, label in found if heading.startswith("What the tuning")}
-    check_rows(found, expected, borne)
+    rows = rows_of(tmp_path)
+    service_labels = {label for heading, label in rows if heading.startswith("What the tuning")}
+    check_rows(rows, expected, service_labels)
     (figure,) = drawn
     (panel,) = figure.axes
     for key in ("none", "paper", "den_hartog", "minimax"):

@@ -75,9 +75,9 @@ def closure(project: Distribution, extras: Iterable[str]) -> set[str]:
 def refused(installed: Path, extras: tuple[str, ...]) -> str:
     """Return the modules, with blanks between, of what is installed here but does not come with the project in a folder and these extras."""
     (project,) = (
-        found
-        for found in distributions(path=[str(installed)])
-        if canonicalize_name(found.name) == NAME
+        distribution
+        for distribution in distributions(path=[str(installed)])
+        if canonicalize_name(distribution.name) == NAME
     )
     allowed = closure(project, extras) | {NAME}
     return " ".join(
@@ -238,7 +238,7 @@ def test_another_name_is_one_error(installed: Path, tmp_path: Path) -> None:
     assert "Traceback" not in result.stderr
 
 
-def test_each_script_tells_its_options_without_any_extra(installed: Path, tmp_path: Path) -> None:
+def test_each_script_prints_its_help_without_any_extra(installed: Path, tmp_path: Path) -> None:
     code = "import json, sys\nfrom click.testing import CliRunner\nfrom optimisation.cli.group import main\n"
     code += f"names = {sorted(shipped())}\nfound = [CliRunner().invoke(main, [*n.split(), '--help'], prog_name='impact-absorber') for n in names]\n"
     code += "heavy = {'torch', 'cvxpy', 'optuna', 'gymnasium', 'distributed'} & set(sys.modules)\n"
@@ -252,9 +252,9 @@ def test_each_script_tells_its_options_without_any_extra(installed: Path, tmp_pa
         text=True,
         check=True,
     )
-    told, heavy = json.loads(done.stdout)
-    assert [name for name, *_ in told] == sorted(shipped())
-    for name, code, output, error in told:
+    texts, heavy = json.loads(done.stdout)
+    assert [name for name, *_ in texts] == sorted(shipped())
+    for name, code, output, error in texts:
         assert code == 0, f"{name}: {error} {output}"
         assert output.startswith(f"Usage: impact-absorber {name} [OPTIONS]")
         assert ("--json" in output) == ("--json FILE|-" in output)  # all are one option
@@ -351,9 +351,9 @@ def test_kernels_are_counted_and_nothing_else_is_removed(cache: Path) -> None:
     result = call(imported("cache"))
     assert f"{cache / hash_sources()}: 2 kernels, 0.0 MB, of today's sources" in result.stdout
     assert f"{cache / OTHER}: 1 kernels" in result.stdout
-    told = call(imported("doctor"), "--json", "-")
-    kept = json.loads(told.stdout)["cache"][0]["kept"]
-    assert [(one["kernels"], one["size"], one["current"]) for one in kept] == [
+    report = call(imported("doctor"), "--json", "-")
+    kernels = json.loads(report.stdout)["cache"][0]["kept"]
+    assert [(one["kernels"], one["size"], one["current"]) for one in kernels] == [
         (2, 2000, True),
         (1, 1000, False),
     ]

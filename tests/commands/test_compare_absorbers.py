@@ -61,9 +61,9 @@ KEYS = [
 ]
 
 
-def small(*_own: object, **given: object) -> Comparison:
+def small(*_own: object, **options: object) -> Comparison:
     """Compare on two modes, fast: the numbers do not matter here."""
-    return compare(Beam(modes=2), **(given | {"percent_per_100_periods": 40.0}))
+    return compare(Beam(modes=2), **(options | {"percent_per_100_periods": 40.0}))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -150,7 +150,9 @@ def test_a_level_that_is_read_at_an_end_of_the_sweeps_is_warned_of(study: Compar
     assert any("end of the sweeps" in line for line in comparison_card(other).warnings)
 
 
-def test_quick_look_writes_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_quick_comparison_writes_all_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", small)
     out = tmp_path / "new" / "folder"
     history = tmp_path / "run.npz"
@@ -259,30 +261,30 @@ def test_each_kind_goes_through_sweep_and_comparison(
         own.write_text(CHAIN + "base_vector = [1.0, 1.0, 1.0]\n")
     omega = float(omegas[0])
     (tmp_path / "load.toml").write_text(tables_of(omega, tmp_path)[kind])
-    given = ["--structure", own, "--load", tmp_path / "load.toml"]
+    options = ["--structure", own, "--load", tmp_path / "load.toml"]
     absorber = ("--restitution", 0.7) if kind == "force" else ("--absorber", "none")
-    done(imported("sweep"), *given, *absorber, "--json", tmp_path / "out.json")
-    found = json.loads((tmp_path / "out.json").read_text())
-    assert found["response_level_m"][0] > 0
-    assert found["pseudo_periods"] == pytest.approx(8, rel=1e-6)
+    done(imported("sweep"), *options, *absorber, "--json", tmp_path / "out.json")
+    output = json.loads((tmp_path / "out.json").read_text())
+    assert output["response_level_m"][0] > 0
+    assert output["pseudo_periods"] == pytest.approx(8, rel=1e-6)
     drawn = saved_figures(monkeypatch)
     result = done(
-        compare_absorbers, *given, "--members", 1, "--forces", 2, "--out", tmp_path / "out"
+        compare_absorbers, *options, "--members", 1, "--forces", 2, "--out", tmp_path / "out"
     )
-    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    output = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert len(read(tmp_path / "out" / "runs.csv")) >= 4 * 2
-    assert f"{found['ratio_5_50_95']['impact'][0][0][1]:.3f}" in result.output
+    assert f"{output['ratio_5_50_95']['impact'][0][0][1]:.3f}" in result.output
     for band, panel in enumerate(drawn[0].axes):
         for name, label in (("impact", "impact absorber"), ("tuned", "tuned absorber")):
-            median = [ratios[1] for ratios in found["ratio_5_50_95"][name][band]]
+            median = [ratios[1] for ratios in output["ratio_5_50_95"][name][band]]
             np.testing.assert_allclose(line(panel, label)[1], median, rtol=1e-9)
     bands = (
         2 if kind in ("tones", "orders") else np.sum(omegas < 7 * omega) if kind == "base" else 1
     )
-    assert len(found["without_absorber"]) == bands
-    for band, (low, high) in enumerate(found["without_absorber"]):
-        assert high / low == pytest.approx(1.0 if found["measure"] == "decay" else 25.0, rel=1e-6)
-        assert np.ptp([bands[1] for bands in found["ratio_5_50_95"]["tuned"][band]]) < 1e-6
+    assert len(output["without_absorber"]) == bands
+    for band, (low, high) in enumerate(output["without_absorber"]):
+        assert high / low == pytest.approx(1.0 if output["measure"] == "decay" else 25.0, rel=1e-6)
+        assert np.ptp([bands[1] for bands in output["ratio_5_50_95"]["tuned"][band]]) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -309,11 +311,11 @@ def test_runs_under_loads_go_to_the_cluster_and_show_progress(
 
     command = load(name, monkeypatch)
     monkeypatch.setattr(command, "workers", workers)
-    given = ["--load", "shock:20:0.01:1", "--members", 1, *more]
-    result = done(command, *given, "--out", tmp_path / "threads")
+    options = ["--load", "shock:20:0.01:1", "--members", 1, *more]
+    result = done(command, *options, "--out", tmp_path / "threads")
     assert not here
     assert {"compare_absorbers": "comparing: ", "design_gap": "simulating: "}[name] in result.stderr
-    done(command, *given, "--cluster", "127.0.0.1:8786", "--out", tmp_path / "cluster")
+    done(command, *options, "--cluster", "127.0.0.1:8786", "--out", tmp_path / "cluster")
     assert sum(here) > 5
     texts = [(tmp_path / where / "runs.csv").read_text() for where in ("threads", "cluster")]
     assert texts[0] == texts[1]

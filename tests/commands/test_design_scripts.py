@@ -88,7 +88,7 @@ def test_tunings_are_proved_and_written(tune: ModuleType, tmp_path: Path) -> Non
     assert "Proved" in result.stdout
 
 
-def test_all_that_is_told_is_of_the_recommended_device(gap: ModuleType, tmp_path: Path) -> None:
+def test_card_and_summary_are_of_the_recommended_device(gap: ModuleType, tmp_path: Path) -> None:
     device = tmp_path / "device.json"
     line = ("--force", 3.5, "--modes", 2, "--rate", 40, "--device", device, "--out", tmp_path)
     result = done(gap, *line)
@@ -206,7 +206,7 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(mass_ratios, "FACTORS", np.array([0.5, 1.0, 1.5]))
-    (found,) = mass_ratios.checks(
+    (row,) = mass_ratios.checks(
         MODEL, [0.05], [1], {"members": 1, "percent_per_100_periods": 50.0, "threads": 1}
     )
     own = check_gap(
@@ -218,24 +218,24 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
         members=1,
         percent_per_100_periods=50.0,
     )
-    np.testing.assert_array_equal(found.relative, own.relative)
+    np.testing.assert_array_equal(row.relative, own.relative)
     cells = [
-        cell.strip() for cell in mass_ratios.text([found]).splitlines()[-1].strip("|").split("|")
+        cell.strip() for cell in mass_ratios.text([row]).splitlines()[-1].strip("|").split("|")
     ]
-    best = int(np.argmin(found.relative))
+    best = int(np.argmin(row.relative))
     assert cells[0] == "5 %"
     assert float(cells[2]) == pytest.approx(reach(MODEL, 0.05 * MODEL.beam_mass), rel=5e-3)
     assert (
         cells[3].split()[0]
-        == f"{found.gaps[best] / design_gap(MODEL, 0.05 * MODEL.beam_mass, 1.0):.2f}"
+        == f"{row.gaps[best] / design_gap(MODEL, 0.05 * MODEL.beam_mass, 1.0):.2f}"
     )
     assert ("or" in cells[3]) == (best != 1)
-    assert float(cells[4]) == pytest.approx(100 * found.relative[best], abs=0.06)
-    (part,) = mass_ratios.frequency_of([found], None)
+    assert float(cells[4]) == pytest.approx(100 * row.relative[best], abs=0.06)
+    (part,) = mass_ratios.frequency_of([row], None)
     assert [curve.name for curve in part.curves] == ["5 % of the mass", "no absorber"]
-    worst = float(np.nanmax(found.curves[best].level))
+    worst = float(np.nanmax(row.curves[best].level))
     assert 0.97 * worst < np.nanmax(part.curves[0].level) < 1.2 * worst
-    assert float(cells[6]) == pytest.approx(found.relative[1] / found.relative[best], abs=0.006)
+    assert float(cells[6]) == pytest.approx(row.relative[1] / row.relative[best], abs=0.006)
 
 
 # Searches: all files of a concept and of a front, their limits and their indices.
@@ -342,12 +342,12 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         for file, name in (("curves.csv", "force_n"), ("detuned.csv", "detuning")):
             rows = read(folder / file)
             wanted = [levels_drawn(rows, name, design) for design in ("winner", "paper")]
-            found = [
+            levels = [
                 [points for points, label in labelled if label in ("winner", "paper's design")]
                 for figure in drawn
                 for labelled in [labelled_lines(figure.axes[0])]
             ]
-            assert any(len(own) == 2 and all(map(same_points, own, wanted)) for own in found), file
+            assert any(len(own) == 2 and all(map(same_points, own, wanted)) for own in levels), file
     (condition,) = json.loads((tmp_path / "impact" / "summary.json").read_text())["conditions"]
     assert 0 < condition["winner"]["level_m"] < condition["without_m"]
     assert len(read(tmp_path / "impact" / "map.csv")) == 9
@@ -403,14 +403,14 @@ def test_sobol_indices_find_what_matters() -> None:
     problem = Problem(
         space, (Condition(1, 1.0, (0.5, 1.6)),), beam=Beam(modes=2), members=1, rate=40.0
     )
-    found = sensitivity(
+    indices = sensitivity(
         problem, space.design({"stiffness": 620.0, "damping": 0.9}), 16, 1, Threads()
     )
-    assert found.names == ("stiffness", "damping")
-    assert found.designs == 16 * 4
-    assert found.total[0] > 0.8
-    assert abs(found.total[1]) < 0.05
-    assert (found.low[0], found.high[0]) == pytest.approx((496.0, 744.0))
+    assert indices.names == ("stiffness", "damping")
+    assert indices.designs == 16 * 4
+    assert indices.total[0] > 0.8
+    assert abs(indices.total[1]) < 0.05
+    assert (indices.low[0], indices.high[0]) == pytest.approx((496.0, 744.0))
 
 
 def test_a_long_search_says_how_long_and_answers_coarsely_first(
@@ -421,40 +421,40 @@ def test_a_long_search_says_how_long_and_answers_coarsely_first(
     monkeypatch.setattr(command, "LONG_S", 0.0)
     monkeypatch.setattr("optimisation.duration.LONG_S", 0.0)
     monkeypatch.setattr(command, "COARSE_PERIODS", 1.0)
-    given = ["--force", 3.5, "--modes", 2, "--members", 1, "--no-card"]
-    result = done(command, *given, "--rate", 10, "--out", tmp_path / "both")
+    options = ["--force", 3.5, "--modes", 2, "--members", 1, "--no-card"]
+    result = done(command, *options, "--rate", 10, "--out", tmp_path / "both")
     assert "About " in result.stderr
     assert "40 runs of up to" in result.stderr
-    found = re.search(r"a gap of (\S+) mm, level (\S+) mm", result.stderr)
-    assert found is not None
+    first_answer = re.search(r"a gap of (\S+) mm, level (\S+) mm", result.stderr)
+    assert first_answer is not None
     monkeypatch.setattr(command, "LONG_S", math.inf)
-    done(command, *given, "--rate", 100, "--out", tmp_path / "alone")
+    done(command, *options, "--rate", 100, "--out", tmp_path / "alone")
     alone = json.loads((tmp_path / "alone" / "summary.json").read_text())["recommended"]
-    assert float(found[1]) == pytest.approx(1e3 * alone["gap_m"], rel=1e-2)
-    assert float(found[2]) == pytest.approx(1e3 * alone["level_m"], rel=1e-2)
+    assert float(first_answer[1]) == pytest.approx(1e3 * alone["gap_m"], rel=1e-2)
+    assert float(first_answer[2]) == pytest.approx(1e3 * alone["level_m"], rel=1e-2)
 
 
 def test_masses_are_announced_and_answered_coarsely_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """A period counts as 1 s: the time is that of all sweeps; the coarse table is of one run at ten times the rate."""
-    seen: list[tuple[int, float | None]] = []
+    calls: list[tuple[int, float | None]] = []
     factors = np.array([0.5, 1.0, 1.5])
     original = mass_ratios.checks
 
-    def noted(*given: Any) -> Any:
-        seen.append((given[3]["members"], given[3]["percent_per_100_periods"]))
-        return original(*given)
+    def noted(*arguments: Any) -> Any:
+        calls.append((arguments[3]["members"], arguments[3]["percent_per_100_periods"]))
+        return original(*arguments)
 
     for name in ("FACTORS", "LOW_FACTORS"):
         monkeypatch.setattr(mass_ratios, name, factors)
     monkeypatch.setattr(mass_ratios, "checks", noted)
-    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_given: 1.0)
-    given = ("--mass-ratio", 0.02, "--resonances", 1, 1, "--members", 2, "--rate", 50)
-    result = done(mass_ratios, *given, "--threads", 1)
+    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_arguments: 1.0)
+    options = ("--mass-ratio", 0.02, "--resonances", 1, 1, "--members", 2, "--rate", 50)
+    result = done(mass_ratios, *options, "--threads", 1)
     low, high = find_sweep_range(modal_model(Beam()), 0.02, 1)
     seconds = 2 * 3 * 2 * 1e4 * (high - low) / 50
     assert f"About {duration_in_words(seconds)}" in result.stderr
     assert "12 runs of up to" in result.stderr
-    assert seen == [(1, 500.0), (2, 50.0)]
+    assert calls == [(1, 500.0), (2, 50.0)]
     assert "Coarse answer" in result.stderr
     assert result.stderr.count("best gap over the rule's") == 1
     assert "level read at" in result.stdout
@@ -463,14 +463,14 @@ def test_masses_are_announced_and_answered_coarsely_first(monkeypatch: pytest.Mo
 def test_a_search_is_announced_with_the_level_of_the_rules_design(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_given: 1.0)
+    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_arguments: 1.0)
     problem = Problem(
         design_space("impact"), (Condition(1, 3.5),), beam=Beam(modes=2), members=2, rate=10.0
     )
     announce_search(problem, 30.0, 1, None, Threads())
-    told = capsys.readouterr().err
+    announcement = capsys.readouterr().err
     periods = 1e4 * (1.06 - 0.9) / 10.0
-    assert f"About {duration_in_words(30 * 2 * 2 * periods)}" in told
+    assert f"About {duration_in_words(30 * 2 * 2 * periods)}" in announcement
     case = CurveCase(
         Scene(problem.model, problem.space.default.absorber()),
         np.array([3.5]),
@@ -481,8 +481,8 @@ def test_a_search_is_announced_with_the_level_of_the_rules_design(
     )
     none = replace(case, scene=Scene(problem.model))
     level, free = (curve.median[0] for curve in performance_curves([case, none], 1, 0))
-    found = re.search(r"no absorber (\S+)\.\n", told)
-    assert float(found[1]) == pytest.approx(level / free, rel=2e-2)
+    match = re.search(r"no absorber (\S+)\.\n", announcement)
+    assert float(match[1]) == pytest.approx(level / free, rel=2e-2)
     announce_search(problem, 30.0, 1, "host:1", Threads())
     assert not capsys.readouterr().err
 
@@ -491,21 +491,21 @@ def test_a_comparison_is_announced_and_answered_coarsely_first(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     command = load("compare_absorbers", monkeypatch)
-    seen: list[dict[str, Any]] = []
+    calls: list[dict[str, Any]] = []
 
-    def small(_own: Any, **given: Any) -> Any:
-        seen.append(given)
-        return compare(Beam(modes=2), **given | {"percent_per_100_periods": 200.0})
+    def small(_own: Any, **options: Any) -> Any:
+        calls.append(options)
+        return compare(Beam(modes=2), **options | {"percent_per_100_periods": 200.0})
 
     monkeypatch.setattr(command, "compare", small)
     monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)
-    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_given: 1.0)
-    given = ("--forces", 2, "--members", 2, "--rate", 5, "--threads", 1)
-    result = done(command, *given, "--out", tmp_path)
+    monkeypatch.setattr("optimisation.duration.seconds_per_period", lambda *_arguments: 1.0)
+    options = ("--forces", 2, "--members", 2, "--rate", 5, "--threads", 1)
+    result = done(command, *options, "--out", tmp_path)
     assert "About " in result.stderr
     assert "Coarse answer" in result.stderr
     assert "impact absorber " in result.stderr
-    rates = [(one["members"], one["percent_per_100_periods"]) for one in seen]
+    rates = [(one["members"], one["percent_per_100_periods"]) for one in calls]
     assert rates == [(1, 50.0), (2, 5.0)]
 
 
@@ -515,9 +515,9 @@ def test_runs_under_loads_are_announced_by_one_of_them(
     monkeypatch.setattr("optimisation.duration.LONG_S", 0.0)
     loads = Loads((Shock("half-sine", 10.0, 0.01, 0.5),), MODEL.resonance_omega(1))
     seconds = announce_load_runs(Scene(MODEL, impact_absorber()), loads, 1000, 1)
-    told = capsys.readouterr().err
-    assert f"About {duration_in_words(seconds)}" in told
-    assert "1,000 runs of 0.5 s" in told
+    announcement = capsys.readouterr().err
+    assert f"About {duration_in_words(seconds)}" in announcement
+    assert "1,000 runs of 0.5 s" in announcement
 
 
 @pytest.mark.parametrize(

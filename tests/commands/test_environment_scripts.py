@@ -63,10 +63,10 @@ def test_benchmark_prints_and_writes_what_it_measured(
     )
     native = speeds["native vector"]["steps_per_s"]
     own = speeds["Gymnasium's SyncVectorEnv"]["steps_per_s"]
-    shown = benchmark_envs.table(values["speeds"])
-    assert shown in result.output
-    assert f"<!-- speeds -->\n{shown}\n\n" in page.read_text()
-    assert f" {native / own:.1f} |" in shown
+    printed = benchmark_envs.table(values["speeds"])
+    assert printed in result.output
+    assert f"<!-- speeds -->\n{printed}\n\n" in page.read_text()
+    assert f" {native / own:.1f} |" in printed
     assert (
-        f" {speeds['ActiveGap-v0']['steps_per_s'] / 4:,.0f} |" in shown
+        f" {speeds['ActiveGap-v0']['steps_per_s'] / 4:,.0f} |" in printed
     )  # four steps are a pseudo period

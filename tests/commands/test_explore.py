@@ -281,7 +281,7 @@ def test_the_command_makes_the_same(
 
 
 @pytest.mark.parametrize(
-    ("sent", "control", "told"),
+    ("sent", "control", "message"),
     [
         (
             {"number": 2, "values": {"gap": -1}},
@@ -310,31 +310,31 @@ def test_the_command_makes_the_same(
         ),
     ],
 )
-def test_bad_values_are_told_beside_their_control(
-    client: TestClient, sent: Any, control: str, told: str
+def test_bad_values_are_refused_at_their_control(
+    client: TestClient, sent: Any, control: str, message: str
 ) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
         session.send_text(sent if isinstance(sent, str) else json.dumps(sent))
         (answer,) = until(session, "refused", "taken")
     assert answer["type"] == "refused"
-    assert not told or told in answer["errors"][control]
+    assert not message or message in answer["errors"][control]
 
 
 def test_messages_and_tabs_are_limited(client: TestClient) -> None:
     with client.websocket_connect("/socket", headers=OWN) as session:
         session.send_text("x" * (MOST_BYTES + 1))
-        with pytest.raises(WebSocketDisconnect) as told:
+        with pytest.raises(WebSocketDisconnect) as closed:
             session.receive_text()
-        assert told.value.code == 1009
+        assert closed.value.code == 1009
     with ExitStack() as tabs:
         for _ in range(MOST_TABS):
             tabs.enter_context(client.websocket_connect("/socket", headers=OWN))
         with (
-            pytest.raises(WebSocketDisconnect) as told,
+            pytest.raises(WebSocketDisconnect) as closed,
             client.websocket_connect("/socket", headers=OWN) as session,
         ):
             session.receive_text()
-        assert told.value.code == 1013
+        assert closed.value.code == 1013
 
 
 def test_a_newer_setting_ends_the_work_on_an_older_one(client: TestClient) -> None:
@@ -401,10 +401,10 @@ def test_another_load_is_that_of_its_file(client: TestClient) -> None:
     assert "--load load.json" in taken["command"]
     loads = to_loads(taken["load"], scene.model.resonance_omega(1))
     run = simulate(scene, loads, record=Record(events=True, series=True, samples_per_period=64))
-    found = {message["type"]: message for message in messages}
-    assert found["sweep"]["level"] == pytest.approx(read(run), rel=1e-12)
-    low, high = found["card"]["band"]
-    assert low <= found["card"]["level"] <= high
+    latest = {message["type"]: message for message in messages}
+    assert latest["sweep"]["level"] == pytest.approx(read(run), rel=1e-12)
+    low, high = latest["card"]["band"]
+    assert low <= latest["card"]["level"] <= high
     assert high > 1.01 * low  # members have records of their own
     curve = [message for message in messages if message["type"] == "curve"][-1]
     assert (
@@ -435,20 +435,20 @@ def test_a_random_forces_spectrum_has_its_mean_square() -> None:
         BEAM,
         Kernels(),
     )
-    found = {message["type"]: message for message in work.pieces({})}  # the last of each
-    hertz = np.array(found["response"]["run"][0]) * work.model.resonance_omega(1) / (2 * np.pi)
-    density = np.array(found["response"]["run"][1])
-    assert np.trapezoid(density**2, hertz) == pytest.approx(found["sweep"]["level"] ** 2, rel=0.02)
-    ratio, without = (np.array(found["response"][name]) for name in ("ratio", "without"))
+    latest = {message["type"]: message for message in work.pieces({})}  # the last of each
+    hertz = np.array(latest["response"]["run"][0]) * work.model.resonance_omega(1) / (2 * np.pi)
+    density = np.array(latest["response"]["run"][1])
+    assert np.trapezoid(density**2, hertz) == pytest.approx(latest["sweep"]["level"] ** 2, rel=0.02)
+    ratio, without = (np.array(latest["response"][name]) for name in ("ratio", "without"))
     mean = np.trapezoid(without**2, ratio * work.model.resonance_omega(1) / (2 * np.pi))
-    assert mean == pytest.approx(found["sweep"]["level"] ** 2, rel=0.3)  # over all records
+    assert mean == pytest.approx(latest["sweep"]["level"] ** 2, rel=0.3)  # over all records
 
 
 def test_a_structure_from_a_file_has_its_own_controls() -> None:
     frame = load_structure(EXAMPLES / "frame.toml")
     assert "modes" in {c.name for c in controls(BEAM)} - {c.name for c in controls(frame)}
     for values, name in (({"load": "base"}, "load"), ({"modes": 3}, "")):
-        with pytest.raises(Refused) as told:
+        with pytest.raises(Refused) as refusal:
             asked(values, frame)
-        assert name in told.value.errors
+        assert name in refusal.value.errors
     assert scene_of(asked({}, frame), frame).model.modes == frame.modes

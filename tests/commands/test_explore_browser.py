@@ -26,9 +26,9 @@ from impact_env.plain import to_scene
 
 BROWSER = next(
     (
-        found
+        path
         for name in ("chromium", "chromium-browser", "google-chrome")
-        if (found := shutil.which(name))
+        if (path := shutil.which(name))
     ),
     None,
 )
@@ -63,9 +63,9 @@ def address() -> Iterator[str]:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with playwright.sync_playwright() as player:
-        found = player.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield found
-        found.close()
+        browser = player.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield browser
+        browser.close()
 
 
 @pytest.fixture
@@ -84,7 +84,9 @@ def page(browser: Any, address: str, request: pytest.FixtureRequest) -> Iterator
         ),
     )
     page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("console", lambda told: wrong.append(told.text) if told.type == "error" else None)
+    page.on(
+        "console", lambda message: wrong.append(message.text) if message.type == "error" else None
+    )
     page.goto(address + FAST)
     yield page
     assert wrong == []
@@ -96,18 +98,18 @@ def finished(page: Any, number: int | None = None) -> int:
     page.wait_for_selector("html[data-asked]", state="attached", timeout=WAIT)
     end = time.monotonic() + WAIT / 1000
     while True:
-        asked = (
+        condition = (
             int(page.evaluate("document.documentElement.dataset.asked"))
             if number is None
             else number
         )
-        if page.locator(f'html[data-showncard="{asked}"][data-whole="{asked}"]').count():
+        if page.locator(f'html[data-showncard="{condition}"][data-whole="{condition}"]').count():
             break
         assert time.monotonic() < end, page.evaluate(
             "[document.querySelector('#status').textContent, {...document.documentElement.dataset}]"
         )
         page.wait_for_timeout(100)
-    return asked
+    return condition
 
 
 def saved(page: Any, label: str, kind: str) -> Path:
@@ -142,7 +144,7 @@ def test_numbers_are_those_of_the_library_and_files_are_whole(page: Any) -> None
     )
 
 
-def test_a_slider_moves_the_curve_nothing_old_covers_it_and_a_bad_value_is_told(page: Any) -> None:
+def test_a_slider_moves_the_curve_without_remnants_and_a_bad_value_is_reported(page: Any) -> None:
     finished(page)
     before = saved(page, "Save the curve as", "CSV").read_text()
     slider = page.get_by_label("Gap to either wall, mm")

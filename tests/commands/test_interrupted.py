@@ -39,15 +39,16 @@ REGIMES = "--modes 2 --friction-limit 0.025 --force 1.5 --quick --members 6 --po
 class Stop(NamedTuple):
     """A command that is broken off at call number ``at`` of a function (of a generator: where that would give its value number ``at``).
 
-    ``kept`` is the JSON file that it leaves (None: none) and ``same`` the one that in the end is that of a run which was never broken off. Where it
-    goes on with what it has kept, ``calls`` are those of both runs together, with the one that was broken off.
+    ``partial_file`` is the JSON file that it leaves (None: none). ``same`` is the file that in the end equals that of a run
+    without interruption. Where the command continues from saved results, ``calls`` counts the calls of both runs together,
+    the interrupted call included.
     """
 
     name: str
     line: str
     function: str
     at: int
-    kept: str | None
+    partial_file: str | None
     same: str | None
     calls: int | None = None
     again: str = ""
@@ -171,16 +172,16 @@ def broken_off(function: str, at: int, monkeypatch: pytest.MonkeyPatch) -> list[
         if len(calls) == at:
             raise KeyboardInterrupt
 
-    def stopped(*given: Any, **named: Any) -> Any:
+    def stopped(*arguments: Any, **named: Any) -> Any:
         counted()
-        return whole(*given, **named)
+        return whole(*arguments, **named)
 
-    def stopped_within(*given: Any, **named: Any) -> Iterator[Any]:
-        found = whole(*given, **named)
+    def stopped_within(*arguments: Any, **named: Any) -> Iterator[Any]:
+        results = whole(*arguments, **named)
         while True:
             counted()
             try:
-                value = next(found)
+                value = next(results)
             except StopIteration:
                 return
             yield value
@@ -190,7 +191,7 @@ def broken_off(function: str, at: int, monkeypatch: pytest.MonkeyPatch) -> list[
 
 
 @pytest.mark.parametrize("stop", STOPS, ids=lambda stop: f"{stop.name}-{stop.function}")
-def test_what_is_finished_is_kept_and_the_command_goes_on(
+def test_an_interrupted_command_saves_finished_parts_and_continues(
     stop: Stop, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     file = file_of(stop.name)
@@ -211,14 +212,14 @@ def test_what_is_finished_is_kept_and_the_command_goes_on(
     assert result.exit_code == 130, result.output
     assert "Traceback" not in result.output
     assert "Stopped early: " in result.stderr or result.stderr.endswith("Broken off.\n")
-    if stop.kept is None:
+    if stop.partial_file is None:
         assert list(parted.iterdir()) == []
     else:
-        kept, wanted = (read_json(folder / stop.kept) for folder in (parted, whole))
+        resumed, wanted = (read_json(folder / stop.partial_file) for folder in (parted, whole))
         assert (
-            kept == wanted[: len(kept)] != []
-            if isinstance(kept, list)
-            else not kept.get("complete", kept.get("finished"))
+            resumed == wanted[: len(resumed)] != []
+            if isinstance(resumed, list)
+            else not resumed.get("complete", resumed.get("finished"))
         )
     done(command, *shlex.split(stop.line), *shlex.split(stop.again))
     assert stop.calls in (None, len(calls))

@@ -42,11 +42,11 @@ def listed(tmp_path: Path, *arguments: str) -> tuple[str, list[dict[str, Any]]]:
 
 
 def test_the_orbits_over_a_range_have_exactly_the_promised_keys(tmp_path: Path) -> None:
-    output, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--points", "4")
-    assert [orbit["omega_ratio"] for orbit in found] == pytest.approx(
+    output, listing = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--points", "4")
+    assert [orbit["omega_ratio"] for orbit in listing] == pytest.approx(
         [0.94, 0.94, 0.95, 0.95], abs=1e-12
     )
-    for orbit in found:
+    for orbit in listing:
         assert set(orbit) == KEYS | {"half_multipliers"}
         assert orbit["symmetric"] is True
         assert [set(impact) for impact in orbit["impacts"]] == [
@@ -64,8 +64,8 @@ def test_the_orbits_over_a_range_have_exactly_the_promised_keys(tmp_path: Path) 
 
 
 def test_an_orbit_of_a_file_can_be_read_back_and_run_again(tmp_path: Path) -> None:
-    _, found = listed(tmp_path, *PAPER, "--at", "0.95", "--symmetric")
-    for plain in found:
+    _, listing = listed(tmp_path, *PAPER, "--at", "0.95", "--symmetric")
+    for plain in listing:
         orbit = orbit_of(plain)
         assert isinstance(orbit, Orbit)
         assert orbit.motion.tip_max == pytest.approx(plain["tip_max_m"], rel=1e-9)
@@ -133,8 +133,8 @@ def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
 
 
 def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
-    output, found = listed(tmp_path, *ONE_MODE, "--at", "0.93")
-    shares = [orbit["basin"] for orbit in found]
+    output, listing = listed(tmp_path, *ONE_MODE, "--at", "0.93")
+    shares = [orbit["basin"] for orbit in listing]
     assert {share["runs"] for share in shares} == {16}
     assert sum(share["ended"] for share in shares) == 16
     assert {share["nothing_periodic"]["ended"] for share in shares} == {0}
@@ -142,8 +142,8 @@ def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
         assert share["low"] <= share["share"] == share["ended"] / 16 <= share["high"]
         assert share["ended"] == 0 or f"{share['ended']} of 16 (" in output
     assert "over 2000 periods of the force: 0 of 16 (0-19 %) end on nothing periodic" in output
-    assert {orbit["omega_ratio"] for orbit in found} == {0.93}
-    sided = [orbit for orbit in found if not orbit["symmetric"]]
+    assert {orbit["omega_ratio"] for orbit in listing} == {0.93}
+    sided = [orbit for orbit in listing if not orbit["symmetric"]]
     assert len(sided) == 2
     for orbit in sided:
         assert set(orbit) == KEYS | {"multipliers"}
@@ -156,9 +156,9 @@ def test_one_frequency_has_what_runs_settle_to_as_well(tmp_path: Path) -> None:
         )
         for orbit in sided
     )
-    for (wall, phase, impulse), (_, there, back) in zip(one, other[::-1], strict=True):
+    for (wall, phase, impulse), (_, mirrored_phase, back) in zip(one, other[::-1], strict=True):
         assert back == pytest.approx(-impulse, rel=1e-8), wall
-        assert np.exp(1j * there) == pytest.approx(-np.exp(1j * phase), abs=1e-8)
+        assert np.exp(1j * mirrored_phase) == pytest.approx(-np.exp(1j * phase), abs=1e-8)
 
 
 def test_two_absorbers_are_refused_in_one_line(tmp_path: Path) -> None:
@@ -189,11 +189,11 @@ def test_a_range_has_pairs_and_doubled_periods(tmp_path: Path) -> None:
         "--points",
         "3",
     ]
-    output, found = listed(tmp_path, *arguments)
+    output, listing = listed(tmp_path, *arguments)
     assert "one-sided, period 2" in output
-    kinds = {(orbit["symmetric"], orbit["period_multiple"]) for orbit in found}
+    kinds = {(orbit["symmetric"], orbit["period_multiple"]) for orbit in listing}
     assert kinds == {(True, 1), (False, 1), (False, 2)}
-    doubled = [orbit for orbit in found if orbit["period_multiple"] == 2]
+    doubled = [orbit for orbit in listing if orbit["period_multiple"] == 2]
     assert any(orbit["stable"] for orbit in doubled)
     for orbit in doubled:
         assert len(orbit["impacts"]) == 4
@@ -202,14 +202,14 @@ def test_a_range_has_pairs_and_doubled_periods(tmp_path: Path) -> None:
 
 
 def test_folds_and_thresholds(tmp_path: Path) -> None:
-    _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--folds")
-    assert all(set(fold) == {"omega_ratio", "force_N", "tip_max_m"} for fold in found)
-    assert [fold["omega_ratio"] for fold in found] == pytest.approx(
+    _, listing = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--folds")
+    assert all(set(fold) == {"omega_ratio", "force_N", "tip_max_m"} for fold in listing)
+    assert [fold["omega_ratio"] for fold in listing] == pytest.approx(
         [0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9
     )
-    assert {fold["force_N"] for fold in found} == {1.5}
-    _, found = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "1", "--thresholds")
-    assert [threshold["force_N"] for threshold in found] == pytest.approx(
+    assert {fold["force_N"] for fold in listing} == {1.5}
+    _, listing = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "1", "--thresholds")
+    assert [threshold["force_N"] for threshold in listing] == pytest.approx(
         [1.221955, 2.370284], abs=5e-7
     )  # birth and merger with reversals
 
@@ -284,8 +284,8 @@ def test_the_papers_isola_by_both_methods_in_all_files(
         "--plot",
         files[2],
     )
-    found = json.loads(files[0].read_text())
-    exact = [curve for curve in found["curves"] if curve["method"] == "exact orbits"]
+    summary = json.loads(files[0].read_text())
+    exact = [curve for curve in summary["curves"] if curve["method"] == "exact orbits"]
     (closed,) = [curve for curve in exact if curve["closed"]]
     folds = sorted(mark["omega_ratio"] for mark in closed["located"] if mark["kind"] == "fold")
     assert folds[0] == pytest.approx(0.9336128203, abs=1e-9)
@@ -301,40 +301,40 @@ def test_the_papers_isola_by_both_methods_in_all_files(
         for entry in entries
     )
     assert isinstance(orbit_of(entries[len(entries) // 2]), Orbit)
-    balance = [curve for curve in found["curves"] if curve["method"] == "harmonic balance"]
+    balance = [curve for curve in summary["curves"] if curve["method"] == "harmonic balance"]
     assert sorted(curve["closed"] for curve in balance) == [False, True]
     model = modal_model(Beam(modes=3))
-    ratio = np.array(found["linear"]["omega_ratio"])
-    assert found["linear"]["stuck_m"] == pytest.approx(
+    ratio = np.array(summary["linear"]["omega_ratio"])
+    assert summary["linear"]["stuck_m"] == pytest.approx(
         1.5 * np.abs(tip_response(model, StuckAbsorber(), ratio * model.omega[0]))
     )
-    assert [sweep["omega_ratio"][0] > sweep["omega_ratio"][-1] for sweep in found["sweeps"]] == [
+    assert [sweep["omega_ratio"][0] > sweep["omega_ratio"][-1] for sweep in summary["sweeps"]] == [
         False,
         True,
     ]
     rows = read(files[1])
-    for number, curve in enumerate(found["curves"], 1):
-        kept = [x for x in curve["tip_max_m"] if x is not None]
+    for number, curve in enumerate(summary["curves"], 1):
+        amplitudes = [x for x in curve["tip_max_m"] if x is not None]
         assert [
             float(row["tip_max_m"])
             for row in rows
             if row["curve"] == str(number) and not row["located"]
-        ] == kept
+        ] == amplitudes
     (panel,) = drawn[0].axes
     for name, label in (("alone_m", "no absorber"), ("stuck_m", "absorber stuck")):
         np.testing.assert_allclose(
-            line(panel, label), [ratio, 1e3 * np.array(found["linear"][name])]
+            line(panel, label), [ratio, 1e3 * np.array(summary["linear"][name])]
         )
-    for sweep, way in zip(found["sweeps"], ("up", "down"), strict=True):
+    for sweep, way in zip(summary["sweeps"], ("up", "down"), strict=True):
         tips = 1e3 * np.array(sweep["tip_max_m"])
         np.testing.assert_allclose(line(panel, f"sweep {way}"), [sweep["omega_ratio"], tips])
     drawn_points = {
         (round(x, 9), round(y, 6)) for points in lines(panel) for x, y in points.T.tolist()
     }
-    for curve in found["curves"]:
+    for curve in summary["curves"]:
         points = zip(curve["omega_ratio"], curve["tip_max_m"], strict=True)
-        shown = [(round(x, 9), round(1e3 * y, 6)) in drawn_points for x, y in points if y]
-        assert np.mean(shown) > 0.99
+        is_drawn = [(round(x, 9), round(1e3 * y, 6)) in drawn_points for x, y in points if y]
+        assert np.mean(is_drawn) > 0.99
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
@@ -345,7 +345,7 @@ def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches
     drawn = saved_figures(monkeypatch)
     file = tmp_path / "found.json"
     figure = tmp_path / "found.png"
-    given = (
+    options = (
         "--modes",
         1,
         "--force",
@@ -363,7 +363,7 @@ def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches
     )
     done(
         imported("frequency_response"),
-        *given,
+        *options,
         "--contact-stiffness",
         2e4,
         "--json",
@@ -456,7 +456,7 @@ def test_the_envelope_has_quantiles_of_runs_that_settled(
 def test_births_and_mergers_and_their_map(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     drawn = saved_figures(monkeypatch)
     files = [tmp_path / name for name in ("isola.json", "isola.csv", "isola.png")]
-    given = (
+    options = (
         "--json",
         files[0],
         "--csv",
@@ -468,34 +468,36 @@ def test_births_and_mergers_and_their_map(monkeypatch: pytest.MonkeyPatch, tmp_p
         "--map-restitutions",
         "0.75,1",
     )
-    done(imported("isola"), "--modes", 3, "--friction-limit", 0.01, "--from", 0.93, *given)
-    found = json.loads(files[0].read_text())
-    assert [row["kind"] for row in found["thresholds"]] == ["birth", "merger"]
-    assert all(row["orbit"] == "yes" for row in found["thresholds"])
-    same = [row["force_N"] for row in found["map"] if row["modes"] == 3 and row["restitution"] == 1]
-    assert same == [row["force_N"] for row in found["thresholds"]]
+    done(imported("isola"), "--modes", 3, "--friction-limit", 0.01, "--from", 0.93, *options)
+    summary = json.loads(files[0].read_text())
+    assert [row["kind"] for row in summary["thresholds"]] == ["birth", "merger"]
+    assert all(row["orbit"] == "yes" for row in summary["thresholds"])
+    same = [
+        row["force_N"] for row in summary["map"] if row["modes"] == 3 and row["restitution"] == 1
+    ]
+    assert same == [row["force_N"] for row in summary["thresholds"]]
     births = {
         row["restitution"]: row["force_N"]
-        for row in found["map"]
+        for row in summary["map"]
         if row["modes"] == 3 and row["kind"] == "birth"
     }
     assert births[0.75] > births[1.0] + 0.5
     ratio, force = (
-        np.array(found["fold_force"][name], dtype=float) for name in ("omega_ratio", "force_N")
+        np.array(summary["fold_force"][name], dtype=float) for name in ("omega_ratio", "force_N")
     )
     inside = (ratio > 0.94) & (ratio < 0.95)
     assert np.min(force[inside]) == pytest.approx(1.221955, abs=1e-4)
-    assert len(read(files[1])) == len(found["thresholds"]) + len(found["map"])
+    assert len(read(files[1])) == len(summary["thresholds"]) + len(summary["map"])
     panel, by_restitution = drawn[0].axes
     np.testing.assert_allclose(lines(panel)[0], [ratio, force])
-    for row in found["thresholds"]:
+    for row in summary["thresholds"]:
         marked = np.ravel(line(panel, row["kind"]))
         np.testing.assert_allclose(marked, [row["omega_ratio"], row["force_N"]])
     for modes in (1, 3):
         for kind in ("birth", "merger"):
             cells = sorted(
                 (row["restitution"], row["force_N"])
-                for row in found["map"]
+                for row in summary["map"]
                 if (row["modes"], row["kind"]) == (modes, kind)
             )
             known = {
@@ -533,7 +535,7 @@ def test_error_of_harmonic_balance_falls_with_the_harmonics(
     assert first["first_fold_ratio"] == pytest.approx(0.926, abs=6e-4)
     assert abs(second["first_fold_ratio"] - 0.93361) < abs(first["first_fold_ratio"] - 0.93361) / 2
     error, folds, _ = drawn[0].axes
-    shown = [[20, 40], 100 * np.array([first["tip_max_error"], second["tip_max_error"]])]
-    np.testing.assert_allclose(line(error, "weight 100"), shown)
-    shown = [[20, 40], [first["first_fold_ratio"], second["first_fold_ratio"]]]
-    np.testing.assert_allclose(line(folds, "weight 100"), shown)
+    expected = [[20, 40], 100 * np.array([first["tip_max_error"], second["tip_max_error"]])]
+    np.testing.assert_allclose(line(error, "weight 100"), expected)
+    expected = [[20, 40], [first["first_fold_ratio"], second["first_fold_ratio"]]]
+    np.testing.assert_allclose(line(folds, "weight 100"), expected)

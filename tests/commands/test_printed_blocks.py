@@ -83,7 +83,7 @@ def test_a_page_shows_what_its_blocks_print(
     assert len(blocks) >= PAGES[name]
     write_files(text, folder)
     monkeypatch.chdir(folder)
-    found = [
+    differences = [
         difference
         for block in blocks
         if slow or block.command not in SLOW
@@ -93,10 +93,10 @@ def test_a_page_shows_what_its_blocks_print(
             TOLERANCES.get(block.command, CHAOTIC_TOL),
         )
     ]
-    assert not found, "\n".join(found)
+    assert not differences, "\n".join(differences)
 
 
-def test_a_difference_in_a_word_a_number_or_a_line_is_found() -> None:
+def test_a_difference_in_a_word_a_number_or_a_line_is_reported() -> None:
     page = "level 1.20 mm of 16 members\n\n| gap |\n| --- |\n| 1.0 |\n"
     assert not list(find_differences(page, page.replace("1.20", "1.201"), 1e-2))
     for old, new in (("1.20", "1.25"), ("mm", "m"), ("| gap |", ""), ("| gap |", "| gap |\nmore")):
@@ -111,7 +111,7 @@ def test_a_difference_in_a_word_a_number_or_a_line_is_found() -> None:
     assert list(find_differences(page, other_rows.replace("| 2.0 |", "| - |"), 1e-2))
 
 
-def test_a_block_of_a_page_is_found_with_the_files_it_needs(tmp_path: Path) -> None:
+def test_a_block_of_a_page_is_read_with_the_files_it_needs(tmp_path: Path) -> None:
     page = (
         "```toml\n# beam.toml\n[beam]\nmodes = 2\n```\n\n"
         "```sh\nscripts/run structure beam.toml\n```\n\n```text mass; Shapes\nmass 1 kg\n```\n\n"

@@ -82,19 +82,19 @@ def test_a_sweep_has_the_rule_gap_and_writes_its_scene(
     target = tmp_path / "sweep.json"
     options = "--rate 40 --mass-ratio 0.01"
     call("sweep", monkeypatch, f"--structure {STEEL} --force 0.3 {options} --json {target}")
-    found = json.loads(target.read_text())
-    assert found["scene"]["beam"]["response_position"] == 0.9
-    assert found["scene"]["absorber"]["gap"] == pytest.approx(
+    output = json.loads(target.read_text())
+    assert output["scene"]["beam"]["response_position"] == 0.9
+    assert output["scene"]["absorber"]["gap"] == pytest.approx(
         design_gap(model, 0.01 * model.beam_mass, 0.3)
     )
-    np.testing.assert_array_equal(found["omega_rad_s"], model.omega)
-    target.with_name("scene.json").write_text(json.dumps(found["scene"]))
+    np.testing.assert_array_equal(output["omega_rad_s"], model.omega)
+    target.with_name("scene.json").write_text(json.dumps(output["scene"]))
     call(
         "sweep",
         monkeypatch,
         f"--scene {target.with_name('scene.json')} --rate 40 --force 0.3 --json {target}",
     )
-    assert json.loads(target.read_text())["response_level_m"] == found["response_level_m"]
+    assert json.loads(target.read_text())["response_level_m"] == output["response_level_m"]
 
 
 def test_periodic_motions_are_of_the_structure_and_at_the_force_of_the_rule(
@@ -120,8 +120,8 @@ def test_mode_shapes_are_compared_with_a_second_file(
 ) -> None:
     target = tmp_path / "mac.json"
     printed = call("structure", monkeypatch, f"{FRAME} --mac {FRAME} --json {target}").output
-    found = json.loads(target.read_text())["mac"]
-    assurance = np.array(found["assurance"])
+    mac = json.loads(target.read_text())["mac"]
+    assurance = np.array(mac["assurance"])
     np.testing.assert_allclose(np.diag(assurance), 1.0)
     np.testing.assert_allclose(assurance, assurance.T, atol=1e-12)
     assert f"{assurance[0, 1]:.3f}" in printed
@@ -175,15 +175,16 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
     )
     line = f"--scene {device} --force 1.7 --resonances 1 2 --forces 2 --members 1 --rate 60 --out {tmp_path}"
     call("compare_absorbers", monkeypatch, line)
-    found = json.loads((tmp_path / "summary.json").read_text())
-    impact = found["resonances"]["1"]["concepts"]["impact"]["absorber"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    impact = summary["resonances"]["1"]["concepts"]["impact"]["absorber"]
     assert impact == {
         "mass_ratio": 0.015,
         "walls": {"gap": 7e-4, "restitution": 0.55},
         "friction": {"limit": 0.03, "static_ratio": 1.0},
         "gravity": 0.0,
     }
-    model, (first, second) = mounted(beam), (found["resonances"][k]["concepts"] for k in ("1", "2"))
+    model = mounted(beam)
+    first, second = (summary["resonances"][k]["concepts"] for k in ("1", "2"))
     own = performance_curve(
         Scene(model, impact_absorber(7e-4, 0.55, 0.03, 0.015)),
         [1.7],

@@ -86,9 +86,9 @@ def test_golden_cases_from_files(case: str, tmp_path: Path) -> None:
     absorber, load, golden = GOLDEN[case]
     result = sweep(*written(tmp_path, absorber, load))
     assert result.exit_code == 0, result.output
-    found = json.loads((tmp_path / "out.json").read_text())
-    times = np.array(found["impact_time_s"])
-    speeds = np.array(found["impact_relative_velocity_m_s"])
+    output = json.loads((tmp_path / "out.json").read_text())
+    times = np.array(output["impact_time_s"])
+    speeds = np.array(output["impact_relative_velocity_m_s"])
     assert len(times) == 10
     error = np.abs(times - [time for time, _ in golden])
     assert error[0] < 1e-12
@@ -206,9 +206,9 @@ def test_records_of_each_format(tmp_path: Path) -> None:
         part = pyuff.prepare_58(func_type=1, binary=0, data=values, x=times, **about)
         pyuff.UFF(str(tmp_path / "a.uff")).write_sets(part, "overwrite")
     for name in ("a.csv", "a.npy", "a.wav", "a.uff"):
-        found = record(tmp_path, name, "scale = 3.0")
-        np.testing.assert_allclose(found.values, 3 * values, atol=1e-6)
-        np.testing.assert_allclose(found.times, times, atol=1e-9)
+        load = record(tmp_path, name, "scale = 3.0")
+        np.testing.assert_allclose(load.values, 3 * values, atol=1e-6)
+        np.testing.assert_allclose(load.times, times, atol=1e-9)
 
 
 def test_base_motion_needs_a_participation_and_walls_a_place_to_rest(tmp_path: Path) -> None:
@@ -255,12 +255,12 @@ IN_G = {  # a load of a base with values in g, and the same in m/s^2
 
 @pytest.mark.parametrize("text", IN_G)
 def test_accelerations_and_spectra_in_g(text: str, tmp_path: Path) -> None:
-    found = []
+    loads = []
     for plain in (text, IN_G[text]):
         (tmp_path / "load.toml").write_text("[load]\nkind = 'base'\n" + plain, encoding="utf-8")
         (part,) = read_loads(tmp_path / "load.toml", 250.0).parts
-        found.append([piece.rows for piece in part.pieces()])
-    for one, other in zip(*found, strict=True):
+        loads.append([piece.rows for piece in part.pieces()])
+    for one, other in zip(*loads, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
 
 
@@ -277,7 +277,7 @@ def test_what_lies_above_the_modes_of_a_record_and_units_that_must_be_wrong() ->
             check_size(scene, loads.member(Member(factor=factor)))
 
 
-def test_an_offset_of_a_base_s_record_is_told_from_oscillations_and_pulses() -> None:
+def test_an_offset_of_a_base_s_record_is_distinguished_from_oscillations_and_pulses() -> None:
     times = np.linspace(0.0, 4.0, 4001)
     noise = np.convolve(np.random.default_rng(3).standard_normal(4101), np.hanning(101), "valid")
     whole = [np.sin(2 * np.pi * f * times + p) for f in (0.3, 1.7, 40.0) for p in (0.0, 0.7, 1.6)]
@@ -314,8 +314,8 @@ def test_a_sweep_through_a_resonance_at_nodes_is_warned_of(tmp_path: Path) -> No
     steady = ("--from", 1, "--to", 1, "--periods", 3, "--force", 1.0)
     places = "the force's place and the absorber's place and the place of the level"
     for resonance in (1, 2):
-        found = sweep("--scene", tmp_path / "scene.toml", "--resonance", resonance, *steady)
-        warned = f"warning: resonance 2, at 251.7 Hz, has a node at {places}" in found.output
+        result = sweep("--scene", tmp_path / "scene.toml", "--resonance", resonance, *steady)
+        warned = f"warning: resonance 2, at 251.7 Hz, has a node at {places}" in result.output
         assert warned == (resonance == 2)
 
 
@@ -351,42 +351,51 @@ def measures(
         folder / "out.json",
     )
     assert result.exit_code == 0, result.output
-    found = json.loads((folder / "out.json").read_text())
-    return found["measures"][0], found
+    output = json.loads((folder / "out.json").read_text())
+    return output["measures"][0], output
 
 
 def test_a_sine() -> None:
     """Samples that fall on the crests; 20 of them a period."""
-    found = of_signal(SIZE * np.sin(2 * np.pi * np.arange(20 * PERIODS + 1) / 20), RATE)
-    assert found["rms"] == pytest.approx(SIZE / np.sqrt(2), rel=1e-3)
-    assert found["percentiles"]["100"] == pytest.approx(SIZE)
-    assert found["exceedances"]["per_s"][0] == pytest.approx(2 * RATE / 20, rel=0.01)
-    assert found["exceedances"]["per_s"][1:] == [0.0, 0.0, 0.0]
+    measures_of_sine = of_signal(SIZE * np.sin(2 * np.pi * np.arange(20 * PERIODS + 1) / 20), RATE)
+    assert measures_of_sine["rms"] == pytest.approx(SIZE / np.sqrt(2), rel=1e-3)
+    assert measures_of_sine["percentiles"]["100"] == pytest.approx(SIZE)
+    assert measures_of_sine["exceedances"]["per_s"][0] == pytest.approx(2 * RATE / 20, rel=0.01)
+    assert measures_of_sine["exceedances"]["per_s"][1:] == [0.0, 0.0, 0.0]
     assert (
-        sum(found["rainflow"]["cycles"][:-1]) <= 1
+        sum(measures_of_sine["rainflow"]["cycles"][:-1]) <= 1
     )  # the ends: from 0 to the first crest, and from the last to 0
-    assert found["rainflow"]["cycles"][-1] == pytest.approx(PERIODS, abs=1)
-    frequency, density = (np.array(found["spectrum"][key]) for key in ("frequency_hz", "density"))
+    assert measures_of_sine["rainflow"]["cycles"][-1] == pytest.approx(PERIODS, abs=1)
+    frequency, density = (
+        np.array(measures_of_sine["spectrum"][key]) for key in ("frequency_hz", "density")
+    )
     assert frequency[np.argmax(density)] == pytest.approx(RATE / 20, abs=frequency[1])
     assert np.trapezoid(density, frequency) == pytest.approx(SIZE**2 / 2, rel=1e-3)
 
 
 def test_gaussian_noise() -> None:
     """Rice: |x| of a flat band from f1 to f2 rises above k sigma 2 nu exp(-k^2/2) times a second, nu^2 = (f1^2 + f1 f2 + f2^2)/3."""
-    seconds, drawn, (low, high) = 400.0, np.random.default_rng(1), (20.0, 60.0)
+    seconds = 400.0
+    drawn = np.random.default_rng(1)
+    low = 20.0
+    high = 60.0
     lines = np.zeros(int(RATE * seconds) // 2 + 1, complex)
     band = np.arange(len(lines)) / seconds
     inside = (band >= low) & (band <= high)
     lines[inside] = [1, 1j] @ drawn.standard_normal((2, int(np.sum(inside))))
     values = np.fft.irfft(lines)
-    found = of_signal(values, RATE)
+    measures_of_noise = of_signal(values, RATE)
     nu = np.sqrt((low**2 + low * high + high**2) / 3)
-    for k, per_s in zip((1, 2, 3), found["exceedances"]["per_s"], strict=False):
+    for k, per_s in zip((1, 2, 3), measures_of_noise["exceedances"]["per_s"], strict=False):
         assert per_s == pytest.approx(2 * nu * np.exp(-(k**2) / 2), rel=0.03 if k < 3 else 0.2)
-    assert found["percentiles"]["95"] == pytest.approx(1.96 * found["rms"], rel=0.02)
-    frequency, density = (np.array(found["spectrum"][key]) for key in ("frequency_hz", "density"))
+    assert measures_of_noise["percentiles"]["95"] == pytest.approx(
+        1.96 * measures_of_noise["rms"], rel=0.02
+    )
+    frequency, density = (
+        np.array(measures_of_noise["spectrum"][key]) for key in ("frequency_hz", "density")
+    )
     flat = density[(frequency > low + 1) & (frequency < high - 1)]
-    assert np.mean(flat) == pytest.approx(found["rms"] ** 2 / (high - low), rel=0.03)
+    assert np.mean(flat) == pytest.approx(measures_of_noise["rms"] ** 2 / (high - low), rel=0.03)
     assert np.trapezoid(density, frequency) == pytest.approx(np.mean(values**2), rel=0.03)
 
 
@@ -412,10 +421,10 @@ MOVED = {  # place and velocity
 @pytest.mark.parametrize("name", MOVED)
 def test_a_base_moves_as_its_acceleration_says(name: str) -> None:
     load, *truth = MOVED[name]
-    for found, expected in zip(
+    for measured, expected in zip(
         Loads((load,), 50.0).base_motion(TIMES), reversed(truth), strict=True
     ):
-        np.testing.assert_allclose(found, expected, atol=1e-6 * np.max(np.abs(expected)))
+        np.testing.assert_allclose(measured, expected, atol=1e-6 * np.max(np.abs(expected)))
 
 
 def test_a_record_of_a_base_begins_and_ends_at_one_place() -> None:
@@ -440,14 +449,16 @@ def test_motion_in_space_over_that_of_the_base(tmp_path: Path) -> None:
         (("--absolute",), abs((1 + 2j * 0.02 * r) / dynamic)),
         ((), abs(r**2 / dynamic)),
     ):
-        found, _ = measures(tmp_path, ONE_MODE, load, *option)
-        assert found["displacement_m"]["rms"] == pytest.approx(base * ratio, rel=2e-3)
+        measured, _ = measures(tmp_path, ONE_MODE, load, *option)
+        assert measured["displacement_m"]["rms"] == pytest.approx(base * ratio, rel=2e-3)
         if option:
-            assert found["acceleration_m_s2"]["rms"] == pytest.approx(
+            assert measured["acceleration_m_s2"]["rms"] == pytest.approx(
                 (r * OMEGA[0]) ** 2 * base * ratio, rel=4e-3
             )
         else:
-            assert found["stress"]["rms"] == pytest.approx(7.0 * MASS**0.5 * base * ratio, rel=2e-3)
+            assert measured["stress"]["rms"] == pytest.approx(
+                7.0 * MASS**0.5 * base * ratio, rel=2e-3
+            )
 
 
 def test_two_tones_have_a_band_each(tmp_path: Path) -> None:
@@ -456,11 +467,11 @@ def test_two_tones_have_a_band_each(tmp_path: Path) -> None:
         f"{{ amplitude_n = {n}, frequency_hz = {f} }}"
         for n, f in zip((1.0, 4.0), hertz, strict=True)
     )
-    found, _ = measures(
+    measured, _ = measures(
         tmp_path, model(2, 0.02), f'[load]\nkind = "tones"\ntones = [{tones}]\nduration_s = 4.0'
     )
-    assert [band.get("to_hz") for band in found["bands"]] == [pytest.approx(100.0), None]
-    for force, frequency, band in zip((1.0, 4.0), hertz, found["bands"], strict=True):
+    assert [band.get("to_hz") for band in measured["bands"]] == [pytest.approx(100.0), None]
+    for force, frequency, band in zip((1.0, 4.0), hertz, measured["bands"], strict=True):
         omega = 2 * np.pi * frequency
         each = [
             t * f / (w**2 - omega**2 + 0.04j * w * omega)
@@ -474,28 +485,28 @@ def test_two_tones_have_a_band_each(tmp_path: Path) -> None:
 def test_the_energy_after_a_pulse_decays(tmp_path: Path) -> None:
     """As exp(-2 D omega t), about which the energy of a damped swing moves by the damping ratio."""
     load = '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 9.0\npulse_s = 0.0125\nduration_s = 0.5'
-    found, _ = measures(tmp_path, ONE_MODE, load)
-    times, energy = (np.array(found["decay"][key]) for key in ("at_s", "energy_j"))
-    assert times[0] == pytest.approx(0.0125, abs=1 / found["sample_rate_hz"])
+    measured, _ = measures(tmp_path, ONE_MODE, load)
+    times, energy = (np.array(measured["decay"][key]) for key in ("at_s", "energy_j"))
+    assert times[0] == pytest.approx(0.0125, abs=1 / measured["sample_rate_hz"])
     np.testing.assert_allclose(
         energy, energy[0] * np.exp(-2 * 0.02 * OMEGA[0] * (times - times[0])), rtol=0.05
     )
-    assert found["decay"]["decay_s"] == pytest.approx(1 / (2 * 0.02 * OMEGA[0]), rel=0.03)
-    assert found["decay"]["higher_modes"] == [0.0] * len(times)
-    assert found["from_s"] == 0
+    assert measured["decay"]["decay_s"] == pytest.approx(1 / (2 * 0.02 * OMEGA[0]), rel=0.03)
+    assert measured["decay"]["higher_modes"] == [0.0] * len(times)
+    assert measured["from_s"] == 0
 
 
 @pytest.mark.nightly
 def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     absorber = '\n[absorber]\nkind = "impact"\ngap = 3e-4\nrestitution = 0.7\n'
     load = '[load]\nkind = "random"\nspectrum = [[30.0, 0.05], [50.0, 0.05]]\nduration_s = 6.0'
-    found, written = measures(tmp_path, ONE_MODE + absorber, load, "--members", 2)
-    start = found["from_s"]
+    measured, written = measures(tmp_path, ONE_MODE + absorber, load, "--members", 2)
+    start = measured["from_s"]
     assert start == pytest.approx(5 / (0.02 * OMEGA[0]))
     speeds = np.abs(written["impact_relative_velocity_m_s"])[
         np.array(written["impact_time_s"]) >= start
     ]
-    impacts = found["impacts"]
+    impacts = measured["impacts"]
     assert len(speeds) > 50
     assert impacts["per_s"] == pytest.approx(len(speeds) / (6.0 - start), rel=1e-3)
     mass = 1 / (1 / (0.02 * MASS) + 1 / MASS)
@@ -505,7 +516,7 @@ def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     assert impacts["per_s_above"][-1] == pytest.approx(
         np.sum(speeds > impacts["above_m_s"][-1]) / (6.0 - start), rel=1e-3
     )
-    assert found["displacement_m"]["level"] == pytest.approx(
+    assert measured["displacement_m"]["level"] == pytest.approx(
         written["response_level_m"][0], rel=0.01
     )  # from other samples
-    assert written["measures"][1]["displacement_m"]["rms"] != found["displacement_m"]["rms"]
+    assert written["measures"][1]["displacement_m"]["rms"] != measured["displacement_m"]["rms"]

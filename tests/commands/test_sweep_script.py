@@ -114,7 +114,7 @@ def test_frequencies_are_in_units_of_the_chosen_resonance_and_the_wall_time_is_t
     assert values["stuck_time_s"] == pytest.approx(10 * 2 * math.pi / values["omega_rad_s"][1])
 
 
-def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() -> None:
+def test_too_fast_a_sweep_is_reported_and_nothing_where_nothing_is_swept() -> None:
     assert (
         "sweep over stationary"
         not in call(*CONSTANT, "--periods", "5", "--absorber", "none").output
@@ -126,7 +126,7 @@ def test_what_was_swept_too_fast_is_said_and_nothing_where_nothing_is_swept() ->
     assert "0.000   without absorber, at 10 % per 100 pseudo periods: too fast" in undamped.output
 
 
-def test_a_sweep_starts_as_it_is_told(tmp_path: Path) -> None:
+def test_a_sweep_starts_from_the_chosen_state(tmp_path: Path) -> None:
     """At a high resonance, below it: from rest the level is that of the start, which is warned of; from the steady state there is none."""
     arguments = ("--resonance", 4, "--from", 0.9, "--to", 0.95, "--force", 1, "--modes", 5)
     out = done(sweep, "--absorber", "none", *arguments, "--phase", 1.57).stdout
@@ -179,7 +179,7 @@ def test_a_dash_is_standard_output_and_all_else_goes_to_standard_error(
     assert [file.name for file in tmp_path.iterdir()] == ["sweep.json"]
 
 
-def test_a_run_that_is_given_up_leaves_no_file(tmp_path: Path) -> None:
+def test_an_abandoned_run_leaves_no_file(tmp_path: Path) -> None:
     result = call(*STRONG, "--most-events", "9", "--json", str(tmp_path / "sweep.json"))
     assert result.exit_code == 1
     assert "more events than its budget" in result.output
@@ -203,12 +203,12 @@ def test_plot_is_written(
     drawn = saved_figures(monkeypatch)
     done(sweep, "--absorber", "none", *arguments)
     (figure,) = drawn
-    given = options("--absorber", "none", *map(str, arguments[2:]))
-    force = sweep.FORCE if given["force"] is None else given["force"]
-    scene, _ = scene_options.make_scene(given)
+    parsed = options("--absorber", "none", *map(str, arguments[2:]))
+    force = sweep.FORCE if parsed["force"] is None else parsed["force"]
+    scene, _ = scene_options.make_scene(parsed)
     run = simulate(
         scene,
-        Drive(force, scene_options.make_schedule(given, scene)),
+        Drive(force, scene_options.make_schedule(parsed, scene)),
         record=Record(series=True),
     )
     time = run.recorded.history.time
@@ -244,15 +244,15 @@ def test_scene_from_a_file_is_the_scene_of_the_options(tmp_path: Path) -> None:
 
 
 def test_defaults_are_the_papers() -> None:
-    given = options()
-    scene, beam = scene_options.make_scene(given)
+    parsed = options()
+    scene, beam = scene_options.make_scene(parsed)
     assert beam == Beam()
-    schedule = scene_options.make_schedule(given, scene)
+    schedule = scene_options.make_schedule(parsed, scene)
     assert scene.model.modes == Beam.modes
     assert set(scene.model.damping_ratio) == {Beam.damping_ratio}
     assert tuple(schedule.omegas / schedule.reference) == pytest.approx(PAPER_LIMITS)
     assert schedule.periods == pytest.approx(1600)
-    assert scene_options.make_method(given) == Exact()
+    assert scene_options.make_method(parsed) == Exact()
     assert scene_options.make_method(options("--method", "moreau")) == Moreau()
     assert scene_options.make_method(
         options("--method", "runge-kutta", "--steps-per-period", "50")

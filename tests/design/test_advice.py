@@ -23,14 +23,14 @@ STRIP = replace(STEEL, modes=2)
 
 
 def steel(concept: str = "impact", **changes: object) -> Problem:
-    given = {
+    options = {
         "space": design_space(concept),
         "conditions": (Condition(1, 0.5),),
         "beam": STRIP,
         "members": 3,
         "rate": 40.0,
     }
-    return Problem(**(given | changes))
+    return Problem(**(options | changes))
 
 
 def test_interval_covers_the_ratio_as_often_as_it_says() -> None:
@@ -62,20 +62,20 @@ def test_standard_error_of_a_median() -> None:
     assert np.isnan(standard_error([1.0]))
 
 
-def test_two_branches_are_told_and_one_is_not() -> None:
+def test_two_branches_are_reported_and_one_is_not() -> None:
     generator = np.random.default_rng(0)
-    found = 0
+    reported = 0
     for _ in range(40):
         upper = generator.random(16) < 0.4
         members = np.where(upper, 0.19, 0.14) * np.exp(generator.normal(0, 0.03, 16))
-        told = branches(members)
-        if told is not None:
-            found += 1
-            assert told.levels[0] == pytest.approx(0.14, rel=0.05)
-            assert told.levels[1] == pytest.approx(0.19, rel=0.05)
-            assert told.shares[1] == pytest.approx(upper.mean(), abs=0.07)
-            assert sum(told.shares) == pytest.approx(1)
-    assert found >= 36
+        split = branches(members)
+        if split is not None:
+            reported += 1
+            assert split.levels[0] == pytest.approx(0.14, rel=0.05)
+            assert split.levels[1] == pytest.approx(0.19, rel=0.05)
+            assert split.shares[1] == pytest.approx(upper.mean(), abs=0.07)
+            assert sum(split.shares) == pytest.approx(1)
+    assert reported >= 36
     single = sum(branches(np.exp(generator.normal(0, 0.05, 16))) is not None for _ in range(100))
     assert single <= 3
     assert branches([0.1, 0.105] * 8) is None  # two levels that no one can tell apart in use
@@ -88,7 +88,7 @@ def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
     """A tuned absorber's largest stationary level over the frequencies that are tried, from the modal sum with the attachment's force."""
     problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
     design = problem.space.default
-    (found,) = lasting_levels(problem, design, Threads(1))
+    (level,) = lasting_levels(problem, design, Threads(1))
     scene = design.scene(STRIP)
     model = scene.model
     absorber = scene.absorber
@@ -103,56 +103,56 @@ def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
             best,
             abs(model.tip_shape @ np.linalg.solve(matrix, 0.5 * model.force_shape)) / np.sqrt(2),
         )
-    assert found == pytest.approx(best, rel=2e-3)
+    assert level == pytest.approx(best, rel=2e-3)
 
 
 def test_service_of_an_impact_absorber_on_another_beam() -> None:
     problem = steel(rate=2.5)  # slow enough that the level is halved with something to spare
     design = problem.space.default
-    found = service(problem, design, Threads(), members=2, draws=6)
+    loads = service(problem, design, Threads(), members=2, draws=6)
     without = np.median(
         problem.reference(problem.fresh_ensemble(3, SHOWN), problem.rate)[..., 0].max(axis=2)
     )
-    assert 0.05 * without < found.level[0] < 0.7 * without
-    assert set(found.single) == {
+    assert 0.05 * without < loads.level[0] < 0.7 * without
+    assert set(loads.single) == {
         "gap",
         "restitution",
         "friction_limit",
         "damping ratio",
         "frequency",
     }
-    assert np.all(np.diff(found.joint[:, 0]) >= 0)
-    low, high = found.forces[:, 0]
+    assert np.all(np.diff(loads.joint[:, 0]) >= 0)
+    low, high = loads.forces[:, 0]
     assert 0.5 * FORCES[0] <= low < 0.5 <= high <= 0.5 * FORCES[-1]
-    half = {name: values[1, 0] for name, values in found.watched.items()}
+    half = {name: values[1, 0] for name, values in loads.watched.items()}
     assert half["stroke"] == pytest.approx(design.values["gap"], rel=1e-3)
     # an impact loses at most half the reduced mass times (1 - e^2) times the fastest speed squared
     mass = 0.02 * problem.model.beam_mass
     assert 0 < half["impact_rms_speed"] < half["impact_speed"]
     assert (
-        half["acceleration"] > 0.8 * np.sqrt(2) * found.level[0] * problem.model.omega[0] ** 2
+        half["acceleration"] > 0.8 * np.sqrt(2) * loads.level[0] * problem.model.omega[0] ** 2
     )  # the harmonic part, at 0.9 of omega or above
     assert (
         half["impact_power"]
         < half["impact_rate"] * 0.5 * mass * (1 - 0.7**2) * half["impact_speed"] ** 2
     )
-    assert 0.3 * without < found.lasting[0] / found.level[0] * without < 3 * without
-    assert "gap off by -+10 %" in "\n".join(service_lines(found))
-    assert set(service_summary(found)["tolerances"]) == set(found.single)
+    assert 0.3 * without < loads.lasting[0] / loads.level[0] * without < 3 * without
+    assert "gap off by -+10 %" in "\n".join(service_lines(loads))
+    assert set(service_summary(loads)["tolerances"]) == set(loads.single)
 
 
-def test_numbers_that_are_off_are_off_as_told() -> None:
+def test_uncertain_numbers_are_drawn_within_their_tolerances() -> None:
     """Twice the tolerance's factor on the frequency: the sweep follows the beam, and displacements go with one over its square."""
     problem = steel("friction", conditions=(Condition(1, 0.5),), members=2, rate=20.0)
-    found = service(problem, problem.space.default, Threads(), members=1, draws=2)
-    low, high = found.single["frequency"][:, 0]
+    loads = service(problem, problem.space.default, Threads(), members=1, draws=2)
+    low, high = loads.single["frequency"][:, 0]
     # a friction damper under the same force: frequencies times s mean displacements over s^2, exactly
     assert low * 0.95**2 == pytest.approx(high * 1.05**2, rel=1e-4)
-    assert "gap" not in found.single
-    assert set(found.watched) == {"friction_heat", "stroke", "acceleration"}
+    assert "gap" not in loads.single
+    assert set(loads.watched) == {"friction_heat", "stroke", "acceleration"}
 
 
-def test_constant_force_settles_before_it_is_watched() -> None:
+def test_constant_force_settles_before_it_is_measured() -> None:
     """The root of the mean square of the second half of a linear run, against Duhamel's integral."""
     problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
     scene = Scene(problem.model)
@@ -160,5 +160,7 @@ def test_constant_force_settles_before_it_is_watched() -> None:
     times = np.linspace(0, 60 * 2 * np.pi / scene.model.omega[0], 60 * 32 + 1)
     motion = dense.follow(scene, drive, None, times, long_steps=True).tip
     chunk = Chunk((Lane(scene, drive),), (RMS,), stress_shape(STRIP), 5.0)
-    (found,) = measured_chunks([chunk], Threads(1))
-    assert found[0, 0] == pytest.approx(np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3)
+    (measured,) = measured_chunks([chunk], Threads(1))
+    assert measured[0, 0] == pytest.approx(
+        np.sqrt(np.mean(motion[len(motion) // 2 :] ** 2)), rel=1e-3
+    )

@@ -115,10 +115,12 @@ def test_lines_of_several_masses_read_anywhere(
     omega = at * model.omega[0]
     masses = [ratio * model.beam_mass for _, ratio, *_ in devices]
     strokes = [size * 4 * GAP / np.pi * np.exp(1j * angle) for *_, size, angle in devices]
-    found = lines(model, np.array(masses), omega, end)
-    line = force * complex(found.force) + complex(found.strokes @ strokes)
+    limits = lines(model, np.array(masses), omega, end)
+    line = force * complex(limits.force) + complex(limits.strokes @ strokes)
     expected = moved(model, masses, strokes, force, omega, end)
-    assert abs(line - expected) <= 1e-9 * (abs(expected) + force * abs(complex(found.force)) + 1e-6)
+    assert abs(line - expected) <= 1e-9 * (
+        abs(expected) + force * abs(complex(limits.force)) + 1e-6
+    )
     limit = stroke_limit_rms(model, masses, [GAP] * len(masses), force, omega, end)
     assert abs(line) / np.sqrt(2) >= limit * (1 - 1e-12) - 1e-15
 
@@ -215,9 +217,9 @@ def test_free_amplitude_is_the_receptances_peak() -> None:
             + 2j * model.damping_ratio * model.omega * omega[:, None]
         )
     )
-    peak_found = 2.5 * np.abs(terms.sum(axis=1)).max()
-    assert free_amplitude(model, mass, 2.5) == pytest.approx(peak_found, rel=1e-8)
-    assert reach(model, mass) == pytest.approx(peak_found / design_gap(model, mass, 2.5), rel=1e-8)
+    peak = 2.5 * np.abs(terms.sum(axis=1)).max()
+    assert free_amplitude(model, mass, 2.5) == pytest.approx(peak, rel=1e-8)
+    assert reach(model, mass) == pytest.approx(peak / design_gap(model, mass, 2.5), rel=1e-8)
     assert gap_unit(model, mass, 2.5) == design_gap(model, mass, 2.5)
 
 

@@ -55,9 +55,9 @@ CARD = Card(
 def test_text_json_and_html_say_the_same(tmp_path: Path) -> None:
     files = write_card(tmp_path, CARD)
     assert [file.name for file in files] == ["card.html", "card.json"]
-    found = json.loads(files[1].read_text())
-    assert found == content(CARD)
-    assert found["groups"]["Device"] == [
+    plain = json.loads(files[1].read_text())
+    assert plain == content(CARD)
+    assert plain["groups"]["Device"] == [
         {"label": "mass", "value": 0.0123456, "unit": "kg"},
         {"label": "words", "value": "as they </script> are", "unit": ""},
         {"label": "not there", "value": None, "unit": "m"},
@@ -74,21 +74,24 @@ def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
     )
     browser = next(
         (
-            found
+            path
             for name in ("chromium", "chromium-browser", "google-chrome")
-            if (found := shutil.which(name))
+            if (path := shutil.which(name))
         ),
         None,
     )
     if browser is None:
         pytest.skip("no Chromium here: the card is not looked at")
-    asked = []
+    requests = []
     wrong = []
     with playwright.sync_playwright() as player:
         page = player.chromium.launch(executable_path=browser, args=["--no-sandbox"]).new_page()
-        page.on("request", lambda request: asked.append(request.url))
+        page.on("request", lambda request: requests.append(request.url))
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda told: wrong.append(told.text) if told.type == "error" else None)
+        page.on(
+            "console",
+            lambda message: wrong.append(message.text) if message.type == "error" else None,
+        )
         address = write_card(tmp_path, CARD)[0].as_uri()
         page.goto(address)
         page.wait_for_selector(".u-over >> nth=1")
@@ -104,38 +107,40 @@ def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
             False,
         ]
         assert "here" in page.locator(".printed").first.inner_text()
-    assert [url for url in asked if not url.startswith("data:")] == [address]
+    assert [url for url in requests if not url.startswith("data:")] == [address]
     assert wrong == []
 
 
 def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     model = modal_model(Beam(modes=2))
-    found = advise(model, 3.5, members=1, percent_per_100_periods=40.0)
-    best = found.recommended
-    seen = service_loads(found, best, Threads(1))
-    told = {
+    advice = advise(model, 3.5, members=1, percent_per_100_periods=40.0)
+    best = advice.recommended
+    loads = service_loads(advice, best, Threads(1))
+    card_rows = {
         row["label"]: row["value"]
-        for rows in content(gap_card(found, seen))["groups"].values()
+        for rows in content(gap_card(advice, loads))["groups"].values()
         for row in rows
     }
-    assert told["clearance to either wall"] == 1e3 * best.gap
-    assert told["absorber mass"] == pytest.approx(0.02 * model.beam_mass)
+    assert card_rows["clearance to either wall"] == 1e3 * best.gap
+    assert card_rows["absorber mass"] == pytest.approx(0.02 * model.beam_mass)
     curve = performance_curve(
         Scene(model, best.absorber),
         [3.5],
         members=1,
-        limits=found.check.limits,
+        limits=advice.check.limits,
         percent_per_100_periods=40.0,
         steady_start=True,
     )
-    assert told["at 3.5 N, median of 1 runs"] == pytest.approx(1e3 * curve.median[0])
+    assert card_rows["at 3.5 N, median of 1 runs"] == pytest.approx(1e3 * curve.median[0])
     impacts = curve.lanes.impacts[0, 0]
-    time = 1e4 * (found.check.limits[1] - found.check.limits[0]) / 40.0 * 2 * np.pi / model.omega[0]
-    assert told["impacts"] == pytest.approx(impacts.max() / time)
-    assert 0 < told["RMS impact speed"] < told["largest impact speed"]
+    time = (
+        1e4 * (advice.check.limits[1] - advice.check.limits[0]) / 40.0 * 2 * np.pi / model.omega[0]
+    )
+    assert card_rows["impacts"] == pytest.approx(impacts.max() / time)
+    assert 0 < card_rows["RMS impact speed"] < card_rows["largest impact speed"]
     # power is at most what the fastest impact loses, as often as impacts are
-    lost = 0.5 * told["absorber mass"] * (1 - 0.7**2) * told["largest impact speed"] ** 2
-    assert 0 < told["power lost in impacts"] < 1e3 * lost * told["impacts"]
+    lost = 0.5 * card_rows["absorber mass"] * (1 - 0.7**2) * card_rows["largest impact speed"] ** 2
+    assert 0 < card_rows["power lost in impacts"] < 1e3 * lost * card_rows["impacts"]
 
 
 def test_card_of_tunings_draws_their_peaks() -> None:
@@ -153,10 +158,10 @@ def test_card_of_tunings_draws_their_peaks() -> None:
         100 * own[0] / none[0]
     )
     # two masses on a beam of two modes, solved densely at the frequencies drawn
-    omega, (mass, spring, damper) = (
-        np.array(chart.curves[0].x) * model.omega[0],
-        (0.02 * model.beam_mass, absorber.stiffness, absorber.damping),
-    )
+    omega = np.array(chart.curves[0].x) * model.omega[0]
+    mass = 0.02 * model.beam_mass
+    spring = absorber.stiffness
+    damper = absorber.damping
     stretch = np.append(-model.tip_shape, 1.0)
     dynamic = [
         np.diag(
@@ -169,17 +174,17 @@ def test_card_of_tunings_draws_their_peaks() -> None:
         dynamic, np.append(model.force_shape, 0.0).astype(complex)[None, :, None]
     )[..., 0]
     stroke = np.abs(moved @ stretch)
-    told = {
+    card_rows = {
         row.label: row.value
         for row in dict(card.groups)["What the tuning of the smallest peak bears under 1 N"]
     }
-    assert told["stroke of the absorber, to either side"] == pytest.approx(1e3 * stroke.max())
-    assert told["power lost in the damper"] == pytest.approx(
+    assert card_rows["stroke of the absorber, to either side"] == pytest.approx(1e3 * stroke.max())
+    assert card_rows["power lost in the damper"] == pytest.approx(
         1e3 * (damper * (omega * stroke) ** 2 / 2).max()
     )
-    assert told["largest acceleration of the absorber"] == pytest.approx(
+    assert card_rows["largest acceleration of the absorber"] == pytest.approx(
         (omega**2 * np.abs(moved[:, -1])).max()
     )
-    assert told["largest acceleration of the structure"] == pytest.approx(
+    assert card_rows["largest acceleration of the structure"] == pytest.approx(
         (omega**2 * np.abs(moved[:, :-1] @ model.tip_shape)).max()
     )

@@ -40,8 +40,8 @@ def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
     with distributed.LocalCluster(
         n_workers=0, processes=False, dashboard_address=":0", silence_logs=50
     ) as empty:
-        given = problem()
-        chunks = given.chunks(given.space.default, given.ensemble, given.rate)
+        tested = problem()
+        chunks = tested.chunks(tested.space.default, tested.ensemble, tested.rate)
         with (
             Workers(empty.scheduler_address, patience=1.0) as workers,
             pytest.raises(ClusterError, match="one or more workers"),
@@ -61,8 +61,8 @@ def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(
     before = measures.read_text()
     measures.write_text(before.replace("return read(response)\n", "return 0.9 * read(response)\n"))
     assert measures.read_text() != before
-    given = problem()
-    chunks = given.chunks(given.space.default, given.ensemble, given.rate)
+    tested = problem()
+    chunks = tested.chunks(tested.space.default, tested.ensemble, tested.rate)
     assert len(chunks) > 1
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
     with distributed.LocalCluster(
@@ -125,8 +125,8 @@ def test_a_command_gives_with_a_cluster_what_it_gives_without(address: str, tmp_
     files = [tmp_path / name for name in ("a.json", "b.json")]
     for file, where in zip(files, (["--threads", "1"], ["--cluster", address]), strict=True):
         done(frequency_response, *line, *runs, *where, "--json", str(file))
-    here, there = (json.loads(file.read_text()) for file in files)
-    assert here == there
+    here, remote = (json.loads(file.read_text()) for file in files)
+    assert here == remote
     assert [point["omega_ratio"] for point in here["stationary"]] == [1.02, 1.04]
 
 
@@ -157,8 +157,8 @@ def test_each_command_sends_its_runs_to_the_cluster_and_gives_the_same_numbers(
         monkeypatch.setattr(
             command,
             "compare",
-            lambda *_own, **given: compare(
-                Beam(modes=2), **(given | {"percent_per_100_periods": 40.0})
+            lambda *_own, **options: compare(
+                Beam(modes=2), **(options | {"percent_per_100_periods": 40.0})
             ),
         )
     texts = []

@@ -106,7 +106,7 @@ def test_scaled_designs_are_alike_on_a_scaled_structure(concept: str) -> None:
         (Condition(1, 3.5, wide), Condition(2, 20.0, wide)),
         beam=Beam(modes=3),
     )
-    there = Problem(
+    scaled = Problem(
         design_space(concept),
         (Condition(1, 3.5 * force, wide), Condition(2, 20.0 * force, wide)),
         beam=beam,
@@ -119,12 +119,12 @@ def test_scaled_designs_are_alike_on_a_scaled_structure(concept: str) -> None:
     }
     for share in (0.1, 0.7):
         own, other = (
-            problem.space.at([share] * len(problem.space.free)) for problem in (here, there)
+            problem.space.at([share] * len(problem.space.free)) for problem in (here, scaled)
         )
         for name, value in own.values.items():
             kind = name[:-2] if name[-1].isdigit() else name
             assert other.values[name] == pytest.approx(units.get(kind, 1.0) * value, rel=1e-6), name
-    assert there.space.coordinates(there.space.default) == pytest.approx(
+    assert scaled.space.coordinates(scaled.space.default) == pytest.approx(
         here.space.coordinates(here.space.default), rel=1e-6
     )
 
@@ -148,7 +148,7 @@ def test_bounds_hold_the_rule_on_another_beam_and_place() -> None:
     assert problem.rate == 1.0
 
 
-def test_bounds_given_in_si_units_stay_there() -> None:
+def test_bounds_in_si_units_are_not_scaled() -> None:
     space = design_space("impact", ["gap", "friction_limit"], {"gap": (5e-4, 2e-3)})
     problem = Problem(space, (Condition(1, 0.5),), beam=STEEL)
     assert problem.space.at([0.0, 0.5]).values["gap"] == pytest.approx(5e-4)
@@ -181,12 +181,12 @@ PUBLIC = (*OWN, Condition, Objective, force_grid, *TUNINGS)
 @pytest.mark.parametrize("make", PUBLIC, ids=lambda make: make.__name__)
 @pytest.mark.filterwarnings("ignore")
 def test_whatever_is_handed_in_is_refused_by_name_or_right(make: object) -> None:
-    found = list(
+    complaints = list(
         handed_in.complaints(
             make.__name__, make, OWN.get(make, {}), dear=make in (minimax, minimum_h2)
         )
     )
-    assert not [problem for problem in found if problem is not None]
+    assert not [problem for problem in complaints if problem is not None]
 
 
 def test_values_at_a_bound_are_named_with_it() -> None:
@@ -197,9 +197,9 @@ def test_values_at_a_bound_are_named_with_it() -> None:
         for share, word, bound in ((0.0, "lower", variable.low), (1.0, "upper", variable.high)):
             shares = [0.5] * len(space.free)
             shares[k] = share
-            found = space.at_bounds(space.at(shares))
+            at_bounds = space.at_bounds(space.at(shares))
             if (variable.name, word) == ("position", "upper"):  # the beam's end
-                assert found == []
+                assert at_bounds == []
             else:
                 line = f"{variable.name} at its {word} bound of {bound:g} {variable.unit}"
-                assert found == [line.rstrip()]
+                assert at_bounds == [line.rstrip()]

@@ -40,19 +40,19 @@ def case(absorber: object, rate: float, force: float = 3.5) -> CurveCase:
 def test_without_absorber_it_is_the_receptance() -> None:
     """A slow sweep from the steady state; the RMS over a window of twenty periods, during which the frequency moves by 0.05 %."""
     lanes = lanes_of(case(None, 0.25), draw_members(1, 0), 0)
-    found = frequency_curve("no absorber", lanes, (0.93, 1.06))
-    assert found is not None
-    omega = found.ratio[:, None] * MODEL.omega[0]
+    curve = frequency_curve("no absorber", lanes, (0.93, 1.06))
+    assert curve is not None
+    omega = curve.ratio[:, None] * MODEL.omega[0]
     shapes = MODEL.force_shape * MODEL.level_shape
     terms = MODEL.omega**2 - omega**2 + 2j * MODEL.damping_ratio * MODEL.omega * omega
     stationary = 3.5 * np.abs(np.sum(shapes / terms, axis=1)) / np.sqrt(2)
-    known = np.isfinite(found.level)
+    known = np.isfinite(curve.level)
     assert known.mean() > 0.9
-    assert found.level[known] == pytest.approx(stationary[known], rel=0.04)
+    assert curve.level[known] == pytest.approx(stationary[known], rel=0.04)
 
 
 def test_a_level_over_the_frequency_is_the_rms_of_ten_periods_to_either_side() -> None:
-    (lane, _) = lanes_of(case(impact_absorber(1e-3, 0.7, 0.1), 10.0), draw_members(1, 0), 0)
+    lane, _ = lanes_of(case(impact_absorber(1e-3, 0.7, 0.1), 10.0), draw_members(1, 0), 0)
     ratio, levels = windowed_levels(lane, 8)
     record = Record(events=True, series=True, samples_per_period=8)
     run = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
@@ -83,9 +83,9 @@ def test_the_worst_run_is_recorded_to_the_last_bit_of_its_level(tmp_path: Path) 
         (0.93, 1.06)[direction] * MODEL.omega[0] / (2 * np.pi)
     )
     save_history(tmp_path / "run.npz", run)
-    with np.load(tmp_path / "run.npz") as kept:
-        assert np.array_equal(kept["displacement_m"], arrays["displacement_m"])
-        assert 0.98 * largest < float(np.max(np.abs(kept["displacement_m"]))) <= largest
+    with np.load(tmp_path / "run.npz") as recorded:
+        assert np.array_equal(recorded["displacement_m"], arrays["displacement_m"])
+        assert 0.98 * largest < float(np.max(np.abs(recorded["displacement_m"]))) <= largest
     save_history(tmp_path / "run.png", run)
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 

@@ -42,21 +42,21 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     generator = np.random.default_rng(seed)
     edge = generator.uniform(-0.9, 0.9)
     runs = 0
-    kept: dict[float, np.ndarray] = {}
+    finished_runs: dict[float, np.ndarray] = {}
 
     def level(x: float) -> float:
         """Over ln gap: in proportion to the gap above the edge, 1.6 times as high just below, rising slowly further down."""
         return math.exp(x) if x >= edge else 1.6 * math.exp(edge) * math.exp(0.7 * (edge - x))
 
-    def look(n: float, members: int) -> np.ndarray:
+    def run_levels(n: float, members: int) -> np.ndarray:
         nonlocal runs
-        if n not in kept:
-            kept[n] = level(STEP * n) * np.exp(generator.normal(0, 0.02, 3))
+        if n not in finished_runs:
+            finished_runs[n] = level(STEP * n) * np.exp(generator.normal(0, 0.02, 3))
         runs += members - len(samples.levels.get(n, ()))
-        return kept[n][:members]
+        return finished_runs[n][:members]
 
     samples = LevelSamples()
-    search_gaps(look, 0, 0.1, 3, PAIRS, samples)
+    search_gaps(run_levels, 0, 0.1, 3, PAIRS, samples)
     sharp, robust = find_best(samples, 0.1, 3)
     fine = np.arange(edge - 0.5, edge + 0.5, 0.002)
     exact = [max(k * level(x - math.log(k)) for k in (0.9, 1.0, 1.1)) for x in fine]
@@ -105,12 +105,12 @@ def test_interval_holds_as_many_fresh_runs_as_it_says() -> None:
     below = []
     for _ in range(400):
         groups = [np.exp(generator.normal(k, 0.15, 3)) for k in range(5)]
-        found = predict(groups[2], groups)
-        low, high = found.interval()
+        interval = predict(groups[2], groups)
+        low, high = interval.interval()
         fresh = np.exp(generator.normal(2.0, 0.15, 50))
         inside.append(np.mean((fresh > low) & (fresh < high)))
-        high = found.interval(0.6)[1]
-        assert found.probability_below(high) == pytest.approx(0.8)
+        high = interval.interval(0.6)[1]
+        assert interval.probability_below(high) == pytest.approx(0.8)
         below.append(np.mean(fresh <= high))
     assert np.mean(inside) == pytest.approx(0.9, abs=0.015)
     assert np.mean(below) == pytest.approx(0.8, abs=0.02)
@@ -127,11 +127,11 @@ def test_bands_of_few_members_hold_as_many_fresh_runs_as_they_say(members: int) 
         spread = generator.uniform(0.02, 0.3)
         rows = np.exp(generator.normal(np.arange(3.0)[:, None], spread, (3, members)))
         fresh = np.exp(generator.normal(1.0, spread, 50))
-        for found, (low, high) in (
+        for coverage, (low, high) in (
             (alone, prediction_interval(rows[1])),
             (pooled, prediction_band(rows)[:, 1]),
         ):
-            found.append(np.mean((fresh > low) & (fresh < high)))
+            coverage.append(np.mean((fresh > low) & (fresh < high)))
     assert np.mean(alone) == pytest.approx(0.9, abs=0.02)
     assert np.mean(pooled) == pytest.approx(0.9, abs=0.02)
 
@@ -155,11 +155,11 @@ def test_a_narrow_gap_helps_where_the_rules_is_not_reached() -> None:
     """The free amplitude is a tenth of the rule's gap: a gap of 0.4 to 0.8 of it leaves less than 70 %."""
     model = modal_model(Beam(modes=3, damping_ratio=0.003, absorber_position=0.72))
     absorber = scaled_absorber(model, 10.0, 2, 0.05)
-    found = advise(model, 10.0, 2, absorber, members=1, percent_per_100_periods=1.0)
-    assert found.check.reach < 0.2
-    free = free_amplitude(model, found.check.mass, 10.0, 2)
-    assert 0.2 < found.sharp.gap / free < 0.9
-    assert found.sharp.level < 0.7 * found.check.without.median[0]
+    advice = advise(model, 10.0, 2, absorber, members=1, percent_per_100_periods=1.0)
+    assert advice.check.reach < 0.2
+    free = free_amplitude(model, advice.check.mass, 10.0, 2)
+    assert 0.2 < advice.sharp.gap / free < 0.9
+    assert advice.sharp.level < 0.7 * advice.check.without.median[0]
 
 
 def test_no_gap_helps_is_an_answer_of_the_simulation() -> None:
@@ -196,15 +196,15 @@ def test_a_limit_leaves_gaps_out() -> None:
     assert find_best(samples, 0.0)[0] == 0.0  # breaks it least
 
 
-def test_a_damper_is_found_beside_a_poor_estimate() -> None:
+def test_the_search_of_the_damper_converges_from_a_poor_estimate() -> None:
     for offset in (-0.6, 0.0, 0.3, 1.2):
 
         def level(limit: float, offset: float = offset) -> float:
             return 1.0 + 0.2 * (math.log(limit) - offset) ** 2
 
-        limit, found = find_best_damper(level, 1.0)
-        assert found <= 1.03
-        assert level(limit) == found
+        limit, lowest = find_best_damper(level, 1.0)
+        assert lowest <= 1.03
+        assert level(limit) == lowest
 
 
 def test_impact_speed_of_a_pressure_is_the_estimates_inverse() -> None:
@@ -213,7 +213,7 @@ def test_impact_speed_of_a_pressure_is_the_estimates_inverse() -> None:
 
 
 @pytest.mark.parametrize("case", HARD_CASES[:1], ids=lambda case: case.name)
-def test_tuned_absorber_beside_a_close_resonance_is_the_best_of_a_grid(case: StructureCase) -> None:
+def test_tuned_absorber_near_a_close_resonance_is_the_best_of_a_grid(case: StructureCase) -> None:
     """Largest amplitude over the common range against a grid of springs and dampers, each solved as two bodies more."""
     model = case.model()
     low, high = find_sweep_range(model, case.mass_ratio, case.resonance)
@@ -229,7 +229,9 @@ def test_tuned_absorber_beside_a_close_resonance_is_the_best_of_a_grid(case: Str
     def receptance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.sum(a * b / terms, axis=1)
 
-    tip, read, force = model.tip_shape, model.level_shape, model.force_shape
+    tip = model.tip_shape
+    read = model.level_shape
+    force = model.force_shape
     own, to_read, from_force, free = (
         receptance(*pair) for pair in ((tip, tip), (read, tip), (tip, force), (read, force))
     )
@@ -240,13 +242,13 @@ def test_tuned_absorber_beside_a_close_resonance_is_the_best_of_a_grid(case: Str
         reaction = spring * inertia / (spring - inertia)
         return float(np.max(np.abs(free + to_read * reaction * from_force / (1 - own * reaction))))
 
-    found = smallest_amplitude(model, case.mass_ratio, case.resonance, low, high)
+    tuned = smallest_amplitude(model, case.mass_ratio, case.resonance, low, high)
     grid = [
         largest(mass * (ratio * omega_r) ** 2, 2 * mass * ratio * omega_r * share)
         for ratio in np.linspace(0.7, 1.3, 31)
         for share in np.geomspace(0.01, 0.6, 22)
     ]
-    assert largest(found.stiffness, found.damping) <= 1.01 * min(grid)
+    assert largest(tuned.stiffness, tuned.damping) <= 1.01 * min(grid)
 
 
 # random structures with close modes on which a search from too few starts ended 16 % above the least (first), or ran to an infinite spring (second);
@@ -308,9 +310,9 @@ def test_tuned_absorber_at_close_modes_is_as_good_as_that_of_another_search(name
         )
         return float(np.max(np.abs(motion)))
 
-    found = smallest_amplitude(model, mass, resonance, low, high)
-    ours = largest(math.sqrt(found.stiffness / mass) / own, found.damping / (2 * mass * own))
-    assert ours <= 1.01 * largest(*np.exp(best))
+    tuned = smallest_amplitude(model, mass, resonance, low, high)
+    tuned_level = largest(math.sqrt(tuned.stiffness / mass) / own, tuned.damping / (2 * mass * own))
+    assert tuned_level <= 1.01 * largest(*np.exp(best))
 
 
 def test_range_holds_the_stuck_resonance_and_both_peaks() -> None:
@@ -341,17 +343,17 @@ def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
             walls=replace(absorber.walls, gap=gap),
             friction=replace(absorber.friction, limit=friction),
         )
-        here, there = (
+        here, neighbour = (
             performance_curve(
                 Scene(MODEL, device), [force], members=1, percent_per_100_periods=100.0
             ).combined[0]
             for device, force in ((other, 6.0), (absorber, 6.0 * k))
         )
-        assert k * here[0] == pytest.approx(there[0], rel=1e-3)
+        assert k * here[0] == pytest.approx(neighbour[0], rel=1e-3)
         levels[step] = here[0]
     steps = np.array(sorted(levels))
-    found = worst_level(STEP * steps, np.log([levels[n] for n in steps]), 0.0, 0.1)
-    assert found == pytest.approx(max(k * levels[step] for k, step in changes.items()))
+    worst = worst_level(STEP * steps, np.log([levels[n] for n in steps]), 0.0, 0.1)
+    assert worst == pytest.approx(max(k * levels[step] for k, step in changes.items()))
 
 
 @pytest.fixture(scope="module")

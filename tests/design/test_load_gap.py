@@ -54,12 +54,12 @@ def of_members(gap: float) -> float:
 
 
 def test_the_gap_under_noise_is_among_the_best_of_a_scan() -> None:
-    found = advise_for_loads(MODEL, NOISE, friction_limit=0.0)
-    scan = [of_members(float(gap)) for gap in found.free_rms * np.geomspace(0.5, 4, 9)]
-    assert found.rule is None
-    assert found.sharp.level == pytest.approx(of_members(found.sharp.gap), rel=1e-3)
-    assert found.sharp.level < 1.15 * min(scan) < 0.7 * np.median(found.without)
-    assert found.sharp.level <= found.recommended.level <= found.recommended.worst
+    advice = advise_for_loads(MODEL, NOISE, friction_limit=0.0)
+    scan = [of_members(float(gap)) for gap in advice.free_rms * np.geomspace(0.5, 4, 9)]
+    assert advice.rule is None
+    assert advice.sharp.level == pytest.approx(of_members(advice.sharp.gap), rel=1e-3)
+    assert advice.sharp.level < 1.15 * min(scan) < 0.7 * np.median(advice.without)
+    assert advice.sharp.level <= advice.recommended.level <= advice.recommended.worst
 
 
 @pytest.mark.parametrize("loads", [NOISE, SHOCK])
@@ -124,14 +124,14 @@ def test_the_expected_rms_is_that_of_the_matrices(
 
 
 def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
-    found = tuned_under(MODEL, NOISE, 0.02)
+    tuned = tuned_under(MODEL, NOISE, 0.02)
 
     def shifted(x: NDArray[np.float64]) -> float:
-        return exact_rms(found.peak.stiffness * np.exp(x[0]), found.peak.damping * np.exp(x[1]))
+        return exact_rms(tuned.peak.stiffness * np.exp(x[0]), tuned.peak.damping * np.exp(x[1]))
 
     least = scipy.optimize.minimize(shifted, np.zeros(2), method="Nelder-Mead").fun
-    assert exact_rms(found.best.stiffness, found.best.damping) == pytest.approx(least, rel=1e-4)
-    assert least < 0.99 * exact_rms(found.peak.stiffness, found.peak.damping)
+    assert exact_rms(tuned.best.stiffness, tuned.best.damping) == pytest.approx(least, rel=1e-4)
+    assert least < 0.99 * exact_rms(tuned.peak.stiffness, tuned.peak.damping)
 
 
 def written(folder: Path) -> list[object]:
@@ -150,24 +150,24 @@ def written(folder: Path) -> list[object]:
 
 
 def test_the_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    given = written(tmp_path)
+    options = written(tmp_path)
     drawn = saved_figures(monkeypatch)
     load = tmp_path / "load.toml"
     result = done(
         imported("design_gap"),
-        *given,
+        *options,
         "--quick",
         "--force",
         2,
         "--device",
         tmp_path / "device.json",
     )
-    found = json.loads((tmp_path / "summary.json").read_text())
-    best = found["recommended"]
-    assert found["rule_gap_m"] is None
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    best = summary["recommended"]
+    assert summary["rule_gap_m"] is None
     assert "No rule for this load" in result.output
     assert f"{1e3 * best['gap_m']:.4g} mm" in result.output
-    assert best["decay_s"] < found["decay_without_absorber_s"]
+    assert best["decay_s"] < summary["decay_without_absorber_s"]
     assert json.loads((tmp_path / "device.json").read_text())["absorber"]["gap"] == best["gap_m"]
     (panel,) = drawn[0].axes
     runs: dict[float, list[float]] = {}
@@ -177,7 +177,7 @@ def test_the_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     np.testing.assert_allclose(sorted(gap), sorted(runs))
     np.testing.assert_allclose(decay, [np.median(runs[x]) for x in gap.tolist()], rtol=1e-9)
     np.testing.assert_allclose(line(panel, "recommended")[0], 1e3 * best["gap_m"])
-    free = found["decay_without_absorber_s"]
+    free = summary["decay_without_absorber_s"]
     np.testing.assert_allclose(line(panel, "no absorber")[1], free)
     again = done(
         imported("design_gap"),
@@ -190,7 +190,7 @@ def test_the_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         tmp_path,
     )
     assert f"friction limit {best['friction_limit_n']:.4g} N" in again.output
-    done(imported("tune_ltva"), *given)
+    done(imported("tune_ltva"), *options)
     assert json.loads((tmp_path / "summary.json").read_text())["best"]["ratio"] < 1
 
 
@@ -259,16 +259,16 @@ def test_a_search_begins_at_the_gap_that_the_free_motion_sets() -> None:
 
 
 def test_optimise_design_under_a_shock(tmp_path: Path) -> None:
-    given = [*written(tmp_path), "--designs", 10, "--members", 2]
-    result = done(imported("optimise_design"), *given, "--quick", "--free", "gap", "--threads", 1)
+    options = [*written(tmp_path), "--designs", 10, "--members", 2]
+    result = done(imported("optimise_design"), *options, "--quick", "--free", "gap", "--threads", 1)
     out = tmp_path / "impact"
-    found = json.loads((out / "summary.json").read_text())
-    condition = found["conditions"][0]
+    summary = json.loads((out / "summary.json").read_text())
+    condition = summary["conditions"][0]
     assert condition["winner"]["decay_s"] == pytest.approx(
         condition["winner"]["relative"] * condition["without_s"]
     )
     assert condition["winner"]["relative"] < 0.7
-    assert "in_service" not in found
+    assert "in_service" not in summary
     assert (
         f"{condition['winner']['decay_s']:.3f} s, {100 * condition['winner']['relative']:.1f} % of no absorber"
         in result.output
@@ -277,8 +277,8 @@ def test_optimise_design_under_a_shock(tmp_path: Path) -> None:
 
 
 def test_a_front_under_a_shock(tmp_path: Path) -> None:
-    given = [*written(tmp_path), "--designs", 10, "--members", 2]
-    result = done(imported("pareto"), *given, "--batch", 5, "--free", "gap", "--threads", 1)
-    found = json.loads((tmp_path / "severity" / "summary.json").read_text())
-    assert len(found["front"]) >= 1
+    options = [*written(tmp_path), "--designs", 10, "--members", 2]
+    result = done(imported("pareto"), *options, "--batch", 5, "--free", "gap", "--threads", 1)
+    summary = json.loads((tmp_path / "severity" / "summary.json").read_text())
+    assert len(summary["front"]) >= 1
     assert "under shock, 1 times; the level is the decay time" in result.output

@@ -47,14 +47,14 @@ BOTH = (FIRST, Condition(2, 35.0))
 
 def small(**changes: object) -> Problem:
     """A problem whose runs take milliseconds: two modes, and sweeps forty times as fast as the paper's."""
-    given = {
+    options = {
         "space": design_space("impact"),
         "conditions": BOTH,
         "beam": Beam(modes=2),
         "members": 3,
         "rate": 40.0,
     }
-    return Problem(**(given | changes))
+    return Problem(**(options | changes))
 
 
 def heavy(measured: dict[str, np.ndarray]) -> np.ndarray:
@@ -104,10 +104,10 @@ def test_rainflow_counts_the_textbook_example() -> None:
     amplitudes, counts = rainflow_amplitudes(
         np.array([-2, 1, -3, 5, -1, 3, -4, 4, -2], dtype=float)
     )
-    found: dict[float, float] = {}
+    counted: dict[float, float] = {}
     for amplitude, number in zip(2 * amplitudes, counts, strict=True):
-        found[float(amplitude)] = found.get(float(amplitude), 0.0) + float(number)
-    assert found == {
+        counted[float(amplitude)] = counted.get(float(amplitude), 0.0) + float(number)
+    assert counted == {
         3.0: 0.5,
         4.0: 1.5,
         6.0: 0.5,
@@ -152,7 +152,7 @@ def test_measures_agree_with_the_energy_account_and_the_events() -> None:
     drive = drive_of(3.5, 0.95, 1.0, periods=40)
     response = run(scene, drive)  # without the level, for one kernel fewer
     chunk = Chunk((), tuple(MEASURES), stress_shape(Beam(modes=3)), 5.0)
-    found = {
+    measures = {
         name: _value(name, chunk, response)
         for name in MEASURES
         if name not in ("level", "level_ratio")
@@ -161,11 +161,11 @@ def test_measures_agree_with_the_energy_account_and_the_events() -> None:
     impacts = response.impacts
     duration = response.drive.schedule.times[-1]
     assert len(impacts.time) > 20
-    assert found["impact_power"] == pytest.approx(energy.impact_loss / duration, rel=1e-9)
-    assert found["friction_heat"] == pytest.approx(energy.friction_loss / duration, rel=0.02)
-    assert found["impact_speed"] == np.max(np.abs(impacts.relative_velocity))
-    assert 0.99e-3 < found["stroke"] <= 1e-3 * (1 + 1e-9)
-    assert found["damage"] > 0
+    assert measures["impact_power"] == pytest.approx(energy.impact_loss / duration, rel=1e-9)
+    assert measures["friction_heat"] == pytest.approx(energy.friction_loss / duration, rel=0.02)
+    assert measures["impact_speed"] == np.max(np.abs(impacts.relative_velocity))
+    assert 0.99e-3 < measures["stroke"] <= 1e-3 * (1 + 1e-9)
+    assert measures["damage"] > 0
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_width_of_a_range(levels: list[float], limit: float, decades: float) -> 
     assert range_width(forces, np.array(levels), limit) == pytest.approx(decades)
 
 
-def test_conditions_directions_and_members_join_as_told() -> None:
+def test_conditions_directions_and_members_are_aggregated_as_chosen() -> None:
     values = np.array(
         [[[1.0, 2.0], [5.0, 3.0]], [[4.0, 1.0], [1.0, 1.0]], [[2.0, 2.0], [3.0, 3.0]]]
     )  # member, condition, direction
@@ -192,16 +192,16 @@ def test_conditions_directions_and_members_join_as_told() -> None:
     np.testing.assert_array_equal(Objective(over="mean").per_member(values, BOTH), [3.5, 2.5, 2.5])
     np.testing.assert_array_equal(Objective(resonance=2).per_member(values, BOTH), [5.0, 1.0, 3.0])
 
-    def told(objective: Objective, conditions: tuple[Condition, ...]) -> float:
+    def aggregate(objective: Objective, conditions: tuple[Condition, ...]) -> float:
         return objective.value_of(objective.per_member(values, conditions))
 
-    assert told(Objective(), BOTH) == 4.0
-    assert told(Objective(quantile=1.0), BOTH) == 5.0
+    assert aggregate(Objective(), BOTH) == 4.0
+    assert aggregate(Objective(quantile=1.0), BOTH) == 5.0
     forces = tuple(Condition(1, f) for f in (1.0, 10.0, 100.0))
     wide = Objective("range", limit=0.3, quantile=1.0)
     values = np.repeat(np.array([[0.2, 0.2, 0.2], [0.2, 0.4, 0.4]])[..., None], 2, axis=2)
-    assert told(wide, forces) == pytest.approx(0.5)  # what every member reaches
-    assert told(replace(wide, quantile=0.5), forces) == pytest.approx(1.25)
+    assert aggregate(wide, forces) == pytest.approx(0.5)  # what every member reaches
+    assert aggregate(replace(wide, quantile=0.5), forces) == pytest.approx(1.25)
 
 
 def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
@@ -209,7 +209,7 @@ def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
     model = modal_model(Beam(modes=3))
     rule = design_gap(model, 0.02 * model.beam_mass, 3.5)
     factors = np.geomspace(1 / 2.5, 2.5, 9)
-    found = []
+    best_gaps = []
     for scale in (1, 2):
         problem = small(
             conditions=(Condition(1, 3.5 * scale),), beam=Beam(modes=3), members=1, rate=3.0
@@ -222,15 +222,15 @@ def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
         }
         designs = [Design("impact", {"gap": rule * factor * scale, **values}) for factor in factors]
         scores = dict(evaluate(problem, designs, problem.ensemble, problem.rate, Threads(1)))
-        found.append(
+        best_gaps.append(
             [
                 problem.score(d, scores[k], problem.ensemble, problem.rate).values[0]
                 for k, d in enumerate(designs)
             ]
         )
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-9)
-    assert 0.75 < factors[np.argmin(found[0])] < 1.7
-    assert min(found[0]) < 0.6 * max(found[0])
+    np.testing.assert_allclose(best_gaps[1], best_gaps[0], rtol=1e-9)
+    assert 0.75 < factors[np.argmin(best_gaps[0])] < 1.7
+    assert min(best_gaps[0]) < 0.6 * max(best_gaps[0])
 
 
 def test_constraints_are_the_worst_of_all_runs() -> None:
@@ -355,7 +355,7 @@ def test_failures_are_nan_with_a_reason_and_leave_the_others() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("package", "sizes", "told"),
+    ("package", "sizes", "printed"),
     [
         ("pymoo", (8, 3, 2), "mW lost in impacts"),
         ("botorch", (6, 1, 2, 2), "on fresh members"),
@@ -363,12 +363,12 @@ def test_failures_are_nan_with_a_reason_and_leave_the_others() -> None:
     ],
 )
 def test_worked_examples_find_a_quiet_design(
-    package: str, sizes: tuple[int, ...], told: str, capsys: pytest.CaptureFixture[str]
+    package: str, sizes: tuple[int, ...], printed: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip(package)
-    found = runpy.run_path(str(EXAMPLES / f"optimise_with_{package}.py"))["main"](*sizes, rate=40.0)
-    assert 0.05 < np.min(np.atleast_2d(found)[:, 0]) < 0.6
-    assert told in capsys.readouterr().out
+    best = runpy.run_path(str(EXAMPLES / f"optimise_with_{package}.py"))["main"](*sizes, rate=40.0)
+    assert 0.05 < np.min(np.atleast_2d(best)[:, 0]) < 0.6
+    assert printed in capsys.readouterr().out
 
 
 def test_means_of_a_constant_frequency_leave_its_start_out() -> None:
@@ -377,7 +377,8 @@ def test_means_of_a_constant_frequency_leave_its_start_out() -> None:
     omega = float(scene.model.omega[0])
     drive = Drive(3.5, constant_frequency(omega, 0.95, 300.0))
     response = simulate(scene, drive, record=Record(events=True, series=True))
-    impacts, history = response.impacts, response.history
+    impacts = response.impacts
+    history = response.history
     assert impacts is not None
     assert history is not None
     start = 5 / (0.01 * omega)

@@ -106,13 +106,13 @@ def test_read_elsewhere_no_admissible_passive_stroke_is_below_it(
         * np.exp(2j * np.pi * (phase + np.arange(1440)) / 1440)
     )
     passive = (r * (amplitude * complex(own.force) + complex(own.strokes[0]) * r).conj()).imag <= 0
-    found = float(
+    stroke = float(
         np.min(np.abs(amplitude * complex(level.force) + complex(level.strokes[0]) * r)[passive])
     ) / np.sqrt(2)
     stuck = amplitude * abs(complex(level.force))
-    assert limit.rms <= found * (1 + 1e-9) + 1e-12 * stuck
+    assert limit.rms <= stroke * (1 + 1e-9) + 1e-12 * stuck
     assert (
-        found - limit.rms <= 1e-2 * abs(complex(level.strokes[0])) * size + 1e-4 * stuck
+        stroke - limit.rms <= 1e-2 * abs(complex(level.strokes[0])) * size + 1e-4 * stuck
     )  # the grid's spacing
     assert (
         limit.rms
@@ -197,7 +197,7 @@ def test_bound_within_a_range() -> None:
     )
 
 
-def spoil(problem: cvxpy.Problem, *_given: object) -> None:
+def spoil(problem: cvxpy.Problem, *_arguments: object) -> None:
     for variable in problem.variables():
         variable.value = np.zeros(variable.shape)
 

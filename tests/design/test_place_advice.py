@@ -47,14 +47,14 @@ def test_the_map_is_that_of_each_place_alone() -> None:
     """The map knows all places at once; the design rule, its reach and the limit take one model each, by other equations and a refined grid."""
     places = find_places(replace(STEEL, modes=6, response_position=0.9))
     forces = {1: 2.0, 3: 5.0}
-    found = map_places(places, forces, 0.03)
+    place_map = map_places(places, forces, 0.03)
     mass = 0.03 * places.model.beam_mass
     for k in (3, 17, 25, 39):
         model = places.model_at(k)
         for row, (resonance, force) in enumerate(forces.items()):
             rule = design_gap(model, mass, force, resonance)
-            assert found.rule[row, k] == pytest.approx(rule, rel=1e-3)
-            assert found.reach[row, k] == pytest.approx(reach(model, mass, resonance), rel=1e-3)
+            assert place_map.rule[row, k] == pytest.approx(rule, rel=1e-3)
+            assert place_map.reach[row, k] == pytest.approx(reach(model, mass, resonance), rel=1e-3)
     single = map_places(places, {1: 2.0}, 0.03)
     for k in (25, 39):
         gap = float(single.gap[k])
@@ -67,11 +67,15 @@ def test_the_map_is_that_of_each_place_alone() -> None:
 
 def test_reach_of_one_mode_by_hand() -> None:
     """Of one mode the receptances are one fraction: kappa = m Omega^2 phi^2/(omega^2 - Omega^2 + 2 i D omega Omega), G_f in proportion."""
-    omega, damping, shape, force_shape, mass = 100.0, 0.01, 1.5, 0.6, 0.02
+    omega = 100.0
+    damping = 0.01
+    shape = 1.5
+    force_shape = 0.6
+    mass = 0.02
     model = ModalModel(
         np.array([omega]), np.array([damping]), np.array([force_shape]), np.array([shape]), 1.0
     )
-    found = map_places(find_places(model), {1: 3.0}, mass)
+    place_map = map_places(find_places(model), {1: 3.0}, mass)
     stuck = 1 / math.sqrt(1 + mass * shape**2)
     shift_of_usual = 1 - 1 / math.sqrt(1 + 0.02 * shape**2)
     low = 1 - 0.07 * (1 - stuck) / shift_of_usual
@@ -81,8 +85,8 @@ def test_reach_of_one_mode_by_hand() -> None:
     free = 3.0 * np.max(
         shape * force_shape / omega**2 / np.abs(1 - ratio**2 + 2j * damping * ratio)
     )
-    assert found.rule[0, 0] == pytest.approx(rule, rel=1e-6)
-    assert found.reach[0, 0] == pytest.approx(free / rule, rel=1e-4)
+    assert place_map.rule[0, 0] == pytest.approx(rule, rel=1e-6)
+    assert place_map.reach[0, 0] == pytest.approx(free / rule, rel=1e-4)
 
 
 def test_one_gap_for_two_resonances_lies_between_theirs() -> None:
@@ -163,8 +167,8 @@ def test_places_to_simulate_differ() -> None:
 
 def test_for_one_resonance_the_gap_is_that_of_the_gap_search() -> None:
     places = find_places(SMALL).subset([1.0])
-    found = advise_place(places, {1: 3.5}, mass_ratios=[0.02], members=2, **FAST)  # type: ignore[arg-type]
-    best = found.recommended
+    advice = advise_place(places, {1: 3.5}, mass_ratios=[0.02], members=2, **FAST)  # type: ignore[arg-type]
+    best = advice.recommended
     assert best is not None
     alone = advise(mounted(SMALL, 1.0), 3.5, members=2, **FAST)  # type: ignore[arg-type]
     assert alone.recommended is not None
@@ -183,14 +187,14 @@ def test_levels_of_two_resonances_are_those_of_runs_by_hand() -> None:
     """Sweeps up and down of each member, near each resonance, from the steady state: the larger of all over that without absorber."""
     places = find_places(SMALL).subset([0.9, 1.0])
     forces = {1: 3.5, 2: 35.0}
-    found = advise_place(places, forces, mass_ratios=[0.03], members=2, **FAST)  # type: ignore[arg-type]
-    best = found.recommended
+    advice = advise_place(places, forces, mass_ratios=[0.03], members=2, **FAST)  # type: ignore[arg-type]
+    best = advice.recommended
     assert best is not None
     model = places.model_at(best.place)
     members = draw_members(2, 0)
 
     def level(absorber: object, resonance: int, member: int) -> float:
-        low, high = found.study.ranges[resonance]
+        low, high = advice.study.ranges[resonance]
         omega = model.resonance_omega(resonance)
         levels = []
         for start, stop in ((low, high), (high, low)):
@@ -211,7 +215,7 @@ def test_levels_of_two_resonances_are_those_of_runs_by_hand() -> None:
         shares.append(max(own))
     assert best.share == pytest.approx(float(np.median(shares)), rel=1e-9)
     assert best.members == 2
-    assert found.sweeps == 2 * 2 * (1 + 2 * 3) + sum(one.sweeps for one in found.devices)
+    assert advice.sweeps == 2 * 2 * (1 + 2 * 3) + sum(one.sweeps for one in advice.devices)
 
 
 def test_a_limit_of_the_stroke_cuts_the_gaps() -> None:
@@ -219,7 +223,7 @@ def test_a_limit_of_the_stroke_cuts_the_gaps() -> None:
     free = advise_place(places, {1: 3.5}, mass_ratios=[0.02], members=1, **FAST)  # type: ignore[arg-type]
     assert free.recommended is not None
     most = 0.8 * free.recommended.gap
-    found = advise_place(
+    advice = advise_place(
         places,
         {1: 3.5},
         mass_ratios=[0.02],
@@ -227,14 +231,15 @@ def test_a_limit_of_the_stroke_cuts_the_gaps() -> None:
         limits=Limits(stroke=most),
         **FAST,  # type: ignore[arg-type]
     )
-    assert found.recommended is not None
-    assert all(trial.gap <= most * (1 + 1e-12) for trial in found.trials)
-    assert 0.4 * most < found.recommended.gap <= most * (1 + 1e-12)
+    assert advice.recommended is not None
+    assert all(trial.gap <= most * (1 + 1e-12) for trial in advice.trials)
+    assert 0.4 * most < advice.recommended.gap <= most * (1 + 1e-12)
 
 
 def test_probability_that_one_design_is_lower() -> None:
     generator = np.random.default_rng(0)
-    first, second = Prediction(0.0, 0.1, 6), Prediction(0.12, 0.2, 4)
+    first = Prediction(0.0, 0.1, 6)
+    second = Prediction(0.12, 0.2, 4)
     draws = [
         one.centre + one.scale * generator.standard_t(one.freedoms, 200_000)
         for one in (first, second)
@@ -310,7 +315,7 @@ def test_command_writes_what_python_says(monkeypatch: pytest.MonkeyPatch, tmp_pa
     }
     content = json.loads((tmp_path / "all.json").read_text())
     assert content == json.loads((tmp_path / "out" / "summary.json").read_text())
-    found = advise_place(
+    advice = advise_place(
         SMALL,
         {1: 3.5},
         mass_ratios=[0.02, 0.04],
@@ -319,7 +324,7 @@ def test_command_writes_what_python_says(monkeypatch: pytest.MonkeyPatch, tmp_pa
         limit_level=1.0,
         **FAST,  # type: ignore[arg-type]
     )
-    best = found.recommended
+    best = advice.recommended
     assert best is not None
     assert best.mass_ratio == 0.02  # the lightest below a metre
     own = content["recommended"]
@@ -328,12 +333,12 @@ def test_command_writes_what_python_says(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert f"at {best.name} of the length" in result.output
     scene = to_scene(read_plain(device), tmp_path)
     assert scene.absorber == best.absorber
-    assert scene.model.tip_shape == pytest.approx(found.places.model_at(best.place).tip_shape)
+    assert scene.model.tip_shape == pytest.approx(advice.places.model_at(best.place).tip_shape)
 
     with (tmp_path / "out" / "places.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 40
-    assert float(rows[-1]["reach_1"]) == pytest.approx(float(found.maps[1].reach[0, -1]))
+    assert float(rows[-1]["reach_1"]) == pytest.approx(float(advice.maps[1].reach[0, -1]))
     card = json.loads((tmp_path / "out" / "card.json").read_text())
     assert card["groups"]["Device"][0]["value"] == f"{best.name} of the length"
 

@@ -65,7 +65,7 @@ def levels_within(widths: dict[str, float], number: int, seed: int) -> np.ndarra
     """Return levels in m of devices drawn uniformly within tolerances, each with a phase of its own: runs by hand."""
     generator = np.random.default_rng(seed)
     members = draw_members(number, seed)
-    found = []
+    levels = []
     for k in range(number):
         gap, restitution, friction = (generator.uniform(-x, x) for x in widths.values())
         absorber = impact_absorber(
@@ -78,38 +78,38 @@ def levels_within(widths: dict[str, float], number: int, seed: int) -> np.ndarra
             run = simulate(scene, drive, initial=find_steady_start(scene, drive))
             assert run.level is not None
             both.append(run.level.value)
-        found.append(max(both))
-    return np.array(found)
+        levels.append(max(both))
+    return np.array(levels)
 
 
 def test_devices_within_the_tolerances_stay_below_the_limit() -> None:
     """Of 200 fresh draws by hand 95 % stay below, within the error of the draws that the tolerances rest on; of wider boxes fewer do."""
     limit = 1.2e-3
-    found = find_tolerances(CASE, limit)
-    assert found.nominal >= SURE
-    assert list(found.together) == ["gap", "restitution", "friction"]
+    tolerances = find_tolerances(CASE, limit)
+    assert tolerances.nominal >= SURE
+    assert list(tolerances.together) == ["gap", "restitution", "friction"]
     assert all(
-        0 < found.together[name] <= found.alone[name] <= WIDEST_TOLERANCES[name]
+        0 < tolerances.together[name] <= tolerances.alone[name] <= WIDEST_TOLERANCES[name]
         for name in WIDEST_TOLERANCES
     )
-    assert found.below >= 0.85 * found.checked
-    low, high = found.interval
-    assert low < found.below / found.checked < high
-    inside = np.mean(levels_within(found.together, 200, 5) <= limit)
+    assert tolerances.below >= 0.85 * tolerances.checked
+    low, high = tolerances.interval
+    assert low < tolerances.below / tolerances.checked < high
+    inside = np.mean(levels_within(tolerances.together, 200, 5) <= limit)
     assert 0.89 <= inside <= 1.0
-    wider = {name: 3 * width for name, width in found.together.items()}
+    wider = {name: 3 * width for name, width in tolerances.together.items()}
     assert np.mean(levels_within({**wider, "friction": 0.9}, 100, 6) <= limit) < inside
-    text = " ".join(tolerance_lines(found, ABSORBER))
-    assert f"gap ±{1e3 * 1.35e-3 * found.together['gap']:.2g} mm" in text
-    assert f"{found.below} stay below" in text
+    text = " ".join(tolerance_lines(tolerances, ABSORBER))
+    assert f"gap ±{1e3 * 1.35e-3 * tolerances.together['gap']:.2g} mm" in text
+    assert f"{tolerances.below} stay below" in text
 
 
 def test_a_limit_below_the_level_has_no_tolerances() -> None:
-    found = find_tolerances(CASE, 0.5e-3, draws=(4, 4, 4))
-    assert found.nominal < 0.5
-    assert set(found.together.values()) == set(found.alone.values()) == {0.0}
-    assert math.isnan(found.interval[0])
-    assert "none are small enough" in tolerance_lines(found, ABSORBER)[0]
+    tolerances = find_tolerances(CASE, 0.5e-3, draws=(4, 4, 4))
+    assert tolerances.nominal < 0.5
+    assert set(tolerances.together.values()) == set(tolerances.alone.values()) == {0.0}
+    assert math.isnan(tolerances.interval[0])
+    assert "none are small enough" in tolerance_lines(tolerances, ABSORBER)[0]
     assert list(tolerances_of(impact_absorber(1.35e-3, 0.7))) == ["gap", "restitution"]
     with pytest.raises(ParameterError, match="one impact absorber"):
         find_tolerances(replace(CASE, scene=Scene(MODEL, None)), 1e-3)
@@ -119,29 +119,35 @@ def test_a_limit_below_the_level_has_no_tolerances() -> None:
 
 def test_an_interval_is_wilsons() -> None:
     """Wilson 1927: (p + z^2/2n +- z sqrt(p q/n + z^2/4n^2)) / (1 + z^2/n)."""
-    n, k, z = 64, 60, 1.959963984540054
+    n = 64
+    k = 60
+    z = 1.959963984540054
     p = k / n
     middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2)) / (1 + z**2 / n)
-    found = Tolerances(1.0, {}, {}, 1.0, n, k, 0)
-    assert found.interval == pytest.approx((middle - half, middle + half), rel=1e-9)
+    tolerances = Tolerances(1.0, {}, {}, 1.0, n, k, 0)
+    assert tolerances.interval == pytest.approx((middle - half, middle + half), rel=1e-9)
 
 
 def test_sobol_indices_of_ishigamis_function() -> None:
     """sin x + 7 sin^2 y + 0.1 z^4 sin x on (-pi, pi)^3: the indices are known (Ishigami and Homma 1990)."""
-    low, high = -np.pi * np.ones(3), np.pi * np.ones(3)
+    low = -np.pi * np.ones(3)
+    high = np.pi * np.ones(3)
     points = sobol_points(2048, low, high, 0)
     x, y, z = np.moveaxis(points, -1, 0)
     values = np.sin(x) + 7 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
-    found = sobol_sensitivity(("x", "y", "z"), low, high, values, 0)
-    assert found.first == pytest.approx([0.3139, 0.4424, 0.0], abs=0.02)
-    assert found.total == pytest.approx([0.5576, 0.4424, 0.2437], abs=0.02)
-    for band, exact in ((found.first_band, [0.3139, 0.4424, 0.0]), (found.total_band, found.total)):
+    indices = sobol_sensitivity(("x", "y", "z"), low, high, values, 0)
+    assert indices.first == pytest.approx([0.3139, 0.4424, 0.0], abs=0.02)
+    assert indices.total == pytest.approx([0.5576, 0.4424, 0.2437], abs=0.02)
+    for band, exact in (
+        (indices.first_band, [0.3139, 0.4424, 0.0]),
+        (indices.total_band, indices.total),
+    ):
         assert np.all((band[:, 0] <= exact) & (exact <= band[:, 1]))
         assert np.all(np.diff(band, axis=1) < 0.25)
     again = sobol_sensitivity(("x", "y", "z"), low, high, values, 0)
-    assert np.array_equal(again.total_band, found.total_band)
-    assert np.array_equal(again.first_band, found.first_band)
+    assert np.array_equal(again.total_band, indices.total_band)
+    assert np.array_equal(again.first_band, indices.first_band)
     with pytest.raises(ParameterError, match="samples = 12 is not allowed: a power of 2"):
         sobol_points(12, low, high, 0)
 
@@ -168,10 +174,10 @@ def test_shares_of_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
     assert box["place"] == (0.98, 1.0)
     assert "place" not in device_box(CASE, MODEL)
     wide = replace(CASE, scene=Scene(MODEL, impact_absorber(1.0, 0.7, 1e-9)))
-    found = device_sensitivity(wide, MODEL, 8)
-    assert found.names == ("gap", "restitution", "friction", "mass", "force")
-    assert found.first[4] == pytest.approx(1.0, abs=0.15)
-    assert np.abs(found.total[:4]).max() < 1e-3
+    indices = device_sensitivity(wide, MODEL, 8)
+    assert indices.names == ("gap", "restitution", "friction", "mass", "force")
+    assert indices.first[4] == pytest.approx(1.0, abs=0.15)
+    assert np.abs(indices.total[:4]).max() < 1e-3
     with pytest.raises(ParameterError, match="one impact absorber"):
         device_box(replace(CASE, scene=Scene(MODEL, None)), MODEL)
     monkeypatch.setattr("optimisation.sobol.DEVICE_BOX", dict.fromkeys(box, 0.1))

@@ -92,8 +92,8 @@ def response() -> Response:
     return simulate(Scene(TWO), Drive(1.0, constant_frequency(TWO.omega[0], 1.0, 4.0)))
 
 
-def space(*given: object) -> Callable[[], DesignSpace]:
-    return lambda: design_space(*given)
+def space(*arguments: object) -> Callable[[], DesignSpace]:
+    return lambda: design_space(*arguments)
 
 
 REFUSED: list[tuple[Callable[[], object], str]] = [
@@ -252,6 +252,6 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
 
 @pytest.mark.parametrize(("call", "words"), REFUSED, ids=[words for _, words in REFUSED])
 def test_what_is_not_allowed_is_named(call: Callable[[], object], words: str) -> None:
-    with pytest.raises(ParameterError) as told:
+    with pytest.raises(ParameterError) as raised:
         call()
-    assert words in str(told.value)
+    assert words in str(raised.value)

@@ -46,7 +46,7 @@ pytest.importorskip("cmaes")
 DESIGNS = 3 * BATCH + 1
 
 
-def test_only_the_best_share_climbs_and_the_others_are_told_as_worse() -> None:
+def test_only_the_best_share_is_promoted_and_the_others_are_reported_as_worse() -> None:
     rungs = (Rung(1, 2.0, 0.5), Rung(2, 1.0, 0.5), Rung(4))
     model = Model()
     study = DesignStudy(problem(), settings(rungs=rungs))
@@ -101,27 +101,27 @@ def test_broken_constraints_cannot_win() -> None:
     penalised = np.concatenate([batch.penalised for batch in study.costs])
     violations = np.concatenate([batch.violations for batch in study.costs])
     broken = [e.number for e in study.told if not e.score.feasible]
-    kept = [e.number for e in study.complete]
-    assert min(penalised[broken]) > max(penalised[kept])
+    numbers = [e.number for e in study.complete]
+    assert min(penalised[broken]) > max(penalised[numbers])
     assert (violations[broken] > 0).all()
 
 
-def test_winner_is_chosen_and_judged_on_members_that_the_search_has_not_seen() -> None:
+def test_winner_is_chosen_and_judged_on_held_out_members() -> None:
     model = Model()
     study = DesignStudy(problem(), settings())
     study.run(DESIGNS, model)
     searched = {run[3] for run in model.seen}
     judge = Model()
-    found = verdict(study.problem, study.complete, judge, finalists=2)
+    judged = verdict(study.problem, study.complete, judge, finalists=2)
     assert not searched & {run[3] for run in judge.seen}
-    assert found.winner.members.shape == (1, 4)
-    assert found.gain.low <= found.gain.ratio <= found.gain.high
-    assert found.gain.ratio == pytest.approx(
-        np.median(found.winner.members) / np.median(found.paper.members)
+    assert judged.winner.members.shape == (1, 4)
+    assert judged.gain.low <= judged.gain.ratio <= judged.gain.high
+    assert judged.gain.ratio == pytest.approx(
+        np.median(judged.winner.members) / np.median(judged.paper.members)
     )
-    assert dict(found.paper.design.values) == dict(study.problem.space.paper.values)
-    shown = found.levels(study.problem.conditions)
-    assert shown.median[0] == pytest.approx(np.median(found.winner.levels, axis=0))
+    assert dict(judged.paper.design.values) == dict(study.problem.space.paper.values)
+    levels = judged.levels(study.problem.conditions)
+    assert levels.median[0] == pytest.approx(np.median(judged.winner.levels, axis=0))
     checked_on = {run[3] for run in judge.seen}
     audited = Model()
     audit(study, audited, designs=3)
@@ -142,10 +142,10 @@ def test_an_audit_counts_the_designs_that_were_left_behind_wrongly(order: int) -
             level = super().value(chunk, lane)
             return level if order > 0 else 1e-9 / level
 
-    found = audit(study, Judge(), designs=8)
-    assert found.designs == 8
-    assert found.missed == (0 if order > 0 else 8)
-    assert order * found.rank_correlation > 0.8
+    result = audit(study, Judge(), designs=8)
+    assert result.designs == 8
+    assert result.missed == (0 if order > 0 else 8)
+    assert order * result.rank_correlation > 0.8
 
 
 class Draws(Model):
@@ -163,12 +163,12 @@ def test_winners_level_is_not_the_least_of_several_noisy_ones() -> None:
     winners = []
     others = []
     for seed in range(60):
-        given = problem(conditions=(Condition(1, 3.5),), members=1, seed=seed)
-        study = DesignStudy(given, SearchSettings("random", 4, (Rung(1),), seed))
+        tested = problem(conditions=(Condition(1, 3.5),), members=1, seed=seed)
+        study = DesignStudy(tested, SearchSettings("random", 4, (Rung(1),), seed))
         study.run(5, Draws())
-        found = verdict(given, study.told, Draws())
-        winners.append(np.log(found.winner.levels[0, 0]))
-        others += [np.log(found.paper.levels[0, 0]), np.log(found.rule.levels[0, 0])]
+        judged = verdict(tested, study.told, Draws())
+        winners.append(np.log(judged.winner.levels[0, 0]))
+        others += [np.log(judged.paper.levels[0, 0]), np.log(judged.rule.levels[0, 0])]
     off = np.mean(winners) - np.mean(others)
     assert off == pytest.approx(0, abs=2.5 * 0.3 * np.sqrt(1 / 60 + 1 / 120))
 
@@ -177,9 +177,9 @@ def test_a_winner_that_breaks_a_limit_on_fresh_members_gives_way_to_the_next() -
     """The deepest design keeps the limit on all members but those that judge the winner."""
     space = design_space("impact", ["gap"])
     limits = (Constraint("level", 1.2e-4),)
-    given = problem(space=space, conditions=(Condition(1, 3.5),), constraints=limits)
-    judging = set(given.fresh_ensemble(given.members, VERDICT).phases)
-    designs = [replace_gap(given, gap) for gap in (5e-4, 6e-4, 7e-4)]
+    tested = problem(space=space, conditions=(Condition(1, 3.5),), constraints=limits)
+    judging = set(tested.fresh_ensemble(tested.members, VERDICT).phases)
+    designs = [replace_gap(tested, gap) for gap in (5e-4, 6e-4, 7e-4)]
 
     class Levels(Model):
         def value(self, chunk: object, lane: object) -> float:  # noqa: ARG002 - as in `Model`
@@ -190,14 +190,14 @@ def test_a_winner_that_breaks_a_limit_on_fresh_members_gives_way_to_the_next() -
 
     score = Score((0.1,), (0.0,))
     candidates = [Evaluated(k, design, score, 1) for k, design in enumerate(designs)]
-    found = verdict(given, candidates, Levels())
-    assert found.found.design == designs[1]
-    assert found.winner.design.values["gap"] == 5e-4
-    assert found.feasible
+    judged = verdict(tested, candidates, Levels())
+    assert judged.found.design == designs[1]
+    assert judged.winner.design.values["gap"] == 5e-4
+    assert judged.feasible
 
 
-def replace_gap(given: Problem, gap: float) -> Design:
-    return Design("impact", {**given.space.default.values, "gap": gap})
+def replace_gap(tested: Problem, gap: float) -> Design:
+    return Design("impact", {**tested.space.default.values, "gap": gap})
 
 
 def test_fronts_and_their_volume() -> None:
@@ -252,9 +252,9 @@ def test_tuned_absorber_is_tuned_as_the_minimax_says() -> None:
     slow = Problem(
         space, (Condition(1, 1.0, (LOW, HIGH)),), beam=Beam(modes=2), members=1, rate=4.0
     )
-    found, finished = smooth_search(slow, 80, Threads())
+    evaluations, finished = smooth_search(slow, 80, Threads())
     assert finished
-    best = min(found, key=lambda e: e.score.values[0]).design.values
+    best = min(evaluations, key=lambda e: e.score.values[0]).design.values
     exact = minimax(slow.model)
     assert best["stiffness"] == pytest.approx(exact.stiffness, rel=0.02)
     assert best["damping"] == pytest.approx(exact.damping, rel=0.2)
@@ -297,16 +297,16 @@ def findings(tmp_path_factory: pytest.TempPathFactory) -> Findings:
 
 
 def test_what_is_reported_is_the_verdicts_own(findings: Findings) -> None:
-    found = findings.verdict
+    judged = findings.verdict
     problem = findings.problem
-    assert found.rule.design.values["gap"] == problem.units.gap(0.02)
+    assert judged.rule.design.values["gap"] == problem.units.gap(0.02)
     fresh = problem.fresh_ensemble(4, VERDICT)
     np.testing.assert_array_equal(
-        found.winner.without, problem.reference(fresh, problem.rate)[..., 0].max(axis=2)
+        judged.winner.without, problem.reference(fresh, problem.rate)[..., 0].max(axis=2)
     )
-    assert findings.own.median[0, 0] == np.median(found.winner.levels[:, 0])
-    assert found.gain.ratio == pytest.approx(
-        np.median(found.winner.members[0]) / np.median(found.paper.members[0])
+    assert findings.own.median[0, 0] == np.median(judged.winner.levels[:, 0])
+    assert judged.gain.ratio == pytest.approx(
+        np.median(judged.winner.members[0]) / np.median(judged.paper.members[0])
     )
     sets = [
         set(problem.fresh_ensemble(4, which).phases) for which in (CHOICE, VERDICT, SHOWN, AUDIT)
@@ -319,19 +319,19 @@ def test_bands_of_the_verdict_are_predictions_and_levels_say_where_they_were_rea
     findings: Findings,
 ) -> None:
     """The interval of the paper's design from its own four members in closed form; the winner's is narrower by the finalists' spread."""
-    found = findings.verdict
-    logs = np.log(found.paper.members[0])
+    judged = findings.verdict
+    logs = np.log(judged.paper.members[0])
     half = scipy.stats.t.ppf(0.95, 3) * np.std(logs, ddof=1) * np.sqrt(1 + 1 / 4)
-    low, high = found.paper.bands[0]
+    low, high = judged.paper.bands[0]
     assert np.log([low, high]) == pytest.approx([logs.mean() - half, logs.mean() + half])
-    if found.winner is not found.paper and found.winner is not found.rule:
-        assert len(found.winner.alike) > 1
+    if judged.winner is not judged.paper and judged.winner is not judged.rule:
+        assert len(judged.winner.alike) > 1
     own = findings.own
-    assert own.low[1, 0] == pytest.approx(low * np.median(found.paper.without), rel=0.05)
+    assert own.low[1, 0] == pytest.approx(low * np.median(judged.paper.without), rel=0.05)
     (condition,) = findings.problem.conditions
     assert np.all((own.ratios > condition.limits[0]) & (own.ratios < condition.limits[1]))
     chunk, *_ = findings.problem.chunks(
-        found.paper.design, findings.problem.fresh_ensemble(4, VERDICT), findings.problem.rate
+        judged.paper.design, findings.problem.fresh_ensemble(4, VERDICT), findings.problem.rate
     )
     levels = [simulate(lane.scene, lane.drive, initial=lane.start).level for lane in chunk.lanes]
     worse = [
@@ -342,20 +342,20 @@ def test_bands_of_the_verdict_are_predictions_and_levels_say_where_they_were_rea
     words = text(findings)
     assert f"read at {own.ratios[0, 0]:.4g} of the resonance" in words
     assert "Warning" not in words
-    at_end = replace(found, winner=replace(found.winner, ratios=np.array([condition.limits[0]])))
+    at_end = replace(judged, winner=replace(judged.winner, ratios=np.array([condition.limits[0]])))
     assert "read at an end of the sweeps" in text(replace(findings, verdict=at_end))
 
 
 def test_winner_runs_with_more_modes(findings: Findings) -> None:
-    found = findings.verdict
+    judged = findings.verdict
     wider = findings.wider
     assert wider.modes == 4
-    assert wider.judged.design == found.winner.design
+    assert wider.judged.design == judged.winner.design
     assert wider.change.ratio == pytest.approx(
-        np.median(wider.judged.members[0]) / np.median(found.winner.members[0])
+        np.median(wider.judged.members[0]) / np.median(judged.winner.members[0])
     )
     all_modes = replace(findings.problem, beam=Beam(modes=8, elements=4))
-    assert more_modes(all_modes, found.winner, 0.5, Threads()) is None
+    assert more_modes(all_modes, judged.winner, 0.5, Threads()) is None
 
 
 # Searches that model the noise, and the study that compares them.
@@ -377,15 +377,15 @@ def off(design: object) -> float:
 
 def test_noise_does_not_hide_the_bottom_of_a_bowl() -> None:
     one = problem(conditions=(Condition(1, 3.5),), members=16)
-    told, ranked, finished = model_search(one, 120, Noisy(), from_scratch=True)
+    evaluations, ranked, finished = model_search(one, 120, Noisy(), from_scratch=True)
     assert finished
     assert off(ranked[0].design) < 0.3
-    assert [e.number for e in told] == list(range(len(told)))
-    assert {e.number for e in ranked} == {e.number for e in told}
-    found = find(one, Plan(22, "gp", from_scratch=True, audit=0, modes=False), None, Noisy())
-    assert off(found.verdict.winner.design) < 0.3
+    assert [e.number for e in evaluations] == list(range(len(evaluations)))
+    assert {e.number for e in ranked} == {e.number for e in evaluations}
+    findings = find(one, Plan(22, "gp", from_scratch=True, audit=0, modes=False), None, Noisy())
+    assert off(findings.verdict.winner.design) < 0.3
     wanted = 2 * default_settings(one).members_a_design * 22
-    assert found.cost.runs == pytest.approx(wanted, abs=2 * 8)
+    assert findings.cost.runs == pytest.approx(wanted, abs=2 * 8)
 
 
 def test_a_process_finds_the_edge_of_what_is_allowed() -> None:
@@ -423,7 +423,9 @@ def test_likelihood_is_that_of_all_values() -> None:
     means = np.array([np.mean(own) for own in values])
 
     def exact(logs: np.ndarray) -> float:
-        lengths, deviation, noise = np.exp(logs[:2]), np.exp(logs[2]), np.exp(logs[3])
+        lengths = np.exp(logs[:2])
+        deviation = np.exp(logs[2])
+        noise = np.exp(logs[3])
         r = np.sqrt(5 * np.sum(((points[:, None] - points[None]) / lengths) ** 2, axis=2))
         covariance = deviation**2 * (1 + r + r**2 / 3) * np.exp(-r)
         full = covariance[np.ix_(owner, owner)] + noise**2 * np.eye(len(every))
@@ -431,7 +433,8 @@ def test_likelihood_is_that_of_all_values() -> None:
         prior = np.sum((logs[:2] - np.log(0.3)) ** 2) + ((logs[3] - np.log(0.1)) / 1.5) ** 2
         return float(density - 0.5 * prior)
 
-    first, second = np.log([0.3, 0.5, 1.0, 0.4]), np.log([0.6, 0.2, 0.7, 0.9])
+    first = np.log([0.3, 0.5, 1.0, 0.4])
+    second = np.log([0.6, 0.2, 0.7, 0.9])
     own = [
         fit_process(points, values, logs, fit=False).log_likelihood() for logs in (first, second)
     ]
@@ -470,7 +473,7 @@ def test_comparison_runs_goes_on_and_writes_its_page(
     page = (tmp_path / "search_methods.md").read_text()
     assert "Gaussian process" in page
     before = len(rows)
-    monkeypatch.setattr(search_methods, "trial", lambda *given: pytest.fail(str(given)))
+    monkeypatch.setattr(search_methods, "trial", lambda *arguments: pytest.fail(str(arguments)))
     done(search_methods, *line)  # nothing is run twice
     assert len(read_json(tmp_path / "search_methods.json.gz")["rows"]) == before
 
@@ -483,7 +486,7 @@ def test_comparison_pairs_seeds_and_states_exact_intervals() -> None:
         rows.append(base | {"method": "random", "level": 2.0})
         rows.append(base | {"method": "cma", "level": 1.1 + 0.1 * seed})
         rows.append(base | {"method": "gp", "level": 1.0, "violation": 1.0})
-    found = {s.method: s for s in search_methods.standings(rows)}
-    assert found["cma"].over_random == "0.775 (0.600 to 0.950)"
-    assert found["gp"].over_random == "1.000 (1.000 to 1.000)"  # twice its limit
-    assert list(found) == ["cma", "random", "gp"]
+    standings = {s.method: s for s in search_methods.standings(rows)}
+    assert standings["cma"].over_random == "0.775 (0.600 to 0.950)"
+    assert standings["gp"].over_random == "1.000 (1.000 to 1.000)"  # twice its limit
+    assert list(standings) == ["cma", "random", "gp"]

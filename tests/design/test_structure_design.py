@@ -133,13 +133,13 @@ def test_the_tuned_absorber_of_the_steel_beam_is_the_best_by_dense_solution() ->
 
 
 def small(beam: Beam | ModalModel, **changes: object) -> Problem:
-    given = {
+    options = {
         "space": design_space("impact"),
         "conditions": (Condition(1, 3.5), Condition(2, 35.0, detuning=0.02)),
         "members": 2,
         "rate": 40.0,
     }
-    return Problem(beam=beam, **(given | changes))
+    return Problem(beam=beam, **(options | changes))
 
 
 def test_a_problem_takes_a_modal_model_as_it_takes_its_beam() -> None:
@@ -256,10 +256,10 @@ def test_a_beam_of_material_and_section_has_the_modes_of_the_closed_form(tmp_pat
     output = done(structure, file, "--json", target, "--plot", picture).output
     assert "mass 3.14 kg: an absorber of 1 % has 0.0314 kg" in output
     assert "force, absorber and response at 0.5, 0.25, 0.25 of the length, 1 m" in output
-    found = json.loads(target.read_text())
+    printed = json.loads(target.read_text())
     stiffness = 210e9 * 0.04 * 0.01**3 / 12
     per_length = 7850 * 0.04 * 0.01
-    for n, row in enumerate(found["modes"][:3], 1):
+    for n, row in enumerate(printed["modes"][:3], 1):
         omega = (n * np.pi) ** 2 * np.sqrt(stiffness / per_length)
         force, tip = (np.sqrt(2 / 3.14) * np.sin(n * np.pi * x) for x in (0.5, 0.25))
         assert row["frequency_hz"] == pytest.approx(omega / (2 * np.pi), rel=1e-4)

@@ -34,36 +34,36 @@ Result = tuple[object, ...]
 
 
 def search(
-    file: Path | None, given: Problem, chosen: SearchSettings, designs: int = DESIGNS
+    file: Path | None, tested: Problem, chosen: SearchSettings, designs: int = DESIGNS
 ) -> tuple[list[Result], int]:
     """Return a search's result with the runs that a file holds, and how many runs it made."""
-    with remembering(Model(), identity(given, chosen.describe()), file) as ledger:
-        study, _, cost = searched("search", given, chosen, designs, ledger)
+    with remembering(Model(), identity(tested, chosen.describe()), file) as ledger:
+        study, _, cost = searched("search", tested, chosen, designs, ledger)
     return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told], cost.runs
 
 
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
 def test_study_goes_on_from_any_piece_of_its_file(tmp_path: Path, sampler: str) -> None:
     """A process can be killed after any run: the resumed study is each time that in memory, and makes the missing runs only."""
-    given = problem(2 if sampler == "nsga2" else 1)
+    tested = problem(2 if sampler == "nsga2" else 1)
     file = tmp_path / "study.journal"
-    expected, runs = search(None, given, settings(sampler))
-    assert [result[1] for result in search(None, given, settings(sampler, 1))[0][1:]] != [
+    expected, runs = search(None, tested, settings(sampler))
+    assert [result[1] for result in search(None, tested, settings(sampler, 1))[0][1:]] != [
         result[1] for result in expected[1:]
     ]
-    search(file, given, settings(sampler), BATCH + 1)
-    assert search(file, given, settings(sampler))[0] == expected  # a larger budget
+    search(file, tested, settings(sampler), BATCH + 1)
+    assert search(file, tested, settings(sampler))[0] == expected  # a larger budget
     whole = file.read_bytes()
     for cut in range(0, 60, 5):
         file.write_bytes(whole)
         with closing(sqlite3.connect(file, isolation_level=None)) as opened:
-            (kept,) = opened.execute(
+            (stored,) = opened.execute(
                 "SELECT count(*) FROM pieces WHERE rowid <= ? AND name <> 'identity'", (cut,)
             ).fetchone()
             opened.execute("DELETE FROM pieces WHERE rowid > ?", (cut,))
-        found, made = search(file, given, settings(sampler))
-        assert found == expected, f"cut at piece {cut}"
-        assert made < runs if kept else made == runs
+        resumed, made = search(file, tested, settings(sampler))
+        assert resumed == expected, f"cut at piece {cut}"
+        assert made < runs if stored else made == runs
 
 
 def test_a_study_that_was_broken_off_goes_on_where_it_is() -> None:
@@ -77,13 +77,13 @@ def test_a_study_that_was_broken_off_goes_on_where_it_is() -> None:
 
 
 def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
-    found, _ = search(tmp_path / "a.journal", problem(), settings())
+    study, _ = search(tmp_path / "a.journal", problem(), settings())
     storage = optuna.storages.JournalStorage(
         optuna.storages.journal.JournalFileBackend(str(tmp_path / "a.journal.optuna"))
     )
     trials = optuna.load_study(study_name=None, storage=storage).trials
-    assert [trial.number for trial in trials] == [number for number, *_ in found]
-    assert trials[0].values == list(found[0][2].values)
+    assert [trial.number for trial in trials] == [number for number, *_ in study]
+    assert trials[0].values == list(study[0][2].values)
 
 
 # The file: written whole or not at all, for one process at a time, and refused where it is something else.
@@ -97,25 +97,25 @@ def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", code, file], env=environment, stdout=subprocess.PIPE, text=True
     ) as process:
-        told = [int(process.stdout.readline()) for _ in range(20)][-1]
+        last = [int(process.stdout.readline()) for _ in range(20)][-1]
         process.kill()
-        told = max([told, *map(int, process.stdout.read().split()[:-1])])
-    with closing(Kept(file)) as kept:
-        assert len(kept.known) >= told
-        assert all(values == [int(name)] * 1000 for name, values in kept.known.items())
+        last = max([last, *map(int, process.stdout.read().split()[:-1])])
+    with closing(Kept(file)) as cache:
+        assert len(cache.known) >= last
+        assert all(values == [int(name)] * 1000 for name, values in cache.known.items())
 
 
 def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: Path) -> None:
     good, words, another, torn = (tmp_path / name for name in ("good", "words", "another", "torn"))
-    with closing(Kept(good)) as kept:
-        kept.keep("a", [1.0, float("nan")] * 10000)
+    with closing(Kept(good)) as cache:
+        cache.keep("a", [1.0, float("nan")] * 10000)
         with pytest.raises(ParameterError, match=r"--resume = .*good is in use by another process"):
             Kept(good)
-        kept._file.execute("PRAGMA max_page_count = 1")  # as on a full disk
+        cache._file.execute("PRAGMA max_page_count = 1")  # as on a full disk
         with pytest.raises(OSError, match="full"):
-            kept.keep("b", [1.0] * 100000)
-    with closing(Kept(good)) as kept:
-        assert list(kept.known) == ["a"]
+            cache.keep("b", [1.0] * 100000)
+    with closing(Kept(good)) as cache:
+        assert list(cache.known) == ["a"]
     words.write_text('{"form": "pieces 1", "pieces": []}\n')  # what was written here before
     with closing(sqlite3.connect(another)) as other:
         other.execute("CREATE TABLE moments (x REAL)")
@@ -172,12 +172,12 @@ def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
     return problem(), Plan(20, sampler=kind, batch=BATCH, modes=False), Model
 
 
-def told(found: Findings) -> list[tuple[object, ...]]:
-    assert found.finished
-    score = found.verdict.winner.score
+def list_results(findings: Findings) -> list[tuple[object, ...]]:
+    assert findings.finished
+    score = findings.verdict.winner.score
     return [
-        *((e.number, dict(e.design.values), e.score) for e in found.told),
-        (dict(found.verdict.winner.design.values), score),
+        *((e.number, dict(e.design.values), e.score) for e in findings.told),
+        (dict(findings.verdict.winner.design.values), score),
     ]
 
 
@@ -185,9 +185,9 @@ def told(found: Findings) -> list[tuple[object, ...]]:
 def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(
     tmp_path: Path, kind: str
 ) -> None:
-    given, plan, executor = case(kind)
+    tested, plan, executor = case(kind)
     whole = executor()
-    expected = told(find(given, plan, None, whole))
+    expected = list_results(find(tested, plan, None, whole))
     last = len(whole.seen) - 3
     for stop in (
         (5, last) if kind == "gp" else (0, 31, last)
@@ -196,30 +196,30 @@ def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(
         first = executor(stop=stop)
         second = executor()
         try:
-            assert not find(given, plan, file, first).finished
+            assert not find(tested, plan, file, first).finished
         except KeyboardInterrupt:
             assert stop > 31  # it came while the finalists were judged
-        assert told(find(given, plan, file, second)) == expected
+        assert list_results(find(tested, plan, file, second)) == expected
         assert Counter(first.seen + second.seen) == Counter(whole.seen)
         again = executor()
-        assert told(find(given, plan, file, again)) == expected
+        assert list_results(find(tested, plan, file, again)) == expected
         assert again.seen == []
 
 
 def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """For searches by SciPy and by Optuna; versions of the packages count like the code."""
-    given, plan, executor = case("friction")
-    find(given, plan, tmp_path / "scipy.journal", executor())
+    tested, plan, executor = case("friction")
+    find(tested, plan, tmp_path / "scipy.journal", executor())
     search(tmp_path / "cma.journal", problem(), settings(), 2)
     monkeypatch.setattr(
         "optimisation.search.find.fingerprint",
-        lambda *given: fingerprint(*given) | {"code": "0" * 16},
+        lambda *tested: fingerprint(*tested) | {"code": "0" * 16},
     )
     with pytest.raises(
         ParameterError,
         match=r"sources\.code is '[0-9a-f]{16}' there and '0{16}' here; choose another file",
     ):
-        find(given, plan, tmp_path / "scipy.journal", executor())
+        find(tested, plan, tmp_path / "scipy.journal", executor())
     with pytest.raises(ParameterError, match=r"sources\.code is"):
         search(tmp_path / "cma.journal", problem(), settings())
 
@@ -228,35 +228,35 @@ def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.M
 def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_made_of() -> None:
     code = "from design_studies import problem; from optimisation.search.ledger import key_of\n"
     code += "g = problem(); print(*map(key_of, g.chunks(g.space.default, g.ensemble, g.rate)))"
-    there = fresh("-c", code, PYTHONHASHSEED=7).stdout.split()
-    given = problem()
+    other_process = fresh("-c", code, PYTHONHASHSEED=7).stdout.split()
+    tested = problem()
 
-    def keys(other: Problem, rate: float = given.rate) -> list[str]:
+    def keys(other: Problem, rate: float = tested.rate) -> list[str]:
         return [key_of(chunk) for chunk in other.chunks(other.space.default, other.ensemble, rate)]
 
-    here = keys(given)
-    assert here == there
+    here = keys(tested)
+    assert here == other_process
     assert len(set(here)) == len(here) == 2
-    detuned = tuple(replace(c, detuning=0.01) for c in given.conditions)
+    detuned = tuple(replace(c, detuning=0.01) for c in tested.conditions)
     for other in (
         problem(seed=1),
         problem(conditions=detuned),
         problem(members=3),
-        problem(beam=replace(given.beam, modes=3)),
+        problem(beam=replace(tested.beam, modes=3)),
     ):
         assert not set(keys(other)) & set(here)
-    assert not set(keys(given, 2 * given.rate)) & set(here)
+    assert not set(keys(tested, 2 * tested.rate)) & set(here)
 
 
-def test_runs_that_were_given_up_are_kept_as_such(tmp_path: Path) -> None:
+def test_abandoned_runs_are_stored_as_such(tmp_path: Path) -> None:
     class Failing(Bowl):
         def value(self, chunk: object, lane: object) -> float:
             return np.nan if self.seen[-1][0] > 1.0 else super().value(chunk, lane)
 
-    given, plan, _ = case("friction")
+    tested, plan, _ = case("friction")
     failing: Executor = Failing()
-    found = find(given, plan, tmp_path / "a.journal", failing)
-    assert any(e.score.failed for e in found.told)
+    findings = find(tested, plan, tmp_path / "a.journal", failing)
+    assert any(e.score.failed for e in findings.told)
     again = Failing()
-    assert told(find(given, plan, tmp_path / "a.journal", again)) == told(found)
+    assert list_results(find(tested, plan, tmp_path / "a.journal", again)) == list_results(findings)
     assert again.seen == []

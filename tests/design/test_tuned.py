@@ -62,7 +62,7 @@ def test_peak_of_one_damped_mode() -> None:
     assert ratio == pytest.approx(np.sqrt(1 - 2 * 0.02**2), abs=1e-7)
 
 
-def test_narrow_peaks_are_found() -> None:
+def test_peaks_finds_narrow_peaks() -> None:
     height, _ = peak(one_mode(1e-7), None)
     assert height == pytest.approx(1 / 2e-7, rel=1e-9)
     assert peak(one_mode(), None) == (np.inf, pytest.approx(1.0))
@@ -80,9 +80,9 @@ def test_scores_of_the_three_tunings() -> None:
 
 @pytest.mark.parametrize("mu", [0.001, 0.08, 0.6])
 def test_exact_closed_form_has_equal_peaks(mu: float) -> None:
-    found = peaks(one_mode(), undamped_minimax(one_mode(), mu), low=0.3)
-    assert len(found) == 2
-    assert found[0][0] == pytest.approx(found[1][0], rel=1e-6)
+    maxima = peaks(one_mode(), undamped_minimax(one_mode(), mu), low=0.3)
+    assert len(maxima) == 2
+    assert maxima[0][0] == pytest.approx(maxima[1][0], rel=1e-6)
 
 
 @pytest.mark.parametrize("mu", [0.01, 0.3])
@@ -90,10 +90,10 @@ def test_numerical_minimax_finds_the_exact_optimum(mu: float) -> None:
     single = one_mode(0.0, 250.0, 2.0)
     mass_ratio = mu / 4
     exact = undamped_minimax(single, mass_ratio)
-    found = minimax(single, mass_ratio)
-    assert found.stiffness == pytest.approx(exact.stiffness, rel=1e-6)
-    assert found.damping == pytest.approx(exact.damping, rel=1e-5)
-    assert peak(single, found)[0] == pytest.approx(peak(single, exact)[0], rel=1e-9)
+    tuning = minimax(single, mass_ratio)
+    assert tuning.stiffness == pytest.approx(exact.stiffness, rel=1e-6)
+    assert tuning.damping == pytest.approx(exact.damping, rel=1e-5)
+    assert peak(single, tuning)[0] == pytest.approx(peak(single, exact)[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("mu", [0.02, 0.25])
@@ -193,13 +193,13 @@ def test_closed_form_is_the_optimum_of_one_undamped_mode(mu: float) -> None:
         (0.01, 0.03),
         (-0.01, 0.03),
     ):
-        beside = TunedAbsorber(
+        detuned = TunedAbsorber(
             mu / 4, best.stiffness * (1 + stiffness), best.damping * (1 + damping)
         )
-        assert h2_norm_everywhere(single, beside) > value
-    found = minimum_h2(single, mu / 4, low=1e-4, high=1e4)
-    assert found.stiffness == pytest.approx(best.stiffness, rel=1e-3)
-    assert found.damping == pytest.approx(best.damping, rel=1e-3)
+        assert h2_norm_everywhere(single, detuned) > value
+    tuning = minimum_h2(single, mu / 4, low=1e-4, high=1e4)
+    assert tuning.stiffness == pytest.approx(best.stiffness, rel=1e-3)
+    assert tuning.damping == pytest.approx(best.damping, rel=1e-3)
 
 
 def test_papers_values_follow_from_its_rule() -> None:

@@ -18,18 +18,18 @@ from optimisation.uncertain import NAMES, drawn, shares, spreads
 EVERY = dict.fromkeys(NAMES, "5%")
 
 
-def values(name: str, given: str | Sequence[float | str], nominal: float) -> np.ndarray:
-    (one,) = spreads({name: given})
+def values(name: str, tolerance: str | Sequence[float | str], nominal: float) -> np.ndarray:
+    (one,) = spreads({name: tolerance})
     return np.array([one.drawn(share, nominal) for share in np.linspace(0, 1, 2001)])
 
 
 def test_a_deviation_is_a_normal_distribution_cut_at_three() -> None:
-    found = values("gap", "5%", 2e-3)
-    assert found.min() == pytest.approx(2e-3 * 0.85)
-    assert found.max() == pytest.approx(2e-3 * 1.15)
+    drawn_gaps = values("gap", "5%", 2e-3)
+    assert drawn_gaps.min() == pytest.approx(2e-3 * 0.85)
+    assert drawn_gaps.max() == pytest.approx(2e-3 * 1.15)
     cut = 0.98658  # standard deviation of a standard normal variable that is cut at three, from tables of the truncated normal
-    assert found.std() == pytest.approx(2e-3 * 0.05 * cut, rel=5e-3)
-    assert np.mean(np.abs(found / 2e-3 - 1) < 0.05) == pytest.approx(0.6827 / 0.9973, abs=2e-3)
+    assert drawn_gaps.std() == pytest.approx(2e-3 * 0.05 * cut, rel=5e-3)
+    assert np.mean(np.abs(drawn_gaps / 2e-3 - 1) < 0.05) == pytest.approx(0.6827 / 0.9973, abs=2e-3)
 
 
 def test_two_numbers_are_a_uniform_distribution() -> None:
@@ -56,14 +56,14 @@ def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> No
         }
     )
     share = dict.fromkeys(NAMES, 0.5)
-    found = drawn(lane, every, share, 2, 2.0)
-    np.testing.assert_allclose(found.scene.model.damping_ratio, 0.025)
-    np.testing.assert_allclose(found.scene.model.omega, 1.1 * scene.model.omega)
-    assert found.drive.amplitude == pytest.approx(2.5)
-    assert found.drive.phase == 0.3
-    np.testing.assert_allclose(found.drive.schedule.omegas, 1.1 * lane.drive.schedule.omegas)
-    np.testing.assert_allclose(found.drive.schedule.times, lane.drive.schedule.times / 1.1)
-    absorber = found.scene.absorber
+    lane_drawn = drawn(lane, every, share, 2, 2.0)
+    np.testing.assert_allclose(lane_drawn.scene.model.damping_ratio, 0.025)
+    np.testing.assert_allclose(lane_drawn.scene.model.omega, 1.1 * scene.model.omega)
+    assert lane_drawn.drive.amplitude == pytest.approx(2.5)
+    assert lane_drawn.drive.phase == 0.3
+    np.testing.assert_allclose(lane_drawn.drive.schedule.omegas, 1.1 * lane.drive.schedule.omegas)
+    np.testing.assert_allclose(lane_drawn.drive.schedule.times, lane.drive.schedule.times / 1.1)
+    absorber = lane_drawn.scene.absorber
     assert (absorber.walls.gap, absorber.friction.limit) == pytest.approx((1e-3, 0.1))
     assert absorber.walls.restitution == pytest.approx(0.3)
     wide = drawn(lane, every, dict.fromkeys(NAMES, 1.0), 2, 2.0).scene.absorber
@@ -73,23 +73,23 @@ def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> No
 def test_members_draw_the_same_in_every_run_and_different_from_each_other() -> None:
     every = spreads(EVERY)
     members = draw_members(200, 3)
-    found = shares(every, members)
-    assert found[5:9] == shares(every, members[5:9])
-    table = np.array([[row[name] for name in NAMES] for row in found])
+    drawn_shares = shares(every, members)
+    assert drawn_shares[5:9] == shares(every, members[5:9])
+    table = np.array([[row[name] for name in NAMES] for row in drawn_shares])
     assert np.all(np.abs(table.mean(axis=0) - 0.5) < 0.1)
     assert np.abs(np.corrcoef(table.T) - np.eye(len(NAMES))).max() < 0.3
 
 
 def test_a_problem_runs_each_member_with_its_own_numbers() -> None:
-    given = {
+    options = {
         "space": design_space(IMPACT),
         "conditions": (Condition(1, 3.5),),
         "beam": Beam(modes=2),
         "members": 3,
         "rate": 40.0,
     }
-    problem = Problem(**given, uncertain={"gap": "5%", "force": "10%", "damping": "10%"})
-    assert "uncertain" not in Problem(**given).describe()
+    problem = Problem(**options, uncertain={"gap": "5%", "force": "10%", "damping": "10%"})
+    assert "uncertain" not in Problem(**options).describe()
     assert problem.describe()["uncertain"] == {"damping": ["10%"], "force": ["10%"], "gap": ["5%"]}
     (chunk,) = problem.chunks(problem.space.default, problem.ensemble, problem.rate)
     gaps = [lane.scene.absorber.walls.gap for lane in chunk.lanes]
@@ -128,7 +128,7 @@ def test_words_of_the_command_line() -> None:
         "5%",
         "--quick",
     ]
-    found = [
+    parsed = [
         "--uncertain",
         "gap 5%",
         "--force",
@@ -139,7 +139,7 @@ def test_words_of_the_command_line() -> None:
         "damping -5% 5%",
         "--quick",
     ]
-    assert joined(line, {"--uncertain"}) == found
+    assert joined(line, {"--uncertain"}) == parsed
     assert joined(["--uncertain"], {"--uncertain"}) == ["--uncertain"]
     assert uncertain_of([("gap", ("5%",)), ("force", ("1", "2"))]) == {
         "gap": ("5%",),
@@ -157,7 +157,7 @@ def test_words_of_the_command_line() -> None:
 def test_time_and_force_are_those_of_the_motion(
     first: str, second: str, radius: float, mass: float, speed: float
 ) -> None:
-    found = estimate(first, second, radius, mass, speed)
+    contact = estimate(first, second, radius, mass, speed)
     stiff = 1 / sum((1 - nu**2) / young for young, nu in (material(first), material(second)))
 
     def force(depth: float) -> float:
@@ -168,18 +168,18 @@ def test_time_and_force_are_those_of_the_motion(
     parted.direction = -1
     run = solve_ivp(
         lambda _, y: [y[1], -force(y[0]) / mass],
-        (0, 5 * found.time),
+        (0, 5 * contact.time),
         [0, speed],
         events=parted,
         rtol=1e-9,
         atol=1e-14,
-        max_step=found.time / 200,
+        max_step=contact.time / 200,
     )
-    assert run.t_events[0][0] == pytest.approx(found.time, rel=5e-3)
-    assert force(run.y[0].max()) == pytest.approx(found.force, rel=1e-3)
+    assert run.t_events[0][0] == pytest.approx(contact.time, rel=5e-3)
+    assert force(run.y[0].max()) == pytest.approx(contact.force, rel=1e-3)
     contact_radius = np.sqrt(radius * run.y[0].max())
-    assert found.pressure == pytest.approx(
-        1.5 * found.force / (np.pi * contact_radius**2), rel=1e-3
+    assert contact.pressure == pytest.approx(
+        1.5 * contact.force / (np.pi * contact_radius**2), rel=1e-3
     )
 
 

@@ -223,7 +223,8 @@ def test_a_passage_draws_what_it_says_and_its_walls_have_a_speed_and_a_price() -
     before = info["gap"]
     fastest = 0.0
     for action in actions(LIMITED, 5, 400):
-        (_, rewards, _, _, info), wanted = many.step(action), free.step(action)[1]
+        _, rewards, _, _, info = many.step(action)
+        wanted = free.step(action)[1]
         moved = np.abs(info["gap"] - before)
         fastest = max(fastest, float(moved[moved < 0.1e-3].max()))
         np.testing.assert_allclose(wanted - rewards, 0.01 * moved / 1e-3, atol=1e-12)
@@ -310,11 +311,11 @@ WAY: dict[str, Any] = {"limits": (0.98, 1.01), "rate": 4.0}
 
 
 def passage(
-    name: str, given: Any, seed: int, **arguments: Any
+    name: str, chosen: Any, seed: int, **arguments: Any
 ) -> tuple[list[Any], list[float], list[dict[str, Any]]]:
     """Return observations, rewards and info of a whole passage."""
     env = gymnasium.make(name, **(WAY | arguments))
-    left = iter(given)
+    left = iter(chosen)
     steps = played(env, lambda _: next(left), seed=seed)
     return [step[0] for step in steps], [step[1] for step in steps], [step[4] for step in steps]
 
@@ -335,21 +336,23 @@ def test_a_choice_that_stays_is_a_passage_with_that_friction(action: float) -> N
 
 def test_mass_gap_and_time_are_the_units_of_friction() -> None:
     """Twice the force and twice the gap: the same observations from the same actions, from twice the friction."""
-    given = np.random.default_rng(1).uniform(-1, 1, (20, 1)).astype(np.float32)
-    (seen, rewards, infos), (other, others, told) = (
+    actions = np.random.default_rng(1).uniform(-1, 1, (20, 1)).astype(np.float32)
+    (observed, rewards, infos), (other, others, other_infos) = (
         passage(
             FRICTION,
-            given,
+            actions,
             2,
             force=3 * k,
             absorber_options={"gap": k * 1e-3, "restitution": 0.6, "friction_limit": k * 0.1},
         )
         for k in (1, 2)
     )
-    np.testing.assert_allclose(other, seen, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(other, observed, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(others, rewards, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(
-        [i["friction_limit"] for i in told], [2 * i["friction_limit"] for i in infos], rtol=1e-12
+        [i["friction_limit"] for i in other_infos],
+        [2 * i["friction_limit"] for i in infos],
+        rtol=1e-12,
     )
     assert sum(i["impacts"] for i in infos) > 3
 
@@ -367,7 +370,7 @@ def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
         + 2j * model.damping_ratio * model.omega * model.omega[0]
     )
     expected = abs(np.sum(model.level_shape * model.base_participation / slots)) / np.sqrt(2)
-    found = []
+    amplitudes = []
     light: dict[str, Any] = {
         "absorber_options": {"mass_ratio": 1e-9, "gap": 1.0, "friction_limit": 1e-8},
         "friction_range": (1e-9, 1e-8),
@@ -382,11 +385,11 @@ def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
     for load in (None, SHAKEN):
         env = make(ACTIVE_FRICTION, load=load, **arguments)
         env.reset(seed=0)
-        found.append(
+        amplitudes.append(
             np.sqrt(
                 np.mean([env.step(np.zeros(1, np.float32))[4]["rms"] ** 2 for _ in range(80)][-4:])
             )
             / expected
         )
-    assert found[0] == pytest.approx(1.0, abs=0.01)
-    assert abs(found[1] - 1.0) > 0.05
+    assert amplitudes[0] == pytest.approx(1.0, abs=0.01)
+    assert abs(amplitudes[1] - 1.0) > 0.05

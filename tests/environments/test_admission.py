@@ -36,13 +36,13 @@ def test_a_rule_of_four_is_one_of_eight_and_rules_are_even(family: Any) -> None:
     """The scene and its mirror image get the same action: displacements, velocities and the force's phase with other signs."""
     generator = np.random.default_rng(0)
     numbers = generator.normal(size=(20, 4))
-    seen = np.abs(generator.normal(size=(20, 13))).astype(np.float32)
+    observed = np.abs(generator.normal(size=(20, 13))).astype(np.float32)
     rest = np.tile(family.neutral[4:], (20, 1))
-    four = Held(family()).act(numbers, seen)
-    eight = family().act(np.concatenate([numbers, rest], axis=1), seen)
+    four = Held(family()).act(numbers, observed)
+    eight = family().act(np.concatenate([numbers, rest], axis=1), observed)
     np.testing.assert_array_equal(four, eight)
     assert np.std(four) > 0.1
-    mirror = seen.copy()
+    mirror = observed.copy()
     mirror[:, :4] *= -1
     if family in ACTIVE:
         mirror[:, 5:7] *= -1
@@ -57,15 +57,15 @@ def test_copies_do_what_the_lane_does(name: str) -> None:
     few.reset(seed=3)
     many.reset(seed=90)
     generator = np.random.default_rng(0)
-    given = generator.uniform(-1, 1, (12, *few.action_space.shape)).astype(np.float32)
-    for action in given[:5]:
+    drawn = generator.uniform(-1, 1, (12, *few.action_space.shape)).astype(np.float32)
+    for action in drawn[:5]:
         few.step(action)
     many.unwrapped.task.copy_from(few.unwrapped.task, 3)
-    for action in given[5:]:
-        seen, rewards, *_ = few.step(action)
+    for action in drawn[5:]:
+        observed, rewards, *_ = few.step(action)
         others, gained, *_ = many.step(np.repeat(action, 3, axis=0))
         np.testing.assert_array_equal(np.repeat(rewards, 3), gained)
-        np.testing.assert_array_equal(np.repeat(seen, 3, axis=0), others)
+        np.testing.assert_array_equal(np.repeat(observed, 3, axis=0), others)
     with pytest.raises(ParameterError, match="2 times the 5 lanes"):
         many.unwrapped.task.copy_from(few.unwrapped.task, 2)
 
@@ -84,9 +84,9 @@ def test_copies_are_off_by_little_and_to_both_sides() -> None:
         np.testing.assert_allclose(change[:4], change[4:], atol=1e-12)
         assert np.all((np.abs(change) >= least - 1e-12) & (np.abs(change) <= most + 1e-12))
         assert np.sum(change[:4] > 0) == 2
-    anew = task.runs.orders["place"]
-    np.testing.assert_array_equal(anew[:4], anew[4:])
-    assert len(set(anew[:4]) - set(place)) == 4
+    place_order = task.runs.orders["place"]
+    np.testing.assert_array_equal(place_order[:4], place_order[4:])
+    assert len(set(place_order[:4]) - set(place)) == 4
 
 
 def test_planners_are_above_their_rule_on_64_seeds() -> None:

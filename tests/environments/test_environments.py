@@ -61,7 +61,7 @@ def test_gymnasium_has_nothing_to_say(name: str) -> None:
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_spec_can_be_written_and_read(name: str) -> None:
     first = make(name)
-    given = actions(name, 4, 1)[:, 0]
+    chosen = actions(name, 4, 1)[:, 0]
     spec = gymnasium.envs.registration.EnvSpec.from_json(first.spec.to_json())
     runs = []
     for env in (
@@ -70,16 +70,16 @@ def test_spec_can_be_written_and_read(name: str) -> None:
         gymnasium.make(pickle.loads(pickle.dumps(first.spec))),
     ):
         env.reset(seed=3)
-        runs.append([env.step(action)[0] for action in given])
+        runs.append([env.step(action)[0] for action in chosen])
     np.testing.assert_array_equal(runs[1:], [runs[0], runs[0]])
 
 
 def test_noise_and_delay_touch_measured_features_only() -> None:
-    seen = []
+    observed = []
     for arguments in ({}, {"observation_noise": 0.1}, {"observation_delay": 2}):
         env = make(PASSIVE, **arguments)
-        seen.append([env.reset(seed=5)[0]] + [env.step(0)[0] for _ in range(5)])
-    clean, noisy, late = np.array(seen)
+        observed.append([env.reset(seed=5)[0]] + [env.step(0)[0] for _ in range(5)])
+    clean, noisy, late = np.array(observed)
     measured = [0, 1, 2, 3, 4, 5, 8]
     known = [6, 7, 9]
     for other in (noisy, late):
@@ -129,12 +129,12 @@ def test_docstring_has_gymnasiums_sections_and_all_arguments(name: str) -> None:
     read = set[str]()
     while referred:  # an argument stands here, or in a docstring that this one refers to
         read.add(referred.pop())
-        found = {
+        sections = {
             name
             for one in read
             for name in re.findall(r"`(?:[\w.]+\.)?(\w+Env|TaskSettings)`", one)
         }
-        referred = [own for own in (described[name] for name in found) if own not in read]
+        referred = [own for own in (described[name] for name in sections) if own not in read]
     arguments = {field.name for group in type(env).kind.groups for field in fields(group)}
     assert not {
         argument for argument in arguments if not any(f"``{argument}``" in one for one in read)
@@ -166,8 +166,8 @@ def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) ->
         env.reset(seed=0)
         env.render()  # the strips have a point for each picture; a window draws one by itself after each step
         env.step(actions(GAP, 1, 1)[0, 0])
-    shown = np.swapaxes(pygame.surfarray.array3d(pygame.display.get_surface()), 0, 1)
-    np.testing.assert_array_equal(shown, picture.render())
+    displayed = np.swapaxes(pygame.surfarray.array3d(pygame.display.get_surface()), 0, 1)
+    np.testing.assert_array_equal(displayed, picture.render())
     window.close()
     assert pygame.display.get_surface() is None
 
@@ -181,9 +181,9 @@ def test_amplitudes_along_the_beam_are_those_of_the_mode_that_moves_the_place_of
     shapes = mode_shapes(beam, x)
     level_shape = modal_model(beam).level_shape
     for resonance, sine in ((1, 1), (2, 2), (3, 3), (4, 2)):
-        found = drawing.relative_amplitudes(shapes, level_shape, resonance)
+        relative = drawing.relative_amplitudes(shapes, level_shape, resonance)
         expected = np.abs(np.sin(sine * np.pi * x) / np.sin(sine * np.pi / 4))
-        np.testing.assert_allclose(found, expected, atol=1e-4)
+        np.testing.assert_allclose(relative, expected, atol=1e-4)
     np.testing.assert_array_equal(drawing.relative_amplitudes(shapes, np.zeros(4), 1), 0.0)
 
 

@@ -21,37 +21,39 @@ def by_velocity(observations: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", [ACTIVE_FRICTION, V1])
 def test_scores_are_those_of_single_environments(name: str) -> None:
-    found = impact_env.evaluate(by_velocity, name, "validation", episodes=5, arguments=SHORT[name])
-    lengths = play(by_velocity, name, found.seeds, SHORT[name]).steps
-    assert found.seeds == tuple(range(1_000_000, 1_000_005))
+    evaluation = impact_env.evaluate(
+        by_velocity, name, "validation", episodes=5, arguments=SHORT[name]
+    )
+    lengths = play(by_velocity, name, evaluation.seeds, SHORT[name]).steps
+    assert evaluation.seeds == tuple(range(1_000_000, 1_000_005))
     env = gymnasium.make(name, **SHORT[name])
-    for seed, score, steps in zip(found.seeds, found.scores, lengths, strict=True):
-        own = played(env, lambda seen: by_velocity(seen[None])[0], seed=seed)
+    for seed, score, steps in zip(evaluation.seeds, evaluation.scores, lengths, strict=True):
+        own = played(env, lambda observed: by_velocity(observed[None])[0], seed=seed)
         assert (score, steps) == (sum(step[1] for step in own), len(own))
 
 
 def test_differences_are_paired_and_the_table_says_all() -> None:
-    found = impact_env.evaluate(
+    evaluation = impact_env.evaluate(
         by_velocity,
         ACTIVE_FRICTION,
         against={"held": 1.0, "free": [-1.0]},
         episodes=32,
         arguments=BRIEF,
     )
-    better, low, high = found.differences["held"]
-    apart = found.scores - found.others["held"].scores
+    better, low, high = evaluation.differences["held"]
+    apart = evaluation.scores - evaluation.others["held"].scores
     assert better == pytest.approx(apart.mean())
     assert (high - low) / 2 == pytest.approx(1.96 * apart.std() / np.sqrt(32), rel=0.2)
     assert low < better < high
-    text = str(found)
+    text = str(evaluation)
     assert "test: 32 episodes, seeds 2000000 to 2000031" in text
-    for row in (found.policy, *found.others.values()):
+    for row in (evaluation.policy, *evaluation.others.values()):
         assert f"{row.mean:.4f}" in text
         assert row.name in text
         assert row.interval[0] < row.mean < row.interval[1]
 
 
-def test_a_model_of_another_library_is_asked_for_its_deterministic_action() -> None:
+def test_a_model_of_another_library_acts_deterministically() -> None:
     class Model:
         """Remembers how often it was asked, as a recurrent policy would."""
 
@@ -64,8 +66,8 @@ def test_a_model_of_another_library_is_asked_for_its_deterministic_action() -> N
         ) -> tuple[Any, Any]:
             assert deterministic
             assert episode_start.all() == (state is None)
-            asked = (state or 0) + 1
-            return np.full((len(observation), 1), 0.01 * asked, np.float32), asked
+            calls = (state or 0) + 1
+            return np.full((len(observation), 1), 0.01 * calls, np.float32), calls
 
     def rising(observations: np.ndarray) -> np.ndarray:
         return np.float32(0.01) * np.rint((1 - observations[:, 8:9]) * 20 + 1)
@@ -94,13 +96,14 @@ def test_what_cannot_be_judged_is_refused(call: tuple[Any, ...], words: str) -> 
 
 def test_lanes_rest_until_they_are_reset() -> None:
     rested, free = (vector(ACTIVE_FRICTION, 4, autoreset_mode="DISABLED") for _ in range(2))
-    seen = rested.reset(seed=0)[0]
+    observed = rested.reset(seed=0)[0]
     free.reset(seed=0)
     mask = np.array([False, True, False, True])
     rested.rest(mask)
     for action in actions(ACTIVE_FRICTION, 12, 4):
-        (now, rewards, *_), (other, wanted, *_) = rested.step(action), free.step(action)
-        np.testing.assert_array_equal(now, np.where(mask[:, None], seen, other))
+        (now, rewards, *_) = rested.step(action)
+        (other, wanted, *_) = free.step(action)
+        np.testing.assert_array_equal(now, np.where(mask[:, None], observed, other))
         np.testing.assert_array_equal(rewards, np.where(mask, 0, wanted))
     rested.reset(seed=7, options={"reset_mask": mask})
     assert np.all(rested.step(actions(ACTIVE_FRICTION, 1, 4)[0])[1] != 0)
@@ -114,13 +117,13 @@ def test_interquartile_mean_leaves_the_outer_quarters_out() -> None:
 
 def test_interval_of_a_mean_covers_as_often_as_it_says() -> None:
     generator = np.random.default_rng(1)
-    found = np.array(
+    intervals = np.array(
         [
             bootstrap_interval(np.mean, generator.normal(0.0, 1.0, (1, 40)), resamples=200)
             for _ in range(200)
         ]
     )
-    assert 0.88 <= np.mean((found[:, 0] <= 0.0) & (found[:, 1] >= 0.0)) <= 0.99
+    assert 0.88 <= np.mean((intervals[:, 0] <= 0.0) & (intervals[:, 1] >= 0.0)) <= 0.99
 
 
 def test_runs_and_seeds_both_count_and_policies_share_the_drawn_seeds() -> None:

@@ -120,22 +120,22 @@ def test_a_copy_goes_on_bit_for_bit(
         "impact_env.controlled.LANES_PER_THREAD", 4
     )  # so that threads are at work before the copy
     env = vector(name, 8, threads=2, **extra)
-    given = actions(name, 30, 8)
+    chosen = actions(name, 30, 8)
     env.reset(seed=3)
-    for action in given[:7]:
+    for action in chosen[:7]:
         env.step(action)
     if way == "snapshot":
         other = vector(name, 8, **extra)
         other.unwrapped.restore(pickle.loads(pickle.dumps(env.unwrapped.snapshot())))
     else:
         other = WAYS[way](env)
-    expected = [env.step(action) for action in given[7:]]
+    expected = [env.step(action) for action in chosen[7:]]
     assert sum(int(np.sum(step[2] | step[3])) for step in expected) >= 5
-    for action, wanted in zip(given[7:], expected, strict=True):
-        found = other.step(action)
-        for a, b in zip(found[:4], wanted[:4], strict=True):
+    for action, wanted in zip(chosen[7:], expected, strict=True):
+        stepped = other.step(action)
+        for a, b in zip(stepped[:4], wanted[:4], strict=True):
             np.testing.assert_array_equal(a, b)
-        assert_infos(found[4], wanted[4])
+        assert_infos(stepped[4], wanted[4])
 
 
 def test_a_single_environment_that_has_drawn_can_be_copied() -> None:
@@ -143,9 +143,9 @@ def test_a_single_environment_that_has_drawn_can_be_copied() -> None:
     env.reset(seed=1)
     env.render()
     others = [copied(env) for copied in WAYS.values()]
-    seen = env.step(actions(V1, 1, 1)[0, 0])[0]
+    observed = env.step(actions(V1, 1, 1)[0, 0])[0]
     for other in others:
-        np.testing.assert_array_equal(other.step(actions(V1, 1, 1)[0, 0])[0], seen)
+        np.testing.assert_array_equal(other.step(actions(V1, 1, 1)[0, 0])[0], observed)
         assert other.render().shape == (420, 640, 3)
 
 
@@ -154,13 +154,13 @@ def test_any_structure_can_be_used() -> None:
     plain = {"beam": {"modes": 2}, "absorber": {"kind": "impact", "friction_limit": 0.025}}
     scene = to_scene(plain)
     runs = []
-    for given in (
+    for structure in (
         RUBBING,
         {"whole_scene": plain},
         {"whole_scene": scene},
         {"whole_scene": from_scene(scene)},
     ):
-        env = make(V1, render_mode="rgb_array", **given)
+        env = make(V1, render_mode="rgb_array", **structure)
         described = {
             name: value
             for name, value in env.unwrapped.task.describe().items()

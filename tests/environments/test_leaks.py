@@ -32,7 +32,7 @@ LEAF = 20
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
 
 
-def seen(env: Any, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def record_features(env: Any, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the force (L,) and the observations (L, steps, features) of random actions."""
     _, info = env.reset(seed=0)
     generator = np.random.default_rng(1)
@@ -43,18 +43,18 @@ def seen(env: Any, steps: int) -> tuple[np.ndarray, np.ndarray]:
     return info["force"], np.stack(rows, axis=1).astype(np.float64)
 
 
-def linear(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    weights = np.linalg.solve(shown.T @ shown + 1e-3 * np.eye(shown.shape[1]), shown.T @ wanted)
+def linear(inputs: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    weights = np.linalg.solve(inputs.T @ inputs + 1e-3 * np.eye(inputs.shape[1]), inputs.T @ wanted)
     return rest @ weights
 
 
 def tree(
-    shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray, generator: np.random.Generator
+    inputs: np.ndarray, wanted: np.ndarray, rest: np.ndarray, generator: np.random.Generator
 ) -> np.ndarray:
     """Return the prediction of an extremely randomised tree (P. Geurts, D. Ernst, L. Wehenkel 2006): the best of a few random cuts at each node."""
-    columns = generator.integers(shown.shape[1], size=TRIED)
-    cuts = generator.uniform(shown[:, columns].min(axis=0), shown[:, columns].max(axis=0))
-    below = shown[:, columns] < cuts
+    columns = generator.integers(inputs.shape[1], size=TRIED)
+    cuts = generator.uniform(inputs[:, columns].min(axis=0), inputs[:, columns].max(axis=0))
+    below = inputs[:, columns] < cuts
     number = below.sum(axis=0)
     total = wanted @ below
     gain = total**2 / np.maximum(number, 1) + (wanted.sum() - total) ** 2 / np.maximum(
@@ -63,16 +63,16 @@ def tree(
     best = int(np.argmax(gain))
     if len(wanted) < LEAF or number[best] in (0, len(wanted)):
         return np.full(len(rest), wanted.mean())
-    told = np.empty(len(rest))
+    predicted = np.empty(len(rest))
     side = rest[:, columns[best]] < cuts[best]
     for own, others in ((below[:, best], side), (~below[:, best], ~side)):
-        told[others] = tree(shown[own], wanted[own], rest[others], generator)
-    return told
+        predicted[others] = tree(inputs[own], wanted[own], rest[others], generator)
+    return predicted
 
 
-def forest(shown: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
+def forest(inputs: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return np.mean(
-        [tree(shown, wanted, rest, np.random.default_rng(k)) for k in range(TREES)], axis=0
+        [tree(inputs, wanted, rest, np.random.default_rng(k)) for k in range(TREES)], axis=0
     )
 
 
@@ -82,16 +82,16 @@ def explained(inputs: np.ndarray, wanted: np.ndarray, probe: Any) -> float:
     inputs = np.column_stack(
         [np.ones(len(inputs)), (inputs - inputs.mean(axis=0)) / (inputs.std(axis=0) + 1e-9)]
     )
-    told = probe(inputs[:LEARNT], wanted[:LEARNT], inputs[LEARNT:])
-    return 1 - float(np.mean((wanted[LEARNT:] - told) ** 2) / wanted[LEARNT:].var())
+    predicted = probe(inputs[:LEARNT], wanted[:LEARNT], inputs[LEARNT:])
+    return 1 - float(np.mean((wanted[LEARNT:] - predicted) ** 2) / wanted[LEARNT:].var())
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_features_tell_the_force_no_better_than_amplitudes_and_what_the_control_knows(
+def test_features_predict_the_force_no_better_than_amplitudes_and_what_the_control_knows(
     name: str,
 ) -> None:
     env = gymnasium.make_vec(name, num_envs=LEARNT + HELD_OUT)
-    force, rows = seen(env, 10)
+    force, rows = record_features(env, 10)
     known = [*np.flatnonzero(~env.unwrapped.task.sensors.measured), *AMPLITUDES[name]]
     for steps, probe in ((1, forest), (10, linear)):
         amplitude = np.hypot(*rows[:, :steps, :2].T).T[..., None]
@@ -99,20 +99,20 @@ def test_features_tell_the_force_no_better_than_amplitudes_and_what_the_control_
             np.concatenate([rows[:, :steps, columns], amplitude], axis=2)
             for columns in (slice(None), known)
         )
-        told = [
+        shares = [
             explained(values.reshape(len(values), -1), np.log(force), probe)
             for values in (every, some)
         ]
         assert (
-            0.5 < told[1] <= 1
+            0.5 < shares[1] <= 1
         )  # amplitudes in units of the gap speak for the force: that is to be looked at
-        assert told[0] < told[1] + 0.02
+        assert shares[0] < shares[1] + 0.02
 
 
 @pytest.mark.parametrize("name", [*OPEN, *HIDDEN])
-def test_the_scores_reference_is_seen_by_first_versions_only(name: str) -> None:
+def test_only_first_versions_observe_the_scores_reference(name: str) -> None:
     env = gymnasium.make_vec(name, num_envs=8)
-    usual = seen(env, 3)[1]
+    usual = record_features(env, 3)[1]
     task = env.unwrapped.task
     drawn = task.draw
     scale = "_scale" if hasattr(task, "_scale") else "level_scale"
@@ -122,11 +122,11 @@ def test_the_scores_reference_is_seen_by_first_versions_only(name: str) -> None:
         getattr(task, scale)[lane] *= 3
 
     task.draw = draw
-    np.testing.assert_equal(np.array_equal(seen(env, 3)[1], usual), name in HIDDEN)
+    np.testing.assert_equal(np.array_equal(record_features(env, 3)[1], usual), name in HIDDEN)
 
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_chatter_stays_of_order_one(name: str) -> None:
-    without = seen(gymnasium.make_vec(name, num_envs=256, impacts_limit=100.0), 40)[1]
+    without = record_features(gymnasium.make_vec(name, num_envs=256, impacts_limit=100.0), 40)[1]
     assert without[..., 4].max() > 4  # 18 to 58, by the path
-    assert seen(gymnasium.make_vec(name, num_envs=256), 40)[1][..., 4].max() == 4
+    assert record_features(gymnasium.make_vec(name, num_envs=256), 40)[1][..., 4].max() == 4

@@ -152,7 +152,7 @@ def test_a_reference_at_an_undamped_resonance_is_refused() -> None:
     ("arguments", "rate"),
     [({"beam": {"damping_ratio": 0.005}}, 0.25), ({}, 1.0), ({"rate": 2.0}, 2.0)],
 )
-def test_a_passive_passage_takes_the_rate_of_its_damping_or_the_one_given(
+def test_a_passive_passage_has_the_rate_of_its_damping_or_the_chosen_one(
     arguments: dict[str, Any], rate: float
 ) -> None:
     env = gymnasium.make(PASSIVE, limits=(0.99, 1.01), interval=20.0, **arguments)
@@ -228,7 +228,7 @@ def test_the_gaps_score_is_relative_to_the_place_where_the_level_is_read() -> No
     ("scene", "digits"),
     [({"absorber": "none"}, 1e-9), (IMPACTS, 1e-6)],
 )
-def test_the_level_is_the_one_that_a_single_run_reads_there(
+def test_the_level_is_that_of_a_single_run_at_the_same_frequency(
     scene: dict[str, Any], digits: float
 ) -> None:
     env = gymnasium.make(PASSIVE, structure=STEEL, **WAY, **scene).unwrapped
@@ -245,16 +245,16 @@ def test_the_level_is_the_one_that_a_single_run_reads_there(
         ),
         phase,
     )
-    found = simulate(env.task.settings.scene, drive).level
+    level = simulate(env.task.settings.scene, drive).level
     at_the_tip = simulate(
         Scene(replace(MODEL, response_shape=None), env.task.settings.scene.absorber), drive
     ).level
-    assert info["level"] == pytest.approx(found.value, rel=digits)
+    assert info["level"] == pytest.approx(level.value, rel=digits)
     assert info["relative_level"] == pytest.approx(
-        found.value / (0.3 * simulate_passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]),
+        level.value / (0.3 * simulate_passage(Scene(MODEL), 1, 0.985, 0.995, 32, 0.0, 1e-3)[0]),
         rel=digits,
     )
-    assert at_the_tip.value > 1.05 * found.value
+    assert at_the_tip.value > 1.05 * level.value
     assert (sum(step[4]["impacts"] for step in steps) > 5) is (scene is IMPACTS)
 
 
@@ -263,11 +263,9 @@ def advanced(
 ) -> Any:
     """Return the last report of a controlled run of one newton, in intervals of 20 pseudo periods."""
     runs = ControlledRuns(Scene(MODEL, absorber), 1, OMEGA, 20.0, method, samples_per_period=32)
-    runs.orders["force"], runs.orders["omega_start"], runs.orders["omega_stop"] = (
-        1.0,
-        ratio * OMEGA,
-        ratio * OMEGA,
-    )
+    runs.orders["force"] = 1.0
+    runs.orders["omega_start"] = ratio * OMEGA
+    runs.orders["omega_stop"] = ratio * OMEGA
     for _ in range(intervals):
         runs.advance()
     return runs.reports[0]
@@ -276,11 +274,11 @@ def advanced(
 @pytest.mark.parametrize(
     "absorber", [None, TunedAbsorber(mass_ratio=0.01, stiffness=500.0, damping=1.0)]
 )
-def test_amplitudes_are_those_of_the_linear_response_there(absorber: LinearAbsorber | None) -> None:
+def test_amplitudes_are_those_of_the_linear_response(absorber: LinearAbsorber | None) -> None:
     report = advanced(absorber, None, 0.95, 100)
-    seen = complex(report["in_phase"], -report["quadrature"])
-    assert seen == pytest.approx(tip_response(MODEL, absorber, 0.95 * OMEGA).item(), rel=2e-3)
-    assert seen != pytest.approx(
+    observed = complex(report["in_phase"], -report["quadrature"])
+    assert observed == pytest.approx(tip_response(MODEL, absorber, 0.95 * OMEGA).item(), rel=2e-3)
+    assert observed != pytest.approx(
         receptance(MODEL, 0.95 * OMEGA, MODEL.tip_shape, MODEL.force_shape).item(), rel=0.05
     )
 
@@ -296,15 +294,15 @@ def test_a_stepping_method_reads_the_same_place() -> None:
 def test_backward_rates_go_back_but_not_beyond_the_start() -> None:
     env = make(SWEEP, direction="up", backward_rate=10.0, time_budget=500.0)
     env.reset(seed=0)
-    there = [
+    frequencies = [
         env.step(np.array([action], np.float32))[4]["frequency_ratio"]
         for action in (0.0, 0.5, -0.5, -1.0, -1.0, 0.0)
     ]
-    assert there[0] == pytest.approx(0.96 + 5 * 2e-4)
-    assert there[1] == pytest.approx(there[0] + 5 * 1e-4 * np.sqrt(2 * 20))
-    assert there[2] == pytest.approx(max(there[1] - 5 * 5e-4, 0.96))
-    assert there[4] == 0.96
-    assert there[5] > 0.96
+    assert frequencies[0] == pytest.approx(0.96 + 5 * 2e-4)
+    assert frequencies[1] == pytest.approx(frequencies[0] + 5 * 1e-4 * np.sqrt(2 * 20))
+    assert frequencies[2] == pytest.approx(max(frequencies[1] - 5 * 5e-4, 0.96))
+    assert frequencies[4] == 0.96
+    assert frequencies[5] > 0.96
 
 
 def test_actions_map_to_rates_and_are_cut_to_their_limits() -> None:

@@ -38,9 +38,13 @@ FRESH = range(7_000_000, 7_000_096)  # neither trained, tuned nor judged on
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
 
 
-def seen(ratio: float, impacts: float = 0.0, left: float = 1.0, lanes: int = 1) -> np.ndarray:
+def make_observation(
+    ratio: float, impacts: float = 0.0, left: float = 1.0, lanes: int = 1
+) -> np.ndarray:
     rows = np.zeros((lanes, 11), dtype=np.float32)
-    rows[:, 6], rows[:, 4], rows[:, 7] = (ratio - 0.98) / 0.0125, impacts, left
+    rows[:, 6] = (ratio - 0.98) / 0.0125
+    rows[:, 4] = impacts
+    rows[:, 7] = left
     return rows
 
 
@@ -50,7 +54,10 @@ def test_a_window_and_the_small_rule_do_what_their_numbers_say() -> None:
         "window", FrequencyWindow(behind), [0.5, 0.3, -0.8, 0.6]
     )  # the edges, in any order: 0.96 and 0.98
     window.start(1)
-    acts = {ratio: float(window.act(seen(ratio))[0, 0]) for ratio in (0.955, 0.965, 0.975, 0.985)}
+    acts = {
+        ratio: float(window.act(make_observation(ratio))[0, 0])
+        for ratio in (0.955, 0.965, 0.975, 0.985)
+    }
     assert acts == pytest.approx({0.955: 0.6, 0.965: -0.8, 0.975: -0.8, 0.985: 0.6})
     rule = FamilyPolicy("rule", SmallRule(behind), [0.46, 0.2, 0.4, -0.28])
     rule.start(1)
@@ -62,7 +69,7 @@ def test_a_window_and_the_small_rule_do_what_their_numbers_say() -> None:
         (0.969, 1.0, 0.1, 1.0),
     ]
     for ratio, impacts, left, expected in way:
-        assert rule.act(seen(ratio, impacts, left))[0, 0] == pytest.approx(expected)
+        assert rule.act(make_observation(ratio, impacts, left))[0, 0] == pytest.approx(expected)
     with pytest.raises(ParameterError, match="parameters of x"):
         FamilyPolicy("x", SmallRule(behind), [0.0])
 
@@ -108,7 +115,7 @@ def test_candidates_are_scored_as_if_each_played_alone_and_a_search_is_no_worse_
     )
     window = FrequencyWindow(task_of(V1, swift))
     counted = list[int]()
-    found = evolve(
+    best = evolve(
         window,
         [[0.0, 1.0, 0.1, 0.1]],
         V1,
@@ -118,17 +125,17 @@ def test_candidates_are_scored_as_if_each_played_alone_and_a_search_is_no_worse_
         counted.append,
     )
     assert (
-        found.score
+        best.score
         >= mean_scores(window, np.array([[0.0, 1.0, 0.1, 0.1]]), V1, range(4, 12), swift)[0]
     )  # by how much is chance on eight seeds
     assert (
-        found.score == mean_scores(window, np.array([found.parameters]), V1, range(4, 12), swift)[0]
+        best.score == mean_scores(window, np.array([best.parameters]), V1, range(4, 12), swift)[0]
     )
-    assert (sum(counted), found.candidates) == (48, 48 + 6)
+    assert (sum(counted), best.candidates) == (48, 48 + 6)
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_the_chosen_rule_and_agents_that_ship_beat_what_does_not_look(task: str) -> None:
+def test_the_chosen_rule_and_shipped_agents_beat_open_loop_baselines(task: str) -> None:
     played = policies(task) | {
         algorithm: load_agent(task, algorithm) for algorithm in shipped().get(task, ())
     }
@@ -142,20 +149,22 @@ def test_the_chosen_rule_and_agents_that_ship_beat_what_does_not_look(task: str)
         assert better.mean() > 2 * better.std() / np.sqrt(len(FRESH)), (label, other)
 
 
-def test_the_command_judges_tells_and_keeps_lines_of_others(tmp_path: Path) -> None:
-    board = tmp_path / "board.csv"
+def test_the_command_judges_prints_and_leaves_lines_of_others(tmp_path: Path) -> None:
+    results_file = tmp_path / "board.csv"
     page = tmp_path / "page.md"
     theirs = "ActiveGap-v0,a better one,somebody,abc,test,256,-0.1,-0.2,-0.05"
-    board.write_text(
+    results_file.write_text(
         "task,policy,who,commit,split,episodes,score,low,high\n"
         + theirs
         + "\nActiveGap-v0,old,this project,abc,test,4,-9,-9,-9\n"
     )
     page.write_text("<!-- leaderboard -->\n<!-- /leaderboard -->\n")
     agent = TRAINED / "ActiveGap-v0_ppo.zip"
-    result = call(judge.main, "--agent", agent, "--episodes", 4, "--board", board, "--page", page)
+    result = call(
+        judge.main, "--agent", agent, "--episodes", 4, "--board", results_file, "--page", page
+    )
     assert result.exit_code == 0, result.output
-    lines = board.read_text().splitlines()
+    lines = results_file.read_text().splitlines()
     assert lines[1] == theirs  # the best comes first
     assert not any(",old," in line for line in lines)
     assert {"PPO", "best constant", "blind schedule", "random"} <= {
@@ -192,41 +201,46 @@ def test_demonstrations_are_what_was_played_and_come_back_from_their_files(
     monkeypatch.chdir(tmp_path)
     brief = {"time_budget": 600.0}
     rule = FamilyPolicy("rule", SmallRule(task_of(V1, brief)), [0.46, 0.2, 0.4, -0.28])
-    shown = record(rule, V1, range(5), brief)
+    demonstrations = record(rule, V1, range(5), brief)
     np.testing.assert_allclose(
-        [r.sum() for r in shown.rewards], play(rule, V1, range(5), brief).scores, rtol=1e-12
+        [r.sum() for r in demonstrations.rewards],
+        play(rule, V1, range(5), brief).scores,
+        rtol=1e-12,
     )
     env = gymnasium.make(V1, **brief)
     for seed in range(2):  # each is the single environment's episode
-        np.testing.assert_array_equal(env.reset(seed=seed)[0], shown.observations[seed][0])
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], demonstrations.observations[seed][0])
         for observation, action, reward in zip(
-            shown.observations[seed][1:], shown.actions[seed], shown.rewards[seed], strict=True
+            demonstrations.observations[seed][1:],
+            demonstrations.actions[seed],
+            demonstrations.rewards[seed],
+            strict=True,
         ):
-            found, earned, terminated, _, _ = env.step(action)
-            np.testing.assert_array_equal(found, observation)
+            observed, earned, terminated, _, _ = env.step(action)
+            np.testing.assert_array_equal(observed, observation)
             assert earned == reward
-        assert terminated == shown.terminated[seed]
+        assert terminated == demonstrations.terminated[seed]
     write_demonstrations(
-        Path("sets/rule-v0"), shown, "rule", brief
+        Path("sets/rule-v0"), demonstrations, "rule", brief
     )  # a relative path, as that of the command
-    assert fingerprint(read_demonstrations(Path("sets/rule-v0"), V1)) == fingerprint(shown)
-    write_demonstrations(tmp_path / "rule-v0", shown, "rule", brief)
+    assert fingerprint(read_demonstrations(Path("sets/rule-v0"), V1)) == fingerprint(demonstrations)
+    write_demonstrations(tmp_path / "rule-v0", demonstrations, "rule", brief)
     again = read_demonstrations(tmp_path / "rule-v0", V1)
-    assert fingerprint(again) == fingerprint(shown)
-    assert again.terminated == shown.terminated
+    assert fingerprint(again) == fingerprint(demonstrations)
+    assert again.terminated == demonstrations.terminated
     with pytest.raises(ParameterError, match="a data set of"):
         read_demonstrations(tmp_path / "rule-v0", ADAPTIVE)
     with pytest.raises(ParameterError, match="record_demonstrations"):
         read_demonstrations(tmp_path / "none-v0", V1)
     with pytest.raises(ParameterError, match="which ends in -v0"):
-        write_demonstrations(tmp_path / "rule", shown, "rule", brief)
+        write_demonstrations(tmp_path / "rule", demonstrations, "rule", brief)
 
 
-def trained(algorithm: str, env_id: str, seed: int = 0, **given: Any) -> tuple[Any, Any]:
+def trained(algorithm: str, env_id: str, seed: int = 0, **options: Any) -> tuple[Any, Any]:
     from optimisation.rl.hyperparameters import settings_for
     from optimisation.rl.models import begin_leg, make_lanes, make_model
 
-    chosen = settings_for(env_id, algorithm, None, **given)
+    chosen = settings_for(env_id, algorithm, None, **options)
     env = make_lanes(env_id, chosen, {}, 1)
     model = make_model(chosen, env, seed)
     begin_leg(model, seed, 0, chosen.learning_rate)
@@ -269,12 +283,12 @@ def test_an_agent_with_memory_acts_as_its_model_does(tmp_path: Path) -> None:
         )
 
 
-def test_imitation_does_in_each_situation_what_was_shown() -> None:
+def test_imitation_repeats_the_demonstrated_actions() -> None:
     pytest.importorskip("stable_baselines3")
     from optimisation.rl.agents import actor_of
     from optimisation.rl.models import imitate
 
-    shown = record(policies("SweepAndGap-v1")[EIGHT], ADAPTIVE, range(1000, 1024))
+    demonstrations = record(policies("SweepAndGap-v1")[EIGHT], ADAPTIVE, range(1000, 1024))
     for algorithm in ("ppo", "sac"):
         model, _ = trained(
             algorithm,
@@ -285,8 +299,8 @@ def test_imitation_does_in_each_situation_what_was_shown() -> None:
                 else {"lanes": 8, "buffer_size": 1000}
             ),
         )
-        error = imitate(model, shown, seed=0, epochs=15)
-        assert error < 0.25 * np.var(np.concatenate(shown.actions), axis=0).mean()
+        error = imitate(model, demonstrations, seed=0, epochs=15)
+        assert error < 0.25 * np.var(np.concatenate(demonstrations.actions), axis=0).mean()
         score = play(actor_of(model, ADAPTIVE, 0, {}), ADAPTIVE, range(40)).scores.mean()
         assert (
             score > -0.38

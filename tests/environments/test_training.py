@@ -241,13 +241,13 @@ def test_agent_acts_as_its_model(tmp_path: Path, algorithm: str) -> None:
         job.arguments,
     )
     assert file.stat().st_size < 40_000
-    assert [found.name for found in find_agents(tmp_path, env_id=GAP)] == [
+    assert [shipped.name for shipped in find_agents(tmp_path, env_id=GAP)] == [
         f"{algorithm.upper()}, seed 0"
     ]
     assert find_agents(tmp_path, env_id=HARD) == []
 
 
-def test_critics_begin_at_the_value_they_are_told() -> None:
+def test_critics_begin_at_the_chosen_value() -> None:
     """So that what an agent does not know costs as much as it says, and putting it off is not worth more."""
     hopeful, wary = (
         make_model(
@@ -304,15 +304,17 @@ def test_recipes_are_written_in_the_form_of_rl_zoo3(tmp_path: Path) -> None:
     kinds = {"ppo": PPO, "sac": SAC, "ppo_lstm": recurrent}
     its_own = {"n_envs", "n_timesteps", "normalize", "policy"}
     assert {file.stem for file in (tmp_path / "zoo").iterdir()} == set(kinds)
-    found = {name: yaml.safe_load((tmp_path / "zoo" / f"{name}.yml").read_text()) for name in kinds}
+    recipes = {
+        name: yaml.safe_load((tmp_path / "zoo" / f"{name}.yml").read_text()) for name in kinds
+    }
     for name, kind in kinds.items():
-        for recipe in found[name].values():
+        for recipe in recipes[name].values():
             assert set(recipe) - its_own <= set(inspect.signature(kind).parameters)
             of_policy = eval(recipe["policy_kwargs"])
             policy = kind.policy_aliases[recipe["policy"]]
             assert set(of_policy) <= set(inspect.signature(policy).parameters)
             assert of_policy["net_arch"] in ([64, 64], [128, 128])
-    own = found["sac"]["ImpactAbsorber/ActiveGap-v0"]
+    own = recipes["sac"]["ImpactAbsorber/ActiveGap-v0"]
     chosen = settings_for("ImpactAbsorber/ActiveGap-v0", "sac")
     assert (own["n_envs"], own["n_timesteps"], own["learning_rate"]) == (
         chosen.lanes,
@@ -465,13 +467,13 @@ KINDS = {"ppo": PPO, "sac": SAC}
 def test_the_small_file_acts_as_the_model(task: str, algorithm: str) -> None:
     agent = load_agent(task, algorithm)
     model = KINDS[algorithm].load(packaged_file(task, algorithm), device="cpu")
-    seen = (
+    observed = (
         np.random.default_rng(0)
         .normal(size=(50, model.observation_space.shape[0]))
         .astype(np.float32)
     )
     np.testing.assert_allclose(
-        agent.act(seen), model.predict(seen, deterministic=True)[0], atol=1e-5
+        agent.act(observed), model.predict(observed, deterministic=True)[0], atol=1e-5
     )
 
 
@@ -486,8 +488,8 @@ def test_an_agent_goes_on_learning() -> None:
         not bool((a == b.detach()).all())
         for a, b in zip(before, model.policy.parameters(), strict=True)
     )
-    seen = model.rollout_buffer  # the critic that came along knows these rewards: what they add up to for ever; without their scale it is off by 50
-    assert 0.2 < seen.values.mean() * (1 - model.gamma) / seen.rewards.mean() < 5
+    buffer = model.rollout_buffer  # the critic that came along knows these rewards: what they add up to for ever; without their scale it is off by 50
+    assert 0.2 < buffer.values.mean() * (1 - model.gamma) / buffer.rewards.mean() < 5
 
 
 def made_run(out: Path, seed: int, scores: list[float]) -> bytes:

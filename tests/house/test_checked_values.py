@@ -57,7 +57,7 @@ def dropped(value: ast.expr) -> Iterator[ast.expr]:
 
 def faults(source: str) -> list[str]:
     """Return the places where the result of a check is dropped, or computed within a condition."""
-    found = []
+    problems = []
     for node in ast.walk(ast.parse(source)):
         lost: list[ast.expr] = []
         assigned = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) != "_"
@@ -65,10 +65,10 @@ def faults(source: str) -> list[str]:
             lost = list(dropped(node.value))
         elif isinstance(node, ast.Call) and name_of(node) == "require" and node.args:
             lost = list(ast.walk(node.args[0]))
-        found += [
+        problems += [
             f"line {node.lineno}: {ast.unparse(one)}" for one in lost if name_of(one) in CHECKS
         ]
-    return found
+    return problems
 
 
 def test_every_checked_value_is_used() -> None:
@@ -84,7 +84,9 @@ def test_every_checked_value_is_used() -> None:
     problems = {
         str(file.relative_to(ROOT)): faults(file.read_text(encoding="utf-8")) for file in files
     }
-    assert {file: found for file, found in problems.items() if found} == {}
+    assert {
+        file: faults_of_file for file, faults_of_file in problems.items() if faults_of_file
+    } == {}
 
 
 @pytest.mark.parametrize(
@@ -101,7 +103,7 @@ def test_every_checked_value_is_used() -> None:
         "require(0 < number(x) < 1, 'x', x, 'between 0 and 1')",
     ],
 )
-def test_a_dropped_value_is_found(source: str) -> None:
+def test_an_unused_checked_value_is_reported(source: str) -> None:
     assert len(faults(source)) >= 1
 
 

@@ -45,8 +45,8 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 def test_the_index_has_every_page_and_names_real_commands() -> None:
     text = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
-    there = {str(page.relative_to(ROOT / "docs")) for page in DOCS} - {"README.md"}
-    assert there == {link for link in LINK.findall(text) if not link.startswith("..")}
+    pages = {str(page.relative_to(ROOT / "docs")) for page in DOCS} - {"README.md"}
+    assert pages == {link for link in LINK.findall(text) if not link.startswith("..")}
     listed = re.findall(r"^\| \[[^\]]*\]\(([^)]*)\)", text, re.MULTILINE)
     assert len(listed) == len(set(listed))
     scripts = modules().keys()
@@ -81,7 +81,7 @@ def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
         needed = re.findall(
             r"^from impact_env\.kernels\.(\w+)\.(\w+) import", sources[name], re.MULTILINE
         )
-        assert {f"{room}/{module}.py" for room, module in needed} <= known, name
+        assert {f"{folder}/{module}.py" for folder, module in needed} <= known, name
 
 
 @pytest.mark.parametrize("name", MARKED)
@@ -102,7 +102,7 @@ def test_tables_are_written_by_the_commands_that_pages_name() -> None:
             assert target in file_of(command).read_text(encoding="utf-8")
 
 
-def test_pages_name_every_kind_of_absorber_that_there_is() -> None:
+def test_pages_name_every_kind_of_absorber() -> None:
     """The option of `sweep`, and the table of kinds in files."""
     sweep = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")
     (row,) = re.findall(r"^\| `--absorber` \|.*$", sweep, re.MULTILINE)

@@ -47,11 +47,11 @@ for module in {modules}:
 """
 
 
-def said(code: str) -> list[str]:
-    kept = os.environ.get(
+def run_without_extras(code: str) -> list[str]:
+    cache = os.environ.get(
         "IMPACT_ENV_CACHE", Path(sys.prefix) / "kernel-cache"
     )  # not in the folder that its sys.prefix names
-    return fresh("-c", code, IMPACT_ENV_CACHE=kept).stdout.splitlines()
+    return fresh("-c", code, IMPACT_ENV_CACHE=cache).stdout.splitlines()
 
 
 def expected(package: str) -> str:
@@ -60,7 +60,7 @@ def expected(package: str) -> str:
 
 def test_an_import_names_the_extra() -> None:
     modules = {module: package for package, names in IMPORTS.items() for module in names.split()}
-    lines = said(TRY.format(packages=list(EXTRAS), modules=list(modules)))
+    lines = run_without_extras(TRY.format(packages=list(EXTRAS), modules=list(modules)))
     assert lines == [
         f"{module} MissingExtraError {expected(package)}" for module, package in modules.items()
     ]
@@ -78,7 +78,7 @@ def test_the_environments_need_nothing_that_learns() -> None:
     )
     code += "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    env.reset(seed=0)\n"
     code += "    env.step(env.action_space.sample())\n    print(env.render().shape)\n"
-    assert said(code) == ["(420, 640, 3)"] * len(ENVIRONMENTS)
+    assert run_without_extras(code) == ["(420, 640, 3)"] * len(ENVIRONMENTS)
 
 
 def test_what_only_one_function_needs_is_named_by_it() -> None:
@@ -104,7 +104,7 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
     code += "".join(
         f"try:\n    {call}\nexcept ImportError as error:\n    print(error)\n" for call in calls
     )
-    for line, package in zip(said(code), packages, strict=True):
+    for line, package in zip(run_without_extras(code), packages, strict=True):
         assert line == expected(package) or "h5py" in line
 
 
@@ -128,7 +128,9 @@ for name in modules():
 def test_every_command_tells_its_options_and_what_it_lacks() -> None:
     """All packages of extras out of reach, but for Pillow, which matplotlib brings."""
     packages = [package for package in EXTRAS if package != "PIL"]
-    lines = said(TRY.format(packages=packages, modules=[]) + COMMANDS.format(packages=packages))
+    lines = run_without_extras(
+        TRY.format(packages=packages, modules=[]) + COMMANDS.format(packages=packages)
+    )
     helped = [line for line in lines if line.endswith("True")]
     refused = [line for line in lines if line not in helped]
     names = list(modules())

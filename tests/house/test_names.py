@@ -45,6 +45,14 @@ def test_a_banned_word_and_a_tuple_assignment_are_named_with_their_line(
     assert first.startswith(f"impact_env/level.py:{line}: {message}")
 
 
+@pytest.mark.parametrize("folder", ["optimisation", "scripts/lib", "tests"])
+def test_names_are_checked_in_every_folder(tmp_path: Path, folder: str) -> None:
+    (tmp_path / folder / "part").mkdir(parents=True)
+    (tmp_path / folder / "part" / "level.py").write_text("kept = 1\n")
+    first, *_ = lint.check_names(tmp_path, NOTHING_KNOWN)[0]
+    assert first == f"{folder}/part/level.py:1: name 'kept' has the word 'kept'"
+
+
 def test_a_class_name_that_is_defined_twice_is_named(tmp_path: Path) -> None:
     (tmp_path / "optimisation").mkdir()
     (tmp_path / "optimisation" / "case.py").write_text("class Case:\n    pass\n")

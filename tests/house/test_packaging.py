@@ -175,7 +175,7 @@ def test_one_set_up_at_a_time(tmp_path: Path) -> None:
 POSIX_ONLY = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "termios", "tty"}
 
 
-def test_without_users_by_number_the_temporary_folder_is_ours(
+def test_without_user_numbers_the_temporary_folder_is_the_own_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(os, "getuid")
@@ -301,10 +301,10 @@ def test_a_wheel_from_the_source_distribution_is_the_same(tmp_path: Path) -> Non
 def test_a_wheel_says_in_its_name_what_its_kernels_are_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: bool
 ) -> None:
-    kept = tmp_path / "made" / "digest" / "kernels"
-    kept.mkdir(parents=True)
+    kernels = tmp_path / "made" / "digest" / "kernels"
+    kernels.mkdir(parents=True)
     for name in ("f-1.py311.nbi", "f-1.py311.1.nbc", "lock"):
-        (kept / name).write_text(name)
+        (kernels / name).write_text(name)
     monkeypatch.setenv("KERNELS", str(tmp_path / "made") if compiled else "")
     python = f"cp{sys.version_info[0]}{sys.version_info[1]}"
     wheel = built(tmp_path)

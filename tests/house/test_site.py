@@ -61,10 +61,10 @@ def test_the_sites_contents_are_those_of_the_index() -> None:
     from conf import toctrees
 
     listed = set(re.findall(r"^[\w./-]+$", toctrees(), re.MULTILINE))
-    found = (
+    contents = (
         page for pattern in ("*.md", "internals/*.md") for page in (ROOT / "docs").glob(pattern)
     )
-    pages = {page.relative_to(ROOT).with_suffix("").as_posix() for page in found} | {
+    pages = {page.relative_to(ROOT).with_suffix("").as_posix() for page in contents} | {
         "CONTRIBUTING",
         "CHANGELOG",
         "SECURITY",
@@ -86,7 +86,7 @@ def cells(notebook: Any) -> list[Any]:
 
 def words(notebook: Any) -> list[str]:
     """Return each cell's text, with one sign for each number and one space for several, and which kinds of pictures it shows."""
-    said = []
+    outputs = []
     for cell in cells(notebook):
         text = "".join("".join(output.get("text", "")) for output in cell["outputs"])
         kinds = [
@@ -94,8 +94,8 @@ def words(notebook: Any) -> list[str]:
             for output in cell["outputs"]
             if output["output_type"] != "stream"
         ]
-        said.append(f"{re.sub(r' +', ' ', re.sub(r'-?[0-9][0-9.e-]*', '#', text))} {kinds}")
-    return said
+        outputs.append(f"{re.sub(r' +', ' ', re.sub(r'-?[0-9][0-9.e-]*', '#', text))} {kinds}")
+    return outputs
 
 
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)

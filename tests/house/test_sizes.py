@@ -59,16 +59,16 @@ TESTS = SUPPORT.parent
 @pytest.mark.parametrize(
     "names", [QUICK, LONGEST_FIRST, LEANING], ids=["quick", "longest first", "leaning"]
 )
-def test_lists_name_files_that_are_there(names: tuple[str, ...]) -> None:
+def test_lists_name_existing_files(names: tuple[str, ...]) -> None:
     assert len(set(names)) == len(names)
     assert not [name for name in names if not (TESTS / name).is_file()]
 
 
 def test_the_parts_have_every_file_of_tests_once() -> None:
     places = [place for part in PARTS for pattern in part.split() for place in ROOT.glob(pattern)]
-    found = [
+    files = [
         file
         for place in places
         for file in ([place] if place.is_file() else place.rglob("test_*.py"))
     ]
-    assert sorted(found) == sorted(TESTS.rglob("test_*.py"))
+    assert sorted(files) == sorted(TESTS.rglob("test_*.py"))

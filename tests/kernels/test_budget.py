@@ -49,7 +49,7 @@ ABSORBERS: dict[str, Absorber] = {
 
 
 @pytest.mark.parametrize("name", ABSORBERS)
-def test_a_run_that_is_given_up_says_when_and_keeps_what_it_has(name: str) -> None:
+def test_an_abandoned_run_reports_its_time_and_returns_what_it_has(name: str) -> None:
     """What it has is what a run gives that ends there."""
     # few enough to be followed
     scene = scene_of(ABSORBERS[name], modes=2)
@@ -166,10 +166,10 @@ def test_progress_goes_on_to_the_end_and_an_error_in_it_ends_the_run(
     method: Method, absorber: Absorber | None
 ) -> None:
     scene = scene_of(absorber, modes=2)
-    told = list[tuple[float, float]]()
+    reports = list[tuple[float, float]]()
     drive = drive_of(FORCE, 1.0, periods=3e4)
-    response = simulate(scene, drive, method, progress=lambda at, end: told.append((at, end)))
-    times, ends = map(list, zip(*told, strict=True))
+    response = simulate(scene, drive, method, progress=lambda at, end: reports.append((at, end)))
+    times, ends = map(list, zip(*reports, strict=True))
     assert set(ends) == {times[-1]} == {float(drive.schedule.times[-1])}
     assert times == sorted(times)
     np.testing.assert_array_equal(response.end_state, simulate(scene, drive, method).end_state)

@@ -12,7 +12,7 @@ from impact_env.kernels.motion.observers import GUARD_PASSED, JOINT_EXCEEDED, RA
 
 
 @pytest.mark.parametrize("friction", [None, 0.1])
-def test_no_miss_where_there_is_none(friction: float | None) -> None:
+def test_no_missed_event_is_reported_in_correct_runs(friction: float | None) -> None:
     response = simulate(
         scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2),
         drive_of(3.5, 1.0, periods=30),
@@ -59,7 +59,7 @@ def test_nothing_to_check_without_a_search() -> None:
         ("find_end_of_hold", {HIT_LOW, HIT_HIGH}, 0.1, JOINT_EXCEEDED),
     ],
 )
-def test_an_event_that_is_found_too_late_is_seen(
+def test_an_event_that_is_located_too_late_is_reported(
     search: str,
     events: set[int],
     friction: float | None,
@@ -70,11 +70,11 @@ def test_an_event_that_is_found_too_late_is_seen(
     planted = []
 
     def tardy(*arguments: object) -> object:
-        found = searched(*arguments)
-        if planted or found.kind not in events or found.offset < 1e-4:
-            return found
-        planted.append(found)
-        return found._replace(offset=found.offset * (1 + 1e-6))
+        event = searched(*arguments)
+        if planted or event.kind not in events or event.offset < 1e-4:
+            return event
+        planted.append(event)
+        return event._replace(offset=event.offset * (1 + 1e-6))
 
     monkeypatch.setattr(stick_slip, search, tardy)
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2)

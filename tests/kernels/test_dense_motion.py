@@ -87,7 +87,7 @@ def faults(response: Response, which: int = 0) -> list[str]:
     gap = np.inf if absorber.walls is None else absorber.walls.gap
     limit = 0.0 if absorber.friction is None else absorber.friction.limit
     m = motion_of(response, which)
-    found = []
+    messages = []
     period = response.drive.schedule.pseudo_period
     slack = LOOSE * limit + 1e-9
     still = STILL * m.fastest
@@ -95,7 +95,7 @@ def faults(response: Response, which: int = 0) -> list[str]:
     def note(what: str, wrong: Mask, size: Array) -> None:
         if np.any(wrong):
             k = int(np.argmax(np.where(wrong, size, -np.inf)))
-            found.append(
+            messages.append(
                 f"{what} at {np.sum(wrong)} samples, worst {size[k]:.2e} at {m.time[k] / period:.4f} periods"
             )
 
@@ -110,7 +110,8 @@ def faults(response: Response, which: int = 0) -> list[str]:
         note("driven by friction", slides & (along > still + turning), along)
     low = np.full_like(m.force, -limit)
     high = np.full_like(m.force, limit)
-    low[m.kind == HELD_UPPER], high[m.kind == HELD_LOWER] = -np.inf, np.inf
+    low[m.kind == HELD_UPPER] = -np.inf
+    high[m.kind == HELD_LOWER] = np.inf
     holds = m.joined & ~m.hit
     note(
         "a joint beyond its bounds",
@@ -123,7 +124,7 @@ def faults(response: Response, which: int = 0) -> list[str]:
         holds & (m.kind != STUCK_INSIDE) & (np.abs(np.abs(m.place[:-1]) - gap) > DEPTH * gap),
         np.abs(m.place[:-1]) / gap - 1,
     )
-    return found
+    return messages
 
 
 def drive_of(scene: Scene, start: float, periods: float, rng: np.random.Generator) -> Drive:

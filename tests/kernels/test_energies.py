@@ -90,20 +90,23 @@ def assert_account(
 ) -> Response:
     """Compare a run's account with splines, relative to the largest term, and check its balance."""
     response = run(scene, drive, initial=initial, samples=samples)
-    found = response.energy
+    account = response.energy
     model = scene.model
     truth = integrals(response)
     damper = scene.absorber.damping if isinstance(scene.absorber, TunedAbsorber) else 0.0
     loss = 2 * np.array(model.damping_ratio) * model.omega * truth[: model.modes]
     largest = max(
-        abs(found.work), float(np.max(found.modal_loss)), found.stored_at_start, found.stored_at_end
+        abs(account.work),
+        float(np.max(account.modal_loss)),
+        account.stored_at_start,
+        account.stored_at_end,
     )
-    np.testing.assert_allclose(found.modal_loss, loss, rtol=0, atol=error * largest)
-    assert found.work == pytest.approx(truth[model.modes], abs=error * largest)
-    assert found.absorber_damping == pytest.approx(
+    np.testing.assert_allclose(account.modal_loss, loss, rtol=0, atol=error * largest)
+    assert account.work == pytest.approx(truth[model.modes], abs=error * largest)
+    assert account.absorber_damping == pytest.approx(
         damper * truth[model.modes + 1], abs=error * largest
     )
-    assert found.relative_error < 1e-11
+    assert account.relative_error < 1e-11
     return response
 
 
@@ -214,5 +217,5 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
             "linear_regime",
             lambda *_, spoiled=spoiled: (regime._replace(system=spoiled), reach),
         )
-        found = run(scene, drive, initial=start).energy
-        assert found.relative_error > 1e-10
+        account = run(scene, drive, initial=start).energy
+        assert account.relative_error > 1e-10

@@ -638,7 +638,11 @@ def test_walls_with_a_damper_against_small_steps(friction: ElasticCoulombFrictio
     omega = drive.schedule.omega_at(np.array([0.0]))[0]
 
     def slope(time: float, state: np.ndarray) -> np.ndarray:
-        q, a, u, v, rest = state[:2], state[2], state[3:5], state[5], state[6]
+        q = state[:2]
+        a = state[2]
+        u = state[3:5]
+        v = state[5]
+        rest = state[6]
         y = a - model.tip_shape @ q
         gamma = v - model.tip_shape @ u
         push = 0.0

@@ -53,13 +53,15 @@ def obey_permissions() -> None:
 
 
 def run(before: str = "", **variables: object) -> dict[str, str]:
-    kept = {
+    variables_left = {
         name: value
         for name, value in os.environ.items()
         if name not in {"IMPACT_ENV_CACHE", "XDG_CACHE_HOME", "HOME", "TMPDIR", "NUMBA_CACHE_DIR"}
     }
     environment = (
-        kept | {"PYTHONPATH": str(ROOT)} | {name: str(value) for name, value in variables.items()}
+        variables_left
+        | {"PYTHONPATH": str(ROOT)}
+        | {name: str(value) for name, value in variables.items()}
     )
     done = subprocess.run(
         [sys.executable, "-c", before + RUN],
@@ -128,9 +130,9 @@ def test_a_home_that_cannot_be_written_to_leaves_the_temporary_folder(tmp_path: 
     temporary = folder(tmp_path / "tmp", 0o1777)
     (home / ".cache").mkdir()
     (home / ".cache").chmod(0o555)
-    found = run(OUTSIDE, HOME=home, TMPDIR=temporary)
+    used = run(OUTSIDE, HOME=home, TMPDIR=temporary)
     (private,) = temporary.glob("impact_env-*")
-    assert (found["write"], found["read"], found["misses"]) == (
+    assert (used["write"], used["read"], used["misses"]) == (
         str(private / hash_sources()),
         "None",
         "1",
@@ -140,7 +142,7 @@ def test_a_home_that_cannot_be_written_to_leaves_the_temporary_folder(tmp_path: 
 
 @posix
 @pytest.mark.parametrize("before", ["", OUTSIDE])
-def test_kernels_are_kept_in_the_virtual_environment_or_else_at_home(
+def test_kernels_are_cached_in_the_virtual_environment_or_else_at_home(
     tmp_path: Path, before: str
 ) -> None:
     place = tmp_path / "environment"
@@ -148,12 +150,12 @@ def test_kernels_are_kept_in_the_virtual_environment_or_else_at_home(
     venv.create(place, symlinks=True)
     path = os.pathsep.join([str(ROOT), sysconfig.get_path("purelib")])
     code = f"{before}from impact_env.kernels.compiling.cache import cache_folder; print(cache_folder().parent)"
-    found = subprocess.check_output(
+    printed = subprocess.check_output(
         [place / "bin" / "python", "-c", code],
         env={"HOME": str(home), "PYTHONPATH": path},
         text=True,
     ).strip()
-    assert Path(found) == (home / ".cache" / "impact_env" if before else place / "kernel-cache")
+    assert Path(printed) == (home / ".cache" / "impact_env" if before else place / "kernel-cache")
     assert [path.name for path in home.iterdir()] == ([".cache"] if before else [])
 
 
@@ -173,7 +175,7 @@ def test_a_folder_of_someone_else_is_not_read(
 
 def test_the_hash_sees_every_source(tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
-    seen = {hash_sources(tmp_path)}
+    hashes = {hash_sources(tmp_path)}
     for name, text in (
         ("a.py", ""),
         ("a.py", "1"),
@@ -182,8 +184,8 @@ def test_the_hash_sees_every_source(tmp_path: Path) -> None:
         ("below/c.txt", "1"),
     ):
         (tmp_path / name).write_text(text)
-        seen.add(hash_sources(tmp_path))
-    assert len(seen) == 5  # all but the last, which is no source
+        hashes.add(hash_sources(tmp_path))
+    assert len(hashes) == 5  # all but the last, which is no source
 
 
 FILLED = """
@@ -263,14 +265,14 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 @pytest.fixture
-def kept(filled: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
+def copied_cache(filled: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
     """The same with a folder of its own."""
     return filled[0], shutil.copytree(filled[1], tmp_path / "cache")
 
 
 def one(folder: Path, pattern: str) -> Path:
-    (found,) = folder.rglob(pattern)
-    return found
+    (file,) = folder.rglob(pattern)
+    return file
 
 
 def flipped(content: bytes) -> bytes:
@@ -285,23 +287,25 @@ def flipped(content: bytes) -> bytes:
     [(b"", flipped), (bytes(range(256)) * 9, lambda content: content[: len(content) // 2])],
 )
 def test_damage_is_warned_of_once_and_mended(
-    kept: tuple[Path, Path], index: bytes, code: Callable[[bytes], bytes]
+    copied_cache: tuple[Path, Path], index: bytes, code: Callable[[bytes], bytes]
 ) -> None:
     """An index of two kernels, and the machine code of another."""
-    one(kept[1], "*first*.nbi").write_bytes(index)
-    compiled = one(kept[1], "*second*.nbc")
+    one(copied_cache[1], "*first*.nbi").write_bytes(index)
+    compiled = one(copied_cache[1], "*second*.nbc")
     compiled.write_bytes(code(compiled.read_bytes()))
-    assert run_small(*kept) == (
+    assert run_small(*copied_cache) == (
         "0 2 0 1",
-        [f"damaged kernels in {kept[1] / hash_sources()} are compiled anew"],
+        [f"damaged kernels in {copied_cache[1] / hash_sources()} are compiled anew"],
     )
-    assert run_small(*kept) == ("2 0 1 0", [])
+    assert run_small(*copied_cache) == ("2 0 1 0", [])
 
 
-def test_data_of_other_types_is_not_run(kept: tuple[Path, Path]) -> None:
+def test_data_of_other_types_is_not_run(copied_cache: tuple[Path, Path]) -> None:
     """As is left where an index was lost, and a process ended between a new one and its data."""
-    one(kept[1], "*first*.2.nbc").write_bytes(one(kept[1], "*first*.1.nbc").read_bytes())
-    assert run_small(*kept) == ("1 1 1 0", [])
+    one(copied_cache[1], "*first*.2.nbc").write_bytes(
+        one(copied_cache[1], "*first*.1.nbc").read_bytes()
+    )
+    assert run_small(*copied_cache) == ("1 1 1 0", [])
 
 
 # Kernels that came with the package: found from another folder and by other processes, and by no sources or processors that they are not for.
@@ -328,24 +332,25 @@ print(len(told) // 2, impact_env.__file__)
 """
 
 
-def simulated(site: Path, kept: Path, *words: str, **variables: str) -> tuple[str, int, str]:
+def simulated(site: Path, cache: Path, *words: str, **variables: str) -> tuple[str, int, str]:
     """Return the digits of the scenes that are named, how many kernels were compiled, and what was said."""
-    ours = {
+    environment = {
         name: text
         for name, text in os.environ.items()
         if not name.startswith(("NUMBA_", "IMPACT_ENV_"))
     }
-    ours |= {"PYTHONPATH": str(site), "IMPACT_ENV_CACHE": str(kept)} | variables
+    environment |= {"PYTHONPATH": str(site), "IMPACT_ENV_CACHE": str(cache)} | variables
     done = subprocess.run(
         [sys.executable, "-P", "-c", SIMULATE, *words],
-        env=ours,
-        cwd=kept.parent,
+        env=environment,
+        cwd=cache.parent,
         capture_output=True,
         text=True,
         timeout=580,
     )
     assert done.returncode == 0, done.stderr
-    digits, (compiled, package) = done.stdout.splitlines()[0], done.stdout.splitlines()[1].split()
+    digits = done.stdout.splitlines()[0]
+    compiled, package = done.stdout.splitlines()[1].split()
     assert package == str(site / "impact_env" / "__init__.py")
     return digits, int(compiled), done.stderr
 
@@ -369,7 +374,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 @pytest.mark.nightly
 @served
-def test_nothing_is_compiled_and_nothing_kept(made: tuple[Path, str], tmp_path: Path) -> None:
+def test_nothing_is_compiled_and_nothing_cached(made: tuple[Path, str], tmp_path: Path) -> None:
     assert simulated(made[0], tmp_path / "kept", "none", "friction") == (made[1], 0, "")
     assert not list((tmp_path / "kept").rglob("*.nb[ci]"))
 
@@ -393,17 +398,17 @@ def test_kernels_for_the_host_are_preferred_and_give_the_same_digits(
 
 @pytest.mark.nightly
 @served
-def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(
+def test_damaged_kernels_and_those_of_other_sources_are_compiled_again(
     made: tuple[Path, str], tmp_path: Path
 ) -> None:
     site = shutil.copytree(made[0], tmp_path / "another_site")
     for file in site.rglob("linear.linear_lane*.nbc"):
         content = file.read_bytes()
         file.write_bytes(content[:-5000] + bytes(5000))
-    digits, compiled, said = simulated(site, tmp_path / "kept", "none")
+    digits, compiled, warnings = simulated(site, tmp_path / "kept", "none")
     assert compiled == 1
     assert made[1].startswith(digits)
-    assert "damaged kernels in" in said
+    assert "damaged kernels in" in warnings
     assert simulated(site, tmp_path / "kept", "none")[:2] == (digits, 0)
     with (site / "impact_env" / "kernels" / "events" / "signals.py").open("a") as file:
         file.write("# another version\n")
@@ -412,7 +417,9 @@ def test_damaged_ones_and_those_of_other_sources_are_compiled_anew(
 
 
 @served
-def test_why_none_are_used_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_reason_why_no_kernels_are_used_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "shipped"
     monkeypatch.setattr(cache, "SHIPPED", folder)
     monkeypatch.delenv(HOST_VARIABLE, raising=False)

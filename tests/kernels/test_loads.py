@@ -148,8 +148,10 @@ def run(absorber: object, loads: tuple[Load, ...], record: Record | None = None)
 
 def states(response: Response) -> Array:
     history = response.history
-    shown = history.absorber_displacement, history.absorber_velocity
-    return np.column_stack([history.modal_displacement, shown[0], history.modal_velocity, shown[1]])
+    absorber = history.absorber_displacement, history.absorber_velocity
+    return np.column_stack(
+        [history.modal_displacement, absorber[0], history.modal_velocity, absorber[1]]
+    )
 
 
 @pytest.mark.parametrize("name", EVENTS)
@@ -188,22 +190,22 @@ LINEAR = {
 @pytest.mark.parametrize("absorber", LINEAR)
 def test_linear_scenes_under_a_record_are_those_of_dense_exponentials(absorber: str) -> None:
     """Also where nothing is observed on the way, and the kernel leaps from sample to sample."""
-    found, unseen = (
+    run_states, unseen = (
         run(LINEAR[absorber], (RECORD,), record) for record in (None, Record(level=False))
     )
     truth = follow(
-        found.scene,
+        run_states.scene,
         Inputs(np.zeros_like, lambda t: 3 * noise(t), CLOCK, W1),
         None,
         CLOCK[[0, -1]],
         long_steps=True,
     ).states[-1]
-    kept = [0, 1, 2, 4, 5, 6] if absorber in ("no absorber", "stuck") else slice(None)
-    for response in (found, unseen):
+    columns = [0, 1, 2, 4, 5, 6] if absorber in ("no absorber", "stuck") else slice(None)
+    for response in (run_states, unseen):
         np.testing.assert_allclose(
-            response.end_state[kept], truth[kept], atol=1e-11 * np.max(np.abs(truth))
+            response.end_state[columns], truth[columns], atol=1e-11 * np.max(np.abs(truth))
         )
-    assert found.energy.relative_error < 1e-12
+    assert run_states.energy.relative_error < 1e-12
 
 
 # metres for 1 m/s^2 of the base at the first frequency, in closed form
@@ -213,8 +215,8 @@ STEADY = {"no absorber": 1.229953900e-3, "stuck": 3.135898412e-4, "tuned": 1.047
 @pytest.mark.parametrize("absorber", STEADY)
 def test_a_base_gives_the_transfer_function(absorber: str) -> None:
     long = FrequencySchedule(np.array([0.0, 12.0]), np.full(2, W1), W1)
-    found = run(LINEAR[absorber], (ShakenBase(long, acceleration=1.0),))
-    tip = found.history.tip_displacement[-320:]
+    response = run(LINEAR[absorber], (ShakenBase(long, acceleration=1.0),))
+    tip = response.history.tip_displacement[-320:]
     assert np.sqrt(2 * np.mean(tip**2)) == pytest.approx(STEADY[absorber], rel=1e-8)
 
 
@@ -226,7 +228,7 @@ def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
         model = cantilever()
         record = load.record()
         twice = np.concatenate([record.values[:-1], record.values])
-        found = run(
+        response = run(
             None,
             (Samples(record.times[1] * np.arange(len(twice)), twice, quantity),),
             replace(record_of(Scene(model)), samples_per_period=64),
@@ -241,7 +243,7 @@ def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
             axis=1,
         )
         rms = np.sqrt(np.sum(np.abs(transfer * load.amplitudes()) ** 2) / 2)
-        late = found.history.tip_displacement[found.history.time >= 4.0 - 1e-9]
+        late = response.history.tip_displacement[response.history.time >= 4.0 - 1e-9]
         assert np.sqrt(np.mean(late**2)) == pytest.approx(rms, rel=2e-3)
         assert np.mean(record.values[:-1] ** 2) == pytest.approx(40.0, rel=0.2)
 
@@ -284,8 +286,8 @@ def test_straight_lines_between_samples_of_a_random_record_have_its_lines() -> N
     values = record.values[:-1, None] * (1 - shares) + record.values[1:, None] * shares
     for line, amplitude in zip(load.lines, load.amplitudes(), strict=True):
         turned = values * np.exp(-2j * np.pi * line * times / 0.5)
-        found = 2 / 0.5 * np.sum(turned @ (weights / 2)) * step
-        assert abs(found) == pytest.approx(abs(amplitude), rel=1e-9)
+        coefficients = 2 / 0.5 * np.sum(turned @ (weights / 2)) * step
+        assert abs(coefficients) == pytest.approx(abs(amplitude), rel=1e-9)
 
 
 def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> None:
@@ -316,7 +318,8 @@ def moved_by(load: Load, times: Array) -> tuple[float, Array]:
     """Velocity at time 0, and displacement from there on, of a base whose mean velocity is zero, in closed form."""
     if isinstance(load, Samples):  # a cubic between samples
         step = load.times[1]
-        low, high = load.values[:-1], load.values[1:]
+        low = load.values[:-1]
+        high = load.values[1:]
         velocity = np.concatenate([[0.0], np.cumsum(step * (low + high) / 2)])
         gain = step * velocity[:-1] + step**2 * (low / 3 + high / 6)
         place = np.concatenate([[0.0], np.cumsum(gain)])
@@ -354,9 +357,9 @@ def test_a_base_about_a_mean_at_rest_leaves_the_absorber_where_it_is_in_space(na
     load = AT_REST[name]
     scene = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
     loads = Loads((load,), W1, "base-mean-rest")
-    found = simulate(scene, loads, record=EVERYTHING)
-    start, moved = moved_by(load, found.history.time)
-    np.testing.assert_allclose(found.history.absorber_displacement, -moved, atol=1e-13)
+    response = simulate(scene, loads, record=EVERYTHING)
+    start, moved = moved_by(load, response.history.time)
+    np.testing.assert_allclose(response.history.absorber_displacement, -moved, atol=1e-13)
     initial = loads.initial(scene)
     np.testing.assert_allclose(initial.modal_velocity, -start * np.array(PARTICIPATION), rtol=1e-12)
     assert loads.base_velocity() == pytest.approx(start, rel=1e-12)
@@ -373,14 +376,16 @@ def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
     before = exact.history.time < 0.03
     errors = []
     for steps in (40, 400):
-        found = simulate(
+        response = simulate(
             structure(absorber),
             Loads(FORCES),
             method(steps),
             record=Record(series=True, events=True),
         )
         errors.append(
-            np.max(np.abs(found.history.tip_displacement - exact.history.tip_displacement)[before])
+            np.max(
+                np.abs(response.history.tip_displacement - exact.history.tip_displacement)[before]
+            )
         )
     assert errors[1] < 0.3 * errors[0]
     assert errors[1] < 2e-3 * np.max(np.abs(exact.history.tip_displacement))

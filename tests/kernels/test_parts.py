@@ -48,9 +48,10 @@ def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> No
     @fresh
     @jit_allocating
     def both(x):
-        room = np.zeros(2)
-        room[0], room[1] = half(x), third(x)
-        return room.sum()
+        scratch = np.zeros(2)
+        scratch[0] = half(x)
+        scratch[1] = third(x)
+        return scratch.sum()
 
     assert both(2.0) == pytest.approx(4.0 + 4.0 + 8.0 / 3.0)
     assert [len(kernel.overloads) for kernel in (cube, half, third, both)] == [0, 0, 0, 1]

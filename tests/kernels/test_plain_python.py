@@ -44,34 +44,36 @@ def plain(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
         "-W", "error::RuntimeWarning", "-c", WHOLE, NUMBA_DISABLE_JIT=1, IMPACT_ENV_CACHE=folder
     )
     assert not folder.exists()  # nothing is written
-    found: dict[str, dict[str, dict[str, Any]]] = json.loads(result.stdout)
-    return found
+    results: dict[str, dict[str, dict[str, Any]]] = json.loads(result.stdout)
+    return results
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_plain_python_gives_the_bits_of_compiled_kernels(
     name: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    found = plain(tmp_path_factory.getbasetemp() / FOLDER)["bits"][name]
+    plain_bits = plain(tmp_path_factory.getbasetemp() / FOLDER)["bits"][name]
     compiled = EVERY[name]()
     hexadecimal = bits(compiled)
     assert {
         part: (np.frombuffer(bytes.fromhex(digits)).tolist(), compiled[part].tolist())
-        for part, digits in found.items()
+        for part, digits in plain_bits.items()
         if hexadecimal[part] != digits
     } == {}
-    assert found.keys() == compiled.keys()
+    assert plain_bits.keys() == compiled.keys()
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_golden_cases_give_the_committed_numbers(
     name: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    found = plain(tmp_path_factory.getbasetemp() / FOLDER)["numbers"][name]
+    computed = plain(tmp_path_factory.getbasetemp() / FOLDER)["numbers"][name]
     stored = json.loads(NUMBERS.read_text())[name]
-    assert found.keys() == stored.keys()
+    assert computed.keys() == stored.keys()
     assert {
-        part: (found[part], stored[part]) for part in stored if not agree(found[part], stored[part])
+        part: (computed[part], stored[part])
+        for part in stored
+        if not agree(computed[part], stored[part])
     } == {}
 
 

@@ -65,13 +65,13 @@ def test_cosine_and_sine_are_exact_to_rounding() -> None:
             [0.0, 1e6, -1e6],
         ]
     )
-    found = np.empty((len(x), 2))
-    _each(x, found)
+    computed = np.empty((len(x), 2))
+    _each(x, computed)
     with mpmath.workdps(40):
         truth = [(mpmath.cos(mpmath.mpf(float(v))), mpmath.sin(mpmath.mpf(float(v)))) for v in x]
         error = max(
             abs(mpmath.mpf(float(f)) - t)
-            for row, both in zip(found, truth, strict=True)
+            for row, both in zip(computed, truth, strict=True)
             for f, t in zip(row, both, strict=True)
         )
     assert error < ROUNDING
@@ -87,11 +87,11 @@ def test_a_time_that_is_no_number_or_beyond_the_tables_stays_within_them() -> No
     """Not a number stays one, in the rest and in cosine and sine; digits are places of tables of 2^2 entries."""
     scale = np.array([2.0, 0.25, 4.0, 1.0])
     x = np.array([np.nan, np.inf, -np.inf, 1e300, -1.0, 0.0, 0.3, 15.75, 17.0])
-    found = np.empty((len(x), 4))
-    _digits_of(scale, x, found)
-    assert np.all((found[:, :3] >= 0) & (found[:, :3] < 4))
-    assert np.isnan(found[0, 3])
-    within = found[5:8]
+    computed = np.empty((len(x), 4))
+    _digits_of(scale, x, computed)
+    assert np.all((computed[:, :3] >= 0) & (computed[:, :3] < 4))
+    assert np.isnan(computed[0, 3])
+    within = computed[5:8]
     np.testing.assert_array_equal(within[:, :3] @ [4.0, 1.0, 0.25] + within[:, 3], x[5:8])
     turns = np.empty((2, 2))
     _each(x[:2], turns)
@@ -101,14 +101,16 @@ def test_a_time_that_is_no_number_or_beyond_the_tables_stays_within_them() -> No
 def test_rows_of_slots_do_not_overlap_and_are_those_that_regimes_fill() -> None:
     """Of two eigenvalues with numbers of their own in each row."""
     s = np.array([-0.5 + 2.0j, -0.1 + 1.0j])
-    given = {
+    options = {
         name: np.array([k + 0.25j, k + 0.5 + 0.75j])
         for k, name in enumerate(("DRIVE", "RELATIVE", "GUARD", "TIP"), 1)
     }
-    rows = slot_rows_of(s, given["DRIVE"], given["RELATIVE"], given["GUARD"], given["TIP"], 4)
+    rows = slot_rows_of(
+        s, options["DRIVE"], options["RELATIVE"], options["GUARD"], options["TIP"], 4
+    )
     assert rows.shape == (modal_rows.ROWS, 4)
     s = s[::-1]  # by size
-    wanted = {name: values[::-1] for name, values in given.items()}
+    wanted = {name: values[::-1] for name, values in options.items()}
     wanted |= {"S": s, "SQUARE": s**2, "REST": -wanted["RELATIVE"] / s}
     wanted |= {"SPEED": abs(s), "SPEED_SQUARE": abs(s) ** 2, "SPEED_CUBE": abs(s) ** 3}
     for name, values in wanted.items():
@@ -130,12 +132,12 @@ def test_a_product_and_a_sum_are_rounded_once() -> None:
     rng = np.random.default_rng(1)
     x, y = rng.uniform(-2, 2, (2, 500))
     z = -x * y
-    found = np.empty(500)
-    _fused(x, y, z, found)
+    computed = np.empty(500)
+    _fused(x, y, z, computed)
     assert [
         float(Fraction(a) * Fraction(b) + Fraction(c)) for a, b, c in zip(x, y, z, strict=True)
-    ] == list(found)
-    assert np.count_nonzero(found) > 400
+    ] == list(computed)
+    assert np.count_nonzero(computed) > 400
 
 
 @pytest.mark.parametrize("at", [0, 17, 320, 1000, 1990])

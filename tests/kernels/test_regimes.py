@@ -152,12 +152,12 @@ CLOSE_TO_ONE = [
 
 
 @pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
-def test_free_motion_at_and_beside_critical_damping(ratio: float) -> None:
+def test_free_motion_at_and_near_critical_damping(ratio: float) -> None:
     assert joined_error(custom(1, 2, ratio), 0.0) < BAR
 
 
 @pytest.mark.parametrize("ratio", CLOSE_TO_ONE)
-def test_forced_motion_at_and_beside_critical_damping(ratio: float) -> None:
+def test_forced_motion_at_and_near_critical_damping(ratio: float) -> None:
     model = custom(2, 1, ratio)
     rows = free(model).system.rows
     omega = model.omega[0]
@@ -165,11 +165,11 @@ def test_forced_motion_at_and_beside_critical_damping(ratio: float) -> None:
     s = rows[0] + 1j * rows[1]
     both = (rows[TIP] + 1j * rows[TIP + 1]) * (rows[DRIVE] + 1j * rows[DRIVE + 1])
     for at in np.array([0.0, 0.3, 1.0, 3.0]) * omega:
-        found = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
+        computed = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
         expected = (
             model.tip_shape[0] * model.force_shape[0] / (omega**2 - at**2 + 2j * d * omega * at)
         )
-        assert abs(found - expected) < 2 * BAR * abs(expected)
+        assert abs(computed - expected) < 2 * BAR * abs(expected)
 
 
 @pytest.mark.parametrize("modes", [1, 2, 4])
@@ -188,10 +188,11 @@ NODE = scipy.optimize.brentq(
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.01, 1.0, 3.0])
-@pytest.mark.parametrize("beside", [1e-9, 1e-8, 1e-7])
-def test_places_beside_a_node_of_the_beam(ratio: float, beside: float) -> None:
+@pytest.mark.parametrize("distance", [1e-9, 1e-8, 1e-7])
+def test_places_near_a_node_of_the_beam(ratio: float, distance: float) -> None:
     model = modal_model(
-        Beam(modes=3, damping_ratio=ratio, absorber_position=NODE + beside), [NODE + beside, 0.5]
+        Beam(modes=3, damping_ratio=ratio, absorber_position=NODE + distance),
+        [NODE + distance, 0.5],
     )
     assert max(all_errors(model, 0.05 * model.beam_mass, 1.0, 0.1)) < BAR
 
@@ -265,9 +266,9 @@ def test_the_tip_under_a_swinging_relative_force() -> None:
     at = 1.3 * model.omega[0]
     s = rows[0] + 1j * rows[1]
     both = (rows[TIP] + 1j * rows[TIP + 1]) * (rows[RELATIVE] + 1j * rows[RELATIVE + 1])
-    found = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
+    computed = np.sum(both / (1j * at - s) + np.conj(both) / (1j * at - np.conj(s))) / 2
     expected = swinging_tip(model, mass, stiffness, at)
-    assert abs(found - expected) < 1e-10 * abs(expected)
+    assert abs(computed - expected) < 1e-10 * abs(expected)
 
 
 def test_what_has_no_digits_is_refused() -> None:
@@ -280,7 +281,7 @@ def test_errors_of_the_event_search_bound_those_of_cubic_interpolation() -> None
     """Of a sine through both ends' values and slopes (SciPy's interpolation), at every level: the bound holds, and is no twice too large."""
     slots = free(modal_model(Beam(modes=3, damping_ratio=0.0))).system
     speeds = np.abs(slots.rows[SPEED, :3])
-    seen = 0
+    cases = 0
     for step, errors in zip(slots.steps[:, 0], slots.errors, strict=True):
         for speed, error in zip(speeds, errors, strict=False):
             if not 0.02 < speed * step < 0.3:
@@ -288,10 +289,10 @@ def test_errors_of_the_event_search_bound_those_of_cubic_interpolation() -> None
             ends = speed * step * np.array([-0.5, 0.5])  # about the sine's largest curvature
             cubic = scipy.interpolate.CubicHermiteSpline(ends, np.cos(ends), -np.sin(ends))
             between = np.linspace(*ends, 101)
-            found = float(np.max(np.abs(cubic(between) - np.cos(between))))
-            assert 0.5 * (error - SCAN_NOISE) < found <= error
-            seen += 1
-    assert seen > 3
+            largest = float(np.max(np.abs(cubic(between) - np.cos(between))))
+            assert 0.5 * (error - SCAN_NOISE) < largest <= error
+            cases += 1
+    assert cases > 3
 
 
 def test_regimes_are_held_up_to_a_number_of_bytes() -> None:

@@ -32,12 +32,11 @@ class Beam:
     def __init__(self, scene: Scene, drive: Drive) -> None:
         model = scene.model
         wide = np.longdouble
-        self.omega, self.a = (
-            model.omega.astype(wide),
-            model.damping_ratio.astype(wide) * model.omega.astype(wide),
-        )
+        self.omega = model.omega.astype(wide)
+        self.a = model.damping_ratio.astype(wide) * model.omega.astype(wide)
         self.force = drive.amplitude * model.force_shape.astype(wide)
-        self.drive_omega, self.phase = wide(drive.schedule.omegas[0]), wide(drive.phase)
+        self.drive_omega = wide(drive.schedule.omegas[0])
+        self.phase = wide(drive.phase)
         self.response = self.force / (
             self.omega**2 - self.drive_omega**2 + 2j * self.a * self.drive_omega
         )
@@ -181,10 +180,10 @@ def test_no_wall_is_passed_and_every_impact_is_newtons() -> None:
     flights = 0
     for seed in range(SCENES):
         response, scale = random_run(seed)
-        seen, off, error = replay(response)
+        impacts, off, error = replay(response)
         assert off < 1e-9 + 1e-11 * scale, seed
         assert error < 1e-7, seed
-        flights += seen
+        flights += impacts
     assert flights > 15_000
 
 

@@ -13,7 +13,17 @@ from impact_env.kernels.events.signals import EventFunction, new_signal
 from impact_env.kernels.events.signals import Guards as SearchGuards
 from impact_env.kernels.motion.forced import Forced, ForceWindow, new_forced, solve_forced
 from impact_env.kernels.motion.modal_system import SPEED, ModalSystem, S
-from reference.signals import HIGH, LOW, NOTHING, TURN, Force, Found, Guards, Signals, first_events
+from reference.signals import (
+    HIGH,
+    LOW,
+    NOTHING,
+    TURN,
+    FirstEvents,
+    Force,
+    Guards,
+    Signals,
+    first_events,
+)
 
 Model = tuple[str, int]
 MODELS: tuple[Model, ...] = (
@@ -73,7 +83,7 @@ def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
     scene = scene_of(model)
     free, stuck, reach = rigid_regimes(scene, 3.2 * scene.model.pseudo_period())
     slots = (stuck if joined else free).system
-    found = []
+    stages_of_runs = []
     for k, share in enumerate((0.0, rng.uniform(0.3, 0.8))):
         omega = scene.model.omega[0] * rng.uniform(0.8, 1.2) * (1 + 2 * k)
         half = 0.5 * reach * (1 - 0.4 * k)
@@ -85,8 +95,8 @@ def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
         )
         forced = new_forced(slots, None)
         solve_forced(slots, window, scene.absorber_mass if joined else None, forced)
-        found.append(Stage(slots, forced, window, half * (2 * share - 1)))
-    return found
+        stages_of_runs.append(Stage(slots, forced, window, half * (2 * share - 1)))
+    return stages_of_runs
 
 
 def amplitudes(stage: Stage, count: int, rng: np.random.Generator) -> Array:
@@ -117,7 +127,7 @@ class Cases:
     zero: Array
 
 
-def cases_of(stage: Stage, watched: str, name: str, count: int, rng: np.random.Generator) -> Cases:
+def cases_of(stage: Stage, quantity: str, name: str, count: int, rng: np.random.Generator) -> Cases:
     u = amplitudes(stage, count, rng)
     s = stage.slots.rows[S, : stage.used] + 1j * stage.slots.rows[S + 1, : stage.used]
     force = Force.of(
@@ -127,10 +137,10 @@ def cases_of(stage: Stage, watched: str, name: str, count: int, rng: np.random.G
     signals = Signals(s, u, np.zeros((count, 3)), np.zeros((count, 3)), force, pushes, stage.tau)
     y, v, a = signals.sizes().T
     natural = np.stack([np.real((u * s**m).sum(axis=1)) for m in range(4)], axis=1) + pushes[:4]
-    if watched == "joint":
-        room = y * 10 ** rng.uniform(-3, 0, (2, count))
-        low = natural[:, 0] - room[0]
-        high = natural[:, 0] + room[1]
+    if quantity == "joint":
+        distance = y * 10 ** rng.uniform(-3, 0, (2, count))
+        low = natural[:, 0] - distance[0]
+        high = natural[:, 0] + distance[1]
         low[rng.random(count) < 0.2] = -np.inf
         none = np.zeros(count)
         start = natural[:, :3]
@@ -152,7 +162,8 @@ def cases_of(stage: Stage, watched: str, name: str, count: int, rng: np.random.G
     start[:, 0] = gap * rng.uniform(-1, 1, count)
     start[:, 1] = sign * v * 10 ** rng.uniform(-5, 0, count)
     if name == "released":
-        start[:, 1:3], sign = 0.0, np.sign(natural[:, 3])
+        start[:, 1:3] = 0.0
+        sign = np.sign(natural[:, 3])
     if name in ("rests", "turns", "turns by a wall"):
         weak = rng.random(count) < 0.5
         start[:, 2] = np.where(weak, sign * a * 10 ** rng.uniform(-5, 0, count), start[:, 2])
@@ -160,20 +171,21 @@ def cases_of(stage: Stage, watched: str, name: str, count: int, rng: np.random.G
     if name == "turns by a wall":
         far = 0.5 * np.abs(start[:, 2]) * (10 ** rng.uniform(-3, 0, count) / signals.fastest) ** 2
         start[:, 0] = sign * (gap - np.maximum(far, 1e-10 * y))
-    if name == "leaves" or (watched == "walls" and name != "inside"):
-        start[:, 0], side = -sign * gap, -sign
+    if name == "leaves" or (quantity == "walls" and name != "inside"):
+        start[:, 0] = -sign * gap
+        side = -sign
     low = -gap
     high = gap
     direction = sign
-    if watched == "walls":
+    if quantity == "walls":
         direction = np.zeros(count)
-    if watched == "walls and rate":  # as the simulator asks: the wall behind cannot be reached
+    if quantity == "walls and rate":  # as the simulator asks: the wall behind cannot be reached
         low = np.where(sign > 0, -np.inf, low)
         high = np.where(sign > 0, high, np.inf)
-    if watched == "rate":
+    if quantity == "rate":
         low = np.full(count, -np.inf)
         high = np.full(count, np.inf)
-    zero = np.full(count, watched in ("walls and rate", "rate") and name != "inside")
+    zero = np.full(count, quantity in ("walls and rate", "rate") and name != "inside")
     guards = Guards(low - start[:, 0], high - start[:, 0], direction)
     return Cases(
         stage,
@@ -193,22 +205,23 @@ def searched(cases: Cases, case: int, level: int) -> tuple[int, float]:
     guards = cases.guards
     signal = new_signal(stage.slots.rows.shape[1])
     u = cases.signals.u[case]
-    signal.u[0, : stage.used], signal.u[1, : stage.used] = u.real, u.imag
+    signal.u[0, : stage.used] = u.real
+    signal.u[1, : stage.used] = u.imag
     signal.polynomial[:] = cases.signals.p[case]
     signal.memory[0] = level
     low = float(cases.low[case])
     high = float(cases.high[case])
     direction = float(guards.direction[case])
     walls = (low, high) if np.isfinite(low) or np.isfinite(high) else (None, None)
-    kept = SearchGuards(
+    search_guards = SearchGuards(
         *walls, int(cases.side[case]), direction if direction else None, bool(cases.zero[case])
     )
     course = EventFunction(stage.slots, stage.forced, stage.window.omega, signal, stage.tau)
-    found = search_events(course, kept, stage.length, stage.window.half)
-    return int(found.kind), float(found.offset)
+    event = search_events(course, search_guards, stage.length, stage.window.half)
+    return int(event.kind), float(event.offset)
 
 
-def differences(cases: Cases, truth: Found, top: int) -> list[str]:
+def differences(cases: Cases, truth: FirstEvents, top: int) -> list[str]:
     """Return the differences between the search and brute force, one line for each case."""
     lines = []
     sizes = cases.signals.sizes()
@@ -219,10 +232,10 @@ def differences(cases: Cases, truth: Found, top: int) -> list[str]:
         of_guard = 1 if kind == TURN else 0
         size = sizes[case, of_guard] + sizes[case, of_guard + 1] * min(time, 1 / fast)
         slack = 1e-7 / fast + 1e-13 * size / truth.slope[case]
-        found = [searched(cases, case, level) for level in range(top + 1)]
+        results = [searched(cases, case, level) for level in range(top + 1)]
         wrong = {
             n: (k, f"{t * fast:.6g}")
-            for n, (k, t) in enumerate(found)
+            for n, (k, t) in enumerate(results)
             if k != kind or (k != NOTHING and not abs(t - time) <= slack)
         }
         if wrong:
@@ -233,16 +246,16 @@ def differences(cases: Cases, truth: Found, top: int) -> list[str]:
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: f"{model[0]}-{model[1]}")
-@pytest.mark.parametrize("watched", GUARDED)
-def test_no_event_is_missed_from_any_level(watched: str, model: Model) -> None:
-    rng = np.random.default_rng([len(watched), MODELS.index(model)])
+@pytest.mark.parametrize("quantity", GUARDED)
+def test_no_event_is_missed_from_any_level(quantity: str, model: Model) -> None:
+    rng = np.random.default_rng([len(quantity), MODELS.index(model)])
     lines = []
     judged = 0
     count = 0
-    for stage in stages(model, watched == "joint", rng):
+    for stage in stages(model, quantity == "joint", rng):
         top = stage.slots.steps.shape[0] - 1
-        for name in GUARDED[watched]:
-            cases = cases_of(stage, watched, name, CASES[model[1]], rng)
+        for name in GUARDED[quantity]:
+            cases = cases_of(stage, quantity, name, CASES[model[1]], rng)
             truth = first_events(cases.signals, cases.guards, stage.length)
             lines += differences(cases, truth, top)
             judged = judged + int(np.sum(truth.clear))
@@ -270,7 +283,7 @@ def test_brute_force_knows_a_sine() -> None:
         (0.0, 2.0, 1.0, TURN, np.pi / 2),
         (0.0, 0.5, 0.0, HIGH, np.pi / 6),
     ):
-        found = first_events(signals, Guards(low * one, high * one, direction * one), 10.0)
-        assert found.kind[0] == kind
-        assert found.time[0] == pytest.approx(time, rel=1e-12)
-        assert found.clear[0]
+        events = first_events(signals, Guards(low * one, high * one, direction * one), 10.0)
+        assert events.kind[0] == kind
+        assert events.time[0] == pytest.approx(time, rel=1e-12)
+        assert events.clear[0]

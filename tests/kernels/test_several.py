@@ -57,7 +57,8 @@ def small_steps(scene: Scene, drive: Drive, steps: int) -> Array:
     mobility = shapes @ shapes.T + np.diag(1 / masses)
     dt = float(drive.schedule.times[-1]) / steps
     most = dt * np.array([0.0 if one.friction is None else one.friction.limit for one in every])
-    (q, u), (x, v) = np.zeros((2, model.modes)), np.zeros((2, len(every)))
+    q, u = np.zeros((2, model.modes))
+    x, v = np.zeros((2, len(every)))
     for force in drive.amplitude * np.cos(
         drive.schedule.phase_at(dt * (0.5 + np.arange(steps))) + drive.phase
     ):
@@ -119,8 +120,10 @@ def test_a_second_absorber_without_mass_changes_nothing(friction: float | None) 
     assert single.impact_count >= 4
     own = both.impacts.absorber == 0
     np.testing.assert_allclose(both.impacts.time[own], single.impacts.time, atol=1e-8 * PERIOD)
-    kept = np.delete(both.end_state, [4, 9])
-    np.testing.assert_allclose(kept, single.end_state, atol=1e-6 * np.max(np.abs(single.end_state)))
+    state = np.delete(both.end_state, [4, 9])
+    np.testing.assert_allclose(
+        state, single.end_state, atol=1e-6 * np.max(np.abs(single.end_state))
+    )
 
 
 def test_absorbers_that_never_move_are_a_stuck_one_of_their_mass() -> None:
@@ -174,7 +177,8 @@ def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_on
             (1.0, 1.0),
         ),
     )
-    shape, (other, mass) = float(scene.model.tip_shape[0]), scene.absorber_masses
+    shape = float(scene.model.tip_shape[0])
+    other, mass = scene.absorber_masses
     tip = -abs(shape) * START
     speed = 0.025
     start = InitialState(np.array([tip / shape]), None, (tip + 1e-5, tip - 1e-3), (0.0, -speed))
@@ -189,7 +193,7 @@ def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_on
 
 
 @pytest.mark.plain
-def test_bounces_beside_an_absorber_that_sticks_die_out() -> None:
+def test_bounces_die_out_while_another_absorber_sticks() -> None:
     """Each impact tears the stuck one loose, and its friction takes energy out, so that even restitution 1 comes to rest on a wall."""
     scene = beam_scene(
         ONE_MODE,
@@ -315,11 +319,11 @@ def test_energy_and_walls(
 
 def test_starts_are_one_for_each_absorber_and_inside_its_cavity() -> None:
     scene = beam_scene(BEAM, impact_absorbers((1e-3, 3e-4), (1.0, 0.6)))
-    for places, said in (
+    for places, message in (
         ((0.0, 0.0, 0.0), "one for each absorber"),
         ((0.0, 1e-3), "inside the cavity"),
     ):
-        with pytest.raises(ParameterError, match=said):
+        with pytest.raises(ParameterError, match=message):
             simulate(scene, drive_of(1.0, 1.0), initial=InitialState(absorber_displacement=places))
 
 
@@ -366,7 +370,7 @@ def test_joint_forces_are_those_of_a_bounded_least_squares_problem(n: int, ratio
     """With 60 modes: SciPy's active-set solver has the same minimum of f G f/2 + c f between bounds."""
     model = beam_scene(Beam(modes=60)).model
     generator = np.random.default_rng(n)
-    seen = set()
+    cases = set()
     for _ in range(20):
         masses = ratio * model.beam_mass * generator.uniform(0.5, 1, n)
         limits = generator.uniform(0.1, 1.0, n)
@@ -384,8 +388,8 @@ def test_joint_forces_are_those_of_a_bounded_least_squares_problem(n: int, ratio
             tol=1e-14,
         ).x
         np.testing.assert_allclose(joints.force, wanted, atol=1e-9 * np.max(np.abs(wanted)))
-        seen |= set(joints.case.tolist())
-    assert seen == {0, 1, 2}
+        cases |= set(joints.case.tolist())
+    assert cases == {0, 1, 2}
 
 
 def test_heavy_absorbers_that_never_move_at_one_place_are_a_stuck_one() -> None:

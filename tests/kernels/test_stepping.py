@@ -151,11 +151,11 @@ def test_level_and_samples_between_steps_converge_at_the_order_of_the_method(
     level = np.sqrt(np.mean(displacement[max(at - 320, 0) + 1 : at + 321] ** 2))
     errors = []
     for steps in (45, 180):
-        found = simulate(scene, drive, method(steps), record=EVERYTHING)
-        motion = found.history
+        response = simulate(scene, drive, method(steps), record=EVERYTHING)
+        motion = response.history
         errors.append(
             [
-                abs(found.level.value / level - 1),
+                abs(response.level.value / level - 1),
                 np.max(np.abs(motion.modal_displacement[:, 0] - displacement)) / level,
                 np.max(np.abs(motion.modal_velocity[:, 0] - velocity)) / level / OMEGA,
             ]
@@ -483,7 +483,7 @@ def test_a_step_too_long_for_a_nonlinear_spring_where_it_is_ends_the_run() -> No
 
 
 @pytest.mark.plain
-def test_an_absorber_that_is_not_finite_is_seen_as_a_mode_is() -> None:
+def test_an_absorber_that_is_not_finite_is_reported_as_a_mode_is() -> None:
     modes = BeamModes(np.array([1.0]), np.zeros(1), np.ones(1), np.zeros(1))
     laws = CompliantLaws(0.1, None, None, None, None, None)
     for place in (0, 1):

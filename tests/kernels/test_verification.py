@@ -52,12 +52,12 @@ def scene_and_drive(name: str) -> tuple[Scene, Drive]:
 def far(scene: Scene, state: np.ndarray, true: np.ndarray) -> float:
     """Largest difference of displacements and velocities, each kind relative to its largest; an absorber that is stuck or absent is left out."""
     half = len(true) // 2
-    kept = (
+    chosen = (
         scene.model.modes
         if scene.absorber is None or isinstance(scene.absorber, StuckAbsorber)
         else half
     )
-    parts = [(state[at : at + kept], true[at : at + kept]) for at in (0, half)]
+    parts = [(state[at : at + chosen], true[at : at + chosen]) for at in (0, half)]
     return float(max(np.max(np.abs(one - other)) / np.max(np.abs(other)) for one, other in parts))
 
 
@@ -71,14 +71,14 @@ def test_digits_meet_the_golden_case(name: str, first: float) -> None:
     """The golden times hang on inputs of which 16 digits are known: a part in 1e16 of the time, and what the impacts make of it."""
     scene, drive, _, speeds = golden(name, 1.0)
     case = json.loads((TRUTHS / f"golden_{name}.json").read_text())
-    found = digits.follow(scene, drive, impacts=12, rate=case["excitation"]["rate_rad_s2"])
+    trajectory = digits.follow(scene, drive, impacts=12, rate=case["excitation"]["rate_rad_s2"])
     off = [
         float(abs(Fraction(true) - time))
-        for true, time in zip(case["impact_time_s"], found.impact_time, strict=False)
+        for true, time in zip(case["impact_time_s"], trajectory.impact_time, strict=False)
     ]
     assert len(off) == 12
     assert np.all(np.array(off) < first * 8.0 ** np.arange(12))
-    np.testing.assert_allclose(found.relative_velocity[:5], speeds[:5], rtol=1e-12)
+    np.testing.assert_allclose(trajectory.relative_velocity[:5], speeds[:5], rtol=1e-12)
 
 
 def test_digits_do_not_depend_on_their_steps(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,7 +97,7 @@ def test_a_driven_oscillator_has_40_digits() -> None:
     scene = scene_of(modes=1)
     periods = 2.3
     drive = drive_of(5.0, 0.97, periods=periods, phase=0.4)
-    found = digits.follow(scene, drive)
+    trajectory = digits.follow(scene, drive)
     with mpmath.workdps(DIGITS):
         omega, ratio, shape = (
             mpmath.mpf(float(row[0]))
@@ -118,7 +118,7 @@ def test_a_driven_oscillator_has_40_digits() -> None:
             q0 * mpmath.cos(root * t) + (u0 + ratio * omega * q0) / root * mpmath.sin(root * t)
         )
         true = (response * mpmath.expj(force * t)).real + swing
-        assert abs(number(found.end[0]) - true) < mpmath.mpf(10) ** -40 * abs(response)
+        assert abs(number(trajectory.end[0]) - true) < mpmath.mpf(10) ** -40 * abs(response)
     known = dense.follow(scene, drive, None, np.array([0.0, drive.schedule.times[-1]]))
     assert known.tip[-1] == pytest.approx(float(true) * scene.model.tip_shape[0], rel=1e-12)
 
@@ -130,14 +130,14 @@ def test_contacts_with_springs_have_40_digits() -> None:
     stiffness = 4e4
     mass = 0.25
     scene = Scene(steady_base(), SlidingAbsorber(mass, CompliantWalls(stiffness, gap)))
-    found = digits.follow(scene, still(0.3, OMEGA), InitialState(absorber_velocity=speed))
+    trajectory = digits.follow(scene, still(0.3, OMEGA), InitialState(absorber_velocity=speed))
     with mpmath.workdps(DIGITS):
         lasts = mpmath.pi * mpmath.sqrt(mpmath.mpf(mass) / stiffness)
         flight = mpmath.mpf(gap) / mpmath.mpf(speed)
-        assert len(found.impact_time) == 6
-        for k, time in enumerate(found.impact_time):
+        assert len(trajectory.impact_time) == 6
+        for k, time in enumerate(trajectory.impact_time):
             assert abs(number(time) - (flight + k * (2 * flight + lasts))) < mpmath.mpf(10) ** -40
-    assert len(found.events) == 12
+    assert len(trajectory.events) == 12
 
 
 # --- all contacts ------------------------------------------------------------------------------------------------------------------------------
@@ -148,31 +148,34 @@ def test_all_agree(name: str) -> None:
     """Three methods that share no formula for a motion: regimes, releases, ends of chatter and what one absorber does to others are the same."""
     scene, drive = scene_and_drive(name)
     end = float(drive.schedule.times[-1])
-    found = digits.follow(scene, drive)
+    trajectory = digits.follow(scene, drive)
     response = run(scene, drive)
     known = dense.follow(scene, drive, None, np.array([0.0, end]), most_events=MOST_EVENTS)
     assert known.complete
-    assert far(scene, known.states[-1], found.end_state) < 1e-9
-    assert far(scene, response.end_state, found.end_state) < 1e-8
-    assert_same_impacts(found, known, response, scene.places > 1)
+    assert far(scene, known.states[-1], trajectory.end_state) < 1e-9
+    assert far(scene, response.end_state, trajectory.end_state) < 1e-8
+    assert_same_impacts(trajectory, known, response, scene.places > 1)
 
 
 def assert_same_impacts(
-    found: digits.Trajectory, known: dense.Truth, response: Response, several: bool
+    trajectory: digits.Trajectory, known: dense.Truth, response: Response, several: bool
 ) -> None:
     same = min(
-        len(found.impact_time), len(known.impacts), len(response.impacts.time), 12 if several else 4
+        len(trajectory.impact_time),
+        len(known.impacts),
+        len(response.impacts.time),
+        12 if several else 4,
     )
     assert same >= (3 if several else 0)
-    times = [float(t) for t in found.impact_time[:same]]
+    times = [float(t) for t in trajectory.impact_time[:same]]
     for other in (known.impacts, response.impacts.time):
         np.testing.assert_allclose(other[:same], times, rtol=0, atol=1e-10 * PERIOD)
     for velocity in (known.impact_velocity, response.impacts.relative_velocity):
         np.testing.assert_allclose(
-            velocity[:same], found.relative_velocity[:same], rtol=1e-6, atol=1e-12
+            velocity[:same], trajectory.relative_velocity[:same], rtol=1e-6, atol=1e-12
         )
     for absorber in (known.impact_absorber, response.impacts.absorber):
-        np.testing.assert_array_equal(absorber[:same], found.impact_absorber[:same])
+        np.testing.assert_array_equal(absorber[:same], trajectory.impact_absorber[:same])
 
 
 def test_breaks_of_the_schedule() -> None:
@@ -180,11 +183,11 @@ def test_breaks_of_the_schedule() -> None:
     times = np.array([0.0, 0.7, 1.1, 2.0]) * PERIOD
     omegas = np.array([0.9, 1.1, 0.8, 1.0]) * OMEGA
     bent = Drive(15.0, FrequencySchedule(times, omegas, OMEGA))
-    found = digits.follow(scene, bent)
+    trajectory = digits.follow(scene, bent)
     known = dense.follow(scene, bent, None, np.linspace(0, times[-1], 20))
-    assert len(found.impact_time) == len(known.impacts) > 2
-    assert far(scene, known.states[-1], found.end_state) < 1e-10
-    assert far(scene, run(scene, bent).end_state, found.end_state) < 1e-10
+    assert len(trajectory.impact_time) == len(known.impacts) > 2
+    assert far(scene, known.states[-1], trajectory.end_state) < 1e-10
+    assert far(scene, run(scene, bent).end_state, trajectory.end_state) < 1e-10
     with pytest.raises(ValueError, match="straight"):
         digits.follow(scene, bent, rate=1.0)
 
@@ -234,11 +237,11 @@ def test_impacts_reversals_sticking_and_releases_are_those_of_many_digits(name: 
     walls = np.cumsum([kind == WALL for kind, _, _ in events])
     slack = np.minimum(1e-12 * 5.0**walls, 1e-8) * drive.schedule.pseudo_period
 
-    def same(found: Array, chosen: list[int], least: int) -> None:
+    def same(recorded: Array, chosen: list[int], least: int) -> None:
         times = np.array([events[k][1] for k in chosen])
         assert len(times) >= least
-        assert np.sum(found < events[-1][1] + slack[-1]) == len(times)
-        assert np.all(np.abs(found[: len(times)] - times) < slack[chosen])
+        assert np.sum(recorded < events[-1][1] + slack[-1]) == len(times)
+        assert np.all(np.abs(recorded[: len(times)] - times) < slack[chosen])
 
     same(response.impacts.time, [k for k, (kind, _, _) in enumerate(events) if kind == WALL], 4)
     same(
@@ -290,11 +293,13 @@ def test_peers_follow_the_reference(peer: str, name: str, balance: float, far: f
         ).HeyokaRegimes(1e-15)
     scene = scene_of(SCENES[name], modes=2)
     drive = drive_of(12.0, 0.97, 1.0, periods=3.3)
-    found = follow(scene, drive, REST, integrator, energy=True)
+    reference = follow(scene, drive, REST, integrator, energy=True)
     true = digits.follow(scene, drive)
-    assert found.balance < balance
-    assert len(found.impact_time) == len(true.impact_time)
-    assert np.max(np.abs(found.end_state - true.end_state)) < far * np.max(np.abs(true.end_state))
+    assert reference.balance < balance
+    assert len(reference.impact_time) == len(true.impact_time)
+    assert np.max(np.abs(reference.end_state - true.end_state)) < far * np.max(
+        np.abs(true.end_state)
+    )
 
 
 def test_a_peer_that_misses_a_wall_is_refused() -> None:

@@ -53,9 +53,9 @@ def one_mode() -> dict[str, list[BifurcationCurve]]:
     """N_m = 1, e = 0.8, from 1.5 N to forces of 1 to 2.5 N: of the symmetric orbits, and of the pair that leaves them."""
     symmetric = list(orbit_branches(Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8), *RANGE))
     pairs = [
-        found
-        for found in descendants(symmetric, RANGE, longest=1)
-        if isinstance(found, OrbitBranch)
+        branch
+        for branch in descendants(symmetric, RANGE, longest=1)
+        if isinstance(branch, OrbitBranch)
     ]
     curves = list(
         bifurcation_curves([*symmetric, *pairs], CURVE_KINDS[:3], "force", (1.0, 2.5), RANGE)
@@ -84,9 +84,9 @@ def test_multipliers_of_an_own_propagation_are_on_the_circle_along_a_curve(
 
 
 def test_a_torus_over_the_force_has_a_pair_on_the_circle_and_ends_where_it_meets() -> None:
-    found = high_branch().of(TORUS)[0].solution
+    torus = high_branch().of(TORUS)[0].solution
     first = float(steel().model.omega[0])
-    curve = bifurcation_curve(found, TORUS, "force", (0.1, 0.6), (0.9 * first, 1.1 * first))
+    curve = bifurcation_curve(torus, TORUS, "force", (0.1, 0.6), (0.9 * first, 1.1 * first))
     k = len(curve.schedules) // 2
     values = multipliers_by_reference(motion_of(curve.solution(k)))
     pair = values[np.argmin(np.abs(values - curve.critical(k)))]
@@ -140,7 +140,7 @@ def losses() -> list[OrbitBranch]:
     symmetric = list(orbit_branches(case, *limits))
     return [
         *symmetric,
-        *(found for found in descendants(symmetric, limits) if isinstance(found, OrbitBranch)),
+        *(branch for branch in descendants(symmetric, limits) if isinstance(branch, OrbitBranch)),
     ]
 
 
@@ -185,13 +185,13 @@ def test_births_are_the_bifurcations_of_the_orbits_that_are_left() -> None:
 def one_mode_cascade() -> tuple[OrbitBranch, OrbitBranch]:
     """N_m = 1, e = 0.8, 1.5 N: the pair, and the branch of its doubled period."""
     symmetric = list(orbit_branches(Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8), *RANGE))
-    found = [
+    branches = [
         branch
         for branch in descendants(symmetric, RANGE, longest=2)
         if isinstance(branch, OrbitBranch)
     ]
-    pair = next(branch for branch in found if branch.schedules[0].period_multiple == 1)
-    doubled = next(branch for branch in found if branch.schedules[0].period_multiple == 2)
+    pair = next(branch for branch in branches if branch.schedules[0].period_multiple == 1)
+    doubled = next(branch for branch in branches if branch.schedules[0].period_multiple == 2)
     return pair, doubled
 
 
@@ -263,7 +263,8 @@ def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry(
     first: float, most: float
 ) -> None:
     """With some steps the way breaks down there, with others it passes over to the mirror images: which of them depends on last bits."""
-    (known,), (broken,) = one_mode()[FOLD][1:], one_mode()[SYMMETRY_BREAKING]
+    (known,) = one_mode()[FOLD][1:]
+    (broken,) = one_mode()[SYMMETRY_BREAKING]
     start = known.solution(len(known.schedules) // 2)
     steps = Steps(first=first, least=1e-7, most=most, points=600)
     curve = bifurcation_curve(start, FOLD, "force", (1.0, 2.5), RANGE, steps)
@@ -281,7 +282,7 @@ def test_a_curve_describes_itself_and_its_orbits_are_read_back() -> None:
         curve = one_mode()[kind][0]
         plain = curve.to_plain()
         entries = list(unpacked(plain["orbits"]))
-        assert len(entries) == sum(told == "yes" for told in plain["orbit"])
+        assert len(entries) == sum(written == "yes" for written in plain["orbit"])
         for entry in entries[:: len(entries) // 3]:
             orbit = orbit_of(entry)
             assert isinstance(orbit, Orbit)
@@ -290,12 +291,12 @@ def test_a_curve_describes_itself_and_its_orbits_are_read_back() -> None:
 
 
 def test_each_curve_is_followed_once() -> None:
-    found = one_mode()
-    assert [len(found[kind]) for kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING)] == [
+    curves = one_mode()
+    assert [len(curves[kind]) for kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING)] == [
         1,
         1,
     ]  # one through both of its places on the branches
-    start = found[FOLD][0].solution(0)
+    start = curves[FOLD][0].solution(0)
     for kind, parameter, word in ((GRAZING, "force", "kind"), (FOLD, "omega", "parameter")):
         with pytest.raises(ParameterError, match=word):
             bifurcation_curve(start, kind, parameter, (1.0, 2.0), RANGE)
@@ -343,7 +344,7 @@ def test_a_torus_is_where_a_pair_of_an_own_propagations_multipliers_crosses_the_
     assert abs(before - behind) == 2  # a pair, and nothing else, changes sides
 
 
-def test_the_response_is_given_at_one_place() -> None:
+def test_a_response_at_several_places_is_refused() -> None:
     """Half way along the beam: exact orbits, harmonic balance, linear curves and sweeps, each against displacements of the modes there."""
     beam = Beam(modes=2, response_position=0.5)
     scene = beam_scene(beam, impact_absorber())

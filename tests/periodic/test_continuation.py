@@ -66,7 +66,7 @@ def test_folds_of_an_s_shaped_curve_to_both_sides() -> None:
         assert x[fold.after] <= fold.point[0] <= x[fold.after + 1]
 
 
-def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
+def test_one_branch_of_a_pitchfork_leads_to_the_other_two() -> None:
     problem = ContinuationProblem(pitchfork, limits=(-0.5, 0.5))
     trivial = follow_both_ways(problem, np.array([0.0, 0.25]), -0.5 + 1e-3)
     (event,) = trivial.of("branch point")
@@ -85,9 +85,11 @@ def test_two_branches_of_a_pitchfork_are_found_from_one() -> None:
 
 
 def test_monitors_are_located_and_may_end_a_branch() -> None:
-    seen = Monitor("x is a half", lambda z, _: z[0] - 0.5)
+    monitor = Monitor("x is a half", lambda z, _: z[0] - 0.5)
     last = Monitor("x is -0.3", lambda z, _: z[0] + 0.3, ends=True)
-    branch = follow_branch(ContinuationProblem(circle, monitors=(seen, last)), np.array([1.0]), 0.0)
+    branch = follow_branch(
+        ContinuationProblem(circle, monitors=(monitor, last)), np.array([1.0]), 0.0
+    )
     assert branch.ended == "x is -0.3"
     assert branch.points[-1][0] == pytest.approx(-0.3, abs=1e-11)
     (event,) = branch.of("x is a half")

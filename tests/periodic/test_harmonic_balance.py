@@ -116,7 +116,7 @@ class HardeningSpring:
 
 
 def assert_integrated(
-    found: HarmonicResponse,
+    response: HarmonicResponse,
     pull: Callable[[float], float],
     omega: float,
     force: float,
@@ -128,14 +128,14 @@ def assert_integrated(
         return [y[1], force * np.cos(omega * t) - 0.1 * y[1] - y[0] - pull(y[0])]
 
     turn = 2 * np.pi / omega
-    orders = np.arange(len(found.tip))
+    orders = np.arange(len(response.tip))
     times = turn * np.append(0, np.linspace(99, 100, 4001))
-    start = [np.sum(found.tip).real, np.sum(1j * omega * orders * found.tip).real]
+    start = [np.sum(response.tip).real, np.sum(1j * omega * orders * response.tip).real]
     x = scipy.integrate.solve_ivp(
         rate, (0, times[-1]), start, "DOP853", times, rtol=1e-11, atol=1e-13, max_step=turn / 40
     ).y[0, 1:]
-    assert found.tip_amplitude == pytest.approx(np.ptp(x) / 2, rel=close)
-    assert found.tip_rms == pytest.approx(np.sqrt(np.mean(x[:-1] ** 2)), rel=close)
+    assert response.tip_amplitude == pytest.approx(np.ptp(x) / 2, rel=close)
+    assert response.tip_rms == pytest.approx(np.sqrt(np.mean(x[:-1] ** 2)), rel=close)
 
 
 def test_both_branches_of_a_duffing_oscillator_are_what_integration_settles_to() -> None:
@@ -192,9 +192,9 @@ def test_elastic_friction_is_what_the_exact_method_settles_to(ratio: float) -> N
     assert 0.01 < response.stuck_time / (periods * 2 * np.pi / omega) < 0.9
     tip = response.history.tip_displacement
     balance = harmonic_balance(scene, omega, force, 41)
-    found = balance.response(balance.solved(balance.free()))
-    assert found.tip_amplitude == pytest.approx(np.ptp(tip) / 2, rel=1e-5)
-    assert found.tip_rms == pytest.approx(np.sqrt(np.mean(tip[:-1] ** 2)), rel=1e-5)
+    balanced = balance.response(balance.solved(balance.free()))
+    assert balanced.tip_amplitude == pytest.approx(np.ptp(tip) / 2, rel=1e-5)
+    assert balanced.tip_rms == pytest.approx(np.sqrt(np.mean(tip[:-1] ** 2)), rel=1e-5)
 
 
 def test_rigid_friction_oscillator_is_den_hartogs_closed_form() -> None:
@@ -232,8 +232,8 @@ def test_linear_limits(model: ModalModel) -> None:
             abs(tip_response(model, None, omega)), rel=1e-11
         )
         stuck = harmonic_balance(Scene(model, friction_damper(50.0)), omega, 1.0, 7)
-        found = stuck.response(stuck.solved(0 * stuck.free()))
-        assert found.tip_amplitude == pytest.approx(
+        response = stuck.response(stuck.solved(0 * stuck.free()))
+        assert response.tip_amplitude == pytest.approx(
             abs(tip_response(model, StuckAbsorber(), omega)), rel=1e-9
         )
 
@@ -285,7 +285,8 @@ def test_all_harmonics_and_a_longer_period_give_the_symmetric_orbit_again() -> N
     assert every.polynomial(every.solved(solution)) == pytest.approx(solution, abs=1e-12)
     longer = harmonic_balance(RUBBING, omega, 1.5, 45, multiple=3)
     row = np.zeros(91)
-    row[3:46:3], row[48::3] = solution[1:16], solution[16:]
+    row[3:46:3] = solution[1:16]
+    row[48::3] = solution[16:]
     assert np.max(np.abs(longer.evaluated(row[longer.indices], OMEGA_PARAMETER)[0])) < 1e-10 * 1.5
 
 
@@ -334,13 +335,13 @@ def test_orbits_between_springs_and_hills_multipliers_are_those_of_the_exact_met
         x -= unit * np.linalg.solve(slopes(x) - np.eye(4), mapped(x) - x / unit)
     assert mapped(x) == pytest.approx(x / unit, abs=1e-9)
     assert x[:2] / unit[:2] == pytest.approx(start[:2] / unit[:2], abs=1e-3)
-    found = hill_multipliers(balance, z)
-    assert in_order(found) == pytest.approx(
+    multipliers = hill_multipliers(balance, z)
+    assert in_order(multipliers) == pytest.approx(
         in_order(np.linalg.eigvals(slopes(x))), rel=0.01, abs=0.005
     )
     every = harmonic_balance(scene, omega, 3.0, 40, symmetric=False)
     assert in_order(hill_multipliers(every, balance.polynomial(z))) == pytest.approx(
-        in_order(found**2), abs=1e-6
+        in_order(multipliers**2), abs=1e-6
     )
 
 
@@ -363,19 +364,21 @@ def _companion_roots(row: Array) -> Array:
 @pytest.mark.parametrize("h", [1, 7, 45])
 def test_roots_are_those_of_the_companion_matrix(h: int) -> None:
     rows = _rows(h, h)
-    for row, found in zip(rows, find_roots(rows), strict=True):
-        assert found == pytest.approx(_companion_roots(row), abs=1e-10)
+    for row, roots in zip(rows, find_roots(rows), strict=True):
+        assert roots == pytest.approx(_companion_roots(row), abs=1e-10)
 
 
 @pytest.mark.parametrize("depth", [1e-2, 1e-5, 1e-9, 1e-12])
 def test_two_roots_close_to_one_another_are_not_missed(depth: float) -> None:
     """Cos(5 (angle - 0.3)) + 1 - depth dips below zero by depth: five pairs of roots that come arbitrarily close."""
     row = np.zeros(2 * 20 + 1)
-    row[0], row[5], row[25] = 1 - depth, np.cos(1.5), np.sin(1.5)
-    (found,) = find_roots(row[None])
+    row[0] = 1 - depth
+    row[5] = np.cos(1.5)
+    row[25] = np.sin(1.5)
+    (roots,) = find_roots(row[None])
     half = np.arccos(1 - depth) / 5
     middle = 0.3 + np.pi / 5 * np.arange(1, 10, 2)
-    assert found == pytest.approx(
+    assert roots == pytest.approx(
         np.sort(np.concatenate([middle - half, middle + half]) % (2 * np.pi)),
         abs=max(1e-12, 1e-15 / half),
     )
@@ -415,7 +418,8 @@ def _jenkins(x: Array, limit: float, stiffness: float) -> Array:
     for _ in range(3):
         for i, now in enumerate(x):
             force = min(limit, max(-limit, force - stiffness * (now - last)))
-            last, out[i] = now, force
+            last = now
+            out[i] = force
     return out
 
 
@@ -424,7 +428,7 @@ def test_elastic_coulomb_is_what_a_slider_does(limit: float, stiffness: float) -
     h = 5
     for row in _rows(5, h, 2):
         angle, x = _dense(row, 20_000)
-        found = elastic_coulomb_force(row, limit, stiffness)
-        assert found.force == pytest.approx(
+        force = elastic_coulomb_force(row, limit, stiffness)
+        assert force.force == pytest.approx(
             _coefficients(angle, _jenkins(x, limit, stiffness), h), abs=5e-4 * limit
         )

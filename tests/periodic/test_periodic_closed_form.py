@@ -57,7 +57,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_fold_at_a_frequency_of_the_map_itself_is_found(case: Case) -> None:
+def test_a_fold_at_a_frequency_of_the_map_itself_is_located(case: Case) -> None:
     """There the difference to the case's force is exactly 0, and has no sign."""
     low = 0.99 * case.omega_ratio
     high = 1.01 * case.omega_ratio
@@ -83,10 +83,10 @@ def test_both_orbits_with_their_states_and_multipliers_are_those_of_dense_matric
     case: Case,
 ) -> None:
     truth = Truth(case)
-    found = closed_form(case)
+    orbits = closed_form(case)
     n = case.model.modes + 1
-    assert len(found) == len(truth.orbits()) == 2
-    for branch, (phase, impulse, state) in zip(found, truth.orbits(), strict=True):
+    assert len(orbits) == len(truth.orbits()) == 2
+    for branch, (phase, impulse, state) in zip(orbits, truth.orbits(), strict=True):
         assert branch.impulse == pytest.approx(impulse, rel=1e-9)
         assert abs(np.exp(1j * branch.phase) - np.exp(1j * phase)) < 1e-9
         solution = solve(
@@ -219,8 +219,8 @@ def test_the_level_set_of_the_fold_force_has_the_folds_and_its_valleys_the_birth
         assert large.impulse - small.impulse < 1e-3 * large.impulse
         assert fold_impulse(case.changed(omega=omega)) > 0
     for kind, force, omega in find_level_places(case, 0.85, 1.2):
-        beside = fold_force(case, omega * np.array([1 - 1e-3, 1 + 1e-3]))
-        assert np.all(beside > force) if kind == BIRTH else np.all(beside < force)
+        neighbours = fold_force(case, omega * np.array([1 - 1e-3, 1 + 1e-3]))
+        assert np.all(neighbours > force) if kind == BIRTH else np.all(neighbours < force)
     assert [kind for kind, _, _ in find_level_places(case, 0.85, 1.2)] == [BIRTH, MERGER, BIRTH]
 
 
@@ -240,13 +240,13 @@ def test_the_slope_of_a_fold_is_that_of_the_fold_force_of_dense_matrices(case: C
     assert fold.slope == pytest.approx((high - low) / (2 * step), rel=1e-5)
 
 
-def test_below_the_fold_force_there_is_no_orbit_and_newton_says_so() -> None:
+def test_below_the_fold_force_no_orbit_exists_and_newton_reports_it() -> None:
     case = CASES[0]
     low = case.changed(force=0.9 * float(fold_force(case, [case.omega])[0]))
     assert closed_form(low) == ()
-    found = solve(low, symmetric_schedule(False), [1.0])
-    assert isinstance(found, NoOrbit)
-    assert found.reason
+    solution = solve(low, symmetric_schedule(False), [1.0])
+    assert isinstance(solution, NoOrbit)
+    assert solution.reason
 
 
 def test_a_light_absorber_leaves_the_linear_response() -> None:

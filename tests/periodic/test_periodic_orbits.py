@@ -65,13 +65,13 @@ HELD = {
 
 @cache
 def orbit_of(name: str) -> Orbit:
-    found = FLYING[name]() if name in FLYING else orbit_of_simulation(HELD[name], settle=300)
-    assert isinstance(found, Orbit), found.reason
-    return found
+    orbit = FLYING[name]() if name in FLYING else orbit_of_simulation(HELD[name], settle=300)
+    assert isinstance(orbit, Orbit), orbit.reason
+    return orbit
 
 
 @pytest.mark.parametrize("name", [*FLYING, *HELD])
-def test_the_motion_is_the_exact_methods_and_what_is_told_of_it_that_of_samples(name: str) -> None:
+def test_the_motion_is_the_exact_methods_and_its_measures_those_of_samples(name: str) -> None:
     orbit = orbit_of(name)
     case = orbit_of(name).case
     assert orbit.schedule.flies == (name in FLYING)
@@ -122,16 +122,16 @@ def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
         for step in size * np.diag(unit)
     ]
     truth = np.linalg.eigvals(np.array(columns).T / unit[:, None] / (2 * size))
-    found = orbit.stability.multipliers
-    assert matched(found, truth) < (1e-6 if name in FLYING else 1e-4) * max(
+    multipliers = orbit.stability.multipliers
+    assert matched(multipliers, truth) < (1e-6 if name in FLYING else 1e-4) * max(
         1.0, float(np.max(np.abs(truth)))
     )
     if (
         name == "friction damper"
     ):  # its place of rest is free: over half a period it turns to the other side
-        assert np.min(np.abs(found + 1)) < 1e-10
+        assert np.min(np.abs(multipliers + 1)) < 1e-10
     elif name in HELD:
-        assert np.sum(np.abs(found) < 1e-3) >= 2
+        assert np.sum(np.abs(multipliers) < 1e-3) >= 2
 
 
 @pytest.mark.parametrize("name", HELD)
@@ -164,12 +164,12 @@ def test_held_phases_and_slip_are_those_of_forty_digits(name: str) -> None:
     )
     regimes = [event.regime is Regime.JOINED for event in orbit.schedule.events]
     phases = orbit.solution.phases % orbit.schedule.turn
-    found = sorted(
+    release_phases = sorted(
         (phase, regimes[k]) for k, phase in enumerate(phases) if regimes[k] != regimes[k - 1]
     )
-    assert len(found) >= 2
+    assert len(release_phases) >= 2
     np.testing.assert_allclose(
-        found, changes, rtol=0, atol=1e-6
+        release_phases, changes, rtol=0, atol=1e-6
     )  # the last of a chatter's bounces end sooner in 16 digits than in 40
 
 
@@ -196,9 +196,9 @@ def test_a_chatter_lists_the_impacts_of_the_recorded_run() -> None:
     assert len(orbit.impacts) == 2 * len(response.impacts.time)
     sizes = np.abs([impact.impulse for impact in orbit.impacts])
     assert np.min(sizes) < 1e-5 * np.max(sizes)
-    found = np.sort((start + orbit.case.omega * response.impacts.time) % np.pi)
+    phases = np.sort((start + orbit.case.omega * response.impacts.time) % np.pi)
     assert np.allclose(
-        np.sort([impact.phase % np.pi for impact in orbit.impacts])[::2], found, rtol=0, atol=1e-12
+        np.sort([impact.phase % np.pi for impact in orbit.impacts])[::2], phases, rtol=0, atol=1e-12
     )
 
 
@@ -262,14 +262,14 @@ def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
     for _ in range(5):
         state = orbit_like * (1 + 0.1 * rng.uniform(-1, 1, 8))
         state[3] = model_of(3).tip_shape @ state[:3] + 0.2e-3 * rng.uniform(-1, 1)
-        found = follow_trajectory(case, 0.3, state, 2 * case.period)
-        assert np.max(np.abs(found.end / unit - run(state))) < 1e-10
+        passage = follow_trajectory(case, 0.3, state, 2 * case.period)
+        assert np.max(np.abs(passage.end / unit - run(state))) < 1e-10
         steps = 1e-7 * np.diag(unit)
         truth = np.array([(run(state + step) - run(state - step)) / 2e-7 for step in steps]).T
-        assert np.max(np.abs(found.derivative * unit / unit[:, None] - truth)) < 1e-4 * np.max(
+        assert np.max(np.abs(passage.derivative * unit / unit[:, None] - truth)) < 1e-4 * np.max(
             np.abs(truth)
         )
-        assert sum(happening.event.is_impact for happening in found.happenings) > 2
+        assert sum(happening.event.is_impact for happening in passage.happenings) > 2
 
 
 @pytest.mark.parametrize("name", ["many reversals", "one-sided"])
@@ -287,28 +287,28 @@ def test_the_events_of_a_run_are_those_of_the_orbit(name: str) -> None:
 
 
 def test_an_orbit_over_three_periods_of_the_force() -> None:
-    found = attractor(0.972, 3)
-    assert found.schedule.symmetric
-    assert len(found.impacts) == 6
-    assert found.stability.stable
-    assert found.residual < RESIDUAL_BAR
-    phase = float(found.solution.phases[0]) + 0.2
-    first = found.motion.state_at(phase)
-    later = found.motion.state_at(phase + 2 * np.pi)
+    orbit = attractor(0.972, 3)
+    assert orbit.schedule.symmetric
+    assert len(orbit.impacts) == 6
+    assert orbit.stability.stable
+    assert orbit.residual < RESIDUAL_BAR
+    phase = float(orbit.solution.phases[0]) + 0.2
+    first = orbit.motion.state_at(phase)
+    later = orbit.motion.state_at(phase + 2 * np.pi)
     assert np.max(np.abs(later - first)) > 1e-3 * np.max(np.abs(first))
-    assert np.allclose(found.motion.state_at(phase + 6 * np.pi), first, rtol=0, atol=1e-9)
+    assert np.allclose(orbit.motion.state_at(phase + 6 * np.pi), first, rtol=0, atol=1e-9)
 
 
 def test_a_slow_approach_is_not_taken_for_a_long_period() -> None:
     case = paper_case(1, 0.912, 1.5, 0.75)
     phase, state = high_orbit(case).motion.mid_flight()
     state[-1] *= 1.001
-    found = orbit_of_simulation(
+    orbit = orbit_of_simulation(
         case, settle=80, initial=InitialState.from_vector(case.scene, state), phase=phase
     )
-    assert isinstance(found, Orbit)
-    assert found.schedule.period_multiple == 1
-    assert not found.schedule.symmetric
+    assert isinstance(orbit, Orbit)
+    assert orbit.schedule.period_multiple == 1
+    assert not orbit.schedule.symmetric
 
 
 def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
@@ -321,12 +321,12 @@ def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
         (0.9695 * first, 0.973 * first),
         Steps(first=0.002, least=1e-8, most=0.01),
     )
-    found = list(branch.orbits())
-    assert all(isinstance(point, Orbit) for point in found), [
-        point.reason for point in found if isinstance(point, NoOrbit)
+    orbits = list(branch.orbits())
+    assert all(isinstance(point, Orbit) for point in orbits), [
+        point.reason for point in orbits if isinstance(point, NoOrbit)
     ]
     (crossing,) = crossings(branch, 0.9715 * first)
-    held = [point for point in (*found, crossing) if not point.schedule.flies]
+    held = [point for point in (*orbits, crossing) if not point.schedule.flies]
     assert crossing in held[-1:]
     assert len(held) > 1
     assert all(point.residual < RESIDUAL_BAR for point in held)
@@ -355,9 +355,9 @@ def test_what_does_not_come_back_never_touches_or_meets_a_resonance_says_so() ->
         ),
         "does not come again": orbit_of_simulation(paper_case(3, 1.0, 3.0), settle=50),
     }
-    for said, found in refused.items():
-        assert isinstance(found, NoOrbit)
-        assert said in found.reason
+    for message, result in refused.items():
+        assert isinstance(result, NoOrbit)
+        assert message in result.reason
 
 
 def test_what_passes_a_wall_is_pulled_or_turns_is_no_orbit() -> None:

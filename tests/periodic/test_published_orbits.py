@@ -123,16 +123,16 @@ def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() 
 
 def test_the_fold_of_ten_modes_with_friction() -> None:
     """Published as 0.951825, where four reversals a half period become six; the folds on both sides of that are 1.3e-6 and 5.4e-5 below it."""
-    found = [
+    folds = [
         fold
         for fold in find_folds(paper_case(10, 1.0, 3.5, 0.7, 0.1), 0.94, 0.965)
         if isinstance(fold.orbit, Orbit)
     ]
-    assert [fold.omega_ratio for fold in found] == pytest.approx(
+    assert [fold.omega_ratio for fold in folds] == pytest.approx(
         [0.9517714335, 0.9518237122], abs=1e-9
     )
-    assert [fold.orbit.schedule.reversals for fold in found] == [4, 6]
-    assert found[1].omega_ratio == pytest.approx(0.951825, abs=2e-6)
+    assert [fold.orbit.schedule.reversals for fold in folds] == [4, 6]
+    assert folds[1].omega_ratio == pytest.approx(0.951825, abs=2e-6)
 
 
 def test_one_mode_with_losses_is_stable_on_the_high_branch_without_symmetry() -> None:
@@ -163,11 +163,11 @@ def test_the_slow_pair_lives_while_the_fast_pair_does_not() -> None:
 def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
     case = paper_case(10, 0.966, 3.5, 0.7, 0.1)
     assert closed_form_orbits(case).orbits == ()
-    found = {
+    amplitudes = {
         round(group.case.omega_ratio, 6): group.orbits
         for group in orbits_over(case, np.array([0.964, 0.965, 0.966]))
     }
-    assert [orbit.schedule.reversals for orbit in found[0.966]] == [26]
+    assert [orbit.schedule.reversals for orbit in amplitudes[0.966]] == [26]
 
 
 # --- the pair without symmetry, and doubled periods ----------------------------------------------------------------------------------
@@ -188,9 +188,9 @@ def test_the_high_branch_of_one_dissipative_mode_hands_over_to_a_pair() -> None:
     left, right = sorted(motion.solution.case.omega_ratio for motion in breaking)
     assert left < 0.91 < 0.93 < right
     (pair,) = (
-        found
-        for found in descendants([branch], LIMITS, longest=1)
-        if isinstance(found, OrbitBranch)
+        descendant
+        for descendant in descendants([branch], LIMITS, longest=1)
+        if isinstance(descendant, OrbitBranch)
     )
     assert pair.branch.closed
     orbits = list(pair.orbits())
@@ -244,10 +244,10 @@ def test_a_multiplier_of_minus_one_leads_to_twice_the_period() -> None:
 def test_all_orbits_over_a_range_have_pairs_doubled_periods_and_their_mirror_images() -> None:
     case = Case(MODEL, FIRST, 1.5, restitution=0.8)
     ratios = np.array([0.93, 0.934, 0.936, 0.94])
-    told: list[str] = []
-    groups = list(all_orbits_over(case, ratios, lambda what, _done, _total: told.append(what)))
+    messages: list[str] = []
+    groups = list(all_orbits_over(case, ratios, lambda what, _done, _total: messages.append(what)))
     assert [group.case.omega_ratio for group in groups] == pytest.approx(ratios)
-    assert {"closed form", "branches"} <= set(told)
+    assert {"closed form", "branches"} <= set(messages)
     symmetric = list(orbits_over(case, ratios))
     for group, plain in zip(groups, symmetric, strict=True):
         assert [o.motion.tip_max for o in group.orbits if o.schedule.symmetric] == pytest.approx(

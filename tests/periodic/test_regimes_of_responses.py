@@ -54,7 +54,7 @@ WITH_PAUSES = TWO_A_PERIOD[TWO_A_PERIOD % 10 < 6]
 
 
 @pytest.mark.parametrize(
-    ("given", "kind", "multiple"),
+    ("stationary", "kind", "multiple"),
     [
         (window(1, np.zeros(0)), ResponseKind.LINEAR, 1),
         (window(None, np.zeros(0)), ResponseKind.LINEAR, None),
@@ -68,14 +68,14 @@ WITH_PAUSES = TWO_A_PERIOD[TWO_A_PERIOD % 10 < 6]
     ],
 )
 def test_kinds_of_constructed_responses(
-    given: StationaryWindow, kind: ResponseKind, multiple: int | None
+    stationary: StationaryWindow, kind: ResponseKind, multiple: int | None
 ) -> None:
-    found = classify(given)
-    assert (found.kind, found.multiple) == (kind, multiple)
-    assert found.impacts_per_period == len(given.impacts) / PERIODS
+    classified = classify(stationary)
+    assert (classified.kind, classified.multiple) == (kind, multiple)
+    assert classified.impacts_per_period == len(stationary.impacts) / PERIODS
 
 
-def test_period_is_found_within_its_tolerance_and_up_to_the_largest_multiple() -> None:
+def test_period_is_identified_within_its_tolerance_and_up_to_the_largest_multiple() -> None:
     exact = window(13, TWO_A_PERIOD)
     assert classify(exact).kind is ResponseKind.SUSTAINED
     assert classify(exact, Criteria(most_multiple=13)).multiple == 13
@@ -142,17 +142,19 @@ def sample(rate: float, most: float, n: int) -> Stays:
 
 def test_rate_of_a_known_sample() -> None:
     observed = sample(2e-3, 400.0, 20000)
-    found = exit_rate(observed)
+    estimate = exit_rate(observed)
     count = int(np.sum(observed.ended))
-    assert found.rate == count / np.sum(observed.durations)
+    assert estimate.rate == count / np.sum(observed.durations)
     # the same interval by chi-square quantiles, and the same estimate by maximising the likelihood of a library's censored fit
-    assert found.low == pytest.approx(scipy.stats.chi2.ppf(0.025, 2 * count) / 2 / found.exposure)
-    assert found.high == pytest.approx(
-        scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2 / found.exposure
+    assert estimate.low == pytest.approx(
+        scipy.stats.chi2.ppf(0.025, 2 * count) / 2 / estimate.exposure
+    )
+    assert estimate.high == pytest.approx(
+        scipy.stats.chi2.ppf(0.975, 2 * count + 2) / 2 / estimate.exposure
     )
     data = scipy.stats.CensoredData.right_censored(observed.durations, ~observed.ended)
-    assert 1 / scipy.stats.expon.fit(data, floc=0)[1] == pytest.approx(found.rate, rel=1e-3)
-    assert found.low < 2e-3 < found.high
+    assert 1 / scipy.stats.expon.fit(data, floc=0)[1] == pytest.approx(estimate.rate, rel=1e-3)
+    assert estimate.low < 2e-3 < estimate.high
     assert exit_rate(observed, burn_in=100.0).rate == pytest.approx(2e-3, rel=0.04)
 
 
@@ -169,17 +171,17 @@ def test_intervals_cover_what_is_known_as_often_as_they_say(
     measured: Callable[[np.random.Generator], ExitRate | Exponent], true: float
 ) -> None:
     drawn = np.random.default_rng(1)
-    found = [measured(drawn) for _ in range(1000)]
-    above = np.mean([one.low >= true for one in found])
-    below = np.mean([one.high <= true for one in found])
+    estimates = [measured(drawn) for _ in range(1000)]
+    above = np.mean([one.low >= true for one in estimates])
+    below = np.mean([one.high <= true for one in estimates])
     assert 0.93 < 1 - above - below < 0.975
     assert max(above, below) < 0.04  # on neither side alone
 
 
 def test_rate_without_exits_and_without_time() -> None:
-    found = exit_rate(Stays(np.full(10, 50.0), np.zeros(10, dtype=bool)))
-    assert (found.exits, found.rate, found.low) == (0, 0.0, 0.0)
-    assert found.high == pytest.approx(-np.log(0.025) / 500)
+    estimate = exit_rate(Stays(np.full(10, 50.0), np.zeros(10, dtype=bool)))
+    assert (estimate.exits, estimate.rate, estimate.low) == (0, 0.0, 0.0)
+    assert estimate.high == pytest.approx(-np.log(0.025) / 500)
     assert np.isnan(exit_rate(Stays(np.full(3, 5.0), np.ones(3, dtype=bool)), burn_in=10).rate)
 
 
@@ -188,36 +190,38 @@ def rates_of(exits: list[int]) -> list[ExitRate]:
 
 
 def test_integral_of_the_rate() -> None:
-    found = hazard([0.98, 0.97, 0.95], rates_of([0, 40, 0]))
+    integral = hazard([0.98, 0.97, 0.95], rates_of([0, 40, 0]))
     # a triangle of height 40/10,000 over 3 %
-    assert found.value == pytest.approx(0.5 * 0.004 * 3)
-    assert found.low < found.value < found.high
-    value, low, high = found.probability(100.0)
+    assert integral.value == pytest.approx(0.5 * 0.004 * 3)
+    assert integral.low < integral.value < integral.high
+    value, low, high = integral.probability(100.0)
     assert value == pytest.approx(np.exp(-0.6))
     assert low < value < high
     turned = hazard([0.95, 0.97, 0.98], rates_of([0, 40, 0]))
-    assert turned.value == pytest.approx(found.value)
+    assert turned.value == pytest.approx(integral.value)
 
 
-def test_factor_of_a_moving_frequency_is_found_from_counts() -> None:
+def test_factor_of_a_moving_frequency_is_estimated_from_counts() -> None:
     """Runs that leave at a rate in time and at another in frequency: survival is the product of both, drawn run by run."""
     drawn = np.random.default_rng(5)
     rate = 1 / 700
     moved = 0.05
-    told = hazard([0.98, 0.97], [ExitRate(4000, 4000 / rate, rate, 0.97 * rate, 1.03 * rate)] * 2)
+    predicted = hazard(
+        [0.98, 0.97], [ExitRate(4000, 4000 / rate, rate, 0.97 * rate, 1.03 * rate)] * 2
+    )
     measured = {}
     for slowness in (20.0, 100.0, 300.0, 900.0):
         at = np.minimum(
             drawn.exponential(1 / (slowness * rate), 5000), drawn.exponential(1 / moved, 5000)
         )  # percent of frequency passed
         measured[slowness] = Jumps(int(np.sum(at > 1)), 5000, 5000)
-    found = told.with_sweeps(measured)
-    assert found.factor_low < np.exp(-moved) < found.factor_high
-    assert found.factor_high - found.factor_low < 0.02
-    assert (found.value, told.factor) == (told.value, 1.0)
+    fitted = predicted.with_sweeps(measured)
+    assert fitted.factor_low < np.exp(-moved) < fitted.factor_high
+    assert fitted.factor_high - fitted.factor_low < 0.02
+    assert (fitted.value, predicted.factor) == (predicted.value, 1.0)
     for slowness, jumped in measured.items():
-        value, low, high = found.probability(slowness)
-        assert value == pytest.approx(found.factor * told.probability(slowness)[0])
+        value, low, high = fitted.probability(slowness)
+        assert value == pytest.approx(fitted.factor * predicted.probability(slowness)[0])
         assert low < jumped.share + 3 * np.sqrt(jumped.share / 5000)
         assert high > jumped.share - 3 * np.sqrt(jumped.share / 5000)
 
@@ -246,10 +250,10 @@ def test_jump_is_predicted_without_a_fit() -> None:
     phases = np.linspace(0, 2 * np.pi, 60, endpoint=False).tolist()
     ratios = np.linspace(0.984, 0.956, 8).tolist()
     rates = [exit_rate(stays(scene, 1.5, approach, ratio, 2000, phases), 100) for ratio in ratios]
-    told = hazard(ratios, rates)
-    assert 600 < 1 / told.value < 2000  # 967 to 1,207 over six sets of phases
+    predicted = hazard(ratios, rates)
+    assert 600 < 1 / predicted.value < 2000  # 967 to 1,207 over six sets of phases
     for slowness in (100.0, 1450.0):
-        found = jumps(
+        observed = jumps(
             scene,
             1.5,
             approach,
@@ -258,11 +262,11 @@ def test_jump_is_predicted_without_a_fit() -> None:
             phases,
             high_level=0.75e-3,
         )
-        low, high = found.interval(1 - 1e-7)
-        assert low < told.probability(slowness)[0] < high
-        assert found.high is not None
-        assert abs(found.high - found.jumped) <= 4
-    assert found.share < 0.5
+        low, high = observed.interval(1 - 1e-7)
+        assert low < predicted.probability(slowness)[0] < high
+        assert observed.high is not None
+        assert abs(observed.high - observed.jumped) <= 4
+    assert observed.share < 0.5
 
 
 def test_approach_and_passage_go_where_they_should() -> None:
@@ -288,19 +292,19 @@ def test_exponent_of_a_stable_orbit_is_its_largest_multipliers() -> None:
     settled = Drive(
         1.5, Approach(reference, 1.0).to((800.0, 0.9), (400.0, 0.9))
     )  # down from impact at the resonance
-    found = largest_exponent(scene, settled, 800)
+    exponent = largest_exponent(scene, settled, 800)
     orbits = closed_form_orbits(case_of(scene, 1.5, 0.9 * reference)).orbits
     (stable,) = (orbit for orbit in orbits if orbit.stability.stable)
-    assert found.value == pytest.approx(np.log(abs(stable.stability.full[0])), abs=2e-3)
-    assert not found.chaotic
+    assert exponent.value == pytest.approx(np.log(abs(stable.stability.full[0])), abs=2e-3)
+    assert not exponent.chaotic
 
 
 def test_chaos_parts_runs_as_its_exponent_says() -> None:
     """Pairs of runs a billionth of the gap apart: the mean logarithm of what they part by grows along the exponent until they forget each other."""
     scene = beam_scene(Beam(modes=1), impact_absorber())
     omega = scene.model.resonance_omega(1)
-    found = largest_exponent(scene, drive(scene, 1.7, 1.0, 500.0), 1600)
-    assert found.chaotic
+    exponent = largest_exponent(scene, drive(scene, 1.7, 1.0, 500.0), 1600)
+    assert exponent.chaotic
     rates = []
     for k in range(40):
         state = simulate(scene, drive(scene, 1.7, 1.0, 500.0 + 10 * k), record=RECORD).end_state
@@ -318,5 +322,5 @@ def test_chaos_parts_runs_as_its_exponent_says() -> None:
             )
             ends.append(np.linalg.norm((two - one) / np.array([1.0, 1.0, omega, omega])))
         rates.append(np.log(ends[1] / ends[0]) / 10)
-    width = 3 * np.std(rates) / np.sqrt(len(rates)) + found.high - found.low
-    assert abs(np.mean(rates) - found.value) < width
+    width = 3 * np.std(rates) / np.sqrt(len(rates)) + exponent.high - exponent.low
+    assert abs(np.mean(rates) - exponent.value) < width

@@ -73,8 +73,8 @@ def test_the_complete_variant_fulfils_the_impact_law_by_sums_of_harmonics(
 def test_with_one_mode_the_fold_force_is_that_of_dense_matrices(ratio: float) -> None:
     model = model_of(1)
     case = Case(model, ratio * float(model.omega[0]), 1.5, restitution=0.75, friction_limit=0.03)
-    found = SlowManifold(case, 1, "complete").fold_force
-    assert found == pytest.approx(Truth(case).fold_force(), rel=1e-10)
+    fold_force = SlowManifold(case, 1, "complete").fold_force
+    assert fold_force == pytest.approx(Truth(case).fold_force(), rel=1e-10)
 
 
 def test_the_modal_restitution_is_that_of_an_impact_of_free_bodies() -> None:
@@ -99,22 +99,22 @@ def orbits_of_ten_modes():
 def test_exact_orbits_lie_on_the_manifold_with_the_modal_restitution_and_not_on_the_classical_one(
     orbits_of_ten_modes,
 ) -> None:
-    found = orbits_of_ten_modes
-    assert len(found.points) >= 8
-    assert found.median_error("classical") > 0.1
-    assert found.median_error("modal") < 0.03
-    assert found.median_error("complete") < 0.01
-    assert np.max(np.abs(found.errors("complete"))) < 0.03
+    orbits = orbits_of_ten_modes
+    assert len(orbits.points) >= 8
+    assert orbits.median_error("classical") > 0.1
+    assert orbits.median_error("modal") < 0.03
+    assert orbits.median_error("complete") < 0.01
+    assert np.max(np.abs(orbits.errors("complete"))) < 0.03
 
 
 def test_friction_belongs_to_the_manifold() -> None:
     case = Case(model_of(3), 1.0, 1.0, restitution=0.8, friction_limit=0.01)
-    found = check_manifold(case, 1, [0.95, 1.0], [2.0, 3.0])
-    assert len(found.points) >= 3
-    assert found.median_error("complete") < 0.01
-    without = replace(found, case=case.changed(friction_limit=0.0))
+    rows = check_manifold(case, 1, [0.95, 1.0], [2.0, 3.0])
+    assert len(rows.points) >= 3
+    assert rows.median_error("complete") < 0.01
+    without = replace(rows, case=case.changed(friction_limit=0.0))
     assert without.manifold("corrected").least_amplitude != pytest.approx(
-        found.manifold("corrected").least_amplitude, rel=1e-3
+        rows.manifold("corrected").least_amplitude, rel=1e-3
     )
 
 

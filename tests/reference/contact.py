@@ -296,10 +296,8 @@ class Contacts:
                 else 0
             )
 
-        self.regimes[which], self.zeros[which] = (
-            regime,
-            tuple(order(guard) for guard in regime.guards),
-        )
+        self.regimes[which] = regime
+        self.zeros[which] = tuple(order(guard) for guard in regime.guards)
 
     def go_on(self) -> None:
         """Say that the motion has left the start of its regimes behind, without an event."""
@@ -400,10 +398,10 @@ class Contacts:
         best: tuple[int, ...] = (0,) * len(who)
         wrong = np.inf
         for choice in product((0, 1, -1), repeat=len(who)):
-            found = _wrongness(choice, drift, coupling, bounds)
-            if found < wrong:
+            wrongness = _wrongness(choice, drift, coupling, bounds)
+            if wrongness < wrong:
                 best = choice
-                wrong = found
+                wrong = wrongness
         for k, sign in zip(who, best, strict=True):
             automaton = self.automata[k]
             side = resting[k]

@@ -117,7 +117,7 @@ class Walk:
         self.x = self.mechanics.state(initial.vector(scene))
         self.time = 0.0
         self._made: dict[tuple[Regime, ...], tuple[Linear, float]] = {}
-        self._kept: tuple[tuple[Regime, ...], float, Step] | None = None
+        self._last_step: tuple[tuple[Regime, ...], float, Step] | None = None
         gaps = [walls.gap for walls in map(scene.cavity, range(scene.places)) if walls is not None]
         self.contacts = Contacts(
             scene, self, REST_SPEED * min(gaps, default=0.0) * float(scene.model.omega[0])
@@ -167,7 +167,7 @@ class Walk:
             self._made[regimes] = linear, float(np.max(np.abs(np.linalg.eigvals(linear.matrix))))
         return self._made[regimes]
 
-    def seen(self) -> tuple[float, Array]:
+    def sample(self) -> tuple[float, Array]:
         """Return tip and relative displacements (n,) in m. A joined absorber tells more exactly where the tip is than a sum over modes."""
         m = self.mechanics
         tip = float(m.tip @ self.x)
@@ -250,7 +250,7 @@ class Walk:
 
     def _step(self, regimes: tuple[Regime, ...], linear: Linear, h: float, calm: bool) -> Step:
         """Return the exponential of a step of h s, the columns (S, 2, nodes) that weigh the inputs at its nodes, and the nodes in s."""
-        known = self._kept
+        known = self._last_step
         if known is None or known[0] != regimes or abs(known[1] - h) > SAME_STEP * h:
             places, weights = CALM_NODES if calm else NODES
             nodes = 0.5 * h * (1 + places)
@@ -259,7 +259,11 @@ class Walk:
             columns = np.array(
                 [0.5 * h * w * each for w, each in zip(weights, flows, strict=True)]
             ).transpose(1, 2, 0)
-            known = self._kept = regimes, h, (scipy.linalg.expm(linear.matrix * h), columns, nodes)
+            known = self._last_step = (
+                regimes,
+                h,
+                (scipy.linalg.expm(linear.matrix * h), columns, nodes),
+            )
         return known[2]
 
     def _part(self, linear: Linear, x: Array, time: float, length: float) -> Array:
@@ -283,7 +287,7 @@ class Walk:
         self, linear: Linear, xs: Array, times: Array, h: float
     ) -> list[tuple[int, int, int]]:
         """Return absorber, number of the guard and step of the guards that are passed in the first step in which any is."""
-        found = []
+        events = []
         for which, regime in enumerate(self.contacts.regimes):
             for number, guard in enumerate(regime.guards):
                 values = self._value(which, guard, linear, xs, times)
@@ -292,9 +296,9 @@ class Walk:
                     past |= _dips(values, guard.y_weight * (self.mechanics.speeds[which] @ xs), h)
                 at = np.flatnonzero(past)
                 if len(at):
-                    found.append((which, number, int(at[0])))
-        step = min((k for *_, k in found), default=0)
-        return [each for each in found if each[2] == step]
+                    events.append((which, number, int(at[0])))
+        step = min((k for *_, k in events), default=0)
+        return [each for each in events if each[2] == step]
 
     def _event(
         self, passed: list[tuple[int, int, int]], linear: Linear, x: Array, time: float, h: float
@@ -389,17 +393,17 @@ def follow(
         scene, inputs, InitialState() if initial is None else initial, most_events, long_steps
     )
     rows = [walk.x]
-    seen = [walk.seen()]
+    samples = [walk.sample()]
     for time in times[1:]:
         if not walk.to(float(time)) or (
             most_impacts is not None and len(walk.impacts) > most_impacts
         ):
             break
         rows.append(walk.x)
-        seen.append(walk.seen())
+        samples.append(walk.sample())
     count = len(rows)
-    tip = np.array([row[0] for row in seen])
-    relative = np.array([row[1] for row in seen])
+    tip = np.array([row[0] for row in samples])
+    relative = np.array([row[1] for row in samples])
     if scene.places == 1:
         relative = relative[:, 0]
     struck = [impact for impact in walk.impacts if impact[0] <= times[count - 1]]

@@ -178,7 +178,8 @@ class Run:
             for row in ((self.shapes @ self.shapes.T) >> BITS) + np.diag(self.inverse_mass)
         ]
         start = initial.vector(scene)
-        self.place, self.speed = wholes(start[: m.half]), wholes(start[m.half :])
+        self.place = wholes(start[: m.half])
+        self.speed = wholes(start[m.half :])
         with mpmath.workdps(DIGITS):
             phase = mpmath.mpf(drive.phase)
             self.cosine, self.sine = (
@@ -302,7 +303,8 @@ class Run:
         x = np.zeros((ORDER + 1, n + self.places), dtype=object)
         forces = np.zeros((ORDER + 1, self.places), dtype=object)
         h = whole(self.step)
-        x[0], x[1] = self.place, (self.speed * h) >> BITS
+        x[0] = self.place
+        x[1] = (self.speed * h) >> BITS
         y = self._distance(x[0])
         later = self._distance(x[1])
         for k in range(ORDER - 1):

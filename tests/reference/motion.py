@@ -76,7 +76,8 @@ def _motion(
     inverse = mass**-1
     matrix = mpmath.zeros(size)
     matrix[:n, n:] = mpmath.eye(n)
-    matrix[n:, :n], matrix[n:, n:] = -inverse * stiffness, -inverse * damping
+    matrix[n:, :n] = -inverse * stiffness
+    matrix[n:, n:] = -inverse * damping
     sides = mpmath.diag([mpmath.mpf(float(x)) for x in scale])
     matrix = sides * matrix * sides**-1 * mpmath.mpf(time)
     halvings = max(0, int(mpmath.ceil(mpmath.log(mpmath.mnorm(matrix, 1), 2)))) + 3

@@ -141,7 +141,7 @@ class Guards:
         """Return some of the guards."""
         return Guards(self.low[which], self.high[which], self.direction[which])
 
-    def room(self, y: Array, v: Array, a: Array) -> dict[int, tuple[Array, Array]]:
+    def distances(self, y: Array, v: Array, a: Array) -> dict[int, tuple[Array, Array]]:
         """Return for each kind of event how far the signal is from it, and the slope of that; (N,) or (N, T)."""
         low, high, sign = (
             g.reshape(-1, *[1] * (y.ndim - 1)) for g in (self.low, self.high, self.direction)
@@ -151,7 +151,7 @@ class Guards:
 
 
 @dataclass
-class Found:
+class FirstEvents:
     """First events (N,): kind, time (s), infinite where there is none; slope of the guard there, and whether the case is clear enough to judge."""
 
     kind: Integers
@@ -160,10 +160,10 @@ class Found:
     clear: NDArray[np.bool_]
 
 
-def first_events(signals: Signals, guards: Guards, length: float) -> Found:
+def first_events(signals: Signals, guards: Guards, length: float) -> FirstEvents:
     """Return the first event of each signal within ``length`` (s)."""
     count = len(signals.u)
-    found = Found(
+    events = FirstEvents(
         np.zeros(count, dtype=np.int64),
         np.full(count, np.inf),
         np.ones(count),
@@ -174,18 +174,19 @@ def first_events(signals: Signals, guards: Guards, length: float) -> Found:
     period = 2 * np.pi / signals.fastest
     last = min(EARLY / signals.fastest, length)
     early = np.geomspace(FIRST * period, last, int(PER_DECADE * np.log10(last / FIRST / period)))
-    open_cases = _scan(signals, guards, sizes, early, signals.early(early), open_cases, found)
+    open_cases = _scan(signals, guards, sizes, early, signals.early(early), open_cases, events)
     step = np.arange(CHUNK + 1) * period / PER_PERIOD
     wave = np.exp(signals.s[:, None] * step)
     shift = last
     while shift < length and len(open_cases):
         values = signals.of(open_cases).late(step, wave, shift)
-        open_cases = _scan(signals, guards, sizes, shift + step, values, open_cases, found)
+        open_cases = _scan(signals, guards, sizes, shift + step, values, open_cases, events)
         shift += step[-1]
-    beyond = found.time >= length
-    found.clear &= np.abs(found.time - length) > 1e-6 * period
-    found.kind[beyond], found.time[beyond] = NOTHING, np.inf
-    return found
+    beyond = events.time >= length
+    events.clear &= np.abs(events.time - length) > 1e-6 * period
+    events.kind[beyond] = NOTHING
+    events.time[beyond] = np.inf
+    return events
 
 
 def _scan(
@@ -195,26 +196,26 @@ def _scan(
     t: Array,
     values: tuple[Array, ...],
     cases: Integers,
-    found: Found,
+    events: FirstEvents,
 ) -> Integers:
     """Look for the first event of each open case at the times t, and return the cases that stay open."""
     flags = []
     h = np.diff(t)
-    for kind, (room, slope) in guards.of(cases).room(*values).items():
+    for kind, (distance, slope) in guards.of(cases).distances(*values).items():
         terms = sizes[cases, 1 if kind == TURN else 0][:, None]
         with np.errstate(invalid="ignore"):
             dip = np.minimum(
-                room[:, :-1] + h / 3 * slope[:, :-1], room[:, 1:] - h / 3 * slope[:, 1:]
+                distance[:, :-1] + h / 3 * slope[:, :-1], distance[:, 1:] - h / 3 * slope[:, 1:]
             )
             dips = (slope[:, :-1] < 0) & (slope[:, 1:] > 0) & (dip < 1e-4 * terms)
-        flags.append((room[:, 1:] <= 0) | dips)
+        flags.append((distance[:, 1:] <= 0) | dips)
     flagged = flags[0] | flags[1] | flags[2]
     left = []
     for row, case in enumerate(cases):
         one = signals.of(np.array([case]))
         guard = guards.of(np.array([case]))
         for k in np.flatnonzero(flagged[row]):
-            if _judge(one, guard, sizes[case], float(t[k]), float(t[k + 1]), case, found):
+            if _judge(one, guard, sizes[case], float(t[k]), float(t[k + 1]), case, events):
                 break
         else:
             left.append(case)
@@ -222,34 +223,40 @@ def _scan(
 
 
 def _judge(
-    signal: Signals, guard: Guards, sizes: Array, start: float, stop: float, case: int, found: Found
+    signal: Signals,
+    guard: Guards,
+    sizes: Array,
+    start: float,
+    stop: float,
+    case: int,
+    events: FirstEvents,
 ) -> bool:
     """Find the first event in [start, stop]; return False if there is none."""
 
-    def room(t: float, kind: int) -> float:
-        return float(guard.room(*signal.at(np.array([t])))[kind][0][0, 0])
+    def distance(t: float, kind: int) -> float:
+        return float(guard.distances(*signal.at(np.array([t])))[kind][0][0, 0])
 
     hits = []
     times = np.linspace(start, stop, 65)
-    for kind, (rooms, _) in guard.room(*signal.at(times)).items():
+    for kind, (distances, _) in guard.distances(*signal.at(times)).items():
         t = times
-        values = rooms[0]
+        values = distances[0]
         k = int(np.argmin(values))
         if 0 < k < 64 and np.isfinite(values[k]):  # a dip
             exact = {"xatol": 1e-9 * (stop - start)}
             low = scipy.optimize.minimize_scalar(
-                room, bounds=(t[k - 1], t[k + 1]), args=(kind,), method="bounded", options=exact
+                distance, bounds=(t[k - 1], t[k + 1]), args=(kind,), method="bounded", options=exact
             )
             t = np.insert(t, k, low.x)
             values = np.insert(values, k, low.fun)
-            found.clear[case] &= abs(low.fun) > TANGENT * sizes[1 if kind == TURN else 0]
+            events.clear[case] &= abs(low.fun) > TANGENT * sizes[1 if kind == TURN else 0]
         below = np.flatnonzero(values <= 0)
         if len(below):
             left = t[below[0] - 1] if below[0] else t[0] * 1e-6
             hits.append(
                 (
                     scipy.optimize.brentq(
-                        room, left, t[below[0]], args=(kind,), xtol=1e-300, rtol=1e-14
+                        distance, left, t[below[0]], args=(kind,), xtol=1e-300, rtol=1e-14
                     ),
                     kind,
                 )
@@ -259,14 +266,12 @@ def _judge(
     hits.sort()
     time, kind = hits[0]
     _, v, a = (float(x[0, 0]) for x in signal.at(np.array([time])))
-    found.kind[case], found.time[case], found.slope[case] = (
-        kind,
-        time,
-        abs(a if kind == TURN else v),
-    )
+    events.kind[case] = kind
+    events.time[case] = time
+    events.slope[case] = abs(a if kind == TURN else v)
     returns = (
         a if kind == LOW else -a
     )  # where this is above zero the signal only dips into the wall
-    found.clear[case] &= kind == TURN or v * v > 2 * TANGENT * sizes[0] * returns
-    found.clear[case] &= len(hits) == 1 or abs(hits[1][0] - time) > 1e-6 / signal.fastest
+    events.clear[case] &= kind == TURN or v * v > 2 * TANGENT * sizes[0] * returns
+    events.clear[case] &= len(hits) == 1 or abs(hits[1][0] - time) > 1e-6 / signal.fastest
     return True

@@ -398,6 +398,10 @@ RARE = ("SlidingAbsorber", "StuckAbsorber", "SeveralAbsorbers")  # kinds of scen
 def test_whatever_is_handed_in_is_refused_by_name_or_right(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of numpy, where numbers are extreme
-        found = list(handed_in.complaints(name, PUBLIC[name], OWN.get(name, {}), dear=name in DEAR))
-    assert not [problem for problem in found if problem is not None]
-    assert len(found) >= len(handed_in.VALUES) / 2 * len(inspect.signature(PUBLIC[name]).parameters)
+        complaints = list(
+            handed_in.complaints(name, PUBLIC[name], OWN.get(name, {}), dear=name in DEAR)
+        )
+    assert not [problem for problem in complaints if problem is not None]
+    assert len(complaints) >= len(handed_in.VALUES) / 2 * len(
+        inspect.signature(PUBLIC[name]).parameters
+    )

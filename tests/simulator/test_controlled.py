@@ -55,7 +55,8 @@ def controlled(
     )
     runs.orders["force"] = force
     for k, (before, after) in enumerate(pairwise(ratios)):
-        runs.orders["omega_start"], runs.orders["omega_stop"] = before * omega, after * omega
+        runs.orders["omega_start"] = before * omega
+        runs.orders["omega_stop"] = after * omega
         runs.orders["final"] = k == len(ratios) - 2
         runs.advance()
     times = runs.duration * np.arange(len(ratios))
@@ -101,7 +102,7 @@ def test_intervals_make_the_run_that_a_single_call_makes(
 @pytest.mark.plain
 @pytest.mark.parametrize("absorber", [None, impact_absorber(5e-5, 0.7, 0.1)])
 @pytest.mark.parametrize("moves_base", [False, True])
-def test_a_record_beside_the_force_makes_the_run_of_both_loads(
+def test_a_record_added_to_the_force_makes_the_run_of_both_loads(
     absorber: SlidingAbsorber | None, moves_base: bool
 ) -> None:
     """From a place within a step, over the record's end."""
@@ -114,9 +115,12 @@ def test_a_record_beside_the_force_makes_the_run_of_both_loads(
     runs = ControlledRuns(
         scene, 1, omega, 1.0, samples_per_period=SAMPLES, record=record, moves_base=moves_base
     )
-    runs.orders["force"], runs.orders["phase"], runs.orders["place"] = 1.5, 0.3, first
+    runs.orders["force"] = 1.5
+    runs.orders["phase"] = 0.3
+    runs.orders["place"] = first
     for before, after in pairwise(ratios):
-        runs.orders["omega_start"], runs.orders["omega_stop"] = before * omega, after * omega
+        runs.orders["omega_start"] = before * omega
+        runs.orders["omega_stop"] = after * omega
         runs.advance()
     end = runs.duration * 2
     step = record.times[1]
@@ -139,7 +143,8 @@ def test_a_record_beside_the_force_makes_the_run_of_both_loads(
             places = np.mod(first + times / step, len(record.values) - 1)
             values = np.interp(places, np.arange(len(record.values)), record.values)
             rows = np.zeros((len(times) - 1, 9))
-            rows[:, 3], rows[:, 5] = values[:-1], np.diff(values) / np.diff(times)
+            rows[:, 3] = values[:-1]
+            rows[:, 5] = np.diff(values) / np.diff(times)
             return [Pieces(times, rows, quantity == BASE_QUANTITY)]
 
     loads = Loads((sweep, Cut(np.array([[20.0, 0.02], [60.0, 0.02]]), 0.05, 3, quantity)), omega)
@@ -186,45 +191,45 @@ def test_lanes_do_not_depend_on_threads_or_neighbours(monkeypatch: pytest.Monkey
 
 
 @jit
-def count_up(counts, board, parts, patience):
+def count_up(counts, queue, parts, patience):
     """Count each lane of the parts taken; return whether all are done."""
-    part = take_first_part(board, parts, patience)
+    part = take_first_part(queue, parts, patience)
     while part >= 0:
-        for lane in range(board.cuts[part, 0], board.cuts[part, 1]):
+        for lane in range(queue.cuts[part, 0], queue.cuts[part, 1]):
             counts[lane] += 1
-        part = take_next_part(board, patience)
-    return wait_until_done(board, parts)
+        part = take_next_part(queue, patience)
+    return wait_until_done(queue, parts)
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.int32])
 def test_memory_of_another_type_is_not_handed_to_machine_code(dtype: DTypeLike) -> None:
     counts = np.zeros(40, dtype=np.int64)
-    board = new_work_queue(40)
-    count_up(counts, board, 0, 0)
-    bind_kernel(partial(count_up, counts, board))(0, 0)
+    queue = new_work_queue(40)
+    count_up(counts, queue, 0, 0)
+    bind_kernel(partial(count_up, counts, queue))(0, 0)
     for wrong in (np.zeros(40, dtype), np.zeros(80, np.int64)[::2]):
         with pytest.raises(TypeError, match="count_up"):
-            bind_kernel(partial(count_up, wrong, board))
+            bind_kernel(partial(count_up, wrong, queue))
 
 
 @pytest.mark.parametrize("helpers", [0, 1, 3])
 def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
     counts = np.zeros(40, dtype=np.int64)
-    board = new_work_queue(40)
-    crew = WorkerPool(partial(count_up, counts, board), board)
+    queue = new_work_queue(40)
+    pool = WorkerPool(partial(count_up, counts, queue), queue)
     shares = [
         np.array(cuts).repeat(2)[1:-1].reshape(-1, 2)
         for cuts in ([0, 3, 4, 20, 40], list(range(41)), [0, 40], [0])
     ]
     for call in range(2000):
-        crew.work(shares[call % 4], helpers)
+        pool.work(shares[call % 4], helpers)
         np.testing.assert_array_equal(counts, call + 1 - (call + 1) // 4)
         if call % 500 == 0:
             time.sleep(2e-3)  # longer than helpers stay
         if call % 400 == 0:
-            crew.close()  # and they start again
-    crew.close()
-    crew.close()
+            pool.close()  # and they start again
+    pool.close()
+    pool.close()
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
@@ -233,12 +238,12 @@ def test_a_call_that_breaks_off_leaves_nobody_at_work(
     error: type[BaseException], first: bool
 ) -> None:
     counts = np.zeros(8, dtype=np.int64)
-    board = new_work_queue(8)
+    queue = new_work_queue(8)
     both = threading.Barrier(2)
     parts = np.arange(9).repeat(2)[1:-1].reshape(8, 2)
 
     def breaks_off(number: int, patience: int) -> bool:
-        taken = take_first_part(board, number, patience)
+        taken = take_first_part(queue, number, patience)
         both.wait(10.0)  # two threads are at work
         if (number > 0) == first:
             raise error
@@ -246,15 +251,15 @@ def test_a_call_that_breaks_off_leaves_nobody_at_work(
         counts[taken] += 1
         return False
 
-    crew = WorkerPool(breaks_off, board)
+    pool = WorkerPool(breaks_off, queue)
     with pytest.raises(error):
-        crew.work(parts, 1)
+        pool.work(parts, 1)
     assert counts.sum() == 1  # the other thread's part was waited for
-    counts[:], crew.take = 0, partial(count_up, counts, board)
+    counts[:], pool.take = 0, partial(count_up, counts, queue)
     for call in range(1, 300):
-        crew.work(parts, 1)
+        pool.work(parts, 1)
         np.testing.assert_array_equal(counts, call)
-    crew.close()
+    pool.close()
 
 
 def test_amplitudes_are_those_of_the_linear_response() -> None:

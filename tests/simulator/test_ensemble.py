@@ -129,15 +129,15 @@ def test_members_follow_from_the_seed() -> None:
 def test_interrupt_keeps_what_is_finished(threads: int) -> None:
     # so many that other threads cannot finish them before the interrupt arrives
     lanes = some_lanes() * 40
-    told = []
+    reports = []
 
     def stop(done: int, total: int) -> None:
-        told.append((done, total))
+        reports.append((done, total))
         if done == 7:
             raise KeyboardInterrupt
 
     levels = run_lanes(lanes, threads=threads, progress=stop)
-    assert told == [(k, len(lanes)) for k in range(1, 8)]
+    assert reports == [(k, len(lanes)) for k in range(1, 8)]
     done = ~np.isnan(levels.level)
     assert not levels.complete
     assert 7 <= done.sum() < len(lanes)
@@ -163,8 +163,8 @@ class Elsewhere:
             for count, k in enumerate(reversed(range(len(items)))):
                 if count == self.stop:
                     raise KeyboardInterrupt
-                there, item = pickle.loads(pickle.dumps((function, items[k])))
-                yield k, there(item)
+                unpickled, item = pickle.loads(pickle.dumps((function, items[k])))
+                yield k, unpickled(item)
         finally:
             self.closed = True
 
@@ -175,9 +175,9 @@ def test_lanes_run_by_an_executor_are_those_of_threads(stop: int | None) -> None
     # the last batch is a smaller one
     lanes = some_lanes()[:-1]
     elsewhere = Elsewhere(stop)
-    seen = []
+    progress = []
     levels = run_lanes(
-        lanes, executor=elsewhere, progress=lambda done, total: seen.append((done, total))
+        lanes, executor=elsewhere, progress=lambda done, total: progress.append((done, total))
     )
     first = 0 if stop is None else -7
     assert levels.complete == (stop is None)
@@ -185,7 +185,7 @@ def test_lanes_run_by_an_executor_are_those_of_threads(stop: int | None) -> None
     assert np.isnan(levels.level[:first]).all()
     assert elsewhere.closed
     assert elsewhere.kinds == 2  # linear scenes share their kernels
-    assert seen == [(done, 23) for done in (3, 7, 11, 15, 19, 23)][:stop]
+    assert progress == [(done, 23) for done in (3, 7, 11, 15, 19, 23)][:stop]
 
 
 def test_a_lane_that_fails_is_named_and_an_executor_has_its_own_threads() -> None:

@@ -84,7 +84,7 @@ kernel(5)(1)
 """
 
 
-def told(code: str, folder: Path) -> tuple[list[str], list[str]]:
+def run_code(code: str, folder: Path) -> tuple[list[str], list[str]]:
     """Run code in a fresh process, with a folder for kernels, and return the lines of stdout and stderr."""
     if not (file := folder / "script.py").exists() or file.read_text() != code:
         file.write_text(code)  # older numba goes by the time of its last change
@@ -93,13 +93,13 @@ def told(code: str, folder: Path) -> tuple[list[str], list[str]]:
 
 
 def test_a_run_tells_what_its_kernels_are_for(tmp_path: Path) -> None:
-    assert told(STARTED, tmp_path)[0] == ["the kernels of: 2 modes, no absorber, Exact()"]
+    assert run_code(STARTED, tmp_path)[0] == ["the kernels of: 2 modes, no absorber, Exact()"]
 
 
 def test_kernels_are_prepared_by_another_process_and_a_warm_run_tells_nothing(
     tmp_path: Path,
 ) -> None:
-    assert told(PREPARED, tmp_path) == (["False False True True True True", "0"], [])
+    assert run_code(PREPARED, tmp_path) == (["False False True True True True", "0"], [])
 
 
 def test_a_preparation_can_be_ended() -> None:
@@ -128,20 +128,20 @@ def test_elapsed_is_the_time_until_the_process_ended(way: str) -> None:
     assert work.wait(1e30)
 
 
-def test_what_is_compiled_is_told_once_and_callbacks_hear_of_our_kernels_until_they_are_taken_out(
+def test_compilation_is_reported_once_and_callbacks_are_called_until_they_are_removed(
     tmp_path: Path,
 ) -> None:
     line = "impact_env: compiling the kernels of: a scene, a method. Once for a kind of scene"
-    out, error = told(SMALL + OWN, tmp_path)
+    out, error = run_code(SMALL + OWN, tmp_path)
     assert out == ["third", "kernels started False", "kernels finished True", "not kept"]
     assert error.count("ValueError: a callback of one's own") == 2
     lines = [one for one in error if one.startswith(line)]
     assert len(lines) == 2
     assert "python -m impact_env.warm_up" in lines[0]
-    assert told(SMALL + OWN, tmp_path) == (["third", "not kept"], [])  # all others are kept
-    error = told(LOGGED + SMALL, tmp_path)[1]
+    assert run_code(SMALL + OWN, tmp_path) == (["third", "not kept"], [])  # all others are kept
+    error = run_code(LOGGED + SMALL, tmp_path)[1]
     assert [one.startswith(f"LOG impact_env: {line}") for one in error] == [True, True]
-    assert told(SMALL.replace("SILENT_SECONDS = 0.0", "SILENT_SECONDS = 1000.0"), tmp_path) == (
+    assert run_code(SMALL.replace("SILENT_SECONDS = 0.0", "SILENT_SECONDS = 1000.0"), tmp_path) == (
         [],
         [],
     )  # what takes no second is not told
@@ -166,7 +166,7 @@ def test_a_kernel_comes_from_the_other_process_or_else_from_here(
     tmp_path: Path, way: str, runs: list[str]
 ) -> None:
     for expected in runs:
-        done = fresh(SUPPORT / "beside.py", way, IMPACT_ENV_CACHE=tmp_path)
+        done = fresh(SUPPORT / "other_process.py", way, IMPACT_ENV_CACHE=tmp_path)
         assert done.stdout.strip() == expected, done.stderr
         assert all(line.startswith("impact_env: compiling ") for line in done.stderr.splitlines())
 
@@ -176,5 +176,5 @@ def test_the_shortest_trial_has_the_kernels_of_trials() -> None:
     case = Case(model, 0.95 * float(model.omega[0]), 1.5, friction_limit=0.01)
     shortest_validation(case)
     known = list(rigid_lane.signatures)
-    assert any(found.orbits for found in orbits_over(case, [0.95, 0.96]))
+    assert any(result.orbits for result in orbits_over(case, [0.95, 0.96]))
     assert rigid_lane.signatures == known

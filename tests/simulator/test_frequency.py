@@ -68,12 +68,12 @@ def test_receptance_is_the_dense_solution(
     force = model.force_shape
     for a, b in itertools.product((tip, force), repeat=2):
         dense = np.array([_dense(model, absorber, w, a, b) for w in OMEGA])
-        ours = (
+        computed = (
             receptance(model, OMEGA, a, b)
             if absorber is None
             else coupled_receptance(model, absorber, OMEGA, a, b)
         )
-        np.testing.assert_allclose(ours, dense, rtol=1e-9)
+        np.testing.assert_allclose(computed, dense, rtol=1e-9)
     dense = np.array([_dense(model, absorber, w, tip, force) for w in OMEGA])
     np.testing.assert_allclose(tip_response(model, absorber, OMEGA), dense, rtol=1e-11)
 
@@ -89,8 +89,8 @@ def test_limits_of_the_tuned_absorber(model: ModalModel) -> None:
 def test_finite_at_an_undamped_free_resonance_and_refused_where_infinite() -> None:
     undamped = modal_model(Beam(damping_ratio=0.0))
     at = undamped.omega[1]
-    beside = tip_response(undamped, TUNED, at * (1 + 1e-7))
-    assert tip_response(undamped, TUNED, at) == pytest.approx(beside, rel=1e-4)
+    nearby = tip_response(undamped, TUNED, at * (1 + 1e-7))
+    assert tip_response(undamped, TUNED, at) == pytest.approx(nearby, rel=1e-4)
     for call in (
         lambda: tip_response(undamped, None, at),
         lambda: receptance(undamped, at, undamped.tip_shape, undamped.tip_shape),
@@ -134,9 +134,11 @@ def sines(lag: float, periods: int = 20, beat: float = 0.0, offset: float = 0.0)
 def test_two_sines_have_the_known_lag(lag: float) -> None:
     """At +-pi the sign is chance, but never -pi."""
     for offset in (0.0, 4e-3):
-        found = phase_lag(sines(lag, offset=offset))
-        assert np.all((found > -np.pi) & (found <= np.pi))
-        np.testing.assert_allclose(np.abs(found) if lag == np.pi else found, lag, atol=1e-9)
+        measured_lag = phase_lag(sines(lag, offset=offset))
+        assert np.all((measured_lag > -np.pi) & (measured_lag <= np.pi))
+        np.testing.assert_allclose(
+            np.abs(measured_lag) if lag == np.pi else measured_lag, lag, atol=1e-9
+        )
 
 
 def test_unwrapped_lag_counts_the_turns() -> None:
@@ -173,5 +175,5 @@ def test_the_slope_of_a_receptance_is_that_of_differences() -> None:
         return receptance(model, omegas + shift * step, model.tip_shape, model.force_shape)
 
     wanted = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * step)
-    found = receptance_slope(model, omegas, model.tip_shape, model.force_shape)
-    np.testing.assert_allclose(found, wanted, rtol=1e-6)
+    slope = receptance_slope(model, omegas, model.tip_shape, model.force_shape)
+    np.testing.assert_allclose(slope, wanted, rtol=1e-6)

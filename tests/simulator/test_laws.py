@@ -31,7 +31,7 @@ from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.plain import from_scene, to_scene
 from optimisation.cli.scene_options import OPTIONS, SCENE_OPTIONS, make_absorber
 
-GIVEN: dict[str, dict[str, Any]] = {
+EXAMPLES: dict[str, dict[str, Any]] = {
     "impact": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "friction_limit": 0.2},
     "impact, yielding": {
         "mass_ratio": 0.03,
@@ -73,35 +73,35 @@ GIVEN: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", GIVEN)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_one_vocabulary(name: str) -> None:
     """Files, options of commands, arguments of environments and the library make the same absorber of the same names."""
     concept = name.partition(",")[0]
-    given = GIVEN[name]
-    absorber = make(concept, given)
-    assert values(absorber) == given
+    own_values = EXAMPLES[name]
+    absorber = make(concept, own_values)
+    assert values(absorber) == own_values
     assert (
         TaskSettings(
             absorber=concept,
-            absorber_options=given,
+            absorber_options=own_values,
             method="runge-kutta" if concept == "sink" else "exact",
         ).scene.absorber
         == absorber
     )
     options = (
         dict.fromkeys(SCENE_OPTIONS)
-        | {OPTIONS.get(key, key): value for key, value in given.items()}
+        | {OPTIONS.get(key, key): value for key, value in own_values.items()}
         | {"absorber": concept}
     )
     assert make_absorber(options) == absorber
     if absorber is not None:
-        plain = {"beam": {"modes": 2}, "absorber": {"kind": concept, **given}}
+        plain = {"beam": {"modes": 2}, "absorber": {"kind": concept, **own_values}}
         assert to_scene(plain).absorber == absorber
         assert from_scene(to_scene(plain))["absorber"] == plain["absorber"]
 
 
 @pytest.mark.parametrize(
-    ("concept", "given", "said"),
+    ("concept", "values", "message"),
     [
         ("impact", {"contact_stiffness": 1e5, "restitution": 0.0}, "restitution"),
         ("impact", {"friction_limit": 0.1, "static_friction_ratio": 0.9}, "static_friction_ratio"),
@@ -120,10 +120,12 @@ def test_one_vocabulary(name: str) -> None:
         ("magnet", {}, None),
     ],
 )
-def test_an_error_names_the_value(concept: str, given: dict[str, float], said: str | None) -> None:
+def test_an_error_names_the_value(
+    concept: str, values: dict[str, float], message: str | None
+) -> None:
     with pytest.raises(ParameterError, match="is not allowed") as error:
-        make(concept, given)
-    assert said is None or error.value.argument == said
+        make(concept, values)
+    assert message is None or error.value.argument == message
 
 
 def test_an_older_form_is_read_with_a_notice() -> None:
@@ -134,13 +136,13 @@ def test_an_older_form_is_read_with_a_notice() -> None:
     }
     with pytest.warns(FutureWarning, match="friction, walls is an older form"):
         scene = to_scene({"absorber": plain})
-    given = {
+    older = {
         "gap": 2e-3,
         "contact_stiffness": 1e5,
         "friction_limit": 0.1,
         "friction_stiffness": 1e4,
     }
-    assert scene.absorber == make("impact", given)
+    assert scene.absorber == make("impact", older)
     with pytest.warns(FutureWarning, match="stiffness_n_m"):
         assert to_scene({"absorber": {"kind": "tuned", "stiffness_n_m": 600.0}}).absorber == make(
             "tuned", {"stiffness": 600.0}
@@ -154,10 +156,10 @@ def yielding(velocity: float, method: Any = None) -> Response:
 
 
 def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
-    found = yielding(0.1)
-    impacts = found.impacts
-    model = found.scene.model
-    assert found.impact_count > 30
+    response = yielding(0.1)
+    impacts = response.impacts
+    model = response.scene.model
+    assert response.impact_count > 30
     e = 0.9 * (1 + np.abs(impacts.relative_velocity) / 0.1) ** -0.25
     assert np.ptp(e) > 0.03  # the velocities are such that the law matters
     compliance = 1 / (0.02 * model.beam_mass) + np.sum(model.tip_shape**2)
@@ -169,11 +171,11 @@ def test_restitution_falls_with_the_velocity_of_each_impact() -> None:
         (1 - e**2) * impacts.relative_velocity**2 / (2 * compliance),
         rtol=1e-12,
     )
-    assert found.energy.relative_error < 1e-11
+    assert response.energy.relative_error < 1e-11
     far_below = yielding(1e30)
     constant = simulate(
         beam_scene(Beam(modes=2), SlidingAbsorber(0.02, RigidWalls(1e-3, 0.9))),
-        found.drive,
+        response.drive,
         record=ALL,
     )
     np.testing.assert_array_equal(far_below.impacts.time, constant.impacts.time)
@@ -233,8 +235,8 @@ def test_a_nonlinear_sink_is_integrated_as_an_independent_solver_does() -> None:
     ).y[:, -1]
     errors = []
     for steps in (50, 100, 200):
-        found = simulate(scene, drive, RungeKutta(steps), record=ALL)
-        errors.append(np.max(np.abs(found.end_state - reference)) / np.max(np.abs(reference)))
+        response = simulate(scene, drive, RungeKutta(steps), record=ALL)
+        errors.append(np.max(np.abs(response.end_state - reference)) / np.max(np.abs(reference)))
     assert errors[2] < 1e-6
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.5)  # fourth order
-    assert found.energy.relative_error < 1e-9
+    assert response.energy.relative_error < 1e-9

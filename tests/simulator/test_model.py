@@ -186,8 +186,8 @@ OTHERS = HEAVY | {
 
 def every_scene() -> dict[str, Scene]:
     """Return the table's scenes, and some whose level is read at another place than the absorber's."""
-    found = {name: scene(name) for name in ABSORBERS}
-    found |= {name: beam_scene(Beam(modes=2), absorber) for name, absorber in OTHERS.items()}
+    scenes = {name: scene(name) for name in ABSORBERS}
+    scenes |= {name: beam_scene(Beam(modes=2), absorber) for name, absorber in OTHERS.items()}
     model = replace(modal_model(Beam(modes=2)), response_shape=[1.0, -0.5])
     absorbers = {
         "none": None,
@@ -195,7 +195,7 @@ def every_scene() -> dict[str, Scene]:
         "heavy": HEAVY["impacts, gravity"],
         "springs": ABSORBERS["springs"],
     }
-    return found | {
+    return scenes | {
         f"{name}, level elsewhere": Scene(model, own) for name, own in absorbers.items()
     }
 
@@ -223,14 +223,14 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
 ) -> None:
     """The types of a lane's arguments are those by which numba finds the compiled variant; nothing is compiled here."""
     calls: list[tuple[object, ...]] = []
-    seen = []
+    keys = []
 
-    def watched(name: str, *arguments: Any) -> int:
+    def record_call(name: str, *arguments: Any) -> int:
         calls.append((name, *map(numba.typeof, arguments)))
         return DONE
 
     for pair, own in SOLVERS.items():
-        monkeypatch.setitem(SOLVERS, pair, replace(own, lane=partial(watched, own.name)))
+        monkeypatch.setitem(SOLVERS, pair, replace(own, lane=partial(record_call, own.name)))
     for name, present in every_scene().items():
         if (present.kind, type(method)) not in SOLVERS:
             with pytest.raises(ParameterError, match=r"(method|gravity) = .* is not allowed"):
@@ -246,9 +246,9 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
             assert (find_solver(present, method).lanes is None) == (
                 present.kind is SceneKind.SEVERAL
             )
-            seen.append((kernel_key(present, method, load), calls[-1]))
-    assert len(calls) == len(seen) > 15
-    for (key, call), (other_key, other_call) in itertools.combinations(seen, 2):
+            keys.append((kernel_key(present, method, load), calls[-1]))
+    assert len(calls) == len(keys) > 15
+    for (key, call), (other_key, other_call) in itertools.combinations(keys, 2):
         assert (key == other_key) == (call == other_call), (key, other_key)
 
 

@@ -22,9 +22,9 @@ def test_odd_values_are_right_or_refused(name: str) -> None:
     make(**good)
     with warnings.catch_warnings(), odd_values.limited():
         warnings.simplefilter("ignore")  # of numpy, where numbers are extreme
-        found = list(odd_values.walk(name, make, good))
-    assert [problem for problem in found if problem is not None] == []
-    assert len(found) >= len(odd_values.ODD) / 3
+        complaints = list(odd_values.walk(name, make, good))
+    assert [problem for problem in complaints if problem is not None] == []
+    assert len(complaints) >= len(odd_values.ODD) / 3
 
 
 def test_small_integers_of_numpy_are_plain_ones() -> None:
@@ -45,23 +45,23 @@ def test_small_integers_of_numpy_are_plain_ones() -> None:
 def test_random_loads_are_refused_before_anything_is_drawn(
     change: dict[str, object], message: str
 ) -> None:
-    with odd_values.limited(1.0), pytest.raises(ParameterError) as found:
+    with odd_values.limited(1.0), pytest.raises(ParameterError) as raised:
         Random(**{"spectrum": [[20.0, 0.05], [60.0, 0.05]], "length": 4.0, **change})
-    assert message in str(found.value)
+    assert message in str(raised.value)
 
 
 def test_share_of_a_scene_file_is_a_number() -> None:
     one = {"position": 1, "share": "0.75"}
     plain = {"absorber": {"kind": "several", "absorbers": [one, {"position": 0.7, "share": 0.25}]}}
-    with pytest.raises(ParameterError) as found:
+    with pytest.raises(ParameterError) as raised:
         to_scene(plain)
-    assert "scene.absorber.absorbers[0].share = '0.75' is not allowed" in str(found.value)
+    assert "scene.absorber.absorbers[0].share = '0.75' is not allowed" in str(raised.value)
 
 
 def test_errors_carry_name_value_allowed_and_argument_also_through_pickle() -> None:
-    with pytest.raises(ParameterError) as found:
+    with pytest.raises(ParameterError) as raised:
         Beam(damping_ratio=[0.01, -1.0], modes=2)
-    error = found.value
+    error = raised.value
     assert (error.name, error.value, error.argument) == (
         "damping_ratio",
         [0.01, -1.0],

@@ -83,21 +83,21 @@ def problem(
     free: list[str] | None = None,
     **more: Any,
 ) -> Problem:
-    given: dict[str, Any] = {"members": 2, "rate": 100.0} | more
-    return Problem(design_space(concept, free), (Condition(1, 3.5),), beam=structure, **given)
+    options: dict[str, Any] = {"members": 2, "rate": 100.0} | more
+    return Problem(design_space(concept, free), (Condition(1, 3.5),), beam=structure, **options)
 
 
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_place_of_the_file_is_that_of_the_beam(number: int, structure: ModalModel) -> None:
     own = problem(structure, free=["gap", "position"])
     beam = problem(BEAM, free=["gap", "position"])
-    found = own.space.decoded({"gap": 1.0, "position": float(number)})
+    design = own.space.decoded({"gap": 1.0, "position": float(number)})
     known = beam.space.decoded({"gap": 1.0, "position": PLACES[number - 1]})
-    assert found.values["position"] == number
-    assert found.values["gap"] == pytest.approx(
+    assert design.values["position"] == number
+    assert design.values["gap"] == pytest.approx(
         known.values["gap"], rel=1e-9
     )  # the unit is that of the place
-    model = found.scene(structure).model
+    model = design.scene(structure).model
     truth = known.scene(BEAM).model
     assert model.absorber_shapes is None
     np.testing.assert_allclose(np.abs(model.tip_shape), np.abs(truth.tip_shape), rtol=1e-9)
@@ -117,11 +117,11 @@ def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file
     own, beam = (
         problem(s, "several", ["gap_1", "gap_2", "position_2", "share"]) for s in (structure, BEAM)
     )
-    found, known = (
+    responses, known = (
         Design("several", {**p.space.default.values, **values, "position_2": x})
         for p, x in ((own, 2.0), (beam, 0.8))
     )
-    scene = found.scene(structure)
+    scene = responses.scene(structure)
     assert scene.model.response_shape is None
     np.testing.assert_allclose(
         np.abs(scene.model.tip_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9
@@ -130,7 +130,7 @@ def test_several_absorbers_are_at_the_chosen_places_and_the_level_where_the_file
         at = np.abs(modal_model(replace(BEAM, absorber_position=position)).tip_shape)
         np.testing.assert_allclose(np.abs(scene.absorber_shapes[k]), at, rtol=1e-9)
     np.testing.assert_allclose(
-        values_of(own, found), values_of(beam, known), rtol=1e-3
+        values_of(own, responses), values_of(beam, known), rtol=1e-3
     )  # impacts amplify rounding
 
 
@@ -215,10 +215,10 @@ def test_strain_of_a_universal_file_is_a_weighted_sum_of_its_shapes(tmp_path: Pa
 def test_a_search_chooses_among_the_places(sampler: str, structure: ModalModel) -> None:
     pytest.importorskip("optuna")
     own = problem(structure, free=["gap", "position"], members=1)
-    found = find(own, Plan(10, sampler, seed=1, from_scratch=True, audit=0), None, THREADS)
-    assert {e.design.values["position"] for e in found.told} == {1.0, 2.0}
-    assert found.verdict.winner.design.values["position"] in (1.0, 2.0)
-    assert all("gap" in line for line in own.space.at_bounds(found.verdict.winner.design))
+    findings = find(own, Plan(10, sampler, seed=1, from_scratch=True, audit=0), None, THREADS)
+    assert {e.design.values["position"] for e in findings.told} == {1.0, 2.0}
+    assert findings.verdict.winner.design.values["position"] in (1.0, 2.0)
+    assert all("gap" in line for line in own.space.at_bounds(findings.verdict.winner.design))
 
 
 def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -> None:

@@ -198,8 +198,8 @@ def test_no_friction_is_a_limit_of_zero_everywhere(zero: float) -> None:
     assert impact_absorber(friction_limit=zero) == walls
     for limit, same in (((zero, 0.1), (None, 0.1)), (zero, None)):
         two, other = (
-            impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=given)
-            for given in (limit, same)
+            impact_absorbers((1e-3, 1e-3), (1, 0.5), friction_limit=friction)
+            for friction in (limit, same)
         )
         assert two == other
     for law in ({}, {"contact_stiffness": 1e5}):
@@ -222,7 +222,8 @@ def blocks(language: str) -> list[str]:
 
 
 def test_examples_of_the_page_are_the_same_scene_in_both_languages() -> None:
-    toml, (*scenes, drive) = blocks("toml"), blocks("json")
+    toml = blocks("toml")
+    (*scenes, drive) = blocks("json")
     assert len(toml) == len(scenes) == 3
     for one, other in zip(toml, scenes, strict=True):
         assert tomllib.loads(one) == json.loads(other)
@@ -240,8 +241,8 @@ def test_page_names_every_key_with_its_default() -> None:
     for key, value in beam.items():
         assert key in described
         if not isinstance(value, dict):
-            shown = f"{value:g}" if isinstance(value, float) else str(value)
-            assert f"`{key}` ({shown}" in PAGE or f"`{key}` ({value}" in PAGE, key
+            printed = f"{value:g}" if isinstance(value, float) else str(value)
+            assert f"`{key}` ({printed}" in PAGE or f"`{key}` ({value}" in PAGE, key
     tuned = from_scene(beam_scene(absorber=TunedAbsorber()))["absorber"]
     assert f"`stiffness` ({tuned['stiffness']})" in PAGE
     assert f"`damping` ({tuned['damping']})" in PAGE

@@ -106,15 +106,15 @@ def test_at_a_constant_frequency_it_is_drawn_over_time() -> None:
     assert axes.get_xlabel() == "time in s"
 
 
-def test_responses_and_scenes_are_shown_in_a_line_or_two() -> None:
+def test_responses_and_scenes_print_in_a_line_or_two() -> None:
     assert repr(SCENE) == "Scene(2 modes, no absorber)"
-    told = response(CONSTANT, level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3))
-    text = " ".join(repr(told).split())
+    summarised = response(CONSTANT, level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3))
+    text = " ".join(repr(summarised).split())
     assert (
         text
         == "Response(2 modes, no absorber 2 N from 0 to 0.09961 s, level 0.7 mm at 1.0100 of the resonance, 1 impact)"
     )
-    assert "0.7 mm at 1.0100 of the resonance" in told._repr_html_()
+    assert "0.7 mm at 1.0100 of the resonance" in summarised._repr_html_()
     assert "&lt;script&gt;" in html_table("a", [("b", "<script>")])
     words = {
         impact_absorber(

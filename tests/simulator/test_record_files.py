@@ -111,9 +111,9 @@ READ_TABLES: dict[
 @pytest.mark.parametrize("name", READ_TABLES)
 def test_tables_are_read_in_their_units(name: str, tmp_path: Path) -> None:
     content, factor = READ_TABLES[name]
-    found = record(tmp_path, content, "a.csv")
-    np.testing.assert_allclose(found.values, factor * VALUES, atol=1e-9 * factor)
-    np.testing.assert_allclose(found.times, TIMES, atol=1e-9)
+    load = record(tmp_path, content, "a.csv")
+    np.testing.assert_allclose(load.values, factor * VALUES, atol=1e-9 * factor)
+    np.testing.assert_allclose(load.times, TIMES, atol=1e-9)
 
 
 def refuse(folder: Path, content: object, name: str, message: str, more: str = "") -> None:
@@ -133,8 +133,8 @@ def test_small_letters_do_not_make_a_meganewton_a_millinewton(tmp_path: Path) ->
 
 def test_forces_have_units_too(tmp_path: Path) -> None:
     for unit, factor in (("kN", 1e3), ("mN", 1e-3), ("lbf", constants.lbf), ("kgf", constants.g)):
-        found = record(tmp_path, table(f"t_s,force ({unit})"), "a.csv", quantity=FORCE_QUANTITY)
-        np.testing.assert_allclose(found.values, factor * VALUES, atol=1e-8 * factor)
+        load = record(tmp_path, table(f"t_s,force ({unit})"), "a.csv", quantity=FORCE_QUANTITY)
+        np.testing.assert_allclose(load.values, factor * VALUES, atol=1e-8 * factor)
 
 
 THREE = "t_s,a (g),b (mm/s2)\n" + "".join(
@@ -151,20 +151,20 @@ CHOSEN = {
 
 @pytest.mark.parametrize("more", CHOSEN)
 def test_a_channel_is_chosen_by_number_or_name(more: str, tmp_path: Path) -> None:
-    found = record(tmp_path, THREE, "a.csv", more)
-    np.testing.assert_allclose(found.values, CHOSEN[more] * VALUES)
+    load = record(tmp_path, THREE, "a.csv", more)
+    np.testing.assert_allclose(load.values, CHOSEN[more] * VALUES)
 
 
 def test_the_load_s_keys_say_what_a_file_does_not(tmp_path: Path) -> None:
     content = table("time,a", 1e3 * TIMES)
-    found = record(tmp_path, content, "a.csv", "time_unit = 'ms'\nunit = 'g'\nscale = 2")
-    np.testing.assert_allclose(found.values, 2 * G * VALUES, atol=1e-8)
-    assert found.duration == pytest.approx(TIMES[-1])
-    found = record(tmp_path, table("t_s,a_g"), "a.csv", "unit = 'g'\nscale = 2")
-    np.testing.assert_allclose(found.values, 2 * G * VALUES, atol=1e-8)
+    load = record(tmp_path, content, "a.csv", "time_unit = 'ms'\nunit = 'g'\nscale = 2")
+    np.testing.assert_allclose(load.values, 2 * G * VALUES, atol=1e-8)
+    assert load.duration == pytest.approx(TIMES[-1])
+    load = record(tmp_path, table("t_s,a_g"), "a.csv", "unit = 'g'\nscale = 2")
+    np.testing.assert_allclose(load.values, 2 * G * VALUES, atol=1e-8)
     columns = table("a_g,b_g", VALUES, 3 * VALUES)
-    found = record(tmp_path, columns, "a.csv", "channel = 2\nsample_rate_hz = 1000")
-    np.testing.assert_allclose(found.values, 3 * G * VALUES, atol=1e-7)
+    load = record(tmp_path, columns, "a.csv", "channel = 2\nsample_rate_hz = 1000")
+    np.testing.assert_allclose(load.values, 3 * G * VALUES, atol=1e-7)
 
 
 def put(content: str, row: int, text: str) -> str:
@@ -279,8 +279,8 @@ def test_other_tables_are_refused_by_row(name: str, tmp_path: Path) -> None:
 
 
 def test_a_record_that_holds_its_value_is_taken_if_it_is_meant(tmp_path: Path) -> None:
-    found = record(tmp_path, HOLD, "a.csv", "allow_clipping = true")
-    np.testing.assert_allclose(found.values, np.minimum(1.0, 40 * TIMES), atol=1e-9)
+    load = record(tmp_path, HOLD, "a.csv", "allow_clipping = true")
+    np.testing.assert_allclose(load.values, np.minimum(1.0, 40 * TIMES), atol=1e-9)
 
 
 # Sampling times
@@ -312,15 +312,15 @@ def test_rounded_times_are_even_in_files_and_in_python(name: str, tmp_path: Path
     )
     file = record(tmp_path, np.column_stack([times, values]), "a.npy")
     rate = 48e3 if "48" in name or "cut" in name else 3000.0
-    for found in (file, python):
-        if found is not None:
+    for load in (file, python):
+        if load is not None:
             np.testing.assert_allclose(
-                found.times,
+                load.times,
                 np.arange(5000) / rate,
                 atol=5e-5 if "five" in name or "single" in name else 1.1e-6,
             )
-            np.testing.assert_array_equal(found.values, values)
-            np.testing.assert_allclose(np.diff(found.times), found.times[1], rtol=1e-6)
+            np.testing.assert_array_equal(load.values, values)
+            np.testing.assert_allclose(np.diff(load.times), load.times[1], rtol=1e-6)
 
 
 JITTER = np.random.default_rng(0).uniform(-1e-4, 1e-4, 100)
@@ -348,10 +348,10 @@ def test_uneven_times_are_refused_in_files_and_in_python(name: str, tmp_path: Pa
 
 def test_resampling_evens_jitter_and_bridges_no_gap(tmp_path: Path) -> None:
     times = TIMES + JITTER
-    found = record(tmp_path, np.column_stack([times, 3 * times]), "a.npy", "resample = true")
-    np.testing.assert_allclose(found.values, 3 * (times[0] + found.times), rtol=1e-12)
-    assert len(found.values) == 100
-    np.testing.assert_allclose(np.diff(found.times), found.times[1], rtol=1e-9)
+    load = record(tmp_path, np.column_stack([times, 3 * times]), "a.npy", "resample = true")
+    np.testing.assert_allclose(load.values, 3 * (times[0] + load.times), rtol=1e-12)
+    assert len(load.values) == 100
+    np.testing.assert_allclose(np.diff(load.times), load.times[1], rtol=1e-9)
     lost = (np.arange(100) < 40) | (np.arange(100) > 60)
     dense = np.sort(np.concatenate([times, times[40:60] + 2e-4]))
     for bad, row in ((times[lost], 41), (np.delete(times, 40), 41), (dense, 42)):
@@ -381,9 +381,9 @@ def test_arrays_of_real_numbers_are_read(tmp_path: Path) -> None:
         (np.column_stack([both, 3 * VALUES]), "channel = 2", 3.0),
         (named, "", G),
     ):
-        found = record(tmp_path, content, "a.npy", more)
-        np.testing.assert_allclose(found.values, factor * VALUES, atol=1e-3)
-        np.testing.assert_allclose(found.times, TIMES, atol=1e-12)
+        load = record(tmp_path, content, "a.npy", more)
+        np.testing.assert_allclose(load.values, factor * VALUES, atol=1e-3)
+        np.testing.assert_allclose(load.times, TIMES, atol=1e-12)
 
 
 REFUSED_ARRAYS: dict[str, tuple[Array, str]] = {
@@ -458,10 +458,10 @@ SOUNDS["extensible floats"] = (sound(VALUES / 2, 32, tag=0xFFFE, extra=extension
 def test_sounds_have_full_scale_one_and_silence_zero(name: str, tmp_path: Path) -> None:
     """To half of the last bit, so the middle too: of 8 bits, which have no sign, it is 128."""
     content, bits = SOUNDS[name]
-    found = record(tmp_path, content, "a.wav", "scale = 6.0")
-    np.testing.assert_allclose(found.values, 3 * VALUES, atol=6.0 * 0.51 / 2 ** (bits - 1))
-    assert found.values[0] == 0.0
-    np.testing.assert_allclose(found.times, TIMES)
+    load = record(tmp_path, content, "a.wav", "scale = 6.0")
+    np.testing.assert_allclose(load.values, 3 * VALUES, atol=6.0 * 0.51 / 2 ** (bits - 1))
+    assert load.values[0] == 0.0
+    np.testing.assert_allclose(load.times, TIMES)
 
 
 def test_silence_of_eight_bits_from_another_writer(tmp_path: Path) -> None:
@@ -469,10 +469,10 @@ def test_silence_of_eight_bits_from_another_writer(tmp_path: Path) -> None:
         file.setnchannels(2), file.setsampwidth(1), file.setframerate(1000)
         file.writeframes(bytes([128, 0, 128, 255, 128, 64]))
     content = (tmp_path / "b.wav").read_bytes()
-    found = record(tmp_path, content, "a.wav", "scale = 128.0\nchannel = 1")
-    assert found.values.tolist() == [0.0, 0.0, 0.0]
-    found = record(tmp_path, content, "a.wav", "scale = 128.0\nchannel = 2")
-    assert found.values.tolist() == [-128.0, 127.0, -64.0]
+    load = record(tmp_path, content, "a.wav", "scale = 128.0\nchannel = 1")
+    assert load.values.tolist() == [0.0, 0.0, 0.0]
+    load = record(tmp_path, content, "a.wav", "scale = 128.0\nchannel = 2")
+    assert load.values.tolist() == [-128.0, 127.0, -64.0]
 
 
 SOUND = sound(VALUES / 2, 16)
@@ -664,9 +664,9 @@ READ_UFF: dict[
 def test_universal_files_are_read_in_their_units(name: str, tmp_path: Path) -> None:
     pytest.importorskip("pyuff")
     content, quantity, factor, more = READ_UFF[name]
-    found = record(tmp_path, content, "a.uff", more, quantity)
-    np.testing.assert_allclose(found.values, factor * VALUES, atol=1e-5 * abs(factor))
-    np.testing.assert_allclose(found.times, TIMES, atol=1e-9)
+    load = record(tmp_path, content, "a.uff", more, quantity)
+    np.testing.assert_allclose(load.values, factor * VALUES, atol=1e-5 * abs(factor))
+    np.testing.assert_allclose(load.times, TIMES, atol=1e-9)
 
 
 REFUSED_UFF: dict[str, tuple[bytes, str]] = {

@@ -105,7 +105,8 @@ def scenes() -> list[Scene]:
 @pytest.mark.parametrize("scene", scenes(), ids=str)
 def test_states_and_vectors_are_inverse(scene: Scene) -> None:
     generator = np.random.default_rng(3)
-    n, places = scene.model.modes, scene.places
+    n = scene.model.modes
+    places = scene.places
     vector = generator.uniform(-1e-5, 1e-5, 2 * (n + places))
     np.testing.assert_array_equal(InitialState.from_vector(scene, vector).vector(scene), vector)
     with pytest.raises(ParameterError, match="state vector"):

@@ -203,7 +203,7 @@ def decayed(q: np.ndarray, v: np.ndarray, time: float) -> tuple[np.ndarray, np.n
 
 
 @pytest.mark.parametrize("place", ["force", "absorber"])
-def test_a_strike_adds_to_a_given_state(place: str) -> None:
+def test_a_strike_adds_to_an_initial_state(place: str) -> None:
     strike = Strike(0.1, 0.2, place)
     shape = MODEL.force_shape if place == "force" else MODEL.tip_shape
     struck = 0.1 * shape / np.sum(shape**2)
@@ -220,8 +220,8 @@ def test_a_strike_adds_to_a_given_state(place: str) -> None:
         record=record,
     )
     truth = np.concatenate(decayed(q, v + 1.5 * struck, 0.2))
-    found = np.delete(both.end_state, [3, 7])
-    np.testing.assert_allclose(found, truth, rtol=1e-10, atol=1e-14)
+    state = np.delete(both.end_state, [3, 7])
+    np.testing.assert_allclose(state, truth, rtol=1e-10, atol=1e-14)
     lanes = run_lanes([Lane(SCENE, Loads((strike,), W1))])
     level = simulate(SCENE, Loads((strike,), W1), initial=InitialState()).level
     assert lanes.level[0] == level.value > 1e-5
@@ -239,7 +239,7 @@ def test_a_run_in_two_parts_is_struck_by_the_strike_of_each() -> None:
     np.testing.assert_allclose(np.delete(second.end_state, [3, 7]), truth, rtol=1e-10, atol=1e-14)
 
 
-def test_a_state_that_is_given_twice_is_refused() -> None:
+def test_two_initial_states_are_refused() -> None:
     base = ShakenBase(constant_frequency(W1, 1.0, 5), acceleration=1.0, phase=1.0)
     for start in ("base-mean-rest", "lower-wall", InitialState()):
         both = Loads((base,), start=start)
@@ -270,29 +270,29 @@ def test_level_and_envelope_at_another_place_are_those_of_the_stored_motion(name
     drive = drive_of(4.0, 0.98, 1.01, periods=24.3)
     whole = simulate(scene, drive, method, record=Record(level=False, series=True))
     moved = whole.history.modal_displacement @ scene.model.response_shape
-    found = simulate(scene, drive, method, record=Record(envelope=7))
+    response = simulate(scene, drive, method, record=Record(envelope=7))
     level, largest = response_level(moved, 32)
     np.testing.assert_allclose(
-        [found.level.value, found.level.max_tip], [level, largest], rtol=1e-12
+        [response.level.value, response.level.max_tip], [level, largest], rtol=1e-12
     )
-    np.testing.assert_array_equal(found.end_state, whole.end_state)
-    assert found.history is None
+    np.testing.assert_array_equal(response.end_state, whole.end_state)
+    assert response.history is None
     edges = np.linspace(0.0, drive.schedule.times[-1], 8)
     time = whole.history.time
     for k in range(7):
         mine = moved[(time >= edges[k]) & ((time < edges[k + 1]) | (k == 6))]
         truth = [mine.min(), mine.max()]
-        low_high = [found.envelope.low[k], found.envelope.high[k]]
+        low_high = [response.envelope.low[k], response.envelope.high[k]]
         np.testing.assert_allclose(low_high, truth, rtol=0, atol=1e-13 * largest)
-    np.testing.assert_array_equal(found.envelope.edges, edges)
+    np.testing.assert_array_equal(response.envelope.edges, edges)
 
 
 def test_parts_of_an_envelope_without_a_sample_are_open() -> None:
-    found = simulate(
+    response = simulate(
         scene_of(modes=2), drive_of(1.0, 1.0, periods=1.0), record=Record(envelope=100)
     )
-    assert np.sum(np.isfinite(found.envelope.low)) == 33  # samples, each in a part of its own
-    assert np.isfinite(found.envelope.high[[0, -1]]).all()
+    assert np.sum(np.isfinite(response.envelope.low)) == 33  # samples, each in a part of its own
+    assert np.isfinite(response.envelope.high[[0, -1]]).all()
 
 
 @pytest.mark.parametrize("method", [Exact(), Moreau(100), RungeKutta(50)], ids=str)
@@ -310,13 +310,13 @@ def test_a_window_holds_its_samples_ends_included(method: Method) -> None:
         (1e3, 1e4),
     ):
         window = replace(record, series=Window(start, end))
-        found = simulate(scene, drive, method, record=window)
+        response = simulate(scene, drive, method, record=window)
         inside = (whole.time >= start) & (whole.time <= end)
         for name in ("time", "modal_displacement", "modal_velocity", "absorber_displacement"):
             np.testing.assert_array_equal(
-                getattr(found.history, name), getattr(whole, name)[inside]
+                getattr(response.history, name), getattr(whole, name)[inside]
             )
-        assert [len(row) for row in draw_columns(found)] == [min(600, np.sum(inside))] * 3
+        assert [len(row) for row in draw_columns(response)] == [min(600, np.sum(inside))] * 3
 
 
 @pytest.mark.parametrize(
@@ -332,9 +332,9 @@ def test_memory_does_not_grow_with_the_run(record: Record) -> None:
         simulate(scene, drive, record=record)
         tracemalloc.start()
         simulate(scene, drive, record=record)
-        found = tracemalloc.get_traced_memory()[1]
+        peak_bytes = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        return found
+        return peak_bytes
 
     short = peak(50)
     assert peak(800) < short + 20_000  # whose motion takes 1.6 MB
@@ -363,21 +363,21 @@ def test_more_events_than_a_list_holds_are_all_listed_by_one_run(
     calls = list[int]()
     integrate = sweep.integrate
 
-    def counted(*given: object) -> int:
+    def counted(*arguments: object) -> int:
         calls.append(1)
-        return integrate(*given)
+        return integrate(*arguments)
 
     monkeypatch.setattr(sweep, "integrate", counted)
     monkeypatch.setattr(event_lists, "EVENTS_PER_CHUNK", 16)
     scene, drive, start = bouncing(200)
-    found = simulate(
+    response = simulate(
         scene, drive, initial=start, record=Record(level=False, events=True, reversals=True)
     )
     assert len(calls) == 1
-    assert found.impact_count == len(found.impacts.time) == 200
-    np.testing.assert_allclose(found.impacts.time, 2e-3 * (np.arange(200) + 0.5), rtol=1e-9)
-    np.testing.assert_allclose(np.abs(found.impacts.relative_velocity), 1.0, rtol=1e-9)
-    assert len(found.phases.start) == 0
+    assert response.impact_count == len(response.impacts.time) == 200
+    np.testing.assert_allclose(response.impacts.time, 2e-3 * (np.arange(200) + 0.5), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(response.impacts.relative_velocity), 1.0, rtol=1e-9)
+    assert len(response.phases.start) == 0
 
 
 @pytest.mark.parametrize("method", [Exact(), Moreau(200)], ids=str)

@@ -140,11 +140,11 @@ def test_friction_holds_an_absorber_at_the_start_if_it_carries_its_inertia(share
     assert start.absorber_velocity == pytest.approx((1j * omega * motion).real, rel=1e-9)
 
 
-def test_rest_where_there_is_no_steady_state() -> None:
+def test_a_scene_without_steady_state_starts_at_rest() -> None:
     undamped = modal_model(Beam(modes=2, damping_ratio=0.0))
     at_resonance = Drive(1.0, constant_frequency(undamped.resonance_omega(1), 1.0, 5.0))
-    found = find_steady_start(Scene(undamped), at_resonance)
-    assert found is None or np.abs(found.modal_displacement).max() > 1
+    start = find_steady_start(Scene(undamped), at_resonance)
+    assert start is None or np.abs(start.modal_displacement).max() > 1
     heavy = Scene(MODEL, replace(impact_absorber(), gravity=9.81))
     assert find_steady_start(heavy, at_resonance) is None
 

@@ -49,7 +49,7 @@ FORCES = [0.5, 1.0, 2.0, 3.0, 4.0]
 FAST = 50.0  # % per 100 pseudo periods
 
 
-def given_after(seconds: float) -> Stop:
+def stop_after(seconds: float) -> Stop:
     stop = Stop()
     threading.Timer(seconds, stop.give).start()
     return stop
@@ -63,11 +63,11 @@ def given_after(seconds: float) -> Stop:
 def test_a_run_ends_soon_after_its_stop(absorber: Absorber | None, method: Method | None) -> None:
     scene = beam_scene(BEAM, absorber)
     simulate(scene, drive_of(1.0, 1.0, 1.0, periods=2), method)  # compiled
-    stop = given_after(0.3)
-    with pytest.raises(Stopped) as told:
+    stop = stop_after(0.3)
+    with pytest.raises(Stopped) as raised:
         simulate(scene, LONG, method, stop=stop)
-    assert told.value.response is not None
-    assert 0 < told.value.time < LONG.schedule.times[-1]
+    assert raised.value.response is not None
+    assert 0 < raised.value.time < LONG.schedule.times[-1]
     with pytest.raises(Stopped):
         simulate(scene, LONG, method, stop=stop)  # given for good
 
@@ -75,7 +75,7 @@ def test_a_run_ends_soon_after_its_stop(absorber: Absorber | None, method: Metho
 def test_stopped_lanes_stay_open_and_finished_ones_are_whole() -> None:
     short = drive_of(1.0, 0.98, 1.0, periods=20)
     alone = simulate(SCENE, short).level
-    stop = given_after(0.5)
+    stop = stop_after(0.5)
     levels = run_lanes(
         [Lane(SCENE, short), Lane(SCENE, LONG), Lane(SCENE, LONG), Lane(SCENE, short)],
         threads=2,
@@ -89,9 +89,9 @@ def test_stopped_lanes_stay_open_and_finished_ones_are_whole() -> None:
 def test_passes_end_with_the_numbers_of_the_curve_and_partial_curves_only_gain_points() -> None:
     case = CurveCase(SCENE, FORCES, limits=(0.98, 1.02), percent_per_100_periods=FAST)
     passes = (Pass(3, 4.0), Pass(), Pass(members=2))
-    found = list(curve_passes(case, passes, seed=3, threads=2))
-    assert [one for one, curve in found if curve.complete] == list(passes)
-    for one, curve in dict(found).items():
+    curves = list(curve_passes(case, passes, seed=3, threads=2))
+    assert [one for one, curve in curves if curve.complete] == list(passes)
+    for one, curve in dict(curves).items():
         wanted = performance_curve(
             SCENE,
             curve.forces,
@@ -103,7 +103,7 @@ def test_passes_end_with_the_numbers_of_the_curve_and_partial_curves_only_gain_p
         )
         np.testing.assert_array_equal(curve.level, wanted.level)
         np.testing.assert_array_equal(curve.lanes.impacts, wanted.lanes.impacts)
-    np.testing.assert_array_equal(found[0][1].forces, [0.5, 2.0, 4.0])
+    np.testing.assert_array_equal(curves[0][1].forces, [0.5, 2.0, 4.0])
     parts = [
         ~np.isnan(curve.level)
         for _, curve in curve_passes(CurveCase(SCENE, np.linspace(0.5, 5.0, 12)), [Pass(members=2)])
@@ -134,7 +134,7 @@ def test_passes_end_at_a_stop_and_with_their_reader(way: str) -> None:
     case = CurveCase(
         SCENE, np.linspace(0.5, 5.0, 24), percent_per_100_periods=0.002
     )  # minutes, if nothing stops it
-    passes = curve_passes(case, [Pass(4, 2e4), Pass()], given_after(0.3) if way == "stop" else None)
+    passes = curve_passes(case, [Pass(4, 2e4), Pass()], stop_after(0.3) if way == "stop" else None)
     one, curve = next(passes)
     assert one.faster == 2e4
     if way == "stop":
@@ -165,8 +165,8 @@ def test_an_envelope_and_a_window_are_those_of_the_samples() -> None:
     ):
         mine = tip[(times >= low) & ((times < high) | (k == 6))]
         # the level's samples, which are summed in another order
-        found = [part.envelope.low[k], part.envelope.high[k]]
-        np.testing.assert_allclose(found, [mine.min(), mine.max()], rtol=1e-13)
+        envelope = [part.envelope.low[k], part.envelope.high[k]]
+        np.testing.assert_allclose(envelope, [mine.min(), mine.max()], rtol=1e-13)
     assert part.level == whole.level
     assert (
         simulate(SCENE, drive, record=replace(EVERYTHING, envelope=3, series=False)).history is None
@@ -205,7 +205,8 @@ def lanes_of(
     )
     runs.orders["force"] = np.linspace(0.5, 1.0, lanes) * force
     runs.orders["phase"] = np.linspace(0.0, 3.0, lanes)
-    runs.orders["omega_start"], runs.orders["omega_stop"] = 0.98 * OMEGA, 0.99 * OMEGA
+    runs.orders["omega_start"] = 0.98 * OMEGA
+    runs.orders["omega_stop"] = 0.99 * OMEGA
     return runs
 
 
@@ -319,10 +320,8 @@ def test_a_joined_absorber_is_let_go_where_the_force_jumps(
     scene = scene_of(absorber, modes=2)
     lanes = 24
     runs = lanes_of(scene, lanes)
-    runs.orders["force"], runs.orders["phase"] = (
-        0.2 if absorber.walls is None else 6.0,
-        0.26 * np.arange(lanes),
-    )
+    runs.orders["force"] = 0.2 if absorber.walls is None else 6.0
+    runs.orders["phase"] = 0.26 * np.arange(lanes)
     for _ in range(6 if absorber.walls is None else 40):
         runs.advance()
     held = np.flatnonzero(runs._memory.rigid["regime"] != FREE)

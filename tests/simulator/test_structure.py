@@ -171,15 +171,15 @@ def test_the_paper_beam_as_modal_data_and_as_matrices_has_the_beam_impacts(tmp_p
         (tmp_path / "modal.json", True),
         (written(tmp_path, "matrices", **keys), False),
     ):
-        found = run(Scene(modal_model(load_structure(path)), absorber), drive).impacts
+        impacts = run(Scene(modal_model(load_structure(path)), absorber), drive).impacts
         if exactly:
-            np.testing.assert_array_equal(found.time, own.time)
+            np.testing.assert_array_equal(impacts.time, own.time)
         # impacts amplify what the last digits of the matrices differ by: the first ones, before that shows
         np.testing.assert_allclose(
-            found.time[:7], own.time[:7], rtol=0, atol=1e-9 * drive.schedule.pseudo_period
+            impacts.time[:7], own.time[:7], rtol=0, atol=1e-9 * drive.schedule.pseudo_period
         )
         np.testing.assert_allclose(
-            found.relative_velocity[:7], own.relative_velocity[:7], rtol=0, atol=1e-9
+            impacts.relative_velocity[:7], own.relative_velocity[:7], rtol=0, atol=1e-9
         )
 
 
@@ -207,12 +207,12 @@ def test_sparse_and_dense_solutions_agree() -> None:
     ones = np.ones(size)
     stiffness = 1e6 * scipy.sparse.diags([-ones[1:], 2 * ones, -ones[1:]], [-1, 0, 1])
     mass = scipy.sparse.diags(0.01 * ones)
-    found = lowest_modes(mass.tocsc(), stiffness.tocsc(), 6)
+    modes = lowest_modes(mass.tocsc(), stiffness.tocsc(), 6)
     wanted = 2 * np.sqrt(1e6 / 0.01) * np.sin(np.pi * np.arange(1, 7) / (2 * (size + 1)))
-    np.testing.assert_allclose(found.omega, wanted, rtol=1e-8)
-    np.testing.assert_allclose(found.shapes.T @ (mass @ found.shapes), np.eye(6), atol=1e-9)
+    np.testing.assert_allclose(modes.omega, wanted, rtol=1e-8)
+    np.testing.assert_allclose(modes.shapes.T @ (mass @ modes.shapes), np.eye(6), atol=1e-9)
     np.testing.assert_array_equal(
-        lowest_modes(mass.tocsc(), stiffness.tocsc(), 6).shapes, found.shapes
+        lowest_modes(mass.tocsc(), stiffness.tocsc(), 6).shapes, modes.shapes
     )
 
 
@@ -546,10 +546,10 @@ def bracket(folder: Path, table: str = TABLE, more: str = "damping_ratio = 0.01"
 
 
 def test_columns_are_the_rows_of_a_model(tmp_path: Path) -> None:
-    found = load_structure(bracket(tmp_path))
-    np.testing.assert_allclose(found.omega, 2 * np.pi * np.array([31.2, 74.6]), rtol=1e-15)
+    structure = load_structure(bracket(tmp_path))
+    np.testing.assert_allclose(structure.omega, 2 * np.pi * np.array([31.2, 74.6]), rtol=1e-15)
     np.testing.assert_array_equal(
-        [found.tip_shape, found.level_shape, found.damping_ratio],
+        [structure.tip_shape, structure.level_shape, structure.damping_ratio],
         [[0.9, -0.8], [0.5, 0.4], [0.01, 0.01]],
     )
     own = load_structure(
@@ -576,9 +576,9 @@ def test_columns_are_read_as_records_are(name: str, tmp_path: Path) -> None:
     }[name]
     file = bracket(tmp_path)
     (tmp_path / "modes.csv").write_bytes(content)
-    found = load_structure(file)
-    np.testing.assert_array_equal(found.omega, expected.omega)
-    np.testing.assert_array_equal(found.tip_shape, expected.tip_shape)
+    structure = load_structure(file)
+    np.testing.assert_array_equal(structure.omega, expected.omega)
+    np.testing.assert_array_equal(structure.tip_shape, expected.tip_shape)
 
 
 @pytest.mark.parametrize(

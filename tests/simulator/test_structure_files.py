@@ -79,8 +79,8 @@ def test_freedoms_without_mass_follow_the_others_exactly(elements: int, tmp_path
     ):  # the tip's rotation, which has no mass, under a force at the tip
         square = (frequency * omega[0]) ** 2
         direct = np.linalg.inv(stiffness - square * mass)[tip + 1, tip]
-        found = receptance(model, frequency * omega[0], model.level_shape, model.force_shape)
-        assert found == pytest.approx(direct, rel=1e-9)
+        computed = receptance(model, frequency * omega[0], model.level_shape, model.force_shape)
+        assert computed == pytest.approx(direct, rel=1e-9)
 
 
 def test_many_freedoms_without_mass_follow_too() -> None:
@@ -90,12 +90,12 @@ def test_many_freedoms_without_mass_follow_too() -> None:
     stiffness = 2e6 * scipy.sparse.diags([-ones[1:], 2 * ones, -ones[1:]], [-1, 0, 1]).tocsc()
     heavy = np.arange(joints) % 2 == 1
     mass = scipy.sparse.diags(0.01 * heavy).tocsc()
-    found = lowest_modes(mass, stiffness, 6)
+    modes = lowest_modes(mass, stiffness, 6)
     masses = heavy.sum()
     wanted = 2 * np.sqrt(1e6 / 0.01) * np.sin(np.pi * np.arange(1, 7) / (2 * (masses + 1)))
-    np.testing.assert_allclose(found.omega, wanted, rtol=1e-8)
-    between = (found.shapes[1:-3:2] + found.shapes[3::2]) / 2
-    np.testing.assert_allclose(found.shapes[2:-2:2], between, atol=1e-9)
+    np.testing.assert_allclose(modes.omega, wanted, rtol=1e-8)
+    between = (modes.shapes[1:-3:2] + modes.shapes[3::2]) / 2
+    np.testing.assert_allclose(modes.shapes[2:-2:2], between, atol=1e-9)
 
 
 def test_few_masses_on_many_freedoms_are_condensed() -> None:
@@ -105,19 +105,19 @@ def test_few_masses_on_many_freedoms_are_condensed() -> None:
     stiffness = 1e6 * scipy.sparse.diags([-ones[1:], 2 * ones, -ones[1:]], [-1, 0, 1]).tocsc()
     places = np.array([8_000, 16_000, 24_000, 32_000])
     mass = scipy.sparse.coo_matrix((np.full(4, 0.5), (places - 1, places - 1)), (joints, joints))
-    found = lowest_modes(mass.tocsc(), stiffness, 10)
+    modes = lowest_modes(mass.tocsc(), stiffness, 10)
     share = places / 40_000
     flexible = np.minimum.outer(share, share) - np.outer(share, share)
     wanted = np.sort(1 / np.sqrt(np.linalg.eigvalsh(0.5 * flexible * 40_000 / 1e6)))
-    np.testing.assert_allclose(found.omega, wanted, rtol=1e-6)
+    np.testing.assert_allclose(modes.omega, wanted, rtol=1e-6)
 
 
 def test_a_combination_of_freedoms_without_mass_has_no_mode() -> None:
     mass = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])  # u1 - u2 moves no mass
     stiffness = np.array([[3e4, -1e4, 0.0], [-1e4, 2e4, -1e4], [0.0, -1e4, 1e4]])
-    found = lowest_modes(mass, stiffness, 3)
+    modes = lowest_modes(mass, stiffness, 3)
     flexible = np.linalg.eigvals(np.linalg.solve(stiffness, mass)).real
-    np.testing.assert_allclose(found.omega, 1 / np.sqrt(np.sort(flexible)[::-1][:2]), rtol=1e-10)
+    np.testing.assert_allclose(modes.omega, 1 / np.sqrt(np.sort(flexible)[::-1][:2]), rtol=1e-10)
 
 
 def test_unused_freedoms_change_nothing(tmp_path: Path) -> None:
@@ -128,9 +128,9 @@ def test_unused_freedoms_change_nothing(tmp_path: Path) -> None:
     wide[0][np.ix_(order, order)] = mass
     wide[1][np.ix_(order, order)] = stiffness
     np.savez(tmp_path / "w.npz", M=wide[0], K=wide[1])
-    found = loaded(tmp_path, mass="w.npz", stiffness="w.npz", **KEYS | {"absorber": 2})
+    model = loaded(tmp_path, mass="w.npz", stiffness="w.npz", **KEYS | {"absorber": 2})
     for name in ("omega", "force_shape", "tip_shape"):
-        np.testing.assert_allclose(getattr(found, name), getattr(plain, name), rtol=1e-10)
+        np.testing.assert_allclose(getattr(model, name), getattr(plain, name), rtol=1e-10)
 
 
 def test_matrices_that_no_structure_has_are_refused() -> None:
@@ -272,9 +272,9 @@ def test_all_forms_of_matrices_give_one_model(
 ) -> None:
     mass, stiffness = chain(tmp_path)
     plain = loaded(tmp_path, mass="m.npz", stiffness="m.npz", **KEYS)
-    found = loaded(tmp_path, **KEYS | write(tmp_path, mass, stiffness))
+    model = loaded(tmp_path, **KEYS | write(tmp_path, mass, stiffness))
     for name in ("omega", "force_shape", "tip_shape"):
-        np.testing.assert_allclose(getattr(found, name), getattr(plain, name), rtol=1e-10)
+        np.testing.assert_allclose(getattr(model, name), getattr(plain, name), rtol=1e-10)
 
 
 def test_units_of_matrices_are_those_of_si(tmp_path: Path) -> None:
@@ -289,9 +289,9 @@ def test_units_of_matrices_are_those_of_si(tmp_path: Path) -> None:
         ("slug, ft, s", 14.593902937206, 1.0),
     ):
         np.savez(tmp_path / "u.npz", M=mass / of_mass, K=stiffness / of_mass * time**2)
-        found = loaded(tmp_path, **KEYS | {"mass": "u.npz", "stiffness": "u.npz", "units": units})
+        model = loaded(tmp_path, **KEYS | {"mass": "u.npz", "stiffness": "u.npz", "units": units})
         for name in ("omega", "force_shape", "tip_shape"):
-            np.testing.assert_allclose(getattr(found, name), getattr(plain, name), rtol=1e-10)
+            np.testing.assert_allclose(getattr(model, name), getattr(plain, name), rtol=1e-10)
 
 
 HEADER = "%%MatrixMarket matrix coordinate {} {}\n3 3 {}\n"
@@ -376,10 +376,10 @@ def test_a_damaged_archive_is_refused_or_read_as_it_was(tmp_path: Path) -> None:
         damaged[place] ^= 0xFF
         (tmp_path / "m.npz").write_bytes(damaged)
         try:
-            found = loaded(tmp_path, **keys).omega
+            omega = loaded(tmp_path, **keys).omega
         except ParameterError:
             continue
-        np.testing.assert_array_equal(found, right)
+        np.testing.assert_array_equal(omega, right)
         read += 1
     assert read < len(whole) / 10  # bytes that mean nothing, as a time of change
 
@@ -475,16 +475,16 @@ def test_universal_files_in_other_units_give_the_same_model(tmp_path: Path) -> N
     ]
     text = units_set(10, 1e3, 1.0) + set_55(scaled[0])
     text += set_55(scaled[1], (90.0, 1.0, 0.01, 0.0), mode=2) + nodes_2411(x=500.0)
-    found = universal(tmp_path, text)
-    np.testing.assert_allclose(found.tip_shape, plain.tip_shape, rtol=1e-5)
+    model = universal(tmp_path, text)
+    np.testing.assert_allclose(model.tip_shape, plain.tip_shape, rtol=1e-5)
     np.testing.assert_allclose(read_nodes(tmp_path / "a.uff")[1][:, 0], [0.5, 1.0])
     # mm and mN: the unit of mass is kg
-    found = universal(tmp_path, units_set(5, 1e3, 1e3) + PLAIN)
-    np.testing.assert_allclose(found.tip_shape, plain.tip_shape, rtol=1e-12)
+    model = universal(tmp_path, units_set(5, 1e3, 1e3) + PLAIN)
+    np.testing.assert_allclose(model.tip_shape, plain.tip_shape, rtol=1e-12)
     # a modal mass of 4 scales shapes by a half
     double = [(node, [0.0, 0.0, 2 * x[2]]) for node, x in FIRST]
-    found = universal(tmp_path, set_55(double, (30.0, 4.0, 0.01, 0.0)))
-    np.testing.assert_allclose(found.tip_shape, plain.tip_shape[:1], rtol=1e-5)
+    model = universal(tmp_path, set_55(double, (30.0, 4.0, 0.01, 0.0)))
+    np.testing.assert_allclose(model.tip_shape, plain.tip_shape[:1], rtol=1e-5)
 
 
 def test_rotations_and_left_out_zeros_of_a_universal_file(tmp_path: Path) -> None:
@@ -493,9 +493,9 @@ def test_rotations_and_left_out_zeros_of_a_universal_file(tmp_path: Path) -> Non
     text = set_55(turned, about=(1, 2, 3, 8, 2, 6)) + set_55(
         SECOND[1:], (90.0, 1.0, 0.01, 0.0), mode=2
     )
-    found = universal(tmp_path, text)
-    np.testing.assert_allclose(found.tip_shape, plain.tip_shape, rtol=1e-12)
-    np.testing.assert_allclose(np.abs(found.force_shape), [0.5, 0.0], rtol=1e-12)
+    model = universal(tmp_path, text)
+    np.testing.assert_allclose(model.tip_shape, plain.tip_shape, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(model.force_shape), [0.5, 0.0], rtol=1e-12)
 
 
 def test_forms_of_numbers_and_binary_datasets_of_a_universal_file(tmp_path: Path) -> None:
@@ -503,8 +503,8 @@ def test_forms_of_numbers_and_binary_datasets_of_a_universal_file(tmp_path: Path
     assert universal(tmp_path, PLAIN.replace("\n", "\r\n")).modes == 2
     touching = PLAIN.replace("  0.00000e+00  0.00000e+00", " -0.00000D+00 -0.00000D+00")
     touching = touching.replace(" -0.00000D+00 -0.00000D+00 ", "-10.00000D+00-10.00000D+00 ")
-    found = universal(tmp_path, touching)
-    np.testing.assert_array_equal(found.tip_shape, plain.tip_shape)
+    loaded_model = universal(tmp_path, touching)
+    np.testing.assert_array_equal(loaded_model.tip_shape, plain.tip_shape)
     # six complex values a node, on two lines
     rows = [(node, [0.0] * 4 + [x[2], 0.0] + [0.1] * 6) for node, x in FIRST]
     value = complex(-2.0, 200.0)
@@ -639,17 +639,17 @@ def test_a_field_that_does_not_fit_is_refused_with_the_file(case: str, tmp_path:
 
 
 @pytest.mark.parametrize("key", ["file", "force", "absorber", "mass_kg"])
-def test_a_key_that_has_no_default_is_asked_for(key: str, tmp_path: Path) -> None:
+def test_a_missing_key_without_default_is_named(key: str, tmp_path: Path) -> None:
     (tmp_path / "a.uff").write_text(PLAIN)
     keys = {name: value for name, value in PLACES.items() if name != key}
     with pytest.raises(ParameterError, match=f"the key {key} must be given"):
         loaded(tmp_path, "universal", **keys)
     matrices = {"mass": "m.npz", "stiffness": "m.npz", **KEYS}
     chain(tmp_path)
-    given = {name: value for name, value in matrices.items() if name != key}
+    present = {name: value for name, value in matrices.items() if name != key}
     if key != "file":
         with pytest.raises(ParameterError, match=f"the key {key} must be given"):
-            loaded(tmp_path, **given)
+            loaded(tmp_path, **present)
 
 
 def test_coordinate_systems_that_are_the_global_one_are_read(tmp_path: Path) -> None:
@@ -664,7 +664,7 @@ def test_coordinate_systems_that_are_the_global_one_are_read(tmp_path: Path) -> 
         read_nodes(tmp_path / "a.uff")  # its origin is elsewhere
 
 
-def test_damping_that_is_given_needs_none_of_the_file(tmp_path: Path) -> None:
+def test_a_damping_option_needs_no_damping_in_the_file(tmp_path: Path) -> None:
     text = set_55(FIRST, (30.0, 1.0, 0.01, 0.01))
     assert universal(tmp_path, text, damping_ratio=0.02).damping_ratio == [0.02]
     assert universal(tmp_path, set_55(FIRST, (30.0, 1.0, 0.0, 0.03))).damping_ratio == [0.015]
@@ -754,8 +754,8 @@ def test_base_participation_of_a_beam_with_a_tip_mass_is_that_of_the_closed_form
         bent = np.cos(x) * np.sinh(x) - np.sin(x) * np.cosh(x)
         return float(1 + np.cos(x) * np.cosh(x) + ratio * x * bent)
 
-    found = modal_model(beam).base_participation
-    assert found is not None
+    participation = modal_model(beam).base_participation
+    assert participation is not None
     for k, bracket in enumerate(((0.5, 1.87), (3.93, 4.69), (7.07, 7.85))):
         root = scipy.optimize.brentq(equation, *bracket, xtol=1e-14)
         share = (np.cosh(root) + np.cos(root)) / (np.sinh(root) + np.sin(root))
@@ -769,4 +769,4 @@ def test_base_participation_of_a_beam_with_a_tip_mass_is_that_of_the_closed_form
             return float(line * beam.length * area + beam.tip_mass * shape(1.0) ** power)
 
         wanted = integral(1) / np.sqrt(integral(2)) * np.sign(shape(1.0))
-        assert found[k] == pytest.approx(wanted, rel=2e-5)
+        assert participation[k] == pytest.approx(wanted, rel=2e-5)

@@ -29,9 +29,9 @@ def loaded(path: Path) -> ModalModel:
         return modal_model(load_structure(path))
 
 
-def same(found: ModalModel, wanted: ModalModel, tolerance: float) -> None:
+def same(model: ModalModel, wanted: ModalModel, tolerance: float) -> None:
     for name in ("omega", "force_shape", "tip_shape", "damping_ratio"):
-        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=tolerance)
+        np.testing.assert_allclose(getattr(model, name), getattr(wanted, name), rtol=tolerance)
 
 
 PLACES = {
@@ -123,9 +123,9 @@ def test_nastran_modes_are_scaled_turned_and_in_si_units(
         keys["bdf"] = "job.bdf"
     wanted = {"mass": "m.npz", "stiffness": "m.npz", "units": "kg, m, s"}
     wanted |= {"force": 0, "absorber": 2, "mass_kg": 3.0, "damping_ratio": 0.01}
-    found = loaded(written(tmp_path, "op2", "nastran", **keys))
+    model = loaded(written(tmp_path, "op2", "nastran", **keys))
     plain = loaded(written(tmp_path, "matrices", "matrices", **wanted))
-    same(found, _turned_absorber(plain), 1e-5)
+    same(model, _turned_absorber(plain), 1e-5)
 
 
 def _turned_absorber(model: ModalModel) -> ModalModel:
@@ -141,8 +141,8 @@ def test_a_mode_that_a_program_lists_twice_counts_once(tmp_path: Path) -> None:
     twice = [0, 0, 1]
     write_op2(tmp_path, omega[twice], shapes[:, twice], np.ones(3), nodes=True)
     keys = PLACES | {"file": "job.op2", "units": "t, mm, s"}
-    found = loaded(written(tmp_path, "op2", "nastran", **keys))
-    np.testing.assert_allclose(found.omega, omega[:2], rtol=1e-6)
+    model = loaded(written(tmp_path, "op2", "nastran", **keys))
+    np.testing.assert_allclose(model.omega, omega[:2], rtol=1e-6)
 
 
 NASTRAN = {
@@ -189,10 +189,10 @@ def test_a_wrong_nastran_file_is_one_line(case: str, tmp_path: Path) -> None:
 
 def example(name: str) -> Path:
     pytest.importorskip("ansys.mapdl.reader._version")
-    found = importlib.util.find_spec("ansys.mapdl.reader")
-    assert found is not None
-    assert found.submodule_search_locations is not None
-    return Path(found.submodule_search_locations[0]) / "examples" / name
+    package = importlib.util.find_spec("ansys.mapdl.reader")
+    assert package is not None
+    assert package.submodule_search_locations is not None
+    return Path(package.submodule_search_locations[0]) / "examples" / name
 
 
 def test_matrices_of_a_full_file_have_the_frequencies_of_the_reader_page(tmp_path: Path) -> None:
@@ -282,11 +282,11 @@ def test_a_measured_structure_is_compared_with_its_matrices(tmp_path: Path) -> N
     matrices = {"mass": "job.mas", "stiffness": "job.sti", "units": "kg, m, s"}
     first = written(tmp_path, "fe", "matrices", **common, **matrices, damping_ratio=0.01)
     second = written(tmp_path, "test", "universal", **common, file="test.uff")
-    found = compare_modes(first, second)
-    assert found.places == 2
-    np.testing.assert_allclose(found.first, found.second, rtol=1e-5)
+    comparison = compare_modes(first, second)
+    assert comparison.places == 2
+    np.testing.assert_allclose(comparison.first, comparison.second, rtol=1e-5)
     part = shapes[[0, 2]].T
-    np.testing.assert_allclose(found.assurance, modal_assurance(part, part), atol=1e-5)
+    np.testing.assert_allclose(comparison.assurance, modal_assurance(part, part), atol=1e-5)
     beam = written(tmp_path, "beam", "beam", length_m=1.0)
     with pytest.raises(ParameterError, match="a file with nodes"):
         compare_modes(first, beam)

@@ -63,7 +63,7 @@ def bars(values: Any) -> None:
     assert len(accuracy[0]["each"]) > 100
 
 
-def beside_lsim(values: Any) -> None:
+def check_lsim_rows(values: Any) -> None:
     """Where all is linear both give one motion."""
     assert values["cases"][0]["difference"] < 1e-9
 
@@ -84,7 +84,7 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
         benchmark,
         ["--record", "--quick"],
         {"RECORDED": {"no absorber": None}},
-        beside_lsim,
+        check_lsim_rows,
         "",
     ),
     "benchmark_energies": (
@@ -111,7 +111,7 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
     "benchmark_periodic": (
         benchmark_periodic,
         ["--quick"],
-        {"timed": lambda *given: timed(*given[:3], 2, *given[4:])},
+        {"timed": lambda *arguments: timed(*arguments[:3], 2, *arguments[4:])},
         bars,
         "lines",
     ),
@@ -127,7 +127,7 @@ NIGHTLY = ("benchmark_energies", "benchmark_periodic")  # 14 s of the processor 
 def test_a_benchmark_writes_what_it_prints(
     block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    module, options, smaller, check, shown = SMALL[block]
+    module, options, smaller, check, printed = SMALL[block]
     for name, value in smaller.items():
         monkeypatch.setattr(module, name, value)
     target = tmp_path / "numbers.json"
@@ -143,7 +143,7 @@ def test_a_benchmark_writes_what_it_prints(
     assert table in result.output
     assert made.startswith("Measured on ")
     assert f"numba {values['conditions']['versions']['numba']}" in made
-    assert not shown or table.startswith(module.table(values[shown]))
+    assert not printed or table.startswith(module.table(values[printed]))
     check(values)
 
 
@@ -158,7 +158,7 @@ def test_a_benchmark_writes_what_it_prints(
         ("0.44 to 0.57", (0.6, 0.5, 0.9), False),
     ],
 )
-def test_agreement_is_to_the_digits_given(
+def test_agreement_is_to_the_printed_digits(
     earlier: str, numbers: tuple[float, float, float], inside: bool
 ) -> None:
     median, low, high = numbers
@@ -201,7 +201,7 @@ SAVING = {
 
 
 @pytest.mark.parametrize(
-    ("name", "found", "broken"),
+    ("name", "measured", "broken"),
     [
         ("no absorber, exact", entry("no absorber", "search.search"), "searches no events"),
         ("impact, exact", entry("impact", FRICTION, arithmetic=2), "no friction arithmetic"),
@@ -209,7 +209,7 @@ SAVING = {
     ],
 )
 def test_claims_hold_or_are_broken_and_the_page_says_so(
-    name: str, found: dict[str, Any], broken: str, tmp_path: Path
+    name: str, measured: dict[str, Any], broken: str, tmp_path: Path
 ) -> None:
     good = {
         "no absorber, exact": entry("no absorber", "linear.linear_lane"),
@@ -222,7 +222,7 @@ def test_claims_hold_or_are_broken_and_the_page_says_so(
             1,
             "Left out without a saving of 2 % or more: friction (exact).",
             1.0,
-            good | {name: found},
+            good | {name: measured},
         ),
     ):
         values = {

@@ -53,7 +53,7 @@ def smaller(module: ModuleType, monkeypatch: pytest.MonkeyPatch, **values: objec
         monkeypatch.setattr(module, name, value)
 
 
-def test_rows_of_both_resonances_are_told_and_drawn(
+def test_rows_of_both_resonances_are_printed_and_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     groups = {name: load_answers.GROUPS[name] for name in ("share", "gap")}
@@ -86,7 +86,9 @@ def test_rows_of_both_resonances_are_told_and_drawn(
     assert any(np.allclose(points.T, best) for points in lines(right) if points.shape == (2, 1))
 
 
-def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_loads_are_printed_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A tuned absorber leaves what the sum over lines says; far walls leave all, and near ones less."""
     smaller(load_spectra, monkeypatch, PERIODS=400.0, GAPS=np.array([1.5, 100.0]), SHIFTS=(0.0,))
     (row,) = random_rows(CASE, 0, SpectrumSettings(3, False))
@@ -102,7 +104,7 @@ def test_random_loads_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.Mon
     FIGURES["loads_random"](tmp_path / "random.png", [row])
 
 
-def test_shocks_are_told_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shocks_are_printed_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(load_spectra, "PEAKS", (0.5, 2.0))
     rows = shock_rows(CASE, 0.5, SpectrumSettings(3, False))
     assert rows[1]["peak_n"] == pytest.approx(4 * rows[0]["peak_n"])
@@ -122,8 +124,17 @@ def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.Monk
             f"<!-- {part.name} -->\n<!-- /{part.name} -->\n" for part in load_answers.STUDY.parts
         )
     )
-    given = ["--only", "loads_gravity", "--only", "loads_start", "--members", 1, "--out", tmp_path]
-    result = call(main, *given)
+    options = [
+        "--only",
+        "loads_gravity",
+        "--only",
+        "loads_start",
+        "--members",
+        1,
+        "--out",
+        tmp_path,
+    ]
+    result = call(main, *options)
     assert result.exit_code == 0, result.output
     rows = read_json(tmp_path / "loads_start.json.gz")["rows"]
     assert {row["start"] for row in rows} == {"middle", "lower-wall", "bouncing"}
@@ -131,7 +142,7 @@ def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.Monk
     assert f"{np.median(rows[0]['ratio']):.2f}" in page.read_text()
     before = page.read_text()
     page.write_text(before.replace(f"{np.median(rows[0]['ratio']):.2f}", ""))
-    again = call(main, *given, "--redraw")
+    again = call(main, *options, "--redraw")
     assert again.exit_code == 0, again.output
     assert page.read_text() == before
     assert (tmp_path / "loads_start.png").stat().st_size > 1000

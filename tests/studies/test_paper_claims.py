@@ -70,10 +70,10 @@ def amplitude(at: Real, stiffness: float, damping: float) -> Real:
     rates = rates + damping * np.outer(stretch, stretch)
     squares = squares + stiffness * np.outer(stretch, stretch)
     dynamic = squares[None] - at[:, None, None] ** 2 * mass + 1j * at[:, None, None] * rates
-    found = np.linalg.solve(
+    solution = np.linalg.solve(
         dynamic, np.broadcast_to(np.append(FORCE, 0.0)[:, None], (len(at), MODES + 1, 1))
     )
-    return np.asarray(np.abs(found[:, :MODES, 0] @ TIP))
+    return np.asarray(np.abs(solution[:, :MODES, 0] @ TIP))
 
 
 def test_the_beams_numbers_are_those_of_closed_forms(values: dict[str, Any]) -> None:
@@ -129,11 +129,11 @@ def test_peaks_with_each_tuned_absorber(values: dict[str, Any]) -> None:
 
     tunings = values["tuned"]["tunings"]
     heights = {}
-    for name, found in tunings.items():
-        own = (found["stiffness"], found["damping"])
+    for name, tuning in tunings.items():
+        own = (tuning["stiffness"], tuning["damping"])
         heights[name] = peak(0.5, 1.6, *own) / peak(0.5, 1.6)
-        assert found["relative"] == pytest.approx(heights[name], rel=1e-3)
-        assert found["within_limits"] == pytest.approx(
+        assert tuning["relative"] == pytest.approx(heights[name], rel=1e-3)
+        assert tuning["within_limits"] == pytest.approx(
             peak(0.9, 1.06, *own) / peak(0.5, 1.6), rel=1e-3
         )
     assert heights["smallest peak"] <= heights["Den Hartog"] < 0.7 * heights["paper"]
@@ -177,16 +177,16 @@ def test_a_sweep_shows_nearly_the_stationary_level(values: dict[str, Any]) -> No
     assert values["linear"]["sweep_ratio"]["1"] == pytest.approx(max(levels) / stationary, rel=2e-3)
 
 
-def test_what_is_found_of_beam_and_tuned_absorber(values: dict[str, Any]) -> None:
-    found = basics.claims(values)
-    refuted = {name for name, verdict in verdicts(found).items() if verdict is ClaimVerdict.NOT}
+def test_claims_on_beam_and_tuned_absorber(values: dict[str, Any]) -> None:
+    claims = basics.claims(values)
+    refuted = {name for name, verdict in verdicts(claims).items() if verdict is ClaimVerdict.NOT}
     assert refuted == {"ltva", "ltva_second", "second_reason"}
-    assert len(verdicts(found)) == len(found) == 17
-    given = {"omega_2", "mass", "node", "stiffness", "own_period", "span", "scaling", "undamped"}
-    assert {claim.name for claim in found if claim.definitional} == {
-        f"basics_{name}" for name in given
+    assert len(verdicts(claims)) == len(claims) == 17
+    names = {"omega_2", "mass", "node", "stiffness", "own_period", "span", "scaling", "undamped"}
+    assert {claim.name for claim in claims if claim.definitional} == {
+        f"basics_{name}" for name in names
     }
-    assert all(claim.why for claim in found if claim.verdict is not ClaimVerdict.HOLDS)
+    assert all(claim.why for claim in claims if claim.verdict is not ClaimVerdict.HOLDS)
 
 
 CHANGES: dict[str, tuple[tuple[str, ...], Any]] = {

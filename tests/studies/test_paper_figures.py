@@ -76,10 +76,10 @@ def measured(figure: PaperFigure, size: object) -> tuple[Json, dict[str, ClaimVe
 
 
 def test_ranges_of_shares_of_members() -> None:
-    found = find_operating_ranges(FORCES, [0, 0.2, 0.6, 1, 1], [0, 0, 0.4, 0.8, 1])
-    assert (found.first_impacts.low, found.first_impacts.high) == (1.0, 2.0)
-    assert (found.transition.low, found.transition.high) == (2.0, 4.0)
-    assert found.transition.force == pytest.approx(8**0.5)
+    ranges = find_operating_ranges(FORCES, [0, 0.2, 0.6, 1, 1], [0, 0, 0.4, 0.8, 1])
+    assert (ranges.first_impacts.low, ranges.first_impacts.high) == (1.0, 2.0)
+    assert (ranges.transition.low, ranges.transition.high) == (2.0, 4.0)
+    assert ranges.transition.force == pytest.approx(8**0.5)
 
 
 def test_sustained_means_no_pause_of_a_period_of_the_force() -> None:
@@ -97,7 +97,7 @@ def test_slopes_are_the_power_of_a_made_curve(exponent: float) -> None:
     assert np.isnan(compute_slopes(made(power(exponent)), FORCES > 7)).all()
 
 
-def test_watched_curve_is_the_performance_curve() -> None:
+def test_curve_with_contacts_is_the_performance_curve() -> None:
     scene = beam_scene(Beam(modes=2), impact_absorber())
     forces = (0.7, 1.5)
     known = read_curve(to_plain_curve(performance_curve(scene, forces, members=2, threads=1)))
@@ -115,25 +115,25 @@ def test_watched_curve_is_the_performance_curve() -> None:
 
 def test_contacts_count_by_hand() -> None:
     one = lane(force=4.0)
-    seen = measure_contacts(one)
+    contacts = measure_contacts(one)
     response = simulate(one.scene, one.drive, record=FULL_RECORD)
     level = response.recorded.level
     period = one.drive.schedule.pseudo_period
     inside = [t for t in response.impacts.time if abs(t - level.time) <= 10 * period]
-    assert seen.rate == pytest.approx(len(inside) / 20)
+    assert contacts.rate == pytest.approx(len(inside) / 20)
     edges = [level.time - 10 * period, *inside, level.time + 10 * period]
-    assert seen.pause == pytest.approx(max(np.diff(edges)) / period)
+    assert contacts.pause == pytest.approx(max(np.diff(edges)) / period)
 
 
 def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
     scene = beam_scene(Beam(modes=2))
     drive = Drive(1.0, linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06))
     ratio = compute_envelope_ratios(drive.schedule)
-    found = compute_envelope(Lane(scene, drive))
-    assert len(ratio) == len(found)
+    envelope = compute_envelope(Lane(scene, drive))
+    assert len(ratio) == len(envelope)
     inside = (ratio > 0.91) & (ratio < 0.97)
     still = np.abs(tip_response(scene.model, None, ratio[inside] * scene.model.resonance_omega(1)))
-    assert found[inside] == pytest.approx(still, rel=0.06)
+    assert envelope[inside] == pytest.approx(still, rel=0.06)
 
 
 def test_the_window_is_that_of_the_level() -> None:
@@ -164,7 +164,7 @@ def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None
     mass = float(scene.absorber_mass or 0)
     omega = model.resonance_omega(1)
     tip = model.tip_shape
-    found = basics.simulate_mean_squares(
+    mean_squares = basics.simulate_mean_squares(
         scene, [Drive(4.0, constant_frequency(omega, 1.0, periods))], damper, Exact(), 1, 16
     )[:, 0]
     dt = 2 * np.pi / omega / each
@@ -192,7 +192,7 @@ def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None
         tips[k + 1] = tip @ q
     square = tips[: -1 : each // basics.SAMPLES].reshape(periods * 16, -1) ** 2
     assert impacts >= 3
-    assert found == pytest.approx(square.mean(axis=1), abs=0.01 * square.max())
+    assert mean_squares == pytest.approx(square.mean(axis=1), abs=0.01 * square.max())
 
 
 # claims
@@ -211,7 +211,7 @@ def test_verdicts_of_intervals_and_at_the_papers_step() -> None:
 
 
 def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    found, verdicts = measured(
+    claims, verdicts = measured(
         oprange.FIGURE, Size(forces=(0.5, 0.7, 1.0, 1.3, 1.6, 2.5, 4.0, 9.0, 60.0), members=2)
     )
     assert len(verdicts) == 7
@@ -220,32 +220,34 @@ def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_pat
     )  # with one mode a step is a twentieth of the force's period
     for name in ("linear_range", "saturation", "quasi_linear", "sustained", "linear_limit"):
         assert verdicts[f"oprange_{name}"] is ClaimVerdict.HOLDS, name
-    ranges = find_ranges(read_curve(found["absorber"]))
+    ranges = find_ranges(read_curve(claims["absorber"]))
     assert (ranges.first_impacts.low, ranges.first_impacts.high) == (
         0.7,
         1.0,
     )  # the gap is reached at 0.7806 N
     drawn = saved_figures(monkeypatch)
-    make_saver(lambda: oprange.FIGURE.draw(found))(tmp_path / "figure.png")
+    make_saver(lambda: oprange.FIGURE.draw(claims))(tmp_path / "figure.png")
     panel = drawn[0].axes[0]
-    curve, step = (read_curve(found[name]) for name in ("absorber", "step"))
-    none = read_curve(found["linear"]["none"])
-    shown = curve.forces <= 12
+    curve, step = (read_curve(claims[name]) for name in ("absorber", "step"))
+    none = read_curve(claims["linear"]["none"])
+    in_range = curve.forces <= 12
     level = 1e3 * np.median(curve.level, axis=1)
-    np.testing.assert_allclose(line(panel, "impact absorber"), [curve.forces[shown], level[shown]])
     np.testing.assert_allclose(
-        line(panel, "no absorber")[1], 1e3 * np.median(none.level, axis=1)[shown]
+        line(panel, "impact absorber"), [curve.forces[in_range], level[in_range]]
     )
-    np.testing.assert_allclose(line(panel, "one run at")[1], 1e3 * step.level[shown, 0])
-    assert "first impacts between 0.7 and 1 N" in oprange.FIGURE.words(found)
+    np.testing.assert_allclose(
+        line(panel, "no absorber")[1], 1e3 * np.median(none.level, axis=1)[in_range]
+    )
+    np.testing.assert_allclose(line(panel, "one run at")[1], 1e3 * step.level[in_range, 0])
+    assert "first impacts between 0.7 and 1 N" in oprange.FIGURE.words(claims)
 
 
 def test_claims_of_the_second_modes_damping() -> None:
     dampings = (0.01, 0.3, 0.5)
-    found, verdicts = measured(second_mode.DAMPING, Size(dampings=dampings, members=2))
+    claims, verdicts = measured(second_mode.DAMPING, Size(dampings=dampings, members=2))
     for name in ("improvement", "lower", "dissipated", "saturates"):
         assert verdicts[f"vard_{name}"] is ClaimVerdict.HOLDS, name
-    left = [np.median(second_mode.read_row(found, d, "left")) for d in dampings]
+    left = [np.median(second_mode.read_row(claims, d, "left")) for d in dampings]
     assert left[0] > 0.5 > 0.1 > left[1]
 
 
@@ -268,7 +270,8 @@ def test_one_mode_without_losses_at_its_contact_is_strongly_modulated() -> None:
 
 def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
     """By the exact method whole periods of friction leave the absorber's place; a scheme that is late at each reversal moves it to a wall."""
-    scene, (start, stop, _) = jump.make_scene(), jump.DRIFT
+    scene = jump.make_scene()
+    start, stop, _ = jump.DRIFT
     drives = draw_members(3, 0, "phase").drives(
         1.5, linear_sweep(scene.model.resonance_omega(1), start, stop, 0.2)
     )
@@ -283,8 +286,8 @@ def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
 @pytest.mark.nightly
 def test_friction_springs_and_walls_approach_the_rigid_laws() -> None:
     for kind in (conv.WALLS, conv.FRICTION):
-        found = conv._over_stiffness(QUICK, conv.sizes(3, 4, 3), kind, Exact())
-        ratio = np.median(found["level_m"], axis=1) / np.median(found["rigid_m"])
+        rows = conv._over_stiffness(QUICK, conv.sizes(3, 4, 3), kind, Exact())
+        ratio = np.median(rows["level_m"], axis=1) / np.median(rows["rigid_m"])
         assert abs(ratio[-1] - 1) < 0.05
         assert abs(ratio[0] - 1) > 0.1
 

@@ -76,7 +76,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
     )
 
 
-def test_finished_groups_and_figures_are_kept_until_their_parameters_change(
+def test_finished_groups_and_figures_are_reused_until_their_parameters_change(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     measured: list[str] = []

@@ -55,11 +55,11 @@ def place_of(path: Path) -> OutputPaths:
 def section(page: Path, marker: str) -> str:
     """Return the text of a page between the markers of a name."""
     text = page.read_text(encoding="utf-8")
-    found = re.search(
+    match = re.search(
         f"<!-- {re.escape(marker)} -->\n(.*?)<!-- /{re.escape(marker)} -->", text, re.S
     )
-    assert found, f"{page.name} has no markers {marker}"
-    return found[1].strip()
+    assert match, f"{page.name} has no markers {marker}"
+    return match[1].strip()
 
 
 def rows_of(columns: Any, rows: Any) -> list[list[str]]:
@@ -83,7 +83,7 @@ def test_pages_have_what_their_numbers_give(
 
 
 def test_claims_are_those_that_the_published_figures_decide() -> None:
-    kept = read_json(DOCS / "paper" / "claims.json.gz")
+    published = read_json(DOCS / "paper" / "claims.json.gz")
     place = OutputPaths(DOCS / "paper")
     claims = list[dict[str, Any]]()
     answers = dict[str, str]()
@@ -92,9 +92,9 @@ def test_claims_are_those_that_the_published_figures_decide() -> None:
         claims += [claim.to_plain() for claim in figure.claims(values)]
         if figure.answer:
             answers[figure.label] = figure.answer(values)
-    assert claims == kept["claims"]
-    assert answers == kept["answers"]
-    assert kept["missing"] == []
+    assert claims == published["claims"]
+    assert answers == published["answers"]
+    assert published["missing"] == []
     part = paper.CLAIMS.parts[0]
     for marker, text in part.sections(read_measurement(part, place)).items():
         assert section(DOCS / "paper.md", marker) == text.strip(), marker

@@ -39,10 +39,10 @@ def rows(folder: Path, part: str) -> list[dict[str, Any]]:
 def test_own_scene(tmp_path: Path) -> None:
     result = call(regimes, *OWN, "--slowness", 50, "--approach", 1.0, "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    found = rows(tmp_path, JUMP)
-    assert [row["at"] for row in found if row["what"] == measured.STAY] == [0.98, 0.97, 0.96]
-    assert [row["at"] for row in found if row["what"] == measured.SWEEP] == [50.0]
-    for row in found:  # how many of six leave, if any, is chance and rounding
+    table = rows(tmp_path, JUMP)
+    assert [row["at"] for row in table if row["what"] == measured.STAY] == [0.98, 0.97, 0.96]
+    assert [row["at"] for row in table if row["what"] == measured.SWEEP] == [50.0]
+    for row in table:  # how many of six leave, if any, is chance and rounding
         if row["what"] == measured.STAY:
             assert 0 <= row["exits"] <= row["runs"] - row["absent"] <= 6
             assert row["rate"] == pytest.approx(row["exits"] / row["exposure"])
@@ -67,16 +67,16 @@ def test_own_scene(tmp_path: Path) -> None:
 
 def test_published_numbers_tell_what_the_page_says() -> None:
     folder = ROOT / "docs" / "regimes"
-    found = rows(folder, JUMP)
+    table = rows(folder, JUMP)
     for case in cases():
-        sweeps = of_case(found, measured.SWEEP, case.name)
+        sweeps = of_case(table, measured.SWEEP, case.name)
         assert [row["at"] for row in sorted(sweeps, key=lambda row: row["at"])] == list(
             case.slownesses
         )
         assert all(row["runs"] >= 200 for row in sweeps)
-    told = hazard_of(of_case(found, measured.STAY, PAPER))
-    for row in of_case(found, measured.SWEEP, PAPER):
-        value, _, _ = told.probability(row["at"])
+    predicted = hazard_of(of_case(table, measured.STAY, PAPER))
+    for row in of_case(table, measured.SWEEP, PAPER):
+        value, _, _ = predicted.probability(row["at"])
         assert row["low"] - 0.05 < value < row["high"] + 0.05
     assert "period 1 100 %" in kind_table(
         of_case(rows(folder, KINDS), measured.RESPONSE, "recommended")

@@ -21,8 +21,8 @@ from studies.study import Measurement, to_file_content
 
 
 def case(group: str, name: str) -> cases.StabilityCase:
-    (found,) = [c for c in cases.cases() if (c.group, c.name) == (group, name)]
-    return found
+    (match,) = [c for c in cases.cases() if (c.group, c.name) == (group, name)]
+    return match
 
 
 def test_an_exact_cell_agrees_with_the_reference_and_a_wrong_number_fails(
@@ -40,7 +40,7 @@ def test_an_exact_cell_agrees_with_the_reference_and_a_wrong_number_fails(
     assert "from the reference" in cell.reason
 
 
-def test_refusals_are_told_from_failures() -> None:
+def test_refusals_are_distinguished_from_failures() -> None:
     outside = case("start", "outside the cavity")
     cell = cells.measure(outside, cases.EXACT)
     assert cell.verdict == cells.REFUSED
@@ -95,14 +95,14 @@ def test_theory_of_one_mode(ratio: float) -> None:
         assert y * (ratio + math.sqrt(ratio**2 - 1)) == pytest.approx(2.785293563405282, rel=1e-6)
 
 
-def test_found_limit_is_the_theorys(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_estimated_limit_is_the_theorys(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "STEPS", 5000)
     monkeypatch.setattr(limits, "HALVINGS", 16)
     case = limits.LimitCase(limits.MOREAU, "one mode", 0.3)
-    found = limits.find_limit(case)
-    assert found["agrees"]
-    assert found["found_s"] == pytest.approx(found["theory_s"], rel=2e-4)
-    monkeypatch.setattr(limits, "moreau_theory", lambda _: 1.01 * found["theory_s"])
+    limit = limits.find_limit(case)
+    assert limit["agrees"]
+    assert limit["found_s"] == pytest.approx(limit["theory_s"], rel=2e-4)
+    monkeypatch.setattr(limits, "moreau_theory", lambda _: 1.01 * limit["theory_s"])
     assert not limits.find_limit(case)["agrees"]
 
 
@@ -116,9 +116,9 @@ def test_one_element_by_hand() -> None:
 
 @pytest.mark.parametrize("elements", [2, 30])
 def test_modes_have_all_digits(elements: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = eigen.accuracy(elements)
-    assert not found["wrong"]
-    assert max(found["rounding"].values()) < 1e-14
+    accuracy = eigen.accuracy(elements)
+    assert not accuracy["wrong"]
+    assert max(accuracy["rounding"].values()) < 1e-14
     assert modal_model(Beam(elements=elements, modes=2)).modes == 2
     monkeypatch.setattr(eigen, "exact_frequency", lambda _, near: near * (1 + 1e-3))
     assert eigen.accuracy(elements)["wrong"]
@@ -152,10 +152,10 @@ def test_soaks_are_judged(name: str, value: Any, word: str) -> None:
 
 
 @pytest.mark.nightly
-def test_searches_are_checked_until_there_are_enough() -> None:
-    found = checks.check("random structures, 1e4 gaps", 100, 0)
-    assert found["searches"] >= 100
-    assert found["passed"] == (found["misses"] == 0) == (found["first"] == "")
+def test_searches_are_checked_until_enough_events_were_counted() -> None:
+    row = checks.check("random structures, 1e4 gaps", 100, 0)
+    assert row["searches"] >= 100
+    assert row["passed"] == (row["misses"] == 0) == (row["first"] == "")
 
 
 def test_tasks_in_processes() -> None:
@@ -225,7 +225,7 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
         "first": "",
         "passed": True,
     }
-    found = {
+    texts = {
         "cells": [bad, good],
         "limits": [limit | {"agrees": True}],
         "eigen": [eigen.accuracy(2)],
@@ -233,7 +233,7 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
         "checks": [check],
         "lost": [],
     }
-    made = Measurement(found, machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
+    made = Measurement(texts, machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
     (folder := tmp_path / "methods").mkdir()
     shutil.copy(DOCS / "methods.md", tmp_path)
     write_json(folder / "stability.json.gz", to_file_content(made))

@@ -42,7 +42,7 @@ def measured_rows(name: str, elements: int, settings: Settings) -> list[dict[str
     ]
 
 
-def part(name: str, told: bool = False) -> Part[Settings]:
+def part(name: str, with_message: bool = False) -> Part[Settings]:
     def cases(settings: Settings) -> dict[int, Any]:
         return {n: partial(measured_rows, name, n, settings) for n in ELEMENTS}
 
@@ -55,7 +55,7 @@ def part(name: str, told: bool = False) -> Part[Settings]:
         cases,
         operator.itemgetter("elements"),
         lambda measured: f"{len(measured.values['rows'])} rows. {sources(measured.conditions)}",
-        told=lambda settings: {"word": settings.word} if told else {},
+        told=lambda settings: {"word": settings.word} if with_message else {},
         tables=lambda measured: [
             CsvTable(
                 name,
@@ -143,7 +143,7 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: OutputPaths) -> Non
     assert f"written: {place.folder / 'omega.json.gz'}" in result.output
 
 
-def test_drawing_anew_measures_nothing(place: OutputPaths) -> None:
+def test_redrawing_measures_nothing(place: OutputPaths) -> None:
     carry_out(place)
     before = {file: file.read_bytes() for file in place.folder.iterdir()} | {
         place.page: place.page.read_bytes()
@@ -170,7 +170,7 @@ def test_drawing_anew_measures_nothing(place: OutputPaths) -> None:
     assert "omega, shape" in again(code=2).output
 
 
-def test_what_is_stopped_is_kept_and_gone_on_with(
+def test_a_stopped_study_is_saved_and_continued(
     place: OutputPaths, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "Stopped early: what is done is written." in carry_out(place, {5: stop}, code=130).stderr
@@ -187,15 +187,15 @@ def test_what_is_stopped_is_kept_and_gone_on_with(
     carry_out(place, {5: forbidden}, resume=True, **OMEGA)
     assert content(place) == whole
     monkeypatch.setattr(pattern, "WRITE_INTERVAL_S", -1.0)  # long runs are written on the way
-    seen: list[dict[str, Any]] = []
-    carry_out(place, {5: lambda: seen.append(content(place))}, **OMEGA)
-    assert (seen[0]["complete"], len(seen[0]["rows"])) == (False, 4)
+    received: list[dict[str, Any]] = []
+    carry_out(place, {5: lambda: received.append(content(place))}, **OMEGA)
+    assert (received[0]["complete"], len(received[0]["rows"])) == (False, 4)
 
 
-def test_rows_go_on_by_themselves_while_what_is_told_of_them_is_the_same(
+def test_rows_continue_while_their_description_is_the_same(
     place: OutputPaths, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(globals(), "STUDY", Study((part("omega", told=True),)))
+    monkeypatch.setitem(globals(), "STUDY", Study((part("omega", with_message=True),)))
     carry_out(place, {5: stop}, code=130)
     carry_out(place, {2: forbidden, 3: forbidden})
     carry_out(place, dict.fromkeys(ELEMENTS, forbidden))
@@ -203,7 +203,7 @@ def test_rows_go_on_by_themselves_while_what_is_told_of_them_is_the_same(
     assert measured(place) == [2, 2]
 
 
-def test_a_run_that_breaks_down_keeps_what_there_is(place: OutputPaths) -> None:
+def test_a_failing_run_saves_finished_parts(place: OutputPaths) -> None:
     for event, code, words in ((stop, 130, "Stopped early"), (break_down, 1, "lost at 3 elements")):
         assert words in carry_out(place, {2: event}, code=code).stderr
     assert list(place.folder.iterdir()) == []  # nothing is known

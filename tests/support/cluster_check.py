@@ -45,21 +45,23 @@ class Murderous(Workers):
             yield result
 
 
-def same(here: dict[int, Array], there: dict[int, Array]) -> bool:
-    return sorted(here) == sorted(there) and all(
-        np.array_equal(there[k], values) for k, values in here.items()
+def same(here: dict[int, Array], remote: dict[int, Array]) -> bool:
+    return sorted(here) == sorted(remote) and all(
+        np.array_equal(remote[k], values) for k, values in here.items()
     )
 
 
 def same_comparison(workers: Workers) -> bool:
     """Compare absorbers with lanes run here and there: all numbers of all lanes."""
     small = {"forces": 2, "members": 2, "percent_per_100_periods": 20.0}
-    seen: list[tuple[int, int]] = []
+    progress: list[tuple[int, int]] = []
     here = absorbers(Beam(modes=2), **small, threads=1)
-    there = absorbers(Beam(modes=2), **small, executor=workers, progress=lambda *n: seen.append(n))
+    remote = absorbers(
+        Beam(modes=2), **small, executor=workers, progress=lambda *n: progress.append(n)
+    )
     pairs = [
         (a.curves[key].lanes, b.curves[key].lanes)
-        for a, b in zip(here.resonances, there.resonances, strict=True)
+        for a, b in zip(here.resonances, remote.resonances, strict=True)
         for key in a.curves
     ]
     equal = all(
@@ -67,31 +69,33 @@ def same_comparison(workers: Workers) -> bool:
         for a, b in pairs
         for f in fields(LaneLevels)
     )
-    return equal and there.complete and seen[-1][0] == seen[-1][1] > 50
+    return equal and remote.complete and progress[-1][0] == progress[-1][1] > 50
 
 
 def compare(cluster: distributed.LocalCluster) -> None:
-    given = problem()
-    designs = [given.space.at([x, 0.5, y]) for x in (0.4, 0.5, 0.6) for y in (0.3, 0.7)]
-    here = dict(evaluate(given, designs, given.ensemble, given.rate, Threads(2)))
+    tested = problem()
+    designs = [tested.space.at([x, 0.5, y]) for x in (0.4, 0.5, 0.6) for y in (0.3, 0.7)]
+    here = dict(evaluate(tested, designs, tested.ensemble, tested.rate, Threads(2)))
     with Murderous(cluster.scheduler_address) as workers:
         workers.victim = next(iter(cluster.workers.values())).pid
-        there = dict(evaluate(given, designs, given.ensemble, given.rate, workers))
+        remote = dict(evaluate(tested, designs, tested.ensemble, tested.rate, workers))
         print("killed", workers.victim is None)
-        print("runs", same(here, there))
+        print("runs", same(here, remote))
         workers.victim = next(
             worker.pid for worker in cluster.workers.values() if worker.status == Status.running
         )
         workers.mercy = 0
-        there = dict(evaluate(given, designs, given.ensemble, given.rate, workers))
-        print("killed at once", workers.victim is None, same(here, there))
+        remote = dict(evaluate(tested, designs, tested.ensemble, tested.rate, workers))
+        print("killed at once", workers.victim is None, same(here, remote))
         print("lanes", same_comparison(workers))
-        found = []
+        results = []
         for executor in (Threads(), workers):
-            study = DesignStudy(given, SearchSettings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4))))
+            study = DesignStudy(tested, SearchSettings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4))))
             study.run(5, executor)
-            found.append([(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told])
-        print("studies", found[0] == found[1])
+            results.append(
+                [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told]
+            )
+        print("studies", results[0] == results[1])
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ BATCH = 4
 def problem(objectives: int = 1, **changes: object) -> Problem:
     """Return a problem of two free variables and ``objectives`` 1 or 2."""
     several = tuple(Objective(resonance=r) for r in (1, 2)) if objectives == 2 else (Objective(),)
-    given = {
+    options = {
         "space": design_space("impact", ["gap", "restitution"]),
         "conditions": (Condition(1, 3.5), Condition(2, 35.0)),
         "objectives": several,
@@ -31,7 +31,7 @@ def problem(objectives: int = 1, **changes: object) -> Problem:
         "members": 4,
         "rate": 100.0,
     }
-    return Problem(**(given | changes))
+    return Problem(**(options | changes))
 
 
 def settings(
@@ -42,10 +42,10 @@ def settings(
 
 def values_of(problem: Problem, design: Design | None = None) -> Array:
     """Return the measures of one design (None: the default) for all members, simulated in this thread."""
-    ((_, found),) = evaluate(
+    ((_, values),) = evaluate(
         problem, [design or problem.space.default], problem.ensemble, problem.rate, Threads(1)
     )
-    return found
+    return values
 
 
 @dataclass
@@ -57,7 +57,7 @@ class Model:
 
     stop: int | None = None
     log: Path | None = None
-    seen: list[tuple[object, ...]] = field(default_factory=list)
+    calls: list[tuple[object, ...]] = field(default_factory=list)
 
     def each(self, _function, chunks, _kinds):
         for k, chunk in enumerate(chunks):

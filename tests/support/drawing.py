@@ -11,21 +11,21 @@ from matplotlib.figure import Figure
 
 def saved_figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Return a list that gets every figure which is saved from now on."""
-    found: list[Figure] = []
+    figures: list[Figure] = []
     save = Figure.savefig
 
-    def savefig(figure: Figure, *given: Any, **options: Any) -> Any:
-        found.append(figure)
-        return save(figure, *given, **options)
+    def savefig(figure: Figure, *arguments: Any, **options: Any) -> Any:
+        figures.append(figure)
+        return save(figure, *arguments, **options)
 
     monkeypatch.setattr(Figure, "savefig", savefig)
-    return found
+    return figures
 
 
 def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of the one line whose label begins so."""
-    (found,) = (each for each in axes.get_lines() if str(each.get_label()).startswith(label))
-    return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)
+    (drawn,) = (each for each in axes.get_lines() if str(each.get_label()).startswith(label))
+    return np.asarray(drawn.get_xdata(), float), np.asarray(drawn.get_ydata(), float)
 
 
 def lines(axes: Axes) -> list[np.ndarray]:
@@ -43,11 +43,11 @@ def labelled_lines(axes: Axes) -> list[tuple[np.ndarray, str]]:
 
 def bands(axes: Axes) -> list[np.ndarray]:
     """Return abscissa, lower and upper end (3, K) of every filled band, in the order of drawing."""
-    found = []
+    polygons = []
     for each in axes.collections:
         if isinstance(each, FillBetweenPolyCollection):
             corners = np.concatenate([path.vertices for path in each.get_paths()])
             x = np.unique(corners[:, 0])
             ends = [corners[corners[:, 0] == at, 1] for at in x]
-            found.append(np.array([x, [y.min() for y in ends], [y.max() for y in ends]]))
-    return found
+            polygons.append(np.array([x, [y.min() for y in ends], [y.max() for y in ends]]))
+    return polygons

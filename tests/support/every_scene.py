@@ -49,7 +49,7 @@ SCENES: dict[str, Absorber] = {
     "tuned": TunedAbsorber(),
     "stuck": StuckAbsorber(),
 }
-STUCK_BESIDE = SeveralAbsorbers(
+STUCK_WITH_FREE = SeveralAbsorbers(
     (
         impact_absorber(3e-4, 0.6, 0.05, 0.012),
         impact_absorber(2e-4, 0.8, 0.15, 0.02),
@@ -79,7 +79,7 @@ SEVERAL: dict[str, tuple[Scene, float, float, float]] = {
         0.98,
         2.5,
     ),
-    "sticking beside impacts": (beam_scene(Beam(modes=2), STUCK_BESIDE), 4.0, 0.98, 2.3),
+    "sticking beside impacts": (beam_scene(Beam(modes=2), STUCK_WITH_FREE), 4.0, 0.98, 2.3),
     "torn loose": (beam_scene(Beam(modes=1, damping_ratio=0.0), TORN), 10.0, 1.0, 1.5),
     "chatter of two": (
         beam_scene(
@@ -188,10 +188,10 @@ def controlled(absorber: Absorber | None, method: Method | None = None) -> Calla
 
 def orbits() -> Values:
     """Return periodic orbits from the closed form, and the derivatives of their return maps."""
-    found = closed_form_orbits(paper_case(2, 0.9523, 1.5, friction=0.01)).orbits
-    assert found
+    solutions = closed_form_orbits(paper_case(2, 0.9523, 1.5, friction=0.01)).orbits
+    assert solutions
     named: list[tuple[str, ArrayLike | None]] = []
-    for k, orbit in enumerate(found):
+    for k, orbit in enumerate(solutions):
         named += [
             (f"{name} {k}", value) for name, value in fields(orbit.solution, "phases", "impulses")
         ]

@@ -252,11 +252,11 @@ def numbers(values: Values) -> dict[str, list[float]]:
     return result
 
 
-def agree(found: list[float], stored: list[float]) -> bool:
+def agree(numbers: list[float], stored: list[float]) -> bool:
     """Return whether two arrays' `numbers` are those of the same array up to rounding."""
-    if found[0] != stored[0]:
+    if numbers[0] != stored[0]:
         return False
-    pairs = zip(found[1:], stored[1:], strict=True)
+    pairs = zip(numbers[1:], stored[1:], strict=True)
     return all(
         a == b or abs(a - b) <= NUMBERS_TOL * stored[1] or (np.isnan(a) and np.isnan(b))
         for a, b in pairs
@@ -308,8 +308,8 @@ def hashes_of_commit(commit: str) -> dict[str, dict[str, str]]:
             cwd=folder,
             check=True,
         )
-        found: dict[str, dict[str, str]] = json.loads(file.read_text())
-    return found
+        hashes: dict[str, dict[str, str]] = json.loads(file.read_text())
+    return hashes
 
 
 def main() -> int:
@@ -337,9 +337,9 @@ def main() -> int:
         before = hashes_of_commit(options.against)
     else:
         return 0
-    found = differences(now, before)
-    print("\n".join(found) or f"{len(now)} cases: every bit is the same")
-    return int(bool(found))
+    changed = differences(now, before)
+    print("\n".join(changed) or f"{len(now)} cases: every bit is the same")
+    return int(bool(changed))
 
 
 if __name__ == "__main__":

@@ -346,13 +346,13 @@ def _complaint(
             and value is not inspect.signature(make).parameters[argument].default
         ):
             return f"accepted, though it is no {hint}"
-        kept = getattr(result, argument, value)
+        stored = getattr(result, argument, value)
         if (
-            kept is not value
+            stored is not value
             and _is_array(value)
-            and not np.allclose(kept, value, rtol=1e-12, atol=0)
+            and not np.allclose(stored, value, rtol=1e-12, atol=0)
         ):
-            return f"kept as {kept!r}"
+            return f"kept as {stored!r}"
         used(result)
     except ParameterError as error:
         named = any(

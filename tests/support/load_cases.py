@@ -117,7 +117,7 @@ def tables_of(omega: float, folder: Path) -> dict[str, str]:
     up = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.5 * omega}, {7 * omega}], reference_rad_s = {omega} }}"
     swept = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.95 * omega}, {1.05 * omega}], reference_rad_s = {omega} }}"
     spectrum = f"spectrum = [[{0.5 * hertz}, 4.0], [{1.5 * hertz}, 4.0]]\nduration_s = {length}"
-    found = {
+    tables = {
         "force": f"kind = 'force'\namplitude_n = 3.0\n{swept}",
         "unbalance": f"kind = 'unbalance'\nunbalance_kg_m = {3 / omega**2}\n{swept}",
         "base": f"kind = 'base'\nacceleration_m_s2 = 8.0\n{up}",
@@ -132,4 +132,4 @@ def tables_of(omega: float, folder: Path) -> dict[str, str]:
         f"duration_s = {length}",
         "strike": f"kind = 'shock'\nvelocity_m_s = 0.5\nplace = 'absorber'\nduration_s = {length}",
     }
-    return {kind: f"[load]\n{text}\n" for kind, text in found.items()}
+    return {kind: f"[load]\n{text}\n" for kind, text in tables.items()}

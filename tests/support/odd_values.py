@@ -279,28 +279,28 @@ def walk(name: str, make: Callable[..., Any], good: Mapping[str, Any]) -> Iterat
         for odd, plain in (*ODD, *((None, make_odd) for make_odd in ENDLESS)):
             fresh = plain in ENDLESS
             value = plain() if fresh else odd
-            kind, found = outcome(make, {**good, argument: value})
+            kind, result = outcome(make, {**good, argument: value})
             problem = None
             if kind == "error":
-                problem = f"{type(found).__name__}: {found}"
+                problem = f"{type(result).__name__}: {result}"
             elif kind == "result" and plain is not NOTHING and not fresh:
                 wanted, right = outcome(make, {**good, argument: plain})
-                if wanted == "result" and not same(found, right):
-                    problem = f"{found!r:.200} is not {right!r:.200}"
+                if wanted == "result" and not same(result, right):
+                    problem = f"{result!r:.200} is not {right!r:.200}"
                 elif wanted != "result":
                     problem = f"accepted, but {plain!r} is not: {right}"
             elif kind == "result" and not fits(value, hints[argument]) and not fresh:
                 default = inspect.signature(make).parameters[argument].default
                 if value is not default:
                     problem = f"accepted, though it is no {hints[argument]}"
-            shown = (
+            printed = (
                 "endless"
                 if fresh
                 else repr(value)[:60]
                 if not isinstance(value, int)
                 else (str(value) if abs(value) < 10**20 else "huge")
             )
-            yield None if problem is None else f"{name}({argument}={shown}): {problem[:300]}"
+            yield None if problem is None else f"{name}({argument}={printed}): {problem[:300]}"
 
 
 def fits(value: Any, hint: Any) -> bool:

@@ -40,9 +40,9 @@ def high_orbit(case: Case) -> Orbit:
 def one_sided() -> Orbit:
     """The orbit without symmetry that takes over where the symmetric high branch of one mode, e = 0.75, loses its stability."""
     case = paper_case(1, 0.93, 1.5, 0.75)
-    found = [orbit for orbit in attractors(case, [high_orbit(case)]) if isinstance(orbit, Orbit)]
-    assert len(found) == 2
-    return found[0]
+    orbits = [orbit for orbit in attractors(case, [high_orbit(case)]) if isinstance(orbit, Orbit)]
+    assert len(orbits) == 2
+    return orbits[0]
 
 
 @cache
@@ -52,9 +52,9 @@ def attractor(ratio: float, multiple: int) -> Orbit:
     One run in forty is elsewhere by then, on another attractor or not settled; which ones, rounding decides. Of six none is there once in 1e9.
     """
     for phase in range(6):
-        found = orbit_of_simulation(paper_case(10, ratio, 3.5, 0.7, 0.1), phase=float(phase))
-        if isinstance(found, Orbit) and found.schedule.period_multiple == multiple:
-            return found
+        orbit = orbit_of_simulation(paper_case(10, ratio, 3.5, 0.7, 0.1), phase=float(phase))
+        if isinstance(orbit, Orbit) and orbit.schedule.period_multiple == multiple:
+            return orbit
     raise AssertionError(f"no orbit over {multiple} periods")
 
 

@@ -67,13 +67,13 @@ class Truth:
         share = (self.case.gap - level.real) / abs(wave)
         if abs(share) > 1:
             return []
-        found = []
+        orbits = []
         for angle in (np.arccos(share), -np.arccos(share)):
             phase = float(angle - np.angle(wave)) % (2 * np.pi)
             y0 = still + (moving * np.exp(1j * phase)).real
             gamma = -float(self.rate @ y0) / self.case.restitution  # before the lower wall
-            found.append((phase, -(1 + self.case.restitution) * gamma / self.compliance, y0))
-        return sorted(found, key=lambda orbit: orbit[1])
+            orbits.append((phase, -(1 + self.case.restitution) * gamma / self.compliance, y0))
+        return sorted(orbits, key=lambda orbit: orbit[1])
 
     def fold_force(self) -> float:
         _, _, (level, wave) = self.half_turn()

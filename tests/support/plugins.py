@@ -70,8 +70,8 @@ NAMES = ("omega", "tip_shape", "force_shape", "absorber_shapes")
 def rounded(values: Any, pattern: int) -> Any:
     """Return an array with its lowest bits set to a pattern; what has them already stays."""
     bits = np.array(values, dtype=np.float64).view(np.int64)
-    found: Any = ((bits >> BITS << BITS) | pattern % 2**BITS).view(np.float64)
-    return np.where(np.asarray(values) == 0, values, found)
+    rounded_values: Any = ((bits >> BITS << BITS) | pattern % 2**BITS).view(np.float64)
+    return np.where(np.asarray(values) == 0, values, rounded_values)
 
 
 def round_models(pattern: int) -> None:

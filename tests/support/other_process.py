@@ -7,7 +7,7 @@ from importlib import import_module
 
 from impact_env.kernels.periodic.closed_form import SymmetricLine, compute_phase
 
-beside = import_module("impact_env.prepare")  # not the function of that name
+prepare_module = import_module("impact_env.prepare")  # not the function of that name
 LINE = SymmetricLine(1.0, 2.0, 3.0, 4.0, 1.0 + 1.0j)
 
 
@@ -20,10 +20,10 @@ def job(way: str) -> None:
 
 def main(way: str) -> None:
     """Print whether it was kept before, processes, times that it was loaded, whether one still runs, whether it is kept now."""
-    beside.available_cores = lambda: 2
+    prepare_module.available_cores = lambda: 2
     call = partial(job, way)
-    before = beside.is_cached(call)
-    with beside.run_alongside(compute_phase, call):
+    before = prepare_module.is_cached(call)
+    with prepare_module.run_alongside(compute_phase, call):
         processes = len(multiprocessing.active_children())
         compute_phase(LINE, 1.0, 0.5)
     left = len(multiprocessing.active_children())
@@ -33,7 +33,7 @@ def main(way: str) -> None:
         sum(compute_phase.stats.cache_hits.values()),
         left,
         compute_phase.wait,
-        beside.is_cached(call),
+        prepare_module.is_cached(call),
     )
 
 
