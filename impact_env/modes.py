@@ -369,6 +369,12 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
     return np.array([deflection_row(beam, x) @ vectors for x in places])[:, : beam.modes]
 
 
+def nodal_shapes(beam: Beam) -> Real:
+    """Return the beam's mass-normalised modes (., N_m) in the freedoms of `assemble_matrices`; `deflection_row` reads their deflections."""
+    vectors, _ = _orient_upwards(instance("beam", beam, Beam))
+    return vectors[:, : beam.modes]
+
+
 def _orient_upwards(beam: Beam) -> tuple[Real, Real]:
     """Return all shapes as columns, in each of which the tip moves up, and the squares of their frequencies, rising."""
     mass, stiffness = assemble_matrices(beam)

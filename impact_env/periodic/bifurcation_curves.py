@@ -48,7 +48,7 @@ from impact_env.periodic.continuation import (
     follow_branch,
 )
 from impact_env.periodic.green import (
-    PARAMETERS,
+    ALL_PARAMETERS,
     Conditions,
     NoOrbit,
     Solution,
@@ -84,7 +84,7 @@ from impact_env.periodic.shooting import units_of
 
 Array = NDArray[np.float64]
 CURVE_KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)
-SECOND_PARAMETERS = tuple(name for name in PARAMETERS if name != "omega")
+SECOND_PARAMETERS = tuple(name for name in ALL_PARAMETERS if name != "omega")
 RESONANCE = "strong resonance"
 END_OF_FREQUENCIES = "end of the frequencies"
 CURVE_STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)

@@ -31,6 +31,14 @@ from impact_env.parameters import (
     require,
     require_weightless,
 )
+from impact_env.periodic.model_parameters import (
+    ABSORBER_POSITION,
+    DAMPING_RATIO,
+    damping_of,
+    position_of,
+    with_damping,
+    with_position,
+)
 from impact_env.scene import Scene
 from impact_env.secular import SPLIT_TOL, raise_off_axis
 
@@ -97,9 +105,28 @@ class Case:
         """Period of the force in s."""
         return 2 * math.pi / self.omega
 
+    @property
+    def damping_ratio(self) -> float:
+        """Damping ratio of the first mode."""
+        return damping_of(self.model)
+
+    @property
+    def absorber_position(self) -> float:
+        """Absorber's place as a share of the beam's length; ParameterError for a modal model without a beam."""
+        return position_of(self.model)
+
     def changed(self, **values: float) -> Case:
-        """Return the case with other parameters."""
-        return replace(self, **values)  # type: ignore[arg-type]
+        """Return the case with other parameters.
+
+        Beside its own, ``damping_ratio`` is that of the first mode, to which all others keep their ratio,
+        and ``absorber_position`` a share of the beam's length; the response level is read where it was.
+        """
+        model = self.model
+        if DAMPING_RATIO in values:
+            model = with_damping(model, values.pop(DAMPING_RATIO))
+        if ABSORBER_POSITION in values:
+            model = with_position(model, values.pop(ABSORBER_POSITION))
+        return replace(self, model=model, **values)  # type: ignore[arg-type]
 
     def drive(self, duration: float, phase: float) -> Drive:
         """Return the force from a ``phase`` (rad) on for ``duration`` s."""

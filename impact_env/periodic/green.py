@@ -25,6 +25,7 @@ from impact_env.kernels.periodic.newton import (
 from impact_env.kernels.periodic.structure import Point
 from impact_env.parameters import keep_checked, require, word_of
 from impact_env.periodic.case import Case
+from impact_env.periodic.model_parameters import MODEL_PARAMETERS, difference_rule, domain_of
 from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ PARAMETERS = {
     "restitution": RESTITUTION,
     "friction_limit": LIMIT,
 }
+ALL_PARAMETERS = (*PARAMETERS, *MODEL_PARAMETERS)  # in which orbits and curves are continued
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,38 +165,58 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """The conditions at the events as a residual(z, parameter) for continuation in one of `PARAMETERS`, in SI units."""
+    """The conditions at the events as a residual(z, parameter) for continuation in one of `ALL_PARAMETERS`, in SI units."""
 
     case: Case
     schedule: EventSchedule
     parameter: str = "omega"
 
     def __post_init__(self) -> None:
-        keep_checked(self, parameter=word_of(PARAMETERS))
+        keep_checked(self, parameter=word_of(ALL_PARAMETERS))
 
     def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
         """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""
         return self.over(z, {self.parameter: value})
 
     def over(self, z: Array, values: dict[str, float]) -> tuple[Array, Array]:
-        """Return the same with several parameters: one more column (m,) for each."""
-        order = self.schedule.order
-        structure = self.case.structure
-        # the units stay those of the case's own gap
-        point = self.case.point._replace(
-            **{Point._fields[PARAMETERS[name]]: value for name, value in values.items()}
-        )
-        system = new_system(len(z))
+        """Return the same with several parameters: one more column (m,) for each.
+
+        The derivatives by parameters of the modal model are differences of fourth order. Beyond their
+        domains the conditions go on along their tangent.
+        """
         z = np.ascontiguousarray(z, dtype=float)
-        fill_conditions(
-            structure,
-            point,
-            order,
-            z,
-            self.case.scale,
-            new_orbit_workspace(structure, order),
-            system,
-            True,
+        point = self.case.point._replace(
+            **{
+                Point._fields[PARAMETERS[name]]: value
+                for name, value in values.items()
+                if name in PARAMETERS
+            }
         )
-        columns = [*range(len(z)), *(len(z) + PARAMETERS[name] for name in values)]
-        return system.residual, np.asarray(system.jacobian[:, columns])
+        others = {name: value for name, value in values.items() if name in MODEL_PARAMETERS}
+        domains = {name: domain_of(self.case.model, name) for name in others}
+        inside = {name: float(np.clip(value, *domains[name])) for name, value in others.items()}
+        system = self._fill(z, point, inside)
+        residual = system.residual
+        columns = [system.jacobian[:, : len(z)]]
+        for name, value in values.items():
+            if name in PARAMETERS:
+                columns.append(system.jacobian[:, [len(z) + PARAMETERS[name]]])
+                continue
+            size = abs(float(getattr(self.case, name))) or 1.0
+            points, weights = difference_rule(inside[name], domains[name], size)
+            column = sum(
+                weight * self._fill(z, point, inside | {name: float(at)}).residual
+                for at, weight in zip(points, weights, strict=True)
+            )
+            columns.append(np.reshape(column, (-1, 1)))
+            residual = residual + columns[-1][:, 0] * (value - inside[name])
+        return residual, np.hstack(columns)
+
+    def _fill(self, z: Array, point: Point, others: dict[str, float]) -> OrbitEquations:
+        """Return the system at other parameters of the modal model; the units stay those of the case itself."""
+        order = self.schedule.order
+        structure = (self.case.changed(**others) if others else self.case).structure
+        system = new_system(len(z))
+        workspace = new_orbit_workspace(structure, order)
+        fill_conditions(structure, point, order, z, self.case.scale, workspace, system, True)
+        return system

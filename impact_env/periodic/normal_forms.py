@@ -1,0 +1,89 @@
+"""Normal forms of maps at a multiplier on the unit circle: on which side of a bifurcation its new orbits lie, and where on a curve of them that changes.
+
+The coefficients are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), sections 5.4 and
+9.7: of a fold b = <p, B(q, q)>/2, of a doubled period (or, of a map over half a period, of broken
+symmetry) and of a torus the cubic coefficient on the centre manifold. A is the map's derivative at its
+fixed point, B and C its second and third derivatives, q and p the right and left eigenvectors with
+|q| = 1 and <p, q> = 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Vector = Array | Complex
+SUPERCRITICAL = "supercritical"  # what is born is stable where the orbit left is not
+SUBCRITICAL = "subcritical"
+
+
+@dataclass(frozen=True, eq=False)
+class MapForms:
+    """Derivatives of a map of R^n at its fixed point: ``matrix`` A (n, n), and its multilinear forms.
+
+    ``second(u, v)`` returns B(u, v) (n,), ``third(u, v, w)`` returns C(u, v, w) (n,), of vectors (n,) that
+    may be complex.
+    """
+
+    matrix: Array
+    second: Callable[[Vector, Vector], Vector]
+    third: Callable[[Vector, Vector, Vector], Vector]
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalVectors:
+    """Unit right eigenvector ``right`` q (n,), left one ``left`` p (n,) with <p, q> = 1, and ``angle`` = det(U V) <u, v>.
+
+    The angle is between the unit vectors u and v of the smallest singular value of A - mu I, with the sign
+    of the determinants of all of them. It is real for a real multiplier, continuous, and zero where the
+    multiplier is a double one.
+    """
+
+    right: Vector
+    left: Vector
+    angle: float
+
+
+def find_critical_vectors(matrix: Array, multiplier: complex) -> CriticalVectors:
+    """Return the eigenvectors of a multiplier (real ones of a real multiplier)."""
+    value = multiplier.real if multiplier.imag == 0 else multiplier
+    left, _, right = np.linalg.svd(matrix - value * np.eye(len(matrix)))
+    u = left[:, -1]
+    v = right[-1].conj()
+    product = np.vdot(u, v)
+    sign = np.sign(np.linalg.slogdet(left)[0] * np.linalg.slogdet(right)[0])
+    return CriticalVectors(v, u / np.conj(product), float((sign * product).real))
+
+
+def fold_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
+    """Return b of w -> w + b w^2 at a fold, where w is the amplitude of q; its sign is that of q."""
+    q = vectors.right
+    return float(0.5 * vectors.left @ forms.second(q, q))
+
+
+def flip_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
+    """Return c of w -> -w + c w^3 at a multiplier of -1: above 0 the bifurcation is supercritical."""
+    q = vectors.right
+    square = np.linalg.solve(np.eye(len(q)) - forms.matrix, forms.second(q, q))
+    return float(vectors.left @ (forms.third(q, q, q) / 6 + forms.second(q, square) / 2))
+
+
+def torus_coefficient(forms: MapForms, vectors: CriticalVectors, multiplier: complex) -> float:
+    """Return a of |w| -> |w| + a |w|^3 at a complex pair on the unit circle: below 0 the torus is supercritical.
+
+    The state is w q and its complex conjugate, so that its amplitude is 2 |w|.
+    """
+    q = vectors.right
+    one = np.eye(len(q))
+    turned = np.exp(1j * np.angle(multiplier))
+    mean = np.linalg.solve(one - forms.matrix, forms.second(q, q.conj()))
+    square = np.linalg.solve(turned**2 * one - forms.matrix, forms.second(q, q))
+    cubic = (
+        forms.third(q, q, q.conj()) + 2 * forms.second(q, mean) + forms.second(q.conj(), square)
+    )
+    return float((np.vdot(vectors.left, cubic) / turned).real / 2)
