@@ -1,16 +1,11 @@
-"""Curves of folds, broken symmetry, doubled periods and tori over the frequency and a second parameter.
+"""Curves of folds, broken symmetry, doubled periods, tori, grazing and loss of contact over the frequency and a second parameter.
 
-The events' conditions are joined by one more: with the derivative M of the return map, of half a
-period for a symmetric orbit, a matrix A(M) is singular. It is M - I at a fold, M + I where the
-symmetry breaks or the period doubles, and at a torus the second compound of M, whose eigenvalues
-are the products of two multipliers, less I (Kuznetsov, Elements of Applied Bifurcation Theory,
-2004, chapter 10). The condition is A's smallest singular value with the sign of its determinant:
-smooth where it vanishes, and finite where an impact gets as slow as a graze and M grows without
-bounds.
+Each is a branch of the conditions in `defining_systems`. Special points on it, at which a second condition
+is met, are located as zeros of the test functions in `codimension_two`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -27,6 +22,7 @@ from impact_env.periodic.bifurcations import (
     confirmed_bifurcation,
     kinds_of_birth,
     largest_half_difference,
+    plus_one_test,
 )
 from impact_env.periodic.branch import (
     FOLD,
@@ -40,6 +36,13 @@ from impact_env.periodic.branch import (
     SpecialPoint,
 )
 from impact_env.periodic.case import Case
+from impact_env.periodic.codimension_two import (
+    CODIMENSION_TWO,
+    ZERO_TOL,
+    CriticalPoint,
+    codimension_two_monitors,
+    is_special,
+)
 from impact_env.periodic.continuation import (
     ContinuationChart,
     ContinuationProblem,
@@ -47,16 +50,24 @@ from impact_env.periodic.continuation import (
     Steps,
     follow_branch,
 )
+from impact_env.periodic.defining_systems import (
+    DefiningSystem,
+    GrazingSystem,
+    LossSystem,
+    nearest_turn,
+    turns_after_first,
+)
+from impact_env.periodic.grazing import confirm_grazing, confirm_loss
 from impact_env.periodic.green import (
     ALL_PARAMETERS,
-    Conditions,
     NoOrbit,
     Solution,
     linear_states,
     make_solution,
     read_unknowns,
 )
-from impact_env.periodic.motion import Motion, derivative_of, motion_of
+from impact_env.periodic.motion import Motion, motion_of
+from impact_env.periodic.normal_forms import Vector
 from impact_env.periodic.orbit import (
     Orbit,
     confirmed,
@@ -79,13 +90,23 @@ from impact_env.periodic.orbit_branches import (
     mirror_places,
     solution_in,
 )
+from impact_env.periodic.orbit_map import critical_point_of
 from impact_env.periodic.schedule import EventSchedule
-from impact_env.periodic.shooting import units_of
 
 Array = NDArray[np.float64]
-CURVE_KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)
+MULTIPLIER_KINDS = (FOLD, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)  # with one on the unit circle
+LOSS_OF_CONTACT = "loss of contact"  # an impact without speed: behind it a wall would have to pull
+CONTACT_KINDS = (GRAZING, LOSS_OF_CONTACT)
+CURVE_KINDS = (*MULTIPLIER_KINDS, *CONTACT_KINDS)
+GRAZING_FOLD = "grazing-fold"
+DOUBLE_GRAZING = "double grazing"
+START_KINDS = {LOSS_OF_CONTACT: PULLING}  # where a branch has another name for it
+CLEAR_STEP = 1e-6  # of a step of the curve: how far from a touch the orbit is confirmed
+TOUCH_DRIFT = 0.05  # rad: how far a place of touching moves before the residual has its new place
+POINTS_KEPT = (
+    4  # of a curve, with their normal forms: the two ends of a step, and the root search's own
+)
 SECOND_PARAMETERS = tuple(name for name in ALL_PARAMETERS if name != "omega")
-RESONANCE = "strong resonance"
 END_OF_FREQUENCIES = "end of the frequencies"
 CURVE_STEPS = Steps(first=0.02, least=1e-7, most=0.2, points=600)
 # of a curve's points: with so many on another one it is that, begun from another order of reversals
@@ -96,69 +117,6 @@ EQUAL_HALVES_TOL = 0.02
 DOUBLE_MULTIPLIER_TOL = (
     1e-4  # how close to 1 or -1 two multipliers are that meet there: the root of their rounding
 )
-MATRIX_DIFFERENCE_STEP = 1e-6  # of the unknowns' scales, for the derivatives of A
-
-
-def second_compound(matrix: Array) -> Array:
-    """Return the second compound (n (n - 1)/2,)^2 of a matrix (n, n): its minors of two rows and two columns."""
-    i, j = np.triu_indices(len(matrix), 1)
-    return np.asarray(
-        matrix[np.ix_(i, i)] * matrix[np.ix_(j, j)] - matrix[np.ix_(i, j)] * matrix[np.ix_(j, i)]
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class DefiningSystem:
-    """The conditions of a bifurcation as a residual(y, value) over a parameter: unknowns y (m + 1,) are those of the orbit, and omega in rad/s."""
-
-    case: Case
-    schedule: EventSchedule
-    kind: str
-    parameter: str
-    scale: Array  # (m + 2,) of all unknowns and the parameter
-    limits: tuple[float, float]
-
-    def matrix(self, x: Array) -> Array:
-        """Return A at all unknowns and the parameter (m + 2,), in units of gap and gap times the start's frequency.
-
-        Beyond its limits the parameter may have no meaning, as a restitution above 1: A is that at
-        the limit.
-        """
-        if not x[-2] > 0:
-            return np.full((1, 1), np.nan)
-        solution = solution_in(
-            self.case,
-            self.schedule,
-            x[:-2],
-            {"omega": float(x[-2]), self.parameter: float(np.clip(x[-1], *self.limits))},
-        )
-        units = units_of(self.case)
-        derivative = derivative_of(solution) * units / units[:, None]
-        matrix = second_compound(derivative) if self.kind == TORUS else derivative
-        return matrix + (-1.0 if self.kind in (FOLD, TORUS) else 1.0) * np.eye(len(matrix))
-
-    def __call__(self, y: Array, value: float) -> tuple[Array, Array]:
-        """Return the residual (m + 1,) and its derivatives (m + 1, m + 2)."""
-        residual, jacobian = Conditions(self.case, self.schedule).over(
-            y[:-1], {"omega": float(y[-1]), self.parameter: value}
-        )
-        x = np.append(y, value)
-        last = np.full(len(x), np.nan)
-        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(matrix := self.matrix(x)))):
-            return np.append(residual, np.nan), np.vstack([jacobian, last])
-        left, sizes, right = np.linalg.svd(matrix)
-        sign = float(
-            np.linalg.slogdet(left)[0] * np.linalg.slogdet(right)[0]
-        )  # that of A's own determinant is lost to rounding on the curve
-        for k, step in enumerate(MATRIX_DIFFERENCE_STEP * self.scale):
-            shift = step * np.eye(len(x))[k]
-            last[k] = (
-                left[:, -1]
-                @ (self.matrix(x + shift) - self.matrix(x - shift))
-                @ right[-1]
-                / (2 * step)
-            )
-        return np.append(residual, sign * sizes[-1]), np.vstack([jacobian, sign * last])
 
 
 @dataclass(eq=False)
@@ -170,6 +128,10 @@ class CurveContinuation(OrbitContinuation):
     limits: tuple[float, float] = (0.0, np.inf)
     frequencies: tuple[float, float] = (0.0, np.inf)
     start: Solution | None = None
+    touch: float = 0.0  # rad after the first event: where a wall is grazed
+    lost: int = 0  # number of the impact without speed
+    points: dict[tuple[EventSchedule, float, bytes], CriticalPoint] = field(default_factory=dict)
+    reference: Vector | None = None  # critical vector of the last point passed
 
     @property
     def scale(self) -> Array:
@@ -184,36 +146,81 @@ class CurveContinuation(OrbitContinuation):
 
     def residual(self) -> Residual:
         """See `OrbitContinuation`."""
-        return DefiningSystem(
-            self.case,
-            self.schedule,
-            self.kind,
-            self.parameter,
-            np.append(self.scale, self.size),
-            self.limits,
-        )
+        scale = np.append(self.scale, self.size)
+        common = (self.case, self.schedule, self.kind, self.parameter, scale, self.limits)
+        if self.kind == GRAZING:
+            return GrazingSystem(*common, touch=self.touch)
+        if self.kind == LOSS_OF_CONTACT:
+            return LossSystem(*common, number=self.lost)
+        return DefiningSystem(*common)
 
     def monitors(self) -> tuple[Monitor, ...]:
         """See `OrbitContinuation`. Behind grazing the orbit is none, but the curve may come back, and is followed."""
         low, high = self.frequencies
-        values = (
-            Monitor(GRAZING, self.clearance),
-            Monitor(PULLING, lambda z, value: self.weakest(z[:-1], value), ends=True),
-            Monitor(
-                END_OF_FREQUENCIES,
-                lambda z, _value: float((z[-1] - low) * (high - z[-1]) / self.case.omega**2),
-                ends=True,
-            ),
+        within = Monitor(
+            END_OF_FREQUENCIES,
+            lambda z, _value: float((z[-1] - low) * (high - z[-1]) / self.case.omega**2),
+            ends=True,
         )
         alike = tuple(
             Monitor(kind, partial(self._along_start, side))
             for side, kind in kinds_of_birth(self.schedule)
         )
-        return (
-            (*values, *alike, Monitor(RESONANCE, self._apart, ends=True))
-            if self.kind == TORUS
-            else (*values, *alike)
-        )
+        if self.kind == GRAZING:
+            own = (
+                Monitor(DOUBLE_GRAZING, self._other_clearance),
+                Monitor(PULLING, self._weakest, ends=True),
+                Monitor(GRAZING_FOLD, self._fold_test),
+            )
+        elif self.kind == LOSS_OF_CONTACT:
+            own = (
+                Monitor(GRAZING, self.clearance),
+                Monitor(PULLING, self._weakest_other, ends=True),
+            )
+        else:
+            touched = GRAZING_FOLD if self.kind == FOLD else GRAZING
+            own = (
+                Monitor(touched, self.clearance),
+                Monitor(PULLING, self._weakest, ends=True),
+                *codimension_two_monitors(self.kind, self.critical_point),
+            )
+        return (*own, within, *alike)
+
+    def critical_point(self, z: Array, value: float) -> CriticalPoint:
+        """Return multipliers and normal form at a point; its critical vector has the direction of that at the last point passed."""
+        key = (self.schedule, value, z.tobytes())
+        if key not in self.points:
+            if len(self.points) >= POINTS_KEPT:
+                del self.points[next(iter(self.points))]
+            self.points[key] = critical_point_of(
+                self.kind, self.motion(z, value), reference=self.reference
+            )
+        point = self.points[key]
+        if self.reference is None and np.all(np.isfinite(point.forms.matrix)):
+            self.reference = point.vectors.right
+        return point
+
+    def _weakest(self, z: Array, value: float) -> float:
+        return self.weakest(z[:-1], value)
+
+    def _weakest_other(self, z: Array, _value: float) -> float:
+        """Return the least of the impulses but that which vanishes; 1 where there is no other."""
+        n = len(self.schedule.events)
+        wall = self.schedule.order.wall
+        impulses = -wall[wall != 0] * z[n : n + self.schedule.impacts]
+        return float(np.min(np.delete(impulses, self.lost), initial=1.0))
+
+    def _other_clearance(self, z: Array, value: float) -> float:
+        """Return the least distance from a wall, over the gap, at all turns of the relative velocity but that which touches it."""
+        solution = self.solution(z, value)
+        phases, distances = turns_after_first(solution)
+        if len(phases) == 0:
+            return np.nan
+        k = nearest_turn(phases, self.touch, solution.schedule.turn)
+        return float(np.min(np.delete(distances, k), initial=1.0))
+
+    def _fold_test(self, z: Array, value: float) -> float:
+        return plus_one_test(self.motion(z, value))
 
     def _along_start(self, side: float, z: Array, value: float) -> float:
         """Return by how much the halves differ in the way in which they do at the start: zero where they get alike, and maybe elsewhere."""
@@ -226,18 +233,6 @@ class CurveContinuation(OrbitContinuation):
             else np.nan
         )
 
-    def _apart(self, z: Array, value: float) -> float:
-        """Return a function of the torus's pair that is zero where it meets at 1 or -1; behind that it is real, and no torus."""
-        matrix = self.motion(z, value).derivative
-        return (
-            float(
-                4
-                - np.sum(_find_reciprocal_pair(np.linalg.eigvals(matrix).astype(complex))).real ** 2
-            )
-            if np.all(np.isfinite(matrix))
-            else np.nan
-        )
-
     def recentre(self, z: Array, value: float, along: Array) -> ContinuationChart | None:
         """See `OrbitContinuation`.
 
@@ -247,14 +242,35 @@ class CurveContinuation(OrbitContinuation):
         self.passed.append(self.schedule)
         motion = self.motion(z, value)
         case = motion.solution.case
+        moved = False
+        if self.kind in MULTIPLIER_KINDS:
+            self.reference = self.critical_point(z, value).vectors.right
+        elif self.kind == GRAZING:
+            moved = self._follow_touch(motion)
         if case.friction_limit == 0 or self.right(motion, along) or not motion.fits:
-            return None
+            return self._same_chart(z, along) if moved else None
         schedule, phases = drop_held(motion) if is_consistent(motion) else order_of_motion(motion)
         if schedule == self.schedule or schedule.impacts != self.schedule.impacts:
-            return None
+            return self._same_chart(z, along) if moved else None
         guess = make_solution(case, schedule, linear_states(case, schedule, phases), 0.0)
         self.schedule = schedule
         return self.chart(guess, float(z[0]), (case.omega,), self.scale)
+
+    def _follow_touch(self, motion: Motion) -> bool:
+        """Move the place at which the wall is touched to where it is in a motion; return whether it has moved far enough for a new residual."""
+        solution = motion.solution
+        phases, _ = turns_after_first(solution)
+        if len(phases) == 0:
+            return False
+        here = float(phases[nearest_turn(phases, self.touch, solution.schedule.turn)])
+        if abs(here - self.touch) < TOUCH_DRIFT:
+            return False
+        self.touch = here
+        return True
+
+    def _same_chart(self, z: Array, along: Array) -> ContinuationChart:
+        """Return the unknowns in use, with a residual that has the new place of touching."""
+        return ContinuationChart(self.residual(), z, along, self.scale, self.monitors())
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,30 +303,68 @@ class BifurcationCurve(Scheduled):
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
         """Kind and orbit, or why it is none, of each place located on the curve."""
-        return tuple(
-            (kind, self._confirmed(motion_of(solution)))
-            for kind, solution in self.places()
-            if kind != KINK
+        found = []
+        for event, (kind, solution) in zip(self.branch.located, self.places(), strict=True):
+            if kind == KINK:
+                continue
+            touches = kind in (GRAZING, GRAZING_FOLD) and self.kind in MULTIPLIER_KINDS
+            nearby = self._on_clear_side(event) if touches else solution
+            found.append((kind, self._confirmed(motion_of(nearby))))
+        return tuple(found)
+
+    def _on_clear_side(self, event: SpecialPoint) -> Solution:
+        """Return a solution of the curve next to one that touches a wall, on the side where the absorber stays clear of it.
+
+        Whether the exact method finds an impact at a touch is decided by last bits.
+        """
+        best = None
+        clearance = -np.inf
+        for k in (event.after, event.after + 1):
+            if k >= len(self.branch) or len(self.branch.points[k]) != len(event.point):
+                continue
+            z = event.point + CLEAR_STEP * (self.branch.points[k] - event.point)
+            value = event.parameter + CLEAR_STEP * (self.branch.parameters[k] - event.parameter)
+            solution = self.at(self.schedules[k], z, float(value))
+            here = motion_of(solution).clearance
+            if here > clearance:
+                best = solution
+                clearance = here
+        return (
+            self.at(self.schedules[event.after], event.point, event.parameter)
+            if best is None
+            else best
         )
 
     def _confirmed(self, motion: Motion) -> Orbit | NoOrbit:
-        """Return the orbit at a point of the curve, or why there is none; a torus ends where its two multipliers meet at 1 or -1."""
+        """Return the orbit at a point of the curve, or why there is none; two multipliers that meet at 1 or -1 have the root of their rounding."""
+        if self.kind == LOSS_OF_CONTACT:
+            return confirm_loss(motion)
+        if self.kind == GRAZING:
+            return confirm_grazing(motion)
         values = compute_multipliers(motion)
-        if self.kind == TORUS and values is not None:
+        if values is not None:
             ends = [np.sum(np.abs(values - side) < DOUBLE_MULTIPLIER_TOL) for side in (1.0, -1.0)]
             if max(ends) > 1:
                 return confirmed(motion)
         return confirmed_bifurcation(self.kind, motion)
 
+    @cached_property
+    def critical_points(self) -> tuple[CriticalPoint | None, ...]:
+        """Multipliers and normal form of each point; None on a curve of grazing or loss of contact."""
+        if self.kind not in MULTIPLIER_KINDS:
+            return (None,) * len(self.schedules)
+        return tuple(
+            critical_point_of(self.kind, motion_of(self.solution(k)))
+            for k in range(len(self.schedules))
+        )
+
     def critical(self, k: int) -> complex:
         """Return the multiplier on the unit circle at point ``k``, over the schedule's span: 1, -1, or of a torus's pair the one above."""
-        multipliers = np.linalg.eigvals(derivative_of(self.solution(k))).astype(complex)
-        if self.kind == TORUS:
-            first, second = _find_reciprocal_pair(multipliers)
-            return complex(first if first.imag > 0 else second)
-        return complex(
-            multipliers[np.argmin(np.abs(multipliers - (1 if self.kind == FOLD else -1)))]
-        )
+        point = self.critical_points[k]
+        if point is None:
+            return complex(np.nan, np.nan)
+        values = point.multipliers[point.critical]
+        return complex(values[np.argmax(values.imag)])
 
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings; values of the parameter in SI units, orbits as `packed` has them."""
@@ -334,7 +388,15 @@ class BifurcationCurve(Scheduled):
             "omega_ratio": (self.omega / float(self.case.model.omega[0])).tolist(),
             "value": self.branch.parameters.tolist(),
             "multiplier": [
-                [m.real, m.imag] for m in map(self.critical, range(len(self.schedules)))
+                [_finite(m.real), _finite(m.imag)]
+                for m in map(self.critical, range(len(self.schedules)))
+            ],
+            "coefficient": [
+                None if point is None else _finite(point.coefficient)
+                for point in self.critical_points
+            ],
+            "criticality": [
+                None if point is None else point.criticality for point in self.critical_points
             ],
             "orbit": [_describe_orbit(orbit) for orbit in self.orbits],
             "located": places,
@@ -350,11 +412,8 @@ def _describe_orbit(orbit: Orbit | NoOrbit) -> str:
     return "yes" if isinstance(orbit, Orbit) else orbit.reason
 
 
-def _find_reciprocal_pair(multipliers: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the two multipliers (2,) whose product is next to 1."""
-    first, second = np.triu_indices(len(multipliers), 1)
-    k = int(np.argmin(np.abs(multipliers[first] * multipliers[second] - 1)))
-    return np.array([multipliers[first[k]], multipliers[second[k]]], dtype=complex)
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def bifurcation_curve(
@@ -369,7 +428,7 @@ def bifurcation_curve(
     """Return the curve of bifurcations through one of ``kind`` next to a solution, over the frequency (limits in rad/s) and ``parameter``.
 
     It is followed to both sides, and ends at its limits, where a wall would have to pull, where a
-    torus's multipliers meet, on the curve of broken symmetry or doubled periods that it begins on,
+    torus's multipliers meet at 1 or -1 (R1, R2), on the curve of broken symmetry or doubled periods that it begins on,
     or where it is back at its start; Ctrl-C ends it with what is known so far. Raises
     NoConvergenceError if there is no such bifurcation here, ParameterError for bad input.
     """
@@ -382,6 +441,7 @@ def bifurcation_curve(
     )
     for limit in limits:
         solution.case.changed(**{parameter: limit})  # raises where it is not allowed
+    touch, lost = _contact_of(solution, kind)
 
     def one_way(direction: float) -> tuple[Branch, list[EventSchedule]]:
         value = float(getattr(solution.case, parameter))
@@ -395,6 +455,8 @@ def bifurcation_curve(
             limits=limits,
             frequencies=frequencies,
             start=solution,
+            touch=touch,
+            lost=lost,
         )
         problem = ContinuationProblem(
             walk.residual(), parameter, walk.scale, size, limits, walk.monitors(), walk.recentre
@@ -411,7 +473,40 @@ def bifurcation_curve(
         way = _explain_end(way, solution.case, schedules)
         return way, schedules[: len(way)]
 
-    return BifurcationCurve(solution.case, *follow_to_both_sides(one_way), kind)
+    return _without_false_labels(
+        BifurcationCurve(solution.case, *follow_to_both_sides(one_way), kind)
+    )
+
+
+def _contact_of(solution: Solution, kind: str) -> tuple[float, int]:
+    """Return where a solution comes closest to a wall (rad after its first event), and the number of its weakest impact."""
+    touch = 0.0
+    if kind == GRAZING:
+        phases, distances = turns_after_first(solution)
+        if len(phases) == 0:
+            raise NoConvergenceError("the relative velocity does not turn between impacts")
+        touch = float(phases[np.argmin(distances)])
+    hits = solution.schedule.order.wall != 0
+    return touch, int(np.argmin(np.abs(solution.impulses[hits])))
+
+
+def _without_false_labels(curve: BifurcationCurve) -> BifurcationCurve:
+    """Return a curve without the special points at which a test function jumps or has a pole."""
+    pairs = []
+    for event, schedule in zip(curve.branch.located, curve.located_schedules, strict=True):
+        if event.kind in CODIMENSION_TWO or (event.kind, curve.kind) == (GRAZING_FOLD, GRAZING):
+            motion = motion_of(curve.at(schedule, event.point, event.parameter))
+            if event.kind == GRAZING_FOLD:
+                if not abs(plus_one_test(motion)) < ZERO_TOL:
+                    continue
+            elif not is_special(critical_point_of(curve.kind, motion), event.kind):
+                continue
+        pairs.append((event, schedule))
+    return replace(
+        curve,
+        branch=replace(curve.branch, located=tuple(event for event, _ in pairs)),
+        located_schedules=tuple(schedule for _, schedule in pairs),
+    )
 
 
 def _explain_end(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
@@ -478,7 +573,7 @@ def bifurcation_curves(
     known: list[tuple[BifurcationCurve, Array]] = []
     for branch in branches:
         for kind in kinds:
-            for solution in branch.starts(kind):
+            for solution in branch.starts(START_KINDS.get(kind, kind)):
                 size = PARAMETER_SHARE * compute_size(
                     parameter, getattr(solution.case, parameter), limits
                 )

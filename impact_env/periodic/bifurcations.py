@@ -102,6 +102,16 @@ def minus_one_test(motion: Motion) -> float:
     return sign * float(np.prod(factors).real)
 
 
+def plus_one_test(motion: Motion) -> float:
+    """Return a function from -1 to 1 that is zero where a multiplier is 1, without a pole; NaN where an impact has no speed."""
+    values = compute_multipliers(motion)
+    if values is None:
+        return np.nan
+    factors = (values - 1) / (1 + np.abs(values))
+    sign = _orientation_of_impacts(motion) * _orientation_of_reversals(motion)
+    return sign * float(np.prod(factors).real)
+
+
 def torus_test(motion: Motion) -> float:
     """Return a function from -1 to 1 that is zero where two multipliers have the product 1, without a pole; NaN where an impact has no speed.
 

@@ -17,6 +17,9 @@ DAMPING_RATIO = "damping_ratio"
 ABSORBER_POSITION = "absorber_position"
 MODEL_PARAMETERS = (MASS_RATIO, DAMPING_RATIO, ABSORBER_POSITION)
 LEAST_MASS_RATIO = 1e-9
+MODELS_KEPT = (
+    64  # one for each value of a parameter, which differences at one point of a curve share
+)
 ANY_POSITION = 0.3  # of the absorber, where modes do not depend on it
 END_MARGIN = 1e-9  # of the length: how close to an end that is held an absorber may sit
 # of a parameter's size: the step of five-point differences, whose error and rounding are about equal there
@@ -33,6 +36,7 @@ def damping_of(model: ModalModel) -> float:
     return float(model.damping_ratio[0])
 
 
+@lru_cache(maxsize=MODELS_KEPT)
 def with_damping(model: ModalModel, ratio: float) -> ModalModel:
     """Return the model with another damping ratio of its first mode, and those of all others in proportion; all alike if none is damped."""
     own = damping_of(model)
@@ -58,6 +62,7 @@ def position_of(model: ModalModel) -> float:
     return float(model.beam.absorber_position)
 
 
+@lru_cache(maxsize=MODELS_KEPT)
 def with_position(model: ModalModel, position: float) -> ModalModel:
     """Return the model with its absorber at another place of the beam; the level is read where it was."""
     own = position_of(model)
@@ -68,7 +73,7 @@ def with_position(model: ModalModel, position: float) -> ModalModel:
     beam = replace(
         model.beam, absorber_position=position, response_position=own if level is None else level
     )
-    vectors = _nodal_shapes(_ByContent(replace(beam, absorber_position=ANY_POSITION)))
+    vectors = _nodal_shapes(_ByContent(model.beam))
     force, tip, response = (
         deflection_row(beam, float(x)) @ vectors
         for x in (beam.force_position, beam.absorber_position, beam.response_position)
@@ -78,11 +83,12 @@ def with_position(model: ModalModel, position: float) -> ModalModel:
 
 
 class _ByContent:
-    """A beam as a key of a cache: equal to another one with the same values."""
+    """A beam as a key of a cache: equal to another one that differs in the place of its absorber and of the response alone."""
 
     def __init__(self, beam: Beam) -> None:
         self.beam = beam
-        self.text = repr(beam)
+        own = {"absorber_position", "response_position"}
+        self.text = repr({name: value for name, value in vars(beam).items() if name not in own})
 
     def __hash__(self) -> int:
         return hash(self.text)
@@ -93,7 +99,7 @@ class _ByContent:
 
 @lru_cache(maxsize=16)
 def _nodal_shapes(key: _ByContent) -> Array:
-    return nodal_shapes(key.beam)
+    return nodal_shapes(replace(key.beam, absorber_position=ANY_POSITION))
 
 
 def domain_of(model: ModalModel, name: str) -> tuple[float, float]:

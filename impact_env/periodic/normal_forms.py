@@ -1,4 +1,4 @@
-"""Normal forms of maps at a multiplier on the unit circle: on which side of a bifurcation its new orbits lie, and where on a curve of them that changes.
+"""Normal forms of maps at a multiplier on the unit circle: on which side of a bifurcation its new orbits lie.
 
 The coefficients are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), sections 5.4 and
 9.7: of a fold b = <p, B(q, q)>/2, of a doubled period (or, of a map over half a period, of broken
@@ -83,7 +83,5 @@ def torus_coefficient(forms: MapForms, vectors: CriticalVectors, multiplier: com
     turned = np.exp(1j * np.angle(multiplier))
     mean = np.linalg.solve(one - forms.matrix, forms.second(q, q.conj()))
     square = np.linalg.solve(turned**2 * one - forms.matrix, forms.second(q, q))
-    cubic = (
-        forms.third(q, q, q.conj()) + 2 * forms.second(q, mean) + forms.second(q.conj(), square)
-    )
+    cubic = forms.third(q, q, q.conj()) + 2 * forms.second(q, mean) + forms.second(q.conj(), square)
     return float((np.vdot(vectors.left, cubic) / turned).real / 2)

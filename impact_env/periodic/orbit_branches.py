@@ -168,7 +168,9 @@ class OrbitBranch(Scheduled):
             *(
                 each.solution
                 for each in self.unconfirmed
-                if each.kind == kind and find_objection(kind, motion_of(each.solution)) is None
+                if each.kind == kind
+                and kind in CHECKED_KINDS
+                and find_objection(kind, motion_of(each.solution)) is None
             ),
         )
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.periodic.codimension_two import CriticalPoint
 from impact_env.periodic.green import Solution
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.normal_forms import MapForms, Vector
@@ -37,6 +38,16 @@ def powers_of(shift: Polynomial) -> Polynomial:
     one = np.zeros(8, complex)
     one[0] = 1.0
     return np.array([one, shift, square / 2, multiply(square, shift) / 6])
+
+
+def _real_if(result: Vector, *directions: Vector) -> Vector:
+    """Return the real part of a result of real directions."""
+    return result if any(np.iscomplexobj(each) for each in directions) else result.real
+
+
+def critical_point_of(kind: str, motion: Motion, reference: Vector | None = None) -> CriticalPoint:
+    """Return multipliers and normal form of a motion at a bifurcation of a ``kind`` (see `CriticalPoint`)."""
+    return CriticalPoint(kind, OrbitMap(motion).forms(), reference)
 
 
 class OrbitMap:
@@ -66,11 +77,11 @@ class OrbitMap:
 
     def second(self, u: Vector, v: Vector) -> Vector:
         """Return B(u, v) (2 N_m + 2,)."""
-        return self.propagate((u, v))[:, 3]
+        return _real_if(self.propagate((u, v))[:, 3], u, v)
 
     def third(self, u: Vector, v: Vector, w: Vector) -> Vector:
         """Return C(u, v, w) (2 N_m + 2,)."""
-        return self.propagate((u, v, w))[:, 7]
+        return _real_if(self.propagate((u, v, w))[:, 7], u, v, w)
 
     def propagate(self, directions: tuple[Vector, ...]) -> Polynomial:
         """Return the polynomial (2 N_m + 2, 8) to which the map takes the orbit's start plus e_k times the k-th direction."""
@@ -126,7 +137,9 @@ class OrbitMap:
         tip = self.structure.tip
         if wall != 0:
             return float(state[2 * n + 1] - tip @ state[n + 1 : 2 * n + 1])
-        own = -(self.structure.omega**2) * state[:n] - self.structure.rate * state[n + 1 : 2 * n + 1]
+        own = (
+            -(self.structure.omega**2) * state[:n] - self.structure.rate * state[n + 1 : 2 * n + 1]
+        )
         force = self.case.force * np.cos(self.case.omega * time) * self.structure.push
         modal = own + force - tip * friction
         return float(friction / self.structure.mass - tip @ modal)

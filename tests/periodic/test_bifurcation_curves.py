@@ -10,7 +10,8 @@ from impact_env import Beam, beam_scene, impact_absorber
 from impact_env.parameters import ParameterError
 from impact_env.periodic.bifurcation_curves import (
     CURVE_KINDS,
-    RESONANCE,
+    GRAZING_FOLD,
+    MULTIPLIER_KINDS,
     BifurcationCurve,
     bifurcation_curve,
     bifurcation_curves,
@@ -22,8 +23,9 @@ from impact_env.periodic.bifurcations import (
     minus_one_test,
     torus_test,
 )
-from impact_env.periodic.branch import FOLD
+from impact_env.periodic.branch import FOLD, KINK
 from impact_env.periodic.case import Case, case_of
+from impact_env.periodic.codimension_two import R1, R2
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.folds import Fold
 from impact_env.periodic.green import NoOrbit, make_solution, read_unknowns, residual_and_jacobian
@@ -33,7 +35,6 @@ from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, unpacked
 from impact_env.periodic.orbit_branches import (
-    GRAZING,
     PULLING,
     OrbitBranch,
     orbit_branch,
@@ -92,7 +93,7 @@ def test_a_torus_over_the_force_has_a_pair_on_the_circle_and_ends_where_it_meets
     pair = values[np.argmin(np.abs(values - curve.critical(k)))]
     assert abs(pair) == pytest.approx(1, abs=2e-3)
     assert abs(pair.imag) > 0.1
-    ends = [orbit for kind, orbit in curve.located if kind == RESONANCE]
+    ends = [orbit for kind, orbit in curve.located if kind in (R1, R2)]
     assert ends
     for end in ends:
         assert isinstance(end, Orbit)
@@ -155,7 +156,9 @@ def test_every_bifurcation_located_has_its_multiplier_in_an_own_propagation() ->
     """A vanishing impulse turns the sign of det(M + I): 1.01618 is no broken symmetry."""
     branches = losses()
     assert sum(PULLING in branch.branch.ended for branch in branches) == 2
-    located = [place for branch in branches for place in branch.places() if place[0] in CURVE_KINDS]
+    located = [
+        place for branch in branches for place in branch.places() if place[0] in MULTIPLIER_KINDS
+    ]
     assert len(located) >= 8
     for kind, solution in located:
         assert on_the_circle_by_reference(kind, motion_of(solution)), (
@@ -234,7 +237,7 @@ def test_where_friction_would_hold_the_absorber_nothing_is_located() -> None:
         place
         for branch in orbit_branches(case, 0.95 * first, 0.98 * first)
         for place in branch.places()
-        if place[0] in CURVE_KINDS
+        if place[0] in MULTIPLIER_KINDS
     ]
     assert places
     for kind, solution in places:
@@ -247,7 +250,7 @@ def test_where_friction_would_hold_the_absorber_nothing_is_located() -> None:
 
 def test_behind_grazing_a_curve_is_no_orbits() -> None:
     (curve,) = one_mode()[FOLD][1:]
-    grazing = next(orbit.case.force for kind, orbit in curve.located if kind == GRAZING)
+    grazing = next(orbit.case.force for kind, orbit in curve.located if kind == GRAZING_FOLD)
     beyond = [
         (value, orbit)
         for value, orbit in zip(curve.branch.parameters, curve.orbits, strict=True)
@@ -297,7 +300,7 @@ def test_each_curve_is_followed_once() -> None:
         1,
     ]  # one through both of its places on the branches
     start = curves[FOLD][0].solution(0)
-    for kind, parameter, word in ((GRAZING, "force", "kind"), (FOLD, "omega", "parameter")):
+    for kind, parameter, word in ((KINK, "force", "kind"), (FOLD, "omega", "parameter")):
         with pytest.raises(ParameterError, match=word):
             bifurcation_curve(start, kind, parameter, (1.0, 2.0), RANGE)
 

@@ -1,0 +1,68 @@
+"""Confirmation of orbits that touch a wall without impact, or by an impact without speed.
+
+Whether the exact method finds an impact at a touch is decided by the last bits of the motion, and the
+return map has no derivative there. The orbit is therefore confirmed next to it: at a force at which the
+absorber stays clear of the wall by a tiny share of the gap, or at which the impact has a small impulse.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from impact_env.periodic.green import NoOrbit, Solution, read_unknowns, solve
+from impact_env.periodic.motion import Motion, motion_of
+from impact_env.periodic.orbit import Orbit, confirmed
+
+TRIAL_SHARE = 1e-6  # of the force: the difference that says how the touch depends on it
+MOST_SHARE = (
+    1e-3  # of the force: a touch that depends on it less is not confirmed, as next to a fold
+)
+CLEAR_SHARE = 1e-7  # of the gap
+SMALL_IMPULSE = 1e-4  # scaled
+NEAR_ENOUGH = 0.5  # of the clearance or impulse sought
+
+
+def confirm_grazing(motion: Motion) -> Orbit | NoOrbit:
+    """Return the orbit next to one that touches a wall without impact, or why there is none."""
+    return _confirm_nearby(motion, lambda at: at.clearance / at.solution.case.gap, CLEAR_SHARE)
+
+
+def confirm_loss(motion: Motion) -> Orbit | NoOrbit:
+    """Return the orbit next to one that has an impact without speed, or why there is none."""
+    return _confirm_nearby(motion, _weakest_impulse, SMALL_IMPULSE)
+
+
+def _weakest_impulse(motion: Motion) -> float:
+    solution = motion.solution
+    wall = solution.schedule.order.wall
+    pushes = -wall[wall != 0] * solution.impulses[wall != 0]
+    return float(np.min(pushes)) / solution.case.scale.impulse
+
+
+def _confirm_nearby(
+    motion: Motion, value_of: Callable[[Motion], float], wanted: float
+) -> Orbit | NoOrbit:
+    """Return the confirmed orbit at the force where a function of the motion that vanishes here has the value ``wanted``."""
+    solution = motion.solution
+    here = value_of(motion)
+    trial = _at_force(solution, solution.case.force * (1 + TRIAL_SHARE))
+    if isinstance(trial, NoOrbit):
+        return trial
+    slope = (value_of(trial) - here) / TRIAL_SHARE
+    share = (wanted - here) / slope if slope != 0 else np.inf
+    if not abs(share) < MOST_SHARE:
+        reason = "the force hardly moves the absorber away from the wall that it touches"
+        return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
+    near = _at_force(solution, solution.case.force * (1 + share))
+    if isinstance(near, NoOrbit):
+        return near
+    if not value_of(near) > NEAR_ENOUGH * wanted:
+        reason = "the absorber passes another wall or another impact pulls"
+        return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
+    return confirmed(near)
+
+
+def _at_force(solution: Solution, force: float) -> Motion | NoOrbit:
+    """Return the motion with the same events at another force."""
+    near = solve(solution.case.changed(force=force), solution.schedule, read_unknowns(solution))
+    return near if isinstance(near, NoOrbit) else motion_of(near)
