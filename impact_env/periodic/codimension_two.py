@@ -46,12 +46,13 @@ CODIMENSION_TWO += (DEGENERATE_SYMMETRY_BREAKING, CHENCINER)
 ZERO_TOL = (
     1e-5  # of a bounded test function at what is located: a pole, or a jump, is far from zero
 )
+ROUNDING = 1e-12  # of a coefficient without its poles
 UPPER_TOL = 1e-6  # least imaginary part of a complex multiplier
 
 
 def bound(value: float) -> float:
-    """Return a function of a value that has its zeros and lies between -1 and 1."""
-    return value / (1 + abs(value))
+    """Return a function of a value that has its zeros and lies between -1 and 1; what is rounding, as without losses, is zero everywhere."""
+    return 0.0 if abs(value) < ROUNDING else value / (1 + abs(value))
 
 
 @dataclass(frozen=True, eq=False)

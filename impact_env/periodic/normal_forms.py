@@ -4,7 +4,7 @@ The coefficients are those of Kuznetsov, Elements of Applied Bifurcation Theory 
 9.7: of a fold b = <p, B(q, q)>/2, of a doubled period (or, of a map over half a period, of broken
 symmetry) and of a torus the cubic coefficient on the centre manifold. A is the map's derivative at its
 fixed point, B and C its second and third derivatives, q and p the right and left eigenvectors with
-|q| = 1 and <p, q> = 1.
+<p, q> = 1 and |q| = 1 in the norm of the forms.
 """
 
 from __future__ import annotations
@@ -22,17 +22,23 @@ SUPERCRITICAL = "supercritical"  # what is born is stable where the orbit left i
 SUBCRITICAL = "subcritical"
 
 
+def euclidean(vector: Vector) -> float:
+    """Return the length of a vector, real or complex."""
+    return float(np.linalg.norm(vector))
+
+
 @dataclass(frozen=True, eq=False)
 class MapForms:
     """Derivatives of a map of R^n at its fixed point: ``matrix`` A (n, n), and its multilinear forms.
 
     ``second(u, v)`` returns B(u, v) (n,), ``third(u, v, w)`` returns C(u, v, w) (n,), of vectors (n,) that
-    may be complex.
+    may be complex. ``norm(u)`` is the size of a vector in which coefficients are given.
     """
 
     matrix: Array
     second: Callable[[Vector, Vector], Vector]
     third: Callable[[Vector, Vector, Vector], Vector]
+    norm: Callable[[Vector], float] = euclidean
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +69,15 @@ def find_critical_vectors(matrix: Array, multiplier: complex) -> CriticalVectors
 def fold_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
     """Return b of w -> w + b w^2 at a fold, where w is the amplitude of q; its sign is that of q."""
     q = vectors.right
-    return float(0.5 * vectors.left @ forms.second(q, q))
+    return float(0.5 * vectors.left @ forms.second(q, q)) / forms.norm(q)
 
 
 def flip_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
     """Return c of w -> -w + c w^3 at a multiplier of -1: above 0 the bifurcation is supercritical."""
     q = vectors.right
     square = np.linalg.solve(np.eye(len(q)) - forms.matrix, forms.second(q, q))
-    return float(vectors.left @ (forms.third(q, q, q) / 6 + forms.second(q, square) / 2))
+    cubic = forms.third(q, q, q) / 6 + forms.second(q, square) / 2
+    return float(vectors.left @ cubic) / forms.norm(q) ** 2
 
 
 def torus_coefficient(forms: MapForms, vectors: CriticalVectors, multiplier: complex) -> float:
@@ -84,4 +91,4 @@ def torus_coefficient(forms: MapForms, vectors: CriticalVectors, multiplier: com
     mean = np.linalg.solve(one - forms.matrix, forms.second(q, q.conj()))
     square = np.linalg.solve(turned**2 * one - forms.matrix, forms.second(q, q))
     cubic = forms.third(q, q, q.conj()) + 2 * forms.second(q, mean) + forms.second(q.conj(), square)
-    return float((np.vdot(vectors.left, cubic) / turned).real / 2)
+    return float((np.vdot(vectors.left, cubic) / turned).real / 2) / forms.norm(q) ** 2

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impact_env.periodic.codimension_two import CriticalPoint
 from impact_env.periodic.green import Solution
 from impact_env.periodic.motion import Motion
-from impact_env.periodic.normal_forms import MapForms, Vector
+from impact_env.periodic.normal_forms import MapForms, Vector, euclidean
 from impact_env.periodic.shooting import units_of
 
 Polynomial = NDArray[np.complex128]  # (..., 8): coefficients of the products of e_1, e_2, e_3
@@ -54,7 +54,8 @@ class OrbitMap:
     """The map over the span of an orbit's schedule, mirrored back where that is half a period, from just after its first event on.
 
     States are in units of the gap, and of the gap times the force's frequency. The derivative is that of
-    `impact_env.periodic.motion.Motion`.
+    `impact_env.periodic.motion.Motion`. Coefficients are those of a critical vector that has the length 1
+    in the middle of the longest flight, whichever event is the first.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -73,7 +74,7 @@ class OrbitMap:
 
     def forms(self) -> MapForms:
         """Return the map's derivatives."""
-        return MapForms(self.matrix, self.second, self.third)
+        return MapForms(self.matrix, self.second, self.third, self.norm)
 
     def second(self, u: Vector, v: Vector) -> Vector:
         """Return B(u, v) (2 N_m + 2,)."""
@@ -83,8 +84,15 @@ class OrbitMap:
         """Return C(u, v, w) (2 N_m + 2,)."""
         return _real_if(self.propagate((u, v, w))[:, 7], u, v, w)
 
-    def propagate(self, directions: tuple[Vector, ...]) -> Polynomial:
-        """Return the polynomial (2 N_m + 2, 8) to which the map takes the orbit's start plus e_k times the k-th direction."""
+    def norm(self, vector: Vector) -> float:
+        """Return the length that a small disturbance (2 N_m + 2,) has in the middle of the longest flight."""
+        return euclidean(self.propagate((vector,), to_middle=True)[:, 1])
+
+    def propagate(self, directions: tuple[Vector, ...], to_middle: bool = False) -> Polynomial:
+        """Return the polynomial (2 N_m + 2, 8) to which the map takes the orbit's start plus e_k times the k-th direction.
+
+        ``to_middle``: to the middle of the longest flight, instead of over the whole span.
+        """
         order = self.solution.schedule.order
         n = len(order.wall)
         omega = self.case.omega
@@ -94,10 +102,14 @@ class OrbitMap:
             state[:, 1 << k] = direction * self.units
         times = np.append(self.solution.phases, self.solution.phases[0] + order.turn) / omega
         shift = np.zeros(8, complex)
+        longest = int(np.argmax(np.diff(times))) if to_middle else n
         for k in range(1, n + 1):
             i, mirror = (k, 1.0) if k < n else (0, order.mirror)
             friction = -self.case.friction_limit * order.sign[k - 1]
             begin = (times[k - 1], shift)
+            if k - 1 == longest:
+                middle = (0.5 * (times[k - 1] + times[k]), np.zeros(8, complex))
+                return self._fly(state, begin, middle, friction) / self.units[:, None]
             wall = mirror * order.wall[i]
             state, shift = self._reach_event(state, begin, times[k], friction, wall)
             if wall != 0:
