@@ -1,12 +1,16 @@
 """Normal forms and special points of maps with known ones, and those of orbits against iterations of the exact method and doubled orbits."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
+import scipy.linalg
+from support.orbit_cases import high_orbit, model_of, steel
 
-from impact_env.periodic.bifurcations import PERIOD_DOUBLING, TORUS
+from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.branch import FOLD
+from impact_env.periodic.case import Case
 from impact_env.periodic.codimension_two import (
     CHENCINER,
     CUSP,
@@ -24,9 +28,17 @@ from impact_env.periodic.codimension_two import (
     is_special,
 )
 from impact_env.periodic.continuation import ContinuationProblem, Steps, follow_branch
+from impact_env.periodic.green import NoOrbit, read_unknowns, solve
+from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.normal_forms import MapForms
+from impact_env.periodic.offspring import descendants
+from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
+from impact_env.periodic.orbit_map import critical_point_of
+from impact_env.periodic.shooting import units_of
+from impact_env.periodic.validation import iterate_map
 
 Array = np.ndarray
+FIRST = float(model_of(1).omega[0])
 Polynomial = Callable[[Array], Array]
 
 
@@ -220,3 +232,129 @@ def test_a_second_critical_multiplier_gives_a_point_its_name() -> None:
     assert other_labels(TORUS, lambda s: block(unit, rotation(2.0, 0.9 + s))) == {
         DOUBLE_TORUS: here
     }
+
+
+@cache
+def places_of(kind: str, period: int = 1) -> list[Motion]:
+    """Return the places of a kind: of the steel beam, or of one mode with e = 0.8 and its doubled orbits, 1.5 N."""
+    if kind == TORUS or period == 0:
+        case = steel()
+        limits = (0.953 * float(case.model.omega[0]), 0.959 * float(case.model.omega[0]))
+        return list(orbit_branch(high_orbit(case).solution, "omega", limits).of(kind))
+    case = Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8)
+    limits = (0.85 * FIRST, FIRST)
+    branches = list(orbit_branches(case, *limits))
+    if kind != SYMMETRY_BREAKING:
+        found = descendants(branches, limits, longest=2)
+        branches = [branch for branch in found if isinstance(branch, OrbitBranch)]
+    motions = [motion for branch in branches for motion in branch.of(kind)]
+    return [each for each in motions if each.solution.schedule.period_multiple == period]
+
+
+def neighbour(motion: Motion, share: float) -> Motion:
+    """Return the orbit with the same events at a frequency that differs by a share."""
+    solution = motion.solution
+    case = solution.case.changed(omega=solution.case.omega * (1 + share))
+    near = solve(case, solution.schedule, read_unknowns(solution))
+    assert not isinstance(near, NoOrbit)
+    return motion_of(near)
+
+
+def own_derivative(motion: Motion) -> Array:
+    """Return the derivative of the exact method's map from the middle of the longest flight on, by differences; in units of the gap."""
+    units = units_of(motion.solution.case)
+    start, state = motion.mid_flight()
+    columns = []
+    for k, step in enumerate(1e-6 * units):
+        shift = step * np.eye(len(units))[k]
+        ahead, back = (iterate_map(motion, start, state + side * shift) for side in (1, -1))
+        columns.append((ahead - back) / units / 2e-6)
+    return np.array(columns).T
+
+
+def critical_pair(matrix: Array, target: complex) -> tuple[complex, Array, Array]:
+    """Return the multiplier next to a target, its right eigenvector of length 1, and the left one with <p, q> = 1."""
+    values, vectors = scipy.linalg.eig(matrix)
+    k = int(np.argmin(np.abs(values - target)))
+    right = vectors[:, k] / np.linalg.norm(vectors[:, k])
+    values_left, left = scipy.linalg.eig(matrix.T)
+    p = left[:, int(np.argmin(np.abs(values_left - values[k])))]
+    return complex(values[k]), right, p / (p @ right)
+
+
+@pytest.mark.parametrize(
+    ("kind", "period", "number", "criticality"),
+    [
+        (SYMMETRY_BREAKING, 1, 1, "supercritical"),
+        (SYMMETRY_BREAKING, 0, 0, "subcritical"),
+        (PERIOD_DOUBLING, 1, 1, "supercritical"),
+        (PERIOD_DOUBLING, 2, 1, "supercritical"),
+        (TORUS, 1, 0, "supercritical"),
+        (TORUS, 1, 1, "subcritical"),
+    ],
+)
+def test_what_leaves_a_bifurcation_has_the_side_and_the_size_of_its_coefficient(
+    kind: str, period: int, number: int, criticality: str
+) -> None:
+    """Next to the bifurcation iterations of the exact method come to it or part at it."""
+    place = places_of(kind, period)[number]
+    point = critical_point_of(kind, place)
+    assert point.criticality == criticality
+    growth = 0.004 if criticality == "supercritical" else -0.0005 if kind == TORUS else -0.004
+    trial = 1e-5
+    at, _, _ = critical_pair(own_derivative(neighbour(place, trial)), point.multiplier)
+    motion = neighbour(place, trial * growth / (abs(at) - 1))
+    multiplier, right, left = critical_pair(own_derivative(motion), point.multiplier)
+    assert abs(multiplier) - 1 == pytest.approx(growth, rel=0.1)
+    size = np.sqrt(abs((abs(multiplier) - 1) / point.coefficient))
+    units = units_of(motion.solution.case)
+    start, orbit = motion.mid_flight()
+
+    def sizes(share: float, count: int) -> Array:
+        shift = share * size * right
+        state = orbit + units * (2 * shift.real if kind == TORUS else shift.real)
+        result = []
+        for _ in range(count):
+            state = iterate_map(motion, start, state)
+            result.append(abs(left @ ((state - orbit) / units)) ** 2)
+        return np.array(result)
+
+    if criticality == "supercritical":
+        assert np.mean(sizes(1.1, 500)[-100:]) == pytest.approx(size**2, rel=0.15)
+        return
+    for share, side in ((0.8, -1), (1.25, 1)):
+        squares = sizes(share, round(0.6 / abs(growth)))
+        quarter = len(squares) // 4
+        assert side * np.log(np.mean(squares[-quarter:]) / np.mean(squares[:quarter])) > 0.1
+
+
+def test_orbits_beside_a_fold_have_the_multipliers_of_its_coefficient() -> None:
+    """Two folds: the multiplier of an orbit that lies w q away from the fold is 1 + 2 b w."""
+    case = Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8)
+    start = high_orbit(case.changed(omega=0.94 * FIRST)).solution
+    symmetric = orbit_branch(start, "omega", (0.85 * FIRST, FIRST))
+    pairs = list(descendants([symmetric], (0.85 * FIRST, FIRST), longest=1))
+    for branch in (symmetric, *pairs):
+        assert isinstance(branch, OrbitBranch)
+        place = branch.of(FOLD)[0]
+        phase = place.mid_flight()[0]
+        point = critical_point_of(FOLD, place)
+        z = read_unknowns(place.solution)
+        event = next(e for e in branch.branch.located if e.kind == FOLD)
+        k = event.after
+        steps = []
+        for side in (k, k + 1):
+            other = branch.solution(side)
+            start = z + 0.02 * (read_unknowns(other) - z)
+            omega = place.solution.case.omega + 0.02**2 * (
+                other.case.omega - place.solution.case.omega
+            )
+            found = solve(place.solution.case.changed(omega=omega), other.schedule, start)
+            assert not isinstance(found, NoOrbit)
+            motion = motion_of(found)
+            multiplier, _, _ = critical_pair(own_derivative(motion), 1.0)
+            steps.append((multiplier.real, motion.state_at(phase) / units_of(found.case)))
+        _, _, left = critical_pair(own_derivative(place), 1.0)
+        (above, first), (below, second) = steps
+        apart = float((left @ (first - second)).real)
+        assert abs((above - below) / (2 * apart)) == pytest.approx(abs(point.coefficient), rel=0.02)
