@@ -166,6 +166,7 @@ class CurveContinuation(OrbitContinuation):
             Monitor(kind, partial(self._along_start, side))
             for side, kind in kinds_of_birth(self.schedule)
         )
+        own: tuple[Monitor, ...]
         if self.kind == GRAZING:
             own = (
                 Monitor(DOUBLE_GRAZING, self._other_clearance),

@@ -126,7 +126,7 @@ class Case:
             model = with_damping(model, values.pop(DAMPING_RATIO))
         if ABSORBER_POSITION in values:
             model = with_position(model, values.pop(ABSORBER_POSITION))
-        return replace(self, model=model, **values)  # type: ignore[arg-type]
+        return replace(self, model=model, **values)
 
     def drive(self, duration: float, phase: float) -> Drive:
         """Return the force from a ``phase`` (rad) on for ``duration`` s."""

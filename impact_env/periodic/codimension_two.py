@@ -41,8 +41,10 @@ GENERALISED_FLIP = "generalised period doubling"
 DEGENERATE_SYMMETRY_BREAKING = "degenerate symmetry breaking"
 CHENCINER = "Chenciner"
 NEEDS_PAIR = (FOLD_TORUS, FLIP_TORUS, DOUBLE_TORUS)  # of complex multipliers, not two real ones
-CODIMENSION_TWO = (CUSP, R1, R2, R3, R4, FOLD_FLIP, *NEEDS_PAIR, GENERALISED_FLIP)
-CODIMENSION_TWO += (DEGENERATE_SYMMETRY_BREAKING, CHENCINER)
+CODIMENSION_TWO = (
+    *(CUSP, R1, R2, R3, R4, FOLD_FLIP, *NEEDS_PAIR),
+    *(GENERALISED_FLIP, DEGENERATE_SYMMETRY_BREAKING, CHENCINER),
+)
 ZERO_TOL = (
     1e-5  # of a bounded test function at what is located: a pole, or a jump, is far from zero
 )

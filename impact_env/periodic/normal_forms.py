@@ -75,7 +75,9 @@ def fold_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
 def flip_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
     """Return c of w -> -w + c w^3 at a multiplier of -1: above 0 the bifurcation is supercritical."""
     q = vectors.right
-    square = np.linalg.solve(np.eye(len(q)) - forms.matrix, forms.second(q, q))
+    square: Vector = np.asarray(
+        np.linalg.solve(np.eye(len(q)) - forms.matrix, forms.second(q, q)), dtype=float
+    )
     cubic = forms.third(q, q, q) / 6 + forms.second(q, square) / 2
     return float(vectors.left @ cubic) / forms.norm(q) ** 2
 
@@ -88,7 +90,9 @@ def torus_coefficient(forms: MapForms, vectors: CriticalVectors, multiplier: com
     q = vectors.right
     one = np.eye(len(q))
     turned = np.exp(1j * np.angle(multiplier))
-    mean = np.linalg.solve(one - forms.matrix, forms.second(q, q.conj()))
-    square = np.linalg.solve(turned**2 * one - forms.matrix, forms.second(q, q))
+    mean: Complex = np.linalg.solve(one - forms.matrix, forms.second(q, q.conj())).astype(complex)
+    square: Complex = np.linalg.solve(turned**2 * one - forms.matrix, forms.second(q, q)).astype(
+        complex
+    )
     cubic = forms.third(q, q, q.conj()) + 2 * forms.second(q, mean) + forms.second(q.conj(), square)
     return float((np.vdot(vectors.left, cubic) / turned).real / 2) / forms.norm(q) ** 2

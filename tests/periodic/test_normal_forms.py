@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.linalg
-from support.orbit_cases import high_orbit, model_of, steel
+from support.orbit_cases import high_orbit, model_of, paper_case, steel
 
 from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.branch import FOLD
@@ -29,12 +29,13 @@ from impact_env.periodic.codimension_two import (
 )
 from impact_env.periodic.continuation import ContinuationProblem, Steps, follow_branch
 from impact_env.periodic.green import NoOrbit, read_unknowns, solve
-from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.normal_forms import MapForms
+from impact_env.periodic.motion import Motion, motion_of, stability_of
+from impact_env.periodic.normal_forms import SUBCRITICAL, SUPERCRITICAL, MapForms
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
 from impact_env.periodic.orbit_map import critical_point_of
 from impact_env.periodic.shooting import units_of
+from impact_env.periodic.survey import closed_form_orbits
 from impact_env.periodic.validation import iterate_map
 
 Array = np.ndarray
@@ -235,12 +236,15 @@ def test_a_second_critical_multiplier_gives_a_point_its_name() -> None:
 
 
 @cache
-def places_of(kind: str, period: int = 1) -> list[Motion]:
-    """Return the places of a kind: of the steel beam, or of one mode with e = 0.8 and its doubled orbits, 1.5 N."""
-    if kind == TORUS or period == 0:
-        case = steel()
-        limits = (0.953 * float(case.model.omega[0]), 0.959 * float(case.model.omega[0]))
-        return list(orbit_branch(high_orbit(case).solution, "omega", limits).of(kind))
+def steel_places(kind: str) -> list[Motion]:
+    case = steel()
+    limits = (0.953 * float(case.model.omega[0]), 0.959 * float(case.model.omega[0]))
+    return list(orbit_branch(high_orbit(case).solution, "omega", limits).of(kind))
+
+
+@cache
+def one_mode_places(kind: str, period: int) -> list[Motion]:
+    """Return the places of a kind of one mode with e = 0.8, 1.5 N: of the symmetric orbits, of the pair, and of its doubled orbits."""
     case = Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8)
     limits = (0.85 * FIRST, FIRST)
     branches = list(orbit_branches(case, *limits))
@@ -249,6 +253,18 @@ def places_of(kind: str, period: int = 1) -> list[Motion]:
         branches = [branch for branch in found if isinstance(branch, OrbitBranch)]
     motions = [motion for branch in branches for motion in branch.of(kind)]
     return [each for each in motions if each.solution.schedule.period_multiple == period]
+
+
+@cache
+def three_mode_torus() -> Motion:
+    """N_m = 3, e = 0.9, 3 N: the torus at 0.92124, where all other multipliers are inside of the circle."""
+    case = paper_case(3, 0.921, 3.0, 0.9)
+    for orbit in closed_form_orbits(case).orbits:
+        limits = (0.919 * FIRST, 0.923 * FIRST)
+        for motion in orbit_branch(orbit.solution, "omega", limits).of(TORUS):
+            if np.sum(np.abs(stability_of(motion).multipliers) > 1 - 1e-9) == 2:
+                return motion
+    raise AssertionError("no such torus")
 
 
 def neighbour(motion: Motion, share: float) -> Motion:
@@ -283,24 +299,24 @@ def critical_pair(matrix: Array, target: complex) -> tuple[complex, Array, Array
 
 
 @pytest.mark.parametrize(
-    ("kind", "period", "number", "criticality"),
+    ("kind", "place_of", "criticality"),
     [
-        (SYMMETRY_BREAKING, 1, 1, "supercritical"),
-        (SYMMETRY_BREAKING, 0, 0, "subcritical"),
-        (PERIOD_DOUBLING, 1, 1, "supercritical"),
-        (PERIOD_DOUBLING, 2, 1, "supercritical"),
-        (TORUS, 1, 0, "supercritical"),
-        (TORUS, 1, 1, "subcritical"),
+        (SYMMETRY_BREAKING, lambda: one_mode_places(SYMMETRY_BREAKING, 1)[1], SUPERCRITICAL),
+        (SYMMETRY_BREAKING, lambda: steel_places(SYMMETRY_BREAKING)[0], SUBCRITICAL),
+        (PERIOD_DOUBLING, lambda: one_mode_places(PERIOD_DOUBLING, 1)[1], SUPERCRITICAL),
+        (PERIOD_DOUBLING, lambda: one_mode_places(PERIOD_DOUBLING, 2)[1], SUPERCRITICAL),
+        (TORUS, lambda: steel_places(TORUS)[0], SUPERCRITICAL),
+        (TORUS, three_mode_torus, SUBCRITICAL),
     ],
 )
 def test_what_leaves_a_bifurcation_has_the_side_and_the_size_of_its_coefficient(
-    kind: str, period: int, number: int, criticality: str
+    kind: str, place_of: Callable[[], Motion], criticality: str
 ) -> None:
     """Next to the bifurcation iterations of the exact method come to it or part at it."""
-    place = places_of(kind, period)[number]
+    place = place_of()
     point = critical_point_of(kind, place)
     assert point.criticality == criticality
-    growth = 0.004 if criticality == "supercritical" else -0.0005 if kind == TORUS else -0.004
+    growth = 0.004 if criticality == SUPERCRITICAL else -0.004
     trial = 1e-5
     at, _, _ = critical_pair(own_derivative(neighbour(place, trial)), point.multiplier)
     motion = neighbour(place, trial * growth / (abs(at) - 1))
@@ -319,7 +335,7 @@ def test_what_leaves_a_bifurcation_has_the_side_and_the_size_of_its_coefficient(
             result.append(abs(left @ ((state - orbit) / units)) ** 2)
         return np.array(result)
 
-    if criticality == "supercritical":
+    if criticality == SUPERCRITICAL:
         assert np.mean(sizes(1.1, 500)[-100:]) == pytest.approx(size**2, rel=0.15)
         return
     for share, side in ((0.8, -1), (1.25, 1)):
