@@ -39,7 +39,7 @@ from optimisation.bounds import design_force, design_gap, reach, resonance_limit
 from optimisation.extremes import stationary_level, usable_force, usable_mass_ratio, usable_rate
 from optimisation.friction_rule import scaled_friction
 from optimisation.gap_check import rigid_walls
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import HIGH, LOW, minimax, smallest_amplitude
 
@@ -182,7 +182,7 @@ class ResonanceComparison:
         return None if optimum is None else int(np.flatnonzero(self.forces == optimum.force)[0])
 
     @property
-    def told(self) -> int | None:
+    def reported_index(self) -> int | None:
         """Index of the force at which the concepts are compared; None if nothing is finished."""
         return (
             self.best
@@ -261,7 +261,9 @@ def compare(
         require(gap is None, "gap", gap, "left out beside a device")
         gap = rigid_walls(device).gap
         mass_ratio = device.mass_ratio
-    model = mounted(Beam() if beam is None else instance("beam", beam, Beam | ModalModel))
+    model = model_with_absorber_at(
+        Beam() if beam is None else instance("beam", beam, Beam | ModalModel)
+    )
     every = tuple(
         dict.fromkeys(
             count("resonances", resonance, 1) for resonance in listed("resonances", resonances)
@@ -332,21 +334,21 @@ def compare(
     grids = [force_grid(f, forces) for f in design]
     if own is not None:
         grids[0] = np.union1d(grids[0], own)
-    kept = [(r, c) for r in every for c in compared]
+    pairs = [(r, c) for r in every for c in compared]
     grid_of = dict(zip(every, grids, strict=True))
     cases = [
         replace(
             case_of(concept.absorber, grid_of[resonance], resonance),
             limits=concept.limits if usual else ranges[resonance],
         )
-        for resonance, concept in kept
+        for resonance, concept in pairs
     ]
-    found = performance_curves(
+    swept_curves = performance_curves(
         cases, members, seed, method, threads=threads, progress=progress, executor=executor
     )
     curves: dict[int, dict[str, PerformanceCurve]] = {resonance: {} for resonance in every}
     swept: dict[int, dict[str, CurveCase]] = {resonance: {} for resonance in every}
-    for (resonance, concept), case, curve in zip(kept, cases, found, strict=True):
+    for (resonance, concept), case, curve in zip(pairs, cases, swept_curves, strict=True):
         curves[resonance][concept.key] = curve
         swept[resonance][concept.key] = case
     parts = tuple(

@@ -37,14 +37,14 @@ from impact_env.shared_mass import impact_absorbers
 from optimisation.extremes import usable_mass_ratio
 from optimisation.mounting import scene_on
 from optimisation.variables import (
+    ABSORBER_IDS,
     DAMPING,
-    FREE,
+    DEFAULT_FREE,
     FRICTION,
     FRICTION_LIMIT,
     GAP,
     IMPACT,
     MASS_RATIO,
-    MEMBERS,
     POSITION,
     RESTITUTION,
     SEVERAL,
@@ -84,7 +84,8 @@ class Design:
         v = self.values
         if self.concept == SEVERAL:
             gaps, restitutions, limits = (
-                [v[of_absorber(n, k)] for k in MEMBERS] for n in (GAP, RESTITUTION, FRICTION_LIMIT)
+                [v[of_absorber(n, k)] for k in ABSORBER_IDS]
+                for n in (GAP, RESTITUTION, FRICTION_LIMIT)
             )
             positions = [
                 min(x, 1.0) for x in self.positions
@@ -99,7 +100,7 @@ class Design:
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
     def scene(self, structure: Structure) -> Scene:
-        """Return the absorber on a structure, at the design's positions; the level is read where `optimisation.mounting.watched` says."""
+        """Return the absorber on a structure, at the design's positions; the level is read where `optimisation.mounting.with_response_point` says."""
         return scene_on(structure, self.absorber(), *self.positions)
 
     @property
@@ -108,7 +109,7 @@ class Design:
         return [
             self.values[name]
             for name in (
-                (of_absorber(POSITION, k) for k in MEMBERS)
+                (of_absorber(POSITION, k) for k in ABSORBER_IDS)
                 if self.concept == SEVERAL
                 else (POSITION,)
             )
@@ -218,7 +219,7 @@ class DesignSpace:
     def _resolved(self, choose: Callable[[Variable, float, float], float]) -> Design:
         """Return a design, variable by variable in the order in which units follow; ``choose`` takes a free variable, its unit and its start."""
         free = {v.name: v for v in self.free}
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         # a unit is known after mass and place, and that of a friction limit after the gap
         for v in sorted(
             VARIABLES[self.concept], key=lambda v: v.scaled + v.name.startswith(FRICTION_LIMIT)
@@ -226,14 +227,14 @@ class DesignSpace:
             start = (
                 v.default
                 if not v.scaled or self.units is None
-                else self._units.start(self.concept, v.name, found)
+                else self._units.start(self.concept, v.name, values)
             )
             if v.name in free:
-                unit = self._units.of(self.concept, v.name, found) if free[v.name].scaled else 1.0
-                found[v.name] = float(choose(free[v.name], unit, start))
+                unit = self._units.of(self.concept, v.name, values) if free[v.name].scaled else 1.0
+                values[v.name] = float(choose(free[v.name], unit, start))
             else:
-                found[v.name] = self.fixed.get(v.name, start)
-        return Design(self.concept, {v.name: found[v.name] for v in VARIABLES[self.concept]})
+                values[v.name] = self.fixed.get(v.name, start)
+        return Design(self.concept, {v.name: values[v.name] for v in VARIABLES[self.concept]})
 
     def design(self, values: Values) -> Design:
         """Return the design with these values (SI) of the free variables; raises ParameterError unless each has one within its bounds."""
@@ -288,7 +289,7 @@ class DesignSpace:
 
     def at_bounds(self, design: Design) -> list[str]:
         """Return in words which free variables of a design lie at a bound of their range, with the bound; empty if none does."""
-        found = []
+        values = []
         for v, share in zip(self.free, self.shares(design), strict=True):
             if v.whole:  # a choice has no other side
                 continue
@@ -297,8 +298,8 @@ class DesignSpace:
             )  # the structure ends there, not the search
             if not AT_BOUND < share < 1 - AT_BOUND and not at_end:
                 which, bound = ("lower", v.low) if share < 0.5 else ("upper", v.high)
-                found.append(f"{v.name} at its {which} bound of {bound:g} {v.unit}".rstrip())
-        return found
+                values.append(f"{v.name} at its {which} bound of {bound:g} {v.unit}".rstrip())
+        return values
 
     def describe(self) -> dict[str, object]:
         """Return the space's identity as JSON values."""
@@ -346,7 +347,7 @@ def design_space(
     known = _known(concept)
     fixed = {} if fixed is None else instance("fixed", fixed, Mapping)
     names = (
-        tuple(name for name in FREE[concept] if name not in fixed)
+        tuple(name for name in DEFAULT_FREE[concept] if name not in fixed)
         if free is None
         else tuple(one_of("free variables", name, known) for name in listed("free variables", free))
     )

@@ -31,7 +31,7 @@ Progress = Callable[[int, int], None]  # takes the number of finished runs and o
 
 
 @dataclass
-class Clocked:
+class TimedExecutor:
     """An executor that counts the ``seconds`` that its caller waits for runs: the rest of a search is overhead."""
 
     executor: Executor
@@ -75,8 +75,8 @@ def measured_chunks(
     chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None
 ) -> list[Array]:
     """Return the measures of chunks, (lanes, measures) each, in their order."""
-    found = dict(run_chunks(chunks, executor, progress))
-    return [found[k] for k in range(len(chunks))]
+    measured = dict(run_chunks(chunks, executor, progress))
+    return [measured[k] for k in range(len(chunks))]
 
 
 def evaluate(
@@ -111,7 +111,7 @@ def evaluate(
             )
 
 
-class Evaluation(NamedTuple):
+class ProblemValues(NamedTuple):
     """Values, constraints and spread of N designs, row by row in their order; NaN in the rows of designs that failed.
 
     ``F`` (N, objectives): values, all to be minimised (the width of a range and the like have their sign turned). ``G`` (N, constraints): share by
@@ -131,8 +131,8 @@ def evaluate_arrays(
     executor: Executor | None = None,
     progress: Progress | None = None,
     failures: dict[int, str] | None = None,
-) -> Evaluation:
-    """Return F, G and spread of designs at coordinates ``X`` (N, variables), rows in the order of X: see `Evaluation`.
+) -> ProblemValues:
+    """Return F, G and spread of designs at coordinates ``X`` (N, variables), rows in the order of X: see `ProblemValues`.
 
     Coordinates are those of ``problem.space`` (`DesignSpace.low` and `high`). ``ensemble`` None is the search's own members (what is to be reported
     takes `Problem.fresh_ensemble`), ``executor`` None all cores. A row out of bounds, one that the simulator refuses, and one of which the integrator
@@ -160,16 +160,16 @@ def evaluate_arrays(
         except ParameterError as error:
             designs.pop(i, None)
             reasons[i] = str(error)
-    asked = list(designs)
+    numbers = list(designs)
     for k, measured in evaluate(
         problem,
-        [designs[i] for i in asked],
+        [designs[i] for i in numbers],
         ensemble,
         problem.rate,
         executor or Threads(),
         progress,
     ):
-        i = asked[k]
+        i = numbers[k]
         lost = np.isnan(measured).any(axis=(2, 3))
         if lost.any():
             member, condition = (int(x) for x in np.argwhere(lost)[0])
@@ -179,7 +179,7 @@ def evaluate_arrays(
             )
             continue
         F[i], G[i], spread[i] = _row(problem, designs[i], measured, ensemble)
-    return Evaluation(F, G, spread)
+    return ProblemValues(F, G, spread)
 
 
 def _row(

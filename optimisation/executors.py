@@ -46,15 +46,15 @@ def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None
     except ImportError as error:
         reason = f"where the package distributed is installed; {how_to_install('cluster')}"
         raise ParameterError(f"--cluster = {cluster} is not allowed: {reason}") from error
-    with Workers(cluster) as found:
-        yield found
+    with Workers(cluster) as on:
+        yield on
 
 
 @contextmanager
 def executor(threads: int | None, cluster: str | None) -> Iterator[Executor]:
     """Give the executor of a study: `workers`, or else threads (None: all cores)."""
-    with workers(threads, cluster) as found:
-        yield Threads(threads) if found is None else found
+    with workers(threads, cluster) as on:
+        yield Threads(threads) if on is None else on
 
 
 ONE_THREAD = dict.fromkeys(
@@ -64,7 +64,7 @@ POLL_S = 0.5
 
 
 @dataclass(frozen=True)
-class Task:
+class PoolTask:
     """A function of a module, called with plain values. ``kind`` names the kernels that it needs; ``limit_s`` holds once these are compiled."""
 
     function: Callable[..., Any]
@@ -74,10 +74,10 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PoolOutcome:
     """What came of a task: its value, or why there is none. ``wall_s`` includes compiling where it was needed."""
 
-    task: Task
+    task: PoolTask
     value: Any
     error: str
     wall_s: float
@@ -88,7 +88,7 @@ class _Worker:
     process: Any
     connection: Connection
     kinds: set[str]
-    task: Task | None = None
+    task: PoolTask | None = None
     since: float = 0.0
     first: bool = False
 
@@ -116,8 +116,8 @@ class Pool:
         self.workers: list[_Worker] = []
 
     def _start(self) -> _Worker:
-        here, there = self.context.Pipe()
-        process = self.context.Process(target=_serve, args=(there,), daemon=True)
+        near_end, far_end = self.context.Pipe()
+        process = self.context.Process(target=_serve, args=(far_end,), daemon=True)
         before = dict(os.environ)
         os.environ.update(ONE_THREAD)  # of the child, which inherits it
         try:
@@ -126,10 +126,10 @@ class Pool:
             for name in ONE_THREAD.keys() - before.keys():
                 del os.environ[name]
             os.environ.update(before)
-        there.close()
-        return _Worker(process, here, set())
+        far_end.close()
+        return _Worker(process, near_end, set())
 
-    def run(self, tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
+    def run(self, tasks: Sequence[PoolTask]) -> Generator[PoolOutcome, None, None]:
         """Run tasks on all workers; those of one kind start in the order given. Workers end with the generator, also when it is closed early."""
         pending = list(tasks)
         try:
@@ -142,7 +142,7 @@ class Pool:
         finally:
             self.close()
 
-    def _give(self, worker: _Worker, pending: list[Task]) -> None:
+    def _give(self, worker: _Worker, pending: list[PoolTask]) -> None:
         """Hand a worker its next task, of a kind whose kernels it has loaded if there is one."""
         if not pending:
             return
@@ -154,7 +154,7 @@ class Pool:
         with suppress(OSError):  # a process that has died is noticed when its answer is due
             worker.connection.send(worker.task)
 
-    def _collect(self) -> Iterator[Outcome]:
+    def _collect(self) -> Iterator[PoolOutcome]:
         """Yield the outcomes that have come in, and end tasks that take too long."""
         busy = {worker.connection: worker for worker in self.workers if worker.task is not None}
         for connection in wait(list(busy), timeout=POLL_S):
@@ -174,13 +174,13 @@ class Pool:
                 if time.perf_counter() - worker.since > limit:
                     yield self._replace(worker, f"not finished after {limit:.0f} s")
 
-    def _outcome(self, worker: _Worker, value: Any, error: str) -> Outcome:
+    def _outcome(self, worker: _Worker, value: Any, error: str) -> PoolOutcome:
         task = worker.task
         worker.task = None
         assert task is not None
-        return Outcome(task, value, error, time.perf_counter() - worker.since)
+        return PoolOutcome(task, value, error, time.perf_counter() - worker.since)
 
-    def _replace(self, worker: _Worker, error: str) -> Outcome:
+    def _replace(self, worker: _Worker, error: str) -> PoolOutcome:
         outcome = self._outcome(worker, None, error)
         _end(worker)
         self.workers[self.workers.index(worker)] = self._start()

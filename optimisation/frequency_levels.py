@@ -105,8 +105,8 @@ def frequency_curve(
     samples = samples_for(lanes[0].scene, lanes[0].drive.schedule.periods)
     if samples is None:
         return None
-    found = each_lane(lanes, partial(windowed_levels, samples=samples), executor=executor)
-    pairs = [pair for pair in found if pair is not None]
+    recorded = each_lane(lanes, partial(windowed_levels, samples=samples), executor=executor)
+    pairs = [pair for pair in recorded if pair is not None]
     if len(pairs) < len(lanes):
         raise KeyboardInterrupt
     edges = np.linspace(*limits, CURVE_POINTS + 1)
@@ -140,7 +140,7 @@ def resonance_curves(
 
     """
     first, _ = next(iter(cases.values()))
-    found = [
+    curves = [
         frequency_curve(name, lanes_of(case, members, member), case.limits, executor)
         for name, (case, member) in cases.items()
     ]
@@ -148,7 +148,7 @@ def resonance_curves(
         first.resonance,
         first.scene.model.resonance_omega(first.resonance),
         float(first.forces[0]),
-        tuple(curve for curve in found if curve is not None),
+        tuple(curve for curve in curves if curve is not None),
     )
 
 

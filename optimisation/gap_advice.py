@@ -57,7 +57,7 @@ MEMBERS = 3
 TOLERANCE = 0.1  # of the force
 MOST_TOLERANCE = 0.3
 FASTER = 4.0  # times the rate of the answers: that of single runs for free variables
-FREE = {
+CANDIDATES = {
     "restitution": (0.5, 0.35, 0.2),
     "friction_limit": (0.0, 0.5, 2.0),
 }  # what is tried of a free variable; friction as shares of the usual
@@ -164,8 +164,8 @@ class Advice:
         for gap, curve in zip(self.check.gaps, self.check.curves, strict=True):
             values = curve.combined[0][~np.isnan(curve.combined[0])]
             step = math.log(float(gap) / self.reference) / STEP
-            found = predict(values, self.samples.groups_near(step)) if values.size else None
-            ends.append((math.nan, math.nan) if found is None else found.interval())
+            prediction = predict(values, self.samples.groups_near(step)) if values.size else None
+            ends.append((math.nan, math.nan) if prediction is None else prediction.interval())
         return np.array(ends).reshape(-1, 2).T
 
     def at_force(self, answer: Answer, factor: float) -> float:
@@ -213,7 +213,7 @@ def run_with_speeds(
     """Run lanes; return their levels and, with ``speeds``, the largest impact speed of each in m/s, (L,). Arguments as in `run_lanes`."""
     if not speeds:
         return run_lanes(lanes, threads=threads, progress=progress, executor=executor), None
-    found = each_lane(
+    pairs = each_lane(
         lanes,
         measure_level_and_speed,
         Exact(),
@@ -221,7 +221,7 @@ def run_with_speeds(
         progress=progress,
         executor=executor,
     )
-    rows = np.array([(math.nan,) * 7 if one is None else one for one in found]).T
+    rows = np.array([(math.nan,) * 7 if one is None else one for one in pairs]).T
     level, time, ratio, tip, impacts, stuck, largest = rows
     complete = not np.isnan(level).any()
     return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=complete), largest
@@ -295,12 +295,12 @@ class GapRuns:
             for schedule in case.schedules()
             for drive in every[m : m + 1].drives(self.force, schedule)
         ]
-        found, speeds = self.run(lanes, self.sweeps)
-        if not found.complete:
+        levels, speeds = self.run(lanes, self.sweeps)
+        if not levels.complete:
             raise SearchStopped
         self.sweeps += len(lanes)
         names = [f.name for f in fields(LaneLevels) if f.name != "complete"]
-        arrays = {name: getattr(found, name).reshape(1, members - have, 2) for name in names}
+        arrays = {name: getattr(levels, name).reshape(1, members - have, 2) for name in names}
         if known is not None:
             arrays = {
                 name: np.concatenate([getattr(known.lanes, name), arrays[name]], axis=1)
@@ -365,7 +365,7 @@ def advise(
     *,
     tolerance: float = TOLERANCE,
     free: Sequence[str] = (),
-    friction_given: bool = False,
+    friction_fixed: bool = False,
     factors: Sequence[float] = (),
     members: int = MEMBERS,
     seed: int = 0,
@@ -378,8 +378,8 @@ def advise(
     """Search the gap of an impact absorber for a ``force`` in N near a resonance by simulation, see `optimisation.gap_search`.
 
     ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its friction limit belongs to the rule's gap and goes with the
-    gap, unless it is ``friction_given``. ``tolerance``: share of the force. ``free``: names of `FREE`. ``factors``: further gaps to run, over the
-    rule's. ``limits`` that the answers keep, if a gap that ran does. Interruption and the other arguments as in
+    gap, unless it is ``friction_fixed``. ``tolerance``: share of the force. ``free``: names of `CANDIDATES`. ``factors``: further gaps to run, over
+    the rule's. ``limits`` that the answers keep, if a gap that ran does. Interruption and the other arguments as in
     `impact_env.curve.performance_curves`. Raises ParameterError for numbers out of range, for an absorber without rigid walls, and where no gap that
     was simulated leaves less than `USELESS` of the level without absorber.
     """
@@ -391,7 +391,7 @@ def advise(
         f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
     )
     limits = Limits() if limits is None else limits
-    wanted = [one_of("free", name, tuple(FREE)) for name in listed("free", free)]
+    wanted = [one_of("free", name, tuple(CANDIDATES)) for name in listed("free", free)]
     members = count("members", members, 1)
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = rigid_walls(own)
@@ -420,7 +420,7 @@ def advise(
     reference = rule if limits.stroke is None else limits.stroke
     rule_step = math.log(rule / reference) / STEP
     friction = own.friction
-    if friction is not None and not friction_given:
+    if friction is not None and not friction_fixed:
         friction = replace(friction, limit=friction.limit * reference / rule)
     runs = GapRuns(
         model,
@@ -429,7 +429,7 @@ def advise(
         replace(own, walls=replace(walls, gap=reference), friction=friction),
         sweep_range,
         seed,
-        not friction_given,
+        not friction_fixed,
         run,
     )
     start = round(math.log(rule / reference * expected_factor(free_over_rule)) / STEP)
@@ -441,12 +441,12 @@ def advise(
     tried: list[tuple[str, float, float, float]] = []
 
     def levels(step: float, number: int) -> Array:
-        found = runs.levels(step, number, rate)
+        measured = runs.levels(step, number, rate)
         if limits.impact_speed is not None:
             samples.excess[step] = math.log(
                 max(runs.speeds[step, rate], 1e-300) / limits.impact_speed
             )
-        return found
+        return measured
 
     try:
         runs.curve(None, 1, rate)
@@ -513,9 +513,9 @@ def _answer(
 ) -> Answer:
     """Return a device that ran, with where its level was read and its impact speed."""
     (ratio,) = find_reading_ratios(runs.curves[step, rate])
-    found = answer_at(runs.device(step), samples, step, tolerance)
+    answer = answer_at(runs.device(step), samples, step, tolerance)
     return replace(
-        found,
+        answer,
         frequency_ratio=float(ratio),
         impact_speed=runs.speeds.get((step, rate)),
     )
@@ -555,7 +555,11 @@ def _choose_free(
     usual = runs.absorber
     walls = rigid_walls(usual)
     friction = usual.friction
-    values = (walls.restitution, *FREE[name]) if name == "restitution" else (1.0, *FREE[name])
+    values = (
+        (walls.restitution, *CANDIDATES[name])
+        if name == "restitution"
+        else (1.0, *CANDIDATES[name])
+    )
     best: tuple[float, int, SlidingAbsorber] | None = None
     for value in values:
         if name == "restitution":
@@ -565,14 +569,14 @@ def _choose_free(
                 usual, friction=None if friction is None else friction_law(value * friction.limit)
             )
         runs.forget_gaps()
-        found = bracket(
+        logs = bracket(
             lambda n: math.log(float(runs.levels(n, 1, rate)[0])),
             start,
             (start + NARROWEST, widest),
-            wide_looks=False,
+            wide_runs=False,
         )
-        step = min(found, key=lambda n: found[n])
-        level = math.exp(found[step])
+        step = min(logs, key=lambda n: logs[n])
+        level = math.exp(logs[step])
         device = runs.device(step)
         number = value
         if name == "friction_limit":

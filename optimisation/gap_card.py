@@ -26,7 +26,7 @@ from optimisation.baselines import Baselines, simulate_baselines
 from optimisation.gap_advice import Advice, Answer
 from optimisation.gap_check import GapCheck
 from optimisation.mounting import with_more_modes
-from optimisation.uncertain import Spread, drawn, shares
+from optimisation.uncertain import Distribution, drawn, shares
 
 Array = NDArray[np.float64]
 # of what is uncertain; the seed of members that no search has seen
@@ -37,7 +37,7 @@ EFFECTIVE_RATIO = 0.5  # of the level without absorber, which a device that work
 
 
 @dataclass(frozen=True)
-class Impacts:
+class ImpactLoads:
     """What impacts do over the worse of a sweep up and down: largest and RMS relative speed (m/s), number a second, and power lost (W).
 
     ``omega``: the higher frequency of the structure's level in rad/s.
@@ -60,19 +60,19 @@ class ServiceLoads:
     answer: Answer
     forces: Array
     levels: Array
-    impacts: Impacts
+    impacts: ImpactLoads
     works: tuple[float, float]
     helps: tuple[float, float]
     baselines: Baselines
 
 
-def service_loads(found: Advice, answer: Answer, executor: Executor) -> ServiceLoads:
+def service_loads(advice: Advice, answer: Answer, executor: Executor) -> ServiceLoads:
     """Run a device once up and once down with its impacts recorded, and other absorbers; raises KeyboardInterrupt if that is stopped."""
-    check = found.check
-    impacts = impacts_of(case_of(check, answer.absorber), executor)
+    check = advice.check
+    impacts = impact_loads(case_of(check, answer.absorber), executor)
     forces = check.force * FACTORS
     without = float(check.without.median[0]) / check.force
-    levels = np.array([found.at_force(answer, float(factor)) for factor in FACTORS])
+    levels = np.array([advice.at_force(answer, float(factor)) for factor in FACTORS])
     works, helps = (
         contiguous_range(forces, levels < share * without * forces, len(forces) // 2)
         for share in (EFFECTIVE_RATIO, 1.0)
@@ -102,40 +102,40 @@ def case_of(
     )
 
 
-def impacts_of(case: CurveCase, executor: Executor) -> Impacts:
+def impact_loads(case: CurveCase, executor: Executor) -> ImpactLoads:
     """Run a case's first force once up and once down with its impacts recorded; raises KeyboardInterrupt if that is stopped."""
     lanes = [
         Lane(case.scene, Drive(float(case.forces[0]), schedule), case.steady_start)
         for schedule in case.schedules()
     ]
     pairs = each_lane(lanes, _impacts, executor=executor)
-    seen = [one for one in pairs if one is not None]
-    if len(seen) < len(lanes):
+    complete = [one for one in pairs if one is not None]
+    if len(complete) < len(lanes):
         raise KeyboardInterrupt
-    largest, rms, rate, power, ratio = (float(x) for x in np.max(seen, axis=0))
-    return Impacts(
+    largest, rms, rate, power, ratio = (float(x) for x in np.max(complete, axis=0))
+    return ImpactLoads(
         largest, rms, rate, power, ratio * case.scene.model.resonance_omega(case.resonance)
     )
 
 
 def change_with_modes(
-    found: Advice, answer: Answer, structure: Structure, seed: int, executor: Executor
+    advice: Advice, answer: Answer, structure: Structure, seed: int, executor: Executor
 ) -> str:
     """Return in words what twice the modes change of a device's level; nothing where the structure has no more."""
     beam = with_more_modes(structure)
-    check = found.check
+    check = advice.check
     if beam is None:
         return ""
     case = case_of(check, answer.absorber, modal_model(beam))
-    (curve,) = performance_curves([case], found.members, seed, executor=executor)
+    (curve,) = performance_curves([case], advice.members, seed, executor=executor)
     return f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, {curve.median[0] / answer.level:.2f} times as high"
 
 
 def uncertain_levels(
-    found: Advice, answer: Answer, every: Sequence[Spread], executor: Executor
+    advice: Advice, answer: Answer, every: Sequence[Distribution], executor: Executor
 ) -> tuple[float, float, float]:
     """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
-    check = found.check
+    check = advice.check
     case = case_of(check, answer.absorber)
     ensemble = draw_members(DRAWS + 1, UNSEEN)[1:]
     pairs = zip(

@@ -213,7 +213,7 @@ def check_gap(
     absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
     walls = rigid_walls(absorber)
     mass = absorber.mass_ratio * model.beam_mass
-    found = reach(model, mass, resonance)
+    free_over_rule = reach(model, mass, resonance)
     rule = design_gap(model, mass, force, resonance)
     limits = find_sweep_range(model, absorber.mass_ratio, resonance)
     multiples = np.sort(
@@ -247,6 +247,6 @@ def check_gap(
         limits,
         tuple(curves),
         without,
-        found,
+        free_over_rule,
         rate,
     )

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 STEP = 0.05  # of ln gap
-FIRST_LOOKS = (0, -8, 8, 16)  # steps from the start
+FIRST_RUNS = (0, -8, 8, 16)  # steps from the start
 WIDE = 8  # steps between the first looks
 NEAR = 2  # steps between the lowest level and its neighbours after step 2
 # steps from the start: the narrowest and the widest gap that are tried
@@ -125,50 +125,50 @@ def find_best(
 
 
 def bracket(
-    look: Callable[[int], float],
+    run_at: Callable[[int], float],
     start: int,
     ends: tuple[int, int] | None = None,
-    wide_looks: bool = True,
+    wide_runs: bool = True,
 ) -> dict[int, float]:
     """Return the costs (ln of levels) by step around the lowest, whose neighbours are then `NEAR`; parts 1 and 2 of the search above.
 
-    ``ends``: the narrowest and the widest step; ``wide_looks`` False: from the start and its neighbours alone, in one basin.
+    ``ends``: the narrowest and the widest step; ``wide_runs`` False: from the start and its neighbours alone, in one basin.
     """
     narrowest, widest = ends or (start + NARROWEST, start + WIDEST)
-    found: dict[int, float] = {}
+    levels: dict[int, float] = {}
 
     def cost_at(n: int) -> float:
-        if n not in found:
-            found[n] = look(n)
-        return found[n]
+        if n not in levels:
+            levels[n] = run_at(n)
+        return levels[n]
 
-    looks = FIRST_LOOKS if wide_looks else FIRST_LOOKS[:2]
+    looks = FIRST_RUNS if wide_runs else FIRST_RUNS[:2]
     for n in looks:
         cost_at(min(max(start + n, narrowest), widest))
     ends = (narrowest, widest)
-    best = min(found, key=lambda n: found[n])
-    _refine(found, cost_at, best, ends)
-    best = min(found, key=lambda n: found[n])
-    others = [n for n in _local_minima(found) if abs(n - best) >= WIDE]
-    lowest = found[best]
-    if wide_looks and others and found[others[0]] <= lowest + math.log(SECOND_BASIN):
-        _refine(found, cost_at, others[0], ends)
-    return found
+    best = min(levels, key=lambda n: levels[n])
+    _refine(levels, cost_at, best, ends)
+    best = min(levels, key=lambda n: levels[n])
+    others = [n for n in _local_minima(levels) if abs(n - best) >= WIDE]
+    lowest = levels[best]
+    if wide_runs and others and levels[others[0]] <= lowest + math.log(SECOND_BASIN):
+        _refine(levels, cost_at, others[0], ends)
+    return levels
 
 
-def _local_minima(found: dict[int, float]) -> list[int]:
+def _local_minima(levels: dict[int, float]) -> list[int]:
     """Return the steps whose neighbours both cost more, the cheapest first."""
-    steps = sorted(found)
+    steps = sorted(levels)
     minima = [
         n
         for k, n in enumerate(steps)
-        if all(found[n] < found[m] for m in steps[max(k - 1, 0) : k + 2] if m != n)
+        if all(levels[n] < levels[m] for m in steps[max(k - 1, 0) : k + 2] if m != n)
     ]
-    return sorted(minima, key=lambda n: found[n])
+    return sorted(minima, key=lambda n: levels[n])
 
 
 def _refine(
-    found: dict[int, float],
+    levels: dict[int, float],
     cost_at: Callable[[int], float],
     basin: int,
     ends: tuple[int, int],
@@ -176,7 +176,7 @@ def _refine(
     """Bracket a local minimum that lies at an end of what was run; then halve the intervals beside it, the wider first, down to `NEAR`."""
     best = basin
     while True:
-        steps = sorted(found)
+        steps = sorted(levels)
         at = steps.index(best)
         if at == 0 and best > ends[0]:
             neighbour = max(best - WIDE, ends[0])
@@ -188,7 +188,7 @@ def _refine(
             if max(below, above) <= NEAR:
                 return
             neighbour = best - below // 2 if below >= above else best + above // 2
-        if cost_at(neighbour) < found[best]:
+        if cost_at(neighbour) < levels[best]:
             best = neighbour
 
 
@@ -225,8 +225,8 @@ def search_gaps(
 
     if also is not None and narrowest <= also <= widest:
         run_members(also, 1)
-    found = bracket(lambda n: run_members(n, 1), start, (narrowest, widest))
-    best = min(found, key=lambda n: found[n])
+    costs = bracket(lambda n: run_members(n, 1), start, (narrowest, widest))
+    best = min(costs, key=lambda n: costs[n])
     if best > narrowest:
         run_members(best - 1, 1)  # is the foot of the cliff there?
 

@@ -44,7 +44,7 @@ from optimisation.variables import (
 )
 
 Array = NDArray[np.float64]
-SHOWN = 2  # set of fresh members on which all is run that is shown of a design; others choose and judge a winner
+REPORT_SEEDS = 2  # set of fresh members on which all is run that is shown of a design; others choose and judge a winner
 SPREAD = 0.2  # of a value, to either side: the neighbourhood of a design
 
 
@@ -107,7 +107,7 @@ def member_levels(
     at = wider.measures.index(LEVEL)
     chosen = problem.rate if rate is None else rate
     worse = np.empty((len(designs), members, len(conditions)))
-    fresh = problem.fresh_ensemble(members, SHOWN)
+    fresh = problem.fresh_ensemble(members, REPORT_SEEDS)
     for k, measured in evaluate(wider, designs, fresh, chosen, executor, progress):
         worse[k] = measured[..., at].max(axis=2)
     return worse, np.asarray(wider.reference(fresh, chosen)[..., at].max(axis=2))
@@ -181,7 +181,7 @@ def sensitivity(
     )
     near = replace(problem, objectives=problem.objectives[:1], constraints=(), members=members)
     low, high = neighbourhood(problem.space, design)
-    fresh = problem.fresh_ensemble(members, SHOWN)
+    fresh = problem.fresh_ensemble(members, REPORT_SEEDS)
     points = sobol_points(samples, low, high, problem.seed)
     designs = [
         Design(design.concept, {**design.values, **dict(zip(names, values, strict=True))})
@@ -201,8 +201,8 @@ def sensitivity(
 # within their tolerances, and a member of its own, so that its quantiles cover both chaos and tolerances.
 
 
-WATCHED_ANYWHERE = (FRICTION_HEAT, STROKE, ACCELERATION)
-WATCHED = (IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE, IMPACT_POWER, *WATCHED_ANYWHERE)
+SERVICE_MEASURES_ANYWHERE = (FRICTION_HEAT, STROKE, ACCELERATION)
+SERVICE_MEASURES = (IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE, IMPACT_POWER, *SERVICE_MEASURES_ANYWHERE)
 OF_BEAM = ("damping ratio", "frequency")
 # what a number may be off by: a share of it, a difference, or a factor either way
 TOLERANCES = {
@@ -218,26 +218,26 @@ DRAWS = 32
 FEW = 4
 # of the condition's force; the relative level that is asked of the range
 FORCES = np.geomspace(1 / 4, 4, 17)
-HALVED = 0.5
+EFFECTIVE_RATIO = 0.5
 # of a lasting vibration: how many, time constants before it is watched, pseudo periods it is watched
 FREQUENCIES = 21
-SETTLED = 8.0
-WATCH = 200.0
+SETTLING_CONSTANTS = 8.0
+LASTING_PERIODS = 200.0
 
 
 @dataclass(frozen=True, eq=False)
 class Service:
     """What is known of a design in service, at each of the problem's C conditions, the last axis of all arrays.
 
-    ``watched``: for each of `WATCHED` the median of the members between the ends of the interval that holds 90 % of fresh runs, (3, C), in the units
-    of `optimisation.measures.MEASURES`. ``forces`` (2, C) in N: between them it at least halves the level; NaN where it does not at the condition's
-    own force. ``single``: for each tolerance the median level in m with the number too small and too large, (2, C). ``joint`` (quantiles, C) in m:
-    `QUANTILES` of the level with all of them off. ``level`` (C,) in m: the median with none off. ``lasting`` (C,) in m: the largest RMS of a
-    vibration of constant frequency over the range of the sweep.
+    ``measures``: for each of `SERVICE_MEASURES` the median of the members between the ends of the interval that holds 90 % of fresh runs, (3, C),
+    in the units of `optimisation.measures.MEASURES`. ``forces`` (2, C) in N: between them it at least halves the level; NaN where it does not at the
+    condition's own force. ``single``: for each tolerance the median level in m with the number too small and too large, (2, C). ``joint``
+    (quantiles, C) in m: `QUANTILES` of the level with all of them off. ``level`` (C,) in m: the median with none off. ``lasting`` (C,) in m: the
+    largest RMS of a vibration of constant frequency over the range of the sweep.
     """
 
     conditions: tuple[Condition, ...]
-    watched: dict[str, Array]
+    measures: dict[str, Array]
     forces: Array
     single: dict[str, Array]
     joint: Array
@@ -297,9 +297,9 @@ def _run(
     progress: Progress | None,
 ) -> list[Array]:
     """Return the measures of several sets of runs, each (members, conditions, measures), the larger of up and down."""
-    found = measured_chunks([chunk for chunks in every for chunk in chunks], executor, progress)
+    measured = measured_chunks([chunk for chunks in every for chunk in chunks], executor, progress)
     ends = np.cumsum([0, *(len(chunks) for chunks in every)])
-    rows = [np.concatenate(found[start:stop]) for start, stop in pairwise(ends)]
+    rows = [np.concatenate(measured[start:stop]) for start, stop in pairwise(ends)]
     return [
         np.asarray(
             row.reshape(len(problem.conditions), members, -1, row.shape[1])
@@ -310,23 +310,26 @@ def _run(
     ]
 
 
-def watched(
+def service_measures(
     problem: Problem, design: Design, executor: Executor, progress: Progress | None = None
 ) -> tuple[dict[str, Array], Array]:
-    """Return `Service.watched` of a design on fresh members, and the median level in m, (C,)."""
-    ensemble = problem.fresh_ensemble(problem.members, SHOWN)
-    names = (LEVEL, *(WATCHED if design.concept in WITH_IMPACTS else WATCHED_ANYWHERE))
-    (found,) = _run(
+    """Return `Service.measures` of a design on fresh members, and the median level in m, (C,)."""
+    ensemble = problem.fresh_ensemble(problem.members, REPORT_SEEDS)
+    names = (
+        LEVEL,
+        *(SERVICE_MEASURES if design.concept in WITH_IMPACTS else SERVICE_MEASURES_ANYWHERE),
+    )
+    (measured,) = _run(
         problem, [_chunks(problem, design, {}, ensemble, names)], len(ensemble), executor, progress
     )
-    median = np.median(found, axis=0)
-    seen = {}
+    median = np.median(measured, axis=0)
+    intervals = {}
     for k, name in enumerate(names):
         if name == LEVEL:
             continue
-        ends = np.array([prediction_interval(row) for row in found[:, :, k].T])
-        seen[name] = np.array([ends[:, 0], median[:, k], ends[:, 1]])
-    return seen, np.asarray(median[:, 0])
+        ends = np.array([prediction_interval(row) for row in measured[:, :, k].T])
+        intervals[name] = np.array([ends[:, 0], median[:, k], ends[:, 1]])
+    return intervals, np.asarray(median[:, 0])
 
 
 def lasting_levels(
@@ -334,9 +337,9 @@ def lasting_levels(
 ) -> Array:
     """Return the largest RMS in m of the free end under a force of constant frequency, over frequencies of each condition's sweep, (C,).
 
-    Each run begins at rest, settles for `SETTLED` time constants of the resonance, and then is watched for at least 200 pseudo periods.
+    Each run begins at rest, settles for `SETTLING_CONSTANTS` time constants of the resonance, and then is watched for at least 200 pseudo periods.
     """
-    ensemble = problem.fresh_ensemble(1, SHOWN)
+    ensemble = problem.fresh_ensemble(1, REPORT_SEEDS)
     begun = problem.chunks(design, ensemble, problem.rate)
     chunks = []
     for condition, chunk in zip(problem.conditions, begun, strict=True):
@@ -344,7 +347,7 @@ def lasting_levels(
         reference = chunk.lanes[0].drive.schedule.reference
         damping = max(float(scene.model.damping_ratio[condition.resonance - 1]), 1e-4)
         periods = 2 * max(
-            SETTLED / (2 * np.pi * damping), WATCH
+            SETTLING_CONSTANTS / (2 * np.pi * damping), LASTING_PERIODS
         )  # the second half is what the measure reads
         for ratio in np.linspace(*condition.limits, FREQUENCIES):
             drives = ensemble.drives(
@@ -353,8 +356,8 @@ def lasting_levels(
             chunks.append(
                 replace(chunk, lanes=tuple(Lane(scene, drive) for drive in drives), measures=(RMS,))
             )
-    found = np.concatenate(measured_chunks(chunks, executor, progress))
-    return np.asarray(found.reshape(len(problem.conditions), FREQUENCIES).max(axis=1))
+    measured = np.concatenate(measured_chunks(chunks, executor, progress))
+    return np.asarray(measured.reshape(len(problem.conditions), FREQUENCIES).max(axis=1))
 
 
 def service(
@@ -372,7 +375,7 @@ def service(
     members = count("members", members, 1)
     draws = count("draws", draws, 1)
     problem = replace(problem, uncertain={})
-    seen, level = watched(problem, design, executor, progress)
+    measures, level = service_measures(problem, design, executor, progress)
     forces = np.full((2, len(problem.conditions)), np.nan)
     for c, condition in enumerate(problem.conditions):
         part = levels(
@@ -384,11 +387,11 @@ def service(
             progress,
         )
         forces[:, c] = contiguous_range(
-            condition.force * FORCES, part.relative[0] <= HALVED, len(FORCES) // 2
+            condition.force * FORCES, part.relative[0] <= EFFECTIVE_RATIO, len(FORCES) // 2
         )
     names = tolerances(design)
-    few = problem.fresh_ensemble(members, SHOWN)
-    many = problem.fresh_ensemble(draws, SHOWN)
+    few = problem.fresh_ensemble(members, REPORT_SEEDS)
+    many = problem.fresh_ensemble(draws, REPORT_SEEDS)
     ends = [
         _chunks(problem, design, {name: at}, few, (LEVEL,)) for name in names for at in (-1.0, 1.0)
     ]
@@ -408,7 +411,7 @@ def service(
     lasting = lasting_levels(problem, design, executor, progress)
     return Service(
         problem.conditions,
-        seen,
+        measures,
         forces,
         dict(zip(names, alone, strict=True)),
         np.asarray(joint),

@@ -140,7 +140,7 @@ def runs_of(
     progress: LaneProgress | None = None,
 ) -> Array:
     """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
-    found = each_lane(
+    measured_lanes = each_lane(
         [
             Lane(Scene(model, absorber), drive, steady_start=True)
             for absorber in absorbers
@@ -151,9 +151,9 @@ def runs_of(
         executor=executor,
         progress=progress,
     )
-    if any(one is None for one in found):
+    if any(one is None for one in measured_lanes):
         raise KeyboardInterrupt
-    values = np.array(found, dtype=np.float64)
+    values = np.array(measured_lanes, dtype=np.float64)
     return values.reshape(len(absorbers), len(drives), *values.shape[1:])
 
 
@@ -267,8 +267,8 @@ def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float) -> TunedUnde
     drives = drives_of(draw_members(RECORDS, 0), loads)
     best = tuned_for(model, positive("mass_ratio", mass_ratio), drives)
     peak = minimax(model, mass_ratio)
-    found = runs_of(model, [best, peak, None], drives, measure=_in_bands)
-    return TunedUnder(loads, measure_of(loads), best, peak, np.max(found[:2] / found[2], axis=2))
+    levels = runs_of(model, [best, peak, None], drives, measure=_in_bands)
+    return TunedUnder(loads, measure_of(loads), best, peak, np.max(levels[:2] / levels[2], axis=2))
 
 
 def compare_loads(
@@ -318,10 +318,10 @@ def compare_loads(
         "friction": friction,
         "tuned": tuned_for(model, mass_ratio, drives, run),
     }
-    found = np.geomspace(*SPAN, factors)
+    factors_run = np.geomspace(*SPAN, factors)
     grid = [
         drive.member(Member(factor=float(factor)))
-        for factor in found
+        for factor in factors_run
         for drive in every[members:]
         if isinstance(drive, Loads)
     ]
@@ -331,7 +331,14 @@ def compare_loads(
     }
     readings = {name: find_reading(model, one, loads) for name, one in absorbers.items()}
     return LoadComparison(
-        loads, measure_of(loads), edges_of(model, loads), found, absorbers, values, size, readings
+        loads,
+        measure_of(loads),
+        edges_of(model, loads),
+        factors_run,
+        absorbers,
+        values,
+        size,
+        readings,
     )
 
 
@@ -373,8 +380,8 @@ class LoadAdvice:
         """Ends of the interval that holds 90 % of fresh runs at each of the gaps, (2, G); NaN where no gap ran twice."""
         ends = []
         for step in sorted(self.samples.levels):
-            found = predict(self.samples.levels[step], self.samples.groups_near(step))
-            ends.append((math.nan, math.nan) if found is None else found.interval())
+            prediction = predict(self.samples.levels[step], self.samples.groups_near(step))
+            ends.append((math.nan, math.nan) if prediction is None else prediction.interval())
         return np.array(ends).reshape(-1, 2).T
 
     @property

@@ -46,11 +46,11 @@ def processor() -> str:
 
 def installed(packages: Iterable[str]) -> dict[str, str]:
     """Return the versions of packages, of those that are installed."""
-    found = {}
+    versions_known = {}
     for name in packages:
         with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+            versions_known[name] = version(name)
+    return versions_known
 
 
 def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
@@ -146,7 +146,7 @@ SEARCHING = (*PACKAGES, "optuna", "cmaes")  # a search is proposed by these as w
 
 
 @cache
-def fingerprint(packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict[str, str]:
+def source_hash(packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict[str, str]:
     """Return the hash of the sources that numbers come from as ``code``, and the versions of ``packages`` that are installed.
 
     Two processes with the same fingerprint run the same instructions on one kind of processor. One with another may get other numbers unnoticed: so

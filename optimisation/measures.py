@@ -34,8 +34,8 @@ LEVEL = "level"
 RMS = "rms"
 DECAY = "decay"
 UNITS = {LEVEL: "m", RMS: "m", DECAY: "s"}
-TOLD = {LEVEL: "response level", RMS: "RMS", DECAY: "decay time of the energy"}
-SHOWN = {"m": (1e3, "mm"), "s": (1.0, "s")}  # factor and unit for people
+LABELS = {LEVEL: "response level", RMS: "RMS", DECAY: "decay time of the energy"}
+DISPLAY_UNITS = {"m": (1e3, "mm"), "s": (1.0, "s")}  # factor and unit for people
 SETTLING = 5.0
 SAMPLES = 64  # a pseudo period
 STRANGE = 1e6  # a gap over the free motion, or this over it
@@ -121,7 +121,7 @@ def measured(lane: Lane) -> float:
     return read(simulate(lane.scene, lane.drive, initial=lane.start, record=record_of(lane.drive)))
 
 
-def fingerprint_of(loads: Loads) -> str:
+def loads_key(loads: Loads) -> str:
     """Return a key, equal for equal loads only."""
     strikes = [part for part in loads.parts if isinstance(part, Strike)]
     known = hashlib.sha256(f"{loads.reference!r} {loads.start!r} {strikes}".encode())
@@ -136,9 +136,9 @@ def free_size(lane: Lane) -> float:
     Of a shock, whose mean square depends on how long it is looked at, it is the largest displacement over the root of two.
     """
     check_sampling(lane)
-    found = simulate(lane.scene, lane.drive, initial=lane.start, record=OF_LOADS[RMS][1]).history
-    assert found is not None
-    motion = found.tip_displacement
+    history = simulate(lane.scene, lane.drive, initial=lane.start, record=OF_LOADS[RMS][1]).history
+    assert history is not None
+    motion = history.tip_displacement
     return float(
         np.max(np.abs(motion)) / np.sqrt(2)
         if measure_of(lane.drive) == DECAY

@@ -14,7 +14,7 @@ from impact_env.scene import Scene, beam_scene
 FIRST_PLACE = 1  # of a modal model's places for absorbers
 
 
-def watched(structure: Structure) -> Structure:
+def with_response_point(structure: Structure) -> Structure:
     """Return the structure with the place where the level is read."""
     if isinstance(structure, ModalModel) or structure.response_position is not None:
         return structure
@@ -24,21 +24,23 @@ def watched(structure: Structure) -> Structure:
     )
 
 
-def mounted(structure: Structure, position: float | None = None) -> ModalModel:
+def model_with_absorber_at(structure: Structure, position: float | None = None) -> ModalModel:
     """Return the modal model with an absorber at a share of the length (None: at the structure's own place) and the level's place.
 
     On a modal model a ``position`` is the number of one of its `places`, counted from 1, and the first is its own.
     """
     structure = instance("structure", structure, Structure)
-    found = watched(structure)
-    if isinstance(found, ModalModel):
-        own = position is None and found.absorber_shapes is None
+    placed = with_response_point(structure)
+    if isinstance(placed, ModalModel):
+        own = position is None and placed.absorber_shapes is None
         return (
-            found if own else found.with_absorber_at(FIRST_PLACE if position is None else position)
+            placed
+            if own
+            else placed.with_absorber_at(FIRST_PLACE if position is None else position)
         )
     if position is not None:
-        found = replace(found, absorber_position=position)
-    return modal_model(found)
+        placed = replace(placed, absorber_position=position)
+    return modal_model(placed)
 
 
 def with_more_modes(structure: Structure) -> Beam | None:
@@ -56,10 +58,10 @@ def scene_on(structure: Structure, absorber: Absorber | None, *positions: float)
     """
     structure = instance("structure", structure, Structure)
     if not isinstance(absorber, SeveralAbsorbers):
-        return Scene(mounted(structure, *positions), absorber)
+        return Scene(model_with_absorber_at(structure, *positions), absorber)
     if isinstance(structure, ModalModel):
         return Scene(structure.with_absorbers_at(positions), absorber)
-    return beam_scene(watched(structure), absorber)
+    return beam_scene(with_response_point(structure), absorber)
 
 
 def detuned(structure: Structure, share: float) -> Structure:
@@ -86,7 +88,7 @@ def detuned(structure: Structure, share: float) -> Structure:
     )
 
 
-def described(structure: Structure) -> dict[str, object]:
+def to_dict(structure: Structure) -> dict[str, object]:
     """Return a structure's identity as JSON values, without the defaults of a beam that the paper's lacks."""
     if isinstance(structure, ModalModel):
         return {

@@ -50,7 +50,7 @@ from optimisation.measures import (
     STRESS,
     STROKE,
     UNITS,
-    fingerprint_of,
+    loads_key,
     measure_of,
 )
 from optimisation.variables import MASS_RATIO
@@ -80,11 +80,11 @@ def function_of(name: str) -> Own:
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
     try:
-        found = getattr(importlib.import_module(module), function)
+        target = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
         raise ParameterError(f"function = {name!r} is not allowed: {OWN} ({error})") from error
-    require(callable(found), "function", name, OWN)
-    own: Own = found
+    require(callable(target), "function", name, OWN)
+    own: Own = target
     return own
 
 
@@ -151,8 +151,7 @@ class Condition:
         return (
             own
             if self.loads is None
-            else own
-            | {"loads": describe_amplitude(self.loads), "sha256": fingerprint_of(self.loads)}
+            else own | {"loads": describe_amplitude(self.loads), "sha256": loads_key(self.loads)}
         )
 
     @property
@@ -163,7 +162,7 @@ class Condition:
         )
 
     @property
-    def told(self) -> tuple[str, str]:
+    def measure_and_unit(self) -> tuple[str, str]:
         """Name and unit of what is measured."""
         name = LEVEL if self.loads is None else measure_of(self.loads)
         return name, UNITS[name]

@@ -231,10 +231,10 @@ class PlaceAdvice:
     @cached_property
     def best_by_mass(self) -> tuple[PlacedDevice, ...]:
         """The device with the lowest ``worst`` of each mass that was finished, by rising mass."""
-        found: dict[float, PlacedDevice] = {}
+        best: dict[float, PlacedDevice] = {}
         for device in self.devices:
-            found.setdefault(device.mass_ratio, device)
-        return tuple(found.values())
+            best.setdefault(device.mass_ratio, device)
+        return tuple(best.values())
 
     @property
     def rivals(self) -> tuple[PlacedDevice, ...]:
@@ -349,14 +349,14 @@ class JointRuns:
     def shares(self, step: float, number: int) -> Array:
         """Return the members' largest levels over those without absorber at a gap, (M,)."""
         study = self.study
-        found = [
+        relative = [
             part.levels(step, number, study.rates[r]) / study.without[r]
             for r, part in self.parts.items()
         ]
         if study.limits.impact_speed is not None:
             speed = max(part.speeds[step, study.rates[r]] for r, part in self.parts.items())
             self.samples.excess[step] = math.log(max(speed, 1e-300) / study.limits.impact_speed)
-        return np.asarray(np.max(found, axis=0))
+        return np.asarray(np.max(relative, axis=0))
 
 
 def search_place(
@@ -702,7 +702,7 @@ class _PlaceSearch:
             self.progress(done, max(done, self.total))
 
     def _run_lanes(self, lanes: Sequence[Lane], _before: int) -> tuple[LaneLevels, Array | None]:
-        found = run_with_speeds(
+        pairs = run_with_speeds(
             lanes,
             self.study.limits.impact_speed is not None,
             self.threads,
@@ -710,7 +710,7 @@ class _PlaceSearch:
             self.executor,
         )
         self.done += len(lanes)
-        return found
+        return pairs
 
     def _levels(self, cases: Sequence[CurveCase]) -> list[float]:
         """Return the level in m of a single run of each case; raises `SearchStopped` if it is stopped."""

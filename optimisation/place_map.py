@@ -34,7 +34,7 @@ from impact_env.structures.universal import require_global_directions
 from optimisation.bounds import NEAR
 from optimisation.extremes import LEAST_GAP, usable_force, usable_mass_ratio
 from optimisation.gap_advice import expected_factor
-from optimisation.mounting import mounted, watched
+from optimisation.mounting import model_with_absorber_at, with_response_point
 
 Array = NDArray[np.float64]
 BEAM_PLACES = 40  # evenly over a beam's length
@@ -62,7 +62,7 @@ class Places:
     structure : Beam or ModalModel
         The structure, with the places of force and level.
     model : ModalModel
-        Its modes, the level at the place that `optimisation.mounting.watched` says.
+        Its modes, the level at the place that `optimisation.mounting.with_response_point` says.
     names : tuple of str
         What a place is called (P,): the share of a beam's length, the number of a node, of a row of the matrices or of a place of a modal model.
     kind : str
@@ -87,7 +87,7 @@ class Places:
     def model_at(self, k: int) -> ModalModel:
         """Return the modal model with the absorber at place ``k``, the level where it was."""
         if isinstance(self.structure, Beam):
-            return mounted(self.structure, float(self.names[k]))
+            return model_with_absorber_at(self.structure, float(self.names[k]))
         own = self.shapes[k]
         level = self.model.level_shape
         return replace(
@@ -119,12 +119,12 @@ class Places:
         some = ", ".join(self.names[:12]) + (" ..." if len(self) > 12 else "")
         for x in wanted:
             require(x in numbers, "position", x, f"a {self.kind} of the structure: {some}")
-        kept = sorted({numbers.index(x) for x in wanted})
+        rows = sorted({numbers.index(x) for x in wanted})
         return replace(
             self,
-            names=tuple(self.names[k] for k in kept),
-            shapes=self.shapes[kept],
-            points=None if self.points is None else self.points[kept],
+            names=tuple(self.names[k] for k in rows),
+            shapes=self.shapes[rows],
+            points=None if self.points is None else self.points[rows],
         )
 
 
@@ -146,8 +146,8 @@ def find_places(structure: Structure, file: Path | None = None) -> Places:
     Places
 
     """
-    structure = watched(instance("structure", structure, Beam | ModalModel))
-    model = mounted(structure)
+    structure = with_response_point(instance("structure", structure, Beam | ModalModel))
+    model = model_with_absorber_at(structure)
     if isinstance(structure, Beam):
         every = np.linspace(0, 1, BEAM_PLACES + 1).round(12).tolist()
         free = [
@@ -174,8 +174,10 @@ def _nodal_places(structure: ModalModel, model: ModalModel, file: Path) -> Place
     kind = next((name for name in NODAL if name in plain), None)
     if kind is None:
         return None
-    given = plain[kind]["absorber"]
-    listed = list(given) if isinstance(given, list | tuple) else [given]
+    listed_absorber = plain[kind]["absorber"]
+    listed = (
+        list(listed_absorber) if isinstance(listed_absorber, list | tuple) else [listed_absorber]
+    )
     every = read_structure_shapes(file.parent, plain)
     index = {freedom: k for k, freedom in enumerate(every.freedoms)}
     rows = [_row_of(place, index) for place in listed]
@@ -218,12 +220,12 @@ def _points(
         name = plain[kind].get("coordinates")
         return None if name is None else read_coordinates(file.parent / name, len(freedoms))
     try:
-        found = read_structure_nodes(file.parent, plain)
+        nodes = read_structure_nodes(file.parent, plain)
     except ParameterError:  # a file of modes without the coordinates of its nodes
         return None
-    if found is None:
+    if nodes is None:
         return None
-    where = {int(node): point for node, point in zip(*found, strict=True)}
+    where = {int(node): point for node, point in zip(*nodes, strict=True)}
     if any(node not in where for node, _ in freedoms):
         return None
     return np.array([where[node] for node, _ in freedoms])
@@ -306,9 +308,9 @@ def map_places(places: Places, forces: Mapping[int, float], mass_ratio: float) -
 
 
 def _checked_forces(model: ModalModel, forces: Mapping[int, float]) -> dict[int, float]:
-    found = table_of(finite)("forces", forces)
-    require(len(found) > 0, "forces", dict(found), "at least one resonance with its force in N")
-    return {model.check_resonance(r): usable_force("force", force) for r, force in found.items()}
+    table = table_of(finite)("forces", forces)
+    require(len(table) > 0, "forces", dict(table), "at least one resonance with its force in N")
+    return {model.check_resonance(r): usable_force("force", force) for r, force in table.items()}
 
 
 def _map_chunk(
@@ -423,13 +425,13 @@ def expected_gap_and_share(rule: Array, reach: Array) -> tuple[Array, Array]:
     )
 
 
-def shortlist(places: Places, found: PlaceMap, number: int) -> list[int]:
+def shortlist(places: Places, place_map: PlaceMap, number: int) -> list[int]:
     """Return the places to simulate, the most promising first, which differ in their mode shapes by a twentieth or more."""
-    rows = [resonance - 1 for resonance in found.forces]
+    rows = [resonance - 1 for resonance in place_map.forces]
     shapes = places.shapes[:, rows]
     chosen: list[int] = []
-    for k in np.argsort(found.share, kind="stable").tolist():
-        if not (np.isfinite(found.gap[k]) and found.gap[k] >= LEAST_GAP):
+    for k in np.argsort(place_map.share, kind="stable").tolist():
+        if not (np.isfinite(place_map.gap[k]) and place_map.gap[k] >= LEAST_GAP):
             continue
         size = float(np.linalg.norm(shapes[k]))
         if all(np.linalg.norm(shapes[k] - shapes[j]) > DISTINCT * size for j in chosen):

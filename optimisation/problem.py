@@ -45,14 +45,14 @@ from optimisation.measures import (
     measure_of,
     stress_shape,
 )
-from optimisation.mounting import described, detuned, mounted
+from optimisation.mounting import detuned, model_with_absorber_at, to_dict
 from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
 from optimisation.tuned import require_wide_range
 from optimisation.uncertain import (
     FORCE,
     FREQUENCY,
-    Given,
-    Spread,
+    Distribution,
+    UncertainInput,
     drawn,
     plain,
     require_parts,
@@ -94,7 +94,7 @@ class Problem:
     seed: int = 0
     rate: float = None  # type: ignore[assignment]  # replaced by `usual_rate`
     fatigue_exponent: float = FATIGUE_EXPONENT
-    uncertain: Given = field(default_factory=dict)
+    uncertain: UncertainInput = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         keep_checked(
@@ -181,30 +181,32 @@ class Problem:
             )
 
     @cached_property
-    def spreads(self) -> tuple[Spread, ...]:
+    def spreads(self) -> tuple[Distribution, ...]:
         """What is uncertain."""
         return spreads(self.uncertain)
 
     def _require_loads(self) -> None:
         """Raise ParameterError for what does not go with loads: forces beside them, what is uncertain, limits in m where a decay is measured."""
-        given = [condition.loads for condition in self.conditions if condition.loads is not None]
-        if not given:
+        every_load = [
+            condition.loads for condition in self.conditions if condition.loads is not None
+        ]
+        if not every_load:
             return
         require(
-            len(given) == len(self.conditions),
+            len(every_load) == len(self.conditions),
             "conditions",
             self.conditions,
             "loads in all of them, or in none",
         )
         require(not self.spreads, "uncertain", plain(self.spreads), "left out under loads")
-        for loads in given:
+        for loads in every_load:
             check_load(self.space.default.scene(self.beam), loads, Exact())
         in_m = [
             *(o.kind for o in self.objectives if o.kind == "absolute"),
             *(c.name for c in self.constraints if c.name == LEVEL),
         ]
         require(
-            not in_m or DECAY not in map(measure_of, given),
+            not in_m or DECAY not in map(measure_of, every_load),
             "objective or constraint",
             in_m,
             "another under shocks, which are told by a time",
@@ -240,7 +242,7 @@ class Problem:
     @cached_property
     def model(self) -> ModalModel:
         """Modal model of the structure without absorber: its tip shape is that of the structure's own place for one."""
-        return mounted(self.beam)
+        return model_with_absorber_at(self.beam)
 
     @cached_property
     def units(self) -> Units:
@@ -317,7 +319,7 @@ class Problem:
             "conditions": [condition.describe() for condition in self.conditions],
             "objectives": [objective.describe() for objective in self.objectives],
             "constraints": [constraint.describe() for constraint in self.constraints],
-            "beam": described(self.beam),
+            "beam": to_dict(self.beam),
             "members": self.members,
             "seed": self.seed,
             "rate": self.rate,
@@ -357,7 +359,7 @@ class Problem:
         if condition.loads is not None:
             lanes = tuple(
                 Lane(scene, drive, steady_start=True)
-                for drive in _met(condition.loads, condition.force, ensemble)
+                for drive in scaled_loads(condition.loads, condition.force, ensemble)
             )
             return Chunk(
                 lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent
@@ -396,7 +398,11 @@ class Problem:
         every = {}
         for detuning in {condition.detuning for condition in self.conditions}:
             structure = detuned(self.beam, detuning)
-            every[detuning] = (structure, stress_shape(structure), mounted(structure))
+            every[detuning] = (
+                structure,
+                stress_shape(structure),
+                model_with_absorber_at(structure),
+            )
         return every
 
     @cached_property
@@ -415,20 +421,22 @@ class Problem:
         """
         key = (rate, ensemble.key)
         if key not in self._references:
-            seen: dict[tuple[object, ...], Array] = {}
+            references: dict[tuple[object, ...], Array] = {}
             rows = []
             for condition in self.conditions:
                 own = () if condition.loads is None else (id(condition.loads), condition.force)
                 kind = (condition.resonance, condition.limits, condition.detuning, *own)
-                if kind not in seen:
-                    seen[kind] = measure(
+                if kind not in references:
+                    references[kind] = measure(
                         self._chunk(
                             None, self._scene(None, condition.detuning), condition, ensemble, rate
                         )
                     )
                 special = {DAMAGE: self.fatigue_exponent, LEVEL_RATIO: 0.0}
                 powers = [special.get(name, 1.0) for name in self.measures]
-                rows.append(seen[kind] * (1.0 if own else condition.force) ** np.array(powers))
+                rows.append(
+                    references[kind] * (1.0 if own else condition.force) ** np.array(powers)
+                )
             self._references[key] = self.join(rows, len(ensemble))
         return self._references[key]
 
@@ -481,7 +489,7 @@ class Problem:
         return self.cost(score) if score.feasible else PENALTY * (1 + min(score.violation, PENALTY))
 
 
-def _met(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
+def scaled_loads(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
     """Return each member's loads. What a member draws (records, tones' phases) follows from its phase, so that no two members share it."""
     numbers = np.asarray(ensemble.phases, dtype=np.float64).view(np.uint64).tolist()
     pairs = zip(numbers, ensemble.phases.tolist(), ensemble.factors.tolist(), strict=True)

@@ -16,10 +16,10 @@ EVERY = 10.0  # s between two lines
 class Bar(tqdm):  # type: ignore[misc]
     """tqdm's bar on stderr or, where that is no terminal, a line of the same words every ten seconds."""
 
-    def __init__(self, *given: Any, bar_format: str = UNIT_BAR, **options: Any) -> None:
-        self.plain, self.said = not sys.stderr.isatty(), time.monotonic()
+    def __init__(self, *arguments: Any, bar_format: str = UNIT_BAR, **options: Any) -> None:
+        self.plain, self.last_line = not sys.stderr.isatty(), time.monotonic()
         super().__init__(
-            *given,
+            *arguments,
             bar_format=bar_format.replace("|{bar}|", "") if self.plain else bar_format,
             **options,
         )
@@ -28,8 +28,8 @@ class Bar(tqdm):  # type: ignore[misc]
         """Draw the bar, or write the line if it is due."""
         if not self.plain:
             return bool(super().display(msg, pos))
-        if time.monotonic() - self.said >= EVERY:
-            self.said = time.monotonic()
+        if time.monotonic() - self.last_line >= EVERY:
+            self.last_line = time.monotonic()
             self.fp.write(f"{self}\n")
             self.fp.flush()
         return True

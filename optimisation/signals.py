@@ -56,7 +56,7 @@ HALVINGS = 6  # of the largest velocity: thresholds of impacts
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class SignalOptions:
     """What a lane is measured by: plain data. ``samples`` a pseudo period; ``absolute``: of the motion in space, not relative to the base.
 
     ``stress_shape`` (N_m,) as `measures.stress_shape` has it.
@@ -74,10 +74,10 @@ class Told:
             initial=lane.start,
             record=Record(events=True, series=True, samples_per_period=self.samples),
         )
-        return told_of(response, self)
+        return signal_measures(response, self)
 
 
-def told_of(response: Response, told: Told) -> dict[str, Any]:
+def signal_measures(response: Response, options: SignalOptions) -> dict[str, Any]:
     """Return the measures of a run with its samples and impacts, as JSON values in SI units."""
     history = require_recorded("history", response.history)
     impacts = require_recorded("impacts", response.impacts)
@@ -86,13 +86,13 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
     interval = float(history.time[1])
     late = history.time >= start
     seconds = float(history.time[-1]) - start
-    signals = signals_of(response, told)
+    signals = signals_of(response, options)
     measures = {
         name: of_signal(values[late[: len(values)]], 1 / interval)
         for name, values in signals.items()
     }
     measures["displacement_m"]["level"] = float(
-        compute_level(level_of(signals["displacement_m"], told.samples))[0]
+        compute_level(level_of(signals["displacement_m"], options.samples))[0]
     )
     largest = float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
     speeds = np.abs(impacts.relative_velocity[impacts.time >= start])
@@ -102,7 +102,7 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
         "sample_rate_hz": 1 / interval,
         "modes": model.modes,
         "highest_mode_hz": float(model.omega.max()) / (2 * np.pi),
-        "relative_to": "space" if told.absolute else "base",
+        "relative_to": "space" if options.absolute else "base",
         **measures,
         **decay_of(response),
         "bands": bands_of(response, signals["displacement_m"]),
@@ -117,13 +117,13 @@ def told_of(response: Response, told: Told) -> dict[str, Any]:
     }
 
 
-def signals_of(response: Response, told: Told) -> dict[str, Array]:
+def signals_of(response: Response, options: SignalOptions) -> dict[str, Array]:
     """Return displacement (m), acceleration (m/s^2) and, if it is known, stress at the samples of a run."""
     history = require_recorded("history", response.history)
     model = response.scene.model
     displacement = history.modal_displacement @ model.level_shape
     velocity = history.modal_velocity @ model.level_shape
-    if told.absolute:
+    if options.absolute:
         require(
             isinstance(response.drive, Loads) and response.drive.moves_base,
             "absolute",
@@ -139,14 +139,14 @@ def signals_of(response: Response, told: Told) -> dict[str, Array]:
         base_velocity, base = response.drive.base_motion(history.time)
         displacement = displacement + model.base_at_absorber * (base - np.mean(base))
         velocity = velocity + model.base_at_absorber * base_velocity
-    found = {
+    signals = {
         "displacement_m": displacement,
         "acceleration_m_s2": np.diff(velocity) / np.diff(history.time),
     }
     return (
-        found
-        if told.stress_shape is None
-        else found | {"stress": history.modal_displacement @ told.stress_shape}
+        signals
+        if options.stress_shape is None
+        else signals | {"stress": history.modal_displacement @ options.stress_shape}
     )
 
 
@@ -204,18 +204,18 @@ def of_signal(values: Array, rate: float) -> dict[str, Any]:
 
 def band_edges(loads: Loads) -> Array:
     """Return the frequencies in Hz between which the tones of loads lie, from 0 to infinity: (number of tones + 1,)."""
-    found = []
+    tones = []
     for part in loads.parts:
         if isinstance(part, Tones):
             middle = (
                 1.0 if part.schedule is None else float(np.mean(part.schedule.omegas)) / (2 * np.pi)
             )
-            found += [
+            tones += [
                 float(tone.frequency or 0.0) if tone.order is None else tone.order * middle
                 for tone in part.tones
             ]
-    found = sorted(set(found))
-    return np.array([0.0, *np.sqrt(np.array(found[:-1]) * found[1:]), np.inf])
+    tones = sorted(set(tones))
+    return np.array([0.0, *np.sqrt(np.array(tones[:-1]) * tones[1:]), np.inf])
 
 
 def edges_of(model: ModalModel, loads: Loads) -> Array:
@@ -263,22 +263,22 @@ def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
     samples = round(drive.schedule.pseudo_period / interval)
     swept = settled_after(response) == 0
     cut = min(HALF_WINDOW_PERIODS * samples, len(displacement) // 4)
-    kept = slice(max(cut, int(settled_after(response) / interval)), -cut)
-    found = []
+    middle = slice(max(cut, int(settled_after(response) / interval)), -cut)
+    bands = []
     for low, high in pairwise(edges):
         part = np.fft.irfft(
             np.where((frequencies >= low) & (frequencies < high), spectrum, 0), len(displacement)
-        )[kept]
+        )[middle]
         value = (
             float(compute_level(level_of(part, samples))[0])
             if swept
             else float(np.sqrt(np.mean(part**2)))
         )
-        found.append(
+        bands.append(
             {
                 "from_hz": float(low),
                 **({} if np.isinf(high) else {"to_hz": float(high)}),
                 "level_m" if swept else "rms_m": value,
             }
         )
-    return found
+    return bands

@@ -105,10 +105,10 @@ def sobol_sensitivity(
 
     def indices(which: NDArray[np.int64]) -> tuple[Array, Array]:
         part = rows[:, which]
-        found = scipy.stats.sobol_indices(
+        result = scipy.stats.sobol_indices(
             func={"f_A": part[:1], "f_B": part[1:2], "f_AB": part[2:, None]}, n=samples
         )
-        return np.ravel(found.first_order), np.ravel(found.total_order)
+        return np.ravel(result.first_order), np.ravel(result.total_order)
 
     generator = np.random.default_rng([seed, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -198,10 +198,10 @@ def device_sensitivity(
         for schedule in case.schedules():
             drive = Drive(values["force"] * float(factor), schedule, float(phase))
             lanes.append(Lane(scene, drive, case.steady_start))
-    found = run_lanes(lanes, progress=progress, executor=executor)
-    if not found.complete:
+    runs = run_lanes(lanes, progress=progress, executor=executor)
+    if not runs.complete:
         raise KeyboardInterrupt
-    levels = found.level.reshape(points.shape[0], points.shape[1], 2).max(axis=2)
+    levels = runs.level.reshape(points.shape[0], points.shape[1], 2).max(axis=2)
     return sobol_sensitivity(names, low, high, levels, seed)
 
 

@@ -95,8 +95,8 @@ def prediction_interval(values: ArrayLike, alike: Sequence[ArrayLike] = ()) -> t
         groups += [row[np.isfinite(row)] for row in others]
         groups = [row for row in groups if row.size > 0]
     if all(np.all(row > 0) for row in groups):
-        found = predict(own, groups)
-        return UNKNOWN if found is None else found.interval()
+        prediction = predict(own, groups)
+        return UNKNOWN if prediction is None else prediction.interval()
     least = min(float(row.min()) for row in groups)
     freedoms = sum(row.size - 1 for row in groups)
     if freedoms == 0:
@@ -147,10 +147,10 @@ def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.
         "method": "percentile",
         "rng": np.random.default_rng(0),
     }
-    found = scipy.stats.bootstrap(
+    interval = scipy.stats.bootstrap(
         (a, b), ratio, paired=False, vectorized=True, **options
     ).confidence_interval
-    return Gain(middle, float(found.low), float(found.high))
+    return Gain(middle, float(interval.low), float(interval.high))
 
 
 def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
@@ -162,7 +162,7 @@ def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
     def value(x: Array, axis: int = -1) -> Array:
         return np.asarray(np.quantile(x, quantile, axis=axis))
 
-    found = scipy.stats.bootstrap(
+    interval = scipy.stats.bootstrap(
         (row,),
         value,
         n_resamples=RESAMPLES,
@@ -170,7 +170,7 @@ def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
         vectorized=True,
         rng=np.random.default_rng(0),
     )
-    return float(found.standard_error)
+    return float(interval.standard_error)
 
 
 # Ensembles whose members take two branches of response: one design, force and structure, and two levels.
@@ -247,7 +247,7 @@ def branches(members: ArrayLike) -> Branches | None:
     n = len(levels)
     gaps = np.diff(x)
     starts = {int(k) + 1 for k in np.argsort(-gaps)[:4]} | {n // 4, n // 2, 3 * n // 4}
-    value, chances = max((_fit(x, cut) for cut in sorted(starts)), key=lambda found: found[0])
+    value, chances = max((_fit(x, cut) for cut in sorted(starts)), key=lambda fit: fit[0])
     width = max(float(np.std(x)), _WIDTH)
     single = -0.5 * n * (1 + np.log(2 * np.pi * width**2))
     margin = 2 * (value - single) - 2 * np.log(n)  # two numbers more: another centre, and the share

@@ -79,12 +79,12 @@ def find_reading_ratios(curve: PerformanceCurve) -> NDArray[np.float64]:
     levels = np.where(np.isnan(curve.level), -np.inf, curve.level)
     worse = np.argmax(levels, axis=2)[..., None]
     ratios = np.take_along_axis(curve.lanes.frequency_ratio, worse, axis=2)[..., 0]
-    found = np.full(len(ratios), np.nan)
+    ratios_read = np.full(len(ratios), np.nan)
     for k, row in enumerate(ratios):
         finished = row[np.isfinite(row)]
         if finished.size:
-            found[k] = np.median(finished)
-    return found
+            ratios_read[k] = np.median(finished)
+    return ratios_read
 
 
 def is_at_end(ratio: float, sweep_range: tuple[float, float], rate: float) -> bool:

@@ -35,7 +35,7 @@ from optimisation.uncertain import (
     GAP,
     OF_ABSORBER,
     RESTITUTION,
-    Spread,
+    Distribution,
     drawn,
     shares,
 )
@@ -76,8 +76,8 @@ class Tolerances:
         """Ends of the 95 % interval (Wilson's) of the probability that the check found; NaN without a check."""
         if self.checked == 0:
             return math.nan, math.nan
-        found = scipy.stats.binomtest(self.below, self.checked).proportion_ci(0.95, "wilson")
-        return float(found.low), float(found.high)
+        ends = scipy.stats.binomtest(self.below, self.checked).proportion_ci(0.95, "wilson")
+        return float(ends.low), float(ends.high)
 
 
 def exceedance(distances: ArrayLike, above: ArrayLike, dimension: int, scales: ArrayLike) -> Array:
@@ -126,9 +126,9 @@ def largest_scale(distances: ArrayLike, above: ArrayLike, dimension: int) -> flo
 
 def surface_points(number: int, dimension: int, seed: int) -> tuple[Array, Array]:
     """Return distances (n,) and points (n, d) in -1 to 1 whose largest coordinate is the distance: distances and directions uniform (Halton)."""
-    found = scipy.stats.qmc.Halton(dimension + 1, rng=np.random.default_rng(seed)).random(number)
-    distances = np.maximum(found[:, 0], 1e-9)
-    points = 2 * found[:, 1:] - 1
+    sample = scipy.stats.qmc.Halton(dimension + 1, rng=np.random.default_rng(seed)).random(number)
+    distances = np.maximum(sample[:, 0], 1e-9)
+    points = 2 * sample[:, 1:] - 1
     # a uniform face of the cube: the coordinate that is the largest, by the ranks of a fresh draw
     generator = np.random.default_rng([seed, 1])
     faces = generator.permuted(np.arange(number) % (2 * dimension))
@@ -147,20 +147,20 @@ def tolerances_of(absorber: SlidingAbsorber) -> dict[str, float]:
     }
 
 
-def spread_of(name: str, width: float, absorber: SlidingAbsorber) -> Spread:
+def spread_of(name: str, width: float, absorber: SlidingAbsorber) -> Distribution:
     """Return the uniform distribution of a quantity within a half width."""
     if name != RESTITUTION:
-        return Spread(name, -width, width, relative=True, normal=False)
+        return Distribution(name, -width, width, relative=True, normal=False)
     walls = absorber.walls
     assert isinstance(walls, RigidWalls)
     own = float(walls.restitution)
-    return Spread(name, own - width, own + width, relative=False, normal=False)
+    return Distribution(name, own - width, own + width, relative=False, normal=False)
 
 
 def find_tolerances(
     case: CurveCase,
     limit: float,
-    uncertain: Sequence[Spread] = (),
+    uncertain: Sequence[Distribution] = (),
     *,
     draws: tuple[int, int, int] = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED),
     seed: int = TOLERANCE_SEED,
@@ -243,7 +243,7 @@ class _Draws:
     case: CurveCase
     absorber: SlidingAbsorber
     limit: float
-    others: Sequence[Spread]
+    others: Sequence[Distribution]
     progress: Callable[[int, int], None] | None
     executor: Executor | None
     total: int
@@ -275,8 +275,8 @@ class _Draws:
         if self.progress is not None:
             report = self.progress
             show = lambda done, _all: report(before + done, self.total)  # noqa: E731
-        found = run_lanes(lanes, progress=show, executor=self.executor)
-        if not found.complete:
+        levels = run_lanes(lanes, progress=show, executor=self.executor)
+        if not levels.complete:
             raise KeyboardInterrupt
         self.done += len(lanes)
-        return np.asarray(found.level.reshape(number, 2).max(axis=1) > self.limit)
+        return np.asarray(levels.level.reshape(number, 2).max(axis=1) > self.limit)

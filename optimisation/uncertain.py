@@ -38,11 +38,11 @@ NAMES = (DAMPING, FREQUENCY, FORCE, *OF_ABSORBER)
 CUT = 3.0  # standard deviations
 MOST_SHARE = 1 / CUT  # so that nothing is drawn below 0
 FORM = 'a standard deviation as "5%", or two numbers, the lower one first, in SI units or both in %'
-Given = Mapping[str, str | Sequence[float | str]]
+UncertainInput = Mapping[str, str | Sequence[float | str]]
 
 
 @dataclass(frozen=True)
-class Spread:
+class Distribution:
     """A distribution of the number ``name``: uniform from ``low`` to ``high``, shares if ``relative``; ``normal``: high is the deviation."""
 
     name: str
@@ -80,42 +80,42 @@ def _number(path: str, word: float | str) -> tuple[float, bool]:
     return (value / 100, True) if text.endswith("%") else (value, False)
 
 
-def spreads(uncertain: Given) -> tuple[Spread, ...]:
+def spreads(uncertain: UncertainInput) -> tuple[Distribution, ...]:
     """Return the distributions that are given by name, in the order of `NAMES`; raises ParameterError for what is no distribution."""
     uncertain = instance("uncertain", uncertain, Mapping)
-    found = {}
-    for name, given in uncertain.items():
+    distributions = {}
+    for name, value in uncertain.items():
         name = one_of("uncertain", name, NAMES)
         path = f"uncertain {name}"
-        words = [given] if isinstance(given, str) else list(given)
-        require(len(words) in (1, 2), path, given, FORM)
+        words = [value] if isinstance(value, str) else list(value)
+        require(len(words) in (1, 2), path, value, FORM)
         ends = [_number(path, word) for word in words]
         relative = ends[0][1]
-        require(relative == ends[-1][1] and (relative or len(ends) == 2), path, given, FORM)
+        require(relative == ends[-1][1] and (relative or len(ends) == 2), path, value, FORM)
         low = ends[0][0]
         high = ends[-1][0]
         if len(ends) == 1:
             require(
-                0 < high <= MOST_SHARE, path, given, f"above 0 and at most {100 * MOST_SHARE:.3g}%"
+                0 < high <= MOST_SHARE, path, value, f"above 0 and at most {100 * MOST_SHARE:.3g}%"
             )
         else:
             require(
                 low < high and low >= (-1 if relative else 0),
                 path,
-                given,
+                value,
                 "from 0 on, or from -100%, the lower one first",
             )
-        require(name != RESTITUTION or relative or high <= 1, path, given, "at most 1")
-        found[name] = Spread(name, low, high, relative, len(ends) == 1)
-    return tuple(found[name] for name in NAMES if name in found)
+        require(name != RESTITUTION or relative or high <= 1, path, value, "at most 1")
+        distributions[name] = Distribution(name, low, high, relative, len(ends) == 1)
+    return tuple(distributions[name] for name in NAMES if name in distributions)
 
 
-def plain(every: Sequence[Spread]) -> dict[str, list[str]]:
+def plain(every: Sequence[Distribution]) -> dict[str, list[str]]:
     """Return distributions as JSON values, in words."""
     return {one.name: one.words.split()[1:] for one in every}
 
 
-def require_parts(every: Sequence[Spread], absorber: Absorber) -> None:
+def require_parts(every: Sequence[Distribution], absorber: Absorber) -> None:
     """Raise ParameterError if an absorber lacks what is uncertain."""
     parts = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
     for one in every:
@@ -136,19 +136,23 @@ def require_parts(every: Sequence[Spread], absorber: Absorber) -> None:
         )
 
 
-def shares(every: Sequence[Spread], members: Members) -> list[dict[str, float]]:
+def shares(every: Sequence[Distribution], members: Members) -> list[dict[str, float]]:
     """Return for each member its share (0 to 1) of each distribution: drawn by its own phase and factor, so the same in every run of that member."""
-    found = []
+    columns = []
     for phase, factor in zip(members.phases, members.factors, strict=True):
         own = np.random.default_rng(
             np.frombuffer(np.array([phase, factor]).tobytes(), dtype=np.uint32).tolist()
         )
-        found.append({name: float(own.uniform()) for name in NAMES})
-    return [{one.name: row[one.name] for one in every} for row in found]
+        columns.append({name: float(own.uniform()) for name in NAMES})
+    return [{one.name: row[one.name] for one in every} for row in columns]
 
 
 def drawn(
-    lane: Lane, every: Sequence[Spread], share: Mapping[str, float], resonance: int, force: float
+    lane: Lane,
+    every: Sequence[Distribution],
+    share: Mapping[str, float],
+    resonance: int,
+    force: float,
 ) -> Lane:
     """Return a lane with each uncertain number at its share; the sweep follows the structure's own frequency. ``force``: that of the drive in N.
 
@@ -207,7 +211,7 @@ def on_another_structure(lane: Lane, damping: float, frequency: float, force: fl
 
 
 def _absorber(
-    absorber: SlidingAbsorber, every: Sequence[Spread], share: Mapping[str, float]
+    absorber: SlidingAbsorber, every: Sequence[Distribution], share: Mapping[str, float]
 ) -> SlidingAbsorber:
     walls = absorber.walls
     friction = absorber.friction

@@ -34,7 +34,7 @@ from impact_env.parameters import (
 )
 from optimisation.bounds import free_amplitude, gap_unit
 from optimisation.friction_rule import PAPER_FRICTION, scaled_friction
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 
 IMPACT = "impact"
 FRICTION = "friction"
@@ -49,7 +49,7 @@ DAMPING = "damping"
 MASS_RATIO = "mass_ratio"
 POSITION = "position"
 SHARE = "share"
-MEMBERS = (1, 2)  # numbers of the absorbers of SEVERAL
+ABSORBER_IDS = (1, 2)  # numbers of the absorbers of SEVERAL
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Variable:
     whole: bool = False
 
     def __post_init__(self) -> None:
-        given = self.low, self.high
+        bounds = self.low, self.high
         keep_checked(
             self,
             low=lambda _name, value: number(value),
@@ -86,7 +86,7 @@ class Variable:
         )
         allowed = "two finite numbers, the first below the second"
         ok = -LARGE <= self.low < self.high <= LARGE
-        require(ok, f"bounds of {self.name}", given, allowed)
+        require(ok, f"bounds of {self.name}", bounds, allowed)
         require(
             not self.log or self.low > 0,
             f"bounds of {self.name}",
@@ -159,7 +159,7 @@ def of_absorber(name: str, which: int) -> str:
 def _one_of_several(which: int) -> tuple[Variable, ...]:
     """Return the variables of one of the two absorbers of SEVERAL. Each has half the paper's friction, as it has half the mass."""
     own = {variable.name: variable for variable in VARIABLES[IMPACT]}
-    friction = replace(own[FRICTION_LIMIT], default=PAPER_FRICTION / len(MEMBERS))
+    friction = replace(own[FRICTION_LIMIT], default=PAPER_FRICTION / len(ABSORBER_IDS))
     return tuple(
         replace(v, name=of_absorber(v.name, which))
         for v in (own[GAP], own[RESTITUTION], friction, own[POSITION])
@@ -224,13 +224,13 @@ VARIABLES: dict[str, tuple[Variable, ...]] = {
 }
 # two impact absorbers on one mass budget: ``mass_ratio`` is that of both, of which the first has ``share``
 VARIABLES[SEVERAL] = (
-    *(v for which in MEMBERS for v in _one_of_several(which)),
+    *(v for which in ABSORBER_IDS for v in _one_of_several(which)),
     Variable(SHARE, "of the mass", 0.1, 0.9, 0.5),
     _MASS,
 )
 # raised when variables, their meaning or their defaults change: a study of another version is not continued
 VERSIONS = {IMPACT: 2, FRICTION: 2, TUNED: 2, SEVERAL: 2}
-FREE = {
+DEFAULT_FREE = {
     IMPACT: (GAP, RESTITUTION, FRICTION_LIMIT),
     FRICTION: (FRICTION_LIMIT,),
     TUNED: (STIFFNESS, DAMPING),
@@ -257,9 +257,9 @@ def parts_of(name: str) -> tuple[str, int | None]:
 
 def _check_forces(name: str, value: Any) -> dict[int, float]:
     """Return a force in N for each resonance, counted from 1."""
-    given = instance(name, value, Mapping)
-    require(len(given) > 0, name, dict(given), "at least one resonance with its force in N")
-    return {count("resonance", k, 1): finite(f"{name}[{k}]", force) for k, force in given.items()}
+    forces = instance(name, value, Mapping)
+    require(len(forces) > 0, name, dict(forces), "at least one resonance with its force in N")
+    return {count("resonance", k, 1): finite(f"{name}[{k}]", force) for k, force in forces.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +273,7 @@ class Units:
         keep_checked(self, beam=kind_of(Structure), forces=_check_forces)
 
     @cached_property
-    def _kept(self) -> dict[tuple[str, float, float], float]:
+    def _cached(self) -> dict[tuple[str, float, float], float]:
         return {}
 
     @cached_property
@@ -287,7 +287,7 @@ class Units:
                 position, 1.0
             )  # a space that is not bound to its modal model yet counts in the paper's units, which know no places
         if position not in self._models:
-            self._models[position] = mounted(self.beam, position)
+            self._models[position] = model_with_absorber_at(self.beam, position)
         return self._models[position]
 
     @cached_property
@@ -297,21 +297,21 @@ class Units:
 
     def _length(self, kind: str, mass_ratio: float, position: float) -> float:
         key = (kind, mass_ratio, position)
-        if key not in self._kept:
+        if key not in self._cached:
             model = self.model(position)
             mass = mass_ratio * model.beam_mass
             if kind == GAP:
-                self._kept[key] = max(
+                self._cached[key] = max(
                     gap_unit(model, mass, force, resonance)
                     for resonance, force in self.forces.items()
                 )
             else:
                 lowest = min(self.forces)
                 widest = MOST_GAPS * gap_unit(model, mass, self.forces[lowest], lowest)
-                self._kept[key] = min(
+                self._cached[key] = min(
                     free_amplitude(model, mass, self.forces[lowest], lowest), widest
                 )
-        return self._kept[key]
+        return self._cached[key]
 
     def gap(self, mass_ratio: float, position: float = 1.0) -> float:
         """Return the unit of gaps in m for an absorber of this mass and place."""

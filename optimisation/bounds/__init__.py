@@ -74,19 +74,19 @@ MOST_MASSES = 1e6  # of the structure's: beyond that its matrices have no digits
 
 
 def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
-    given = numbers(name, values, "numbers above 0")
+    array = numbers(name, values, "numbers above 0")
     wanted = len(places(model))
     require(
-        given.shape == (wanted,) or (wanted == 1 and given.shape == ()),
+        array.shape == (wanted,) or (wanted == 1 and array.shape == ()),
         name,
         values,
         f"{wanted} of them, one for each absorber of the model",
     )
     most = MOST_MASSES * model.beam_mass if name == "mass" else LARGE
-    return np.array([positive(name, value, most=most) for value in given.ravel()])
+    return np.array([positive(name, value, most=most) for value in array.ravel()])
 
 
-def watched(model: ModalModel, at: ArrayLike | None) -> Real:
+def output_shape(model: ModalModel, at: ArrayLike | None) -> Real:
     """Return the mode shape (N_m,) of the place where the level is read: ``at``, or where the model says."""
     row = model.level_shape if at is None else numbers("tip_shape", at, "finite modal amplitudes")
     ok = row.shape == (model.modes,) and bool(np.all(np.isfinite(row)) and np.any(row != 0))
@@ -190,11 +190,11 @@ def line_terms(
     at: ArrayLike | None = None,
 ) -> tuple[Real, Real, Real]:
     """Return |A| in m/N and sum |B_k| R_k in m, of omega's shape, and the scale that both are to be multiplied by (`lines.Lines`)."""
-    found = lines(model, masses_of(model, mass), omega, watched(model, at))
+    terms = lines(model, masses_of(model, mass), omega, output_shape(model, at))
     return (
-        np.abs(found.force),
-        np.asarray(np.abs(found.strokes) @ strokes_of(model, gap)),
-        found.scale,
+        np.abs(terms.force),
+        np.asarray(np.abs(terms.strokes) @ strokes_of(model, gap)),
+        terms.scale,
     )
 
 
@@ -249,7 +249,7 @@ def resonance_limit(
     # the limit is largest where the masses move with the beam, however narrow that resonance is
     grid = np.union1d(np.linspace(low, high, GRID), stuck[(stuck > low) & (stuck < high)])
     terms = line_terms(model, mass, gap, grid * omega_r, at)
-    found = []
+    largest = []
     for amplitude in forces.ravel().tolist():
         limits = _rms(amplitude, terms)
         value = float(limits.max())
@@ -261,8 +261,8 @@ def resonance_limit(
                 grid,
                 -limits,
             )[0]
-        found.append(value)
-    return np.array(found).reshape(forces.shape)
+        largest.append(value)
+    return np.array(largest).reshape(forces.shape)
 
 
 def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tuple[float, float]:
@@ -272,10 +272,10 @@ def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tu
     if at in (0, len(grid) - 1):
         return on_grid
     bounds = (float(grid[at - 1]), float(grid[at + 1]))
-    found = scipy.optimize.minimize_scalar(
+    minimum = scipy.optimize.minimize_scalar(
         function, bounds=bounds, method="bounded", options={"xatol": 1e-10}
     )
-    return min(on_grid, (float(found.fun), float(found.x)))
+    return min(on_grid, (float(minimum.fun), float(minimum.x)))
 
 
 # The design rule: the limit leaves zero at the force f*, and the gap that puts f* at a wanted force follows without simulation.
@@ -406,8 +406,8 @@ def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 
     """
     # first: they know which resonances there are
     gap = design_gap(model, mass, force, resonance)
-    found = reach(model, mass, resonance)
-    return expected_factor(found, float(model.damping_ratio[resonance - 1])) * gap
+    value = reach(model, mass, resonance)
+    return expected_factor(value, float(model.damping_ratio[resonance - 1])) * gap
 
 
 def expected_factor(reach: float, damping: float) -> float:

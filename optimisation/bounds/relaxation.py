@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from impact_env.extras import optional
 from impact_env.modes import ModalModel
 from impact_env.parameters import non_negative, positive, require
-from optimisation.bounds import lines, masses_of, places, strokes_of, watched
+from optimisation.bounds import lines, masses_of, output_shape, places, strokes_of
 
 with optional():
     import cvxpy
@@ -112,7 +112,7 @@ def passive_limit(
     masses = masses_of(model, mass)
     size = float(strokes_of(model, gap)[0])
     level, own = (
-        lines(model, masses, omega, place) for place in (watched(model, at), own_place[0])
+        lines(model, masses, omega, place) for place in (output_shape(model, at), own_place[0])
     )
     by_force = amplitude * complex(level.force)
     if by_force == 0:

@@ -31,7 +31,7 @@ from optimisation.progress import BAR, Bar
 from optimisation.report.periodic_figures import save_balance
 
 
-def shown(value: Any, scale: float, digits: int) -> str:
+def format_value(value: Any, scale: float, digits: int) -> str:
     """Return a value times ``scale`` with so many digits, and nothing for None."""
     return "" if value is None else f"{scale * value:.{digits}f}"
 
@@ -50,17 +50,20 @@ def text(exact: ReferenceOrbit, rows: list[BalanceRow]) -> str:
     )
     lines = []
     for row in rows:
-        located = [shown(row.first_fold_ratio, 1, 6), shown(row.last_fold_ratio, 1, 6)]
+        located = [
+            format_value(row.first_fold_ratio, 1, 6),
+            format_value(row.last_fold_ratio, 1, 6),
+        ]
         last = [
-            shown(row.peak_error, 100, 2),
-            shown(row.cpu_seconds_per_250_points, 1, 2),
+            format_value(row.peak_error, 100, 2),
+            format_value(row.cpu_seconds_per_250_points, 1, 2),
             "closed" if row.closed else row.reason,
         ]
         lines.append(
             [
                 str(row.harmonics),
                 f"{row.weight:g}",
-                shown(row.tip_max_error, 100, 2),
+                format_value(row.tip_max_error, 100, 2),
                 *located,
                 *last,
             ]
@@ -78,34 +81,37 @@ def text(exact: ReferenceOrbit, rows: list[BalanceRow]) -> str:
     return "\n".join([*notes, "", markdown(header, lines)])
 
 
-def computed(given: dict[str, Any]) -> tuple[ReferenceOrbit, list[BalanceRow], bool]:
+def computed(options: dict[str, Any]) -> tuple[ReferenceOrbit, list[BalanceRow], bool]:
     """Do what the options ask for; False: ended by Ctrl-C."""
     orders, weights = (
-        [positive(f"--{name}", x) for x in numbers(f"--{name}", given[name], float)]
+        [positive(f"--{name}", x) for x in numbers(f"--{name}", options[name], float)]
         for name in ("harmonics", "weights")
     )
     harmonics = [count("--harmonics", round(h), 1, 1000) for h in orders]
-    low = positive("--from", given["start"])
-    high = positive("--to", given["stop"])
+    low = positive("--from", options["start"])
+    high = positive("--to", options["stop"])
     require(
-        low < given["at"] < high, "--at", given["at"], f"between --from = {low} and --to = {high}"
+        low < options["at"] < high,
+        "--at",
+        options["at"],
+        f"between --from = {low} and --to = {high}",
     )
-    model = modal_model(Beam(modes=given["modes"]))
+    model = modal_model(Beam(modes=options["modes"]))
     case = Case(
         model,
-        given["at"] * float(model.omega[0]),
-        given["force"],
-        given["gap"],
+        options["at"] * float(model.omega[0]),
+        options["force"],
+        options["gap"],
         1.0,
-        given["friction_limit"],
+        options["friction_limit"],
     )
     exact = exact_orbit(case, low, high)
     rows = []
     complete = True
-    settings = list_settings(harmonics, weights, given["growing"])
+    settings = list_settings(harmonics, weights, options["growing"])
     try:
         with Bar(total=len(settings), desc="harmonic balance", bar_format=BAR, leave=False) as bar:
-            for row in balance_rows(exact, low, high, settings, given["branches"]):
+            for row in balance_rows(exact, low, high, settings, options["branches"]):
                 rows.append(row)
                 bar.update()
     except KeyboardInterrupt:
@@ -187,22 +193,22 @@ def computed(given: dict[str, Any]) -> tuple[ReferenceOrbit, list[BalanceRow], b
 @json_option("Write the rows.")
 @file_option("--csv", "Write the rows.")
 @file_option("--plot", "Draw errors and times over harmonics: .png, .pdf or .svg.")
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch.
 
     Times are those of the processor; nothing is compiled.
     """
     with plain_errors():
-        check_targets(given)
-        exact, rows, complete = computed(given)
+        check_targets(options)
+        exact, rows, complete = computed(options)
         plain = [row.to_plain() for row in rows]
         contents = {
-            given["json"]: {"complete": complete, "rows": plain},
-            given["csv"]: (
+            options["json"]: {"complete": complete, "rows": plain},
+            options["csv"]: (
                 BALANCE_COLUMNS,
                 [["" if v is None else v for v in row.values()] for row in plain],
             ),
-            given["plot"]: lambda path: save_balance(path, exact, rows, given["growing"]),
+            options["plot"]: lambda path: save_balance(path, exact, rows, options["growing"]),
         }
         click.echo(text(exact, rows))
         files = write_files(contents)

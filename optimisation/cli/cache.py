@@ -13,12 +13,14 @@ from filelock import FileLock
 from impact_env.kernels.compiling.cache import LOCK_TIMEOUT_S, find_folders, hash_sources
 from optimisation.cli.common import command, plain_errors
 
-OURS = re.compile(r"[0-9a-f]{16}")  # what `hash_sources` returns: nothing else is ever removed
+SOURCE_HASH = re.compile(
+    r"[0-9a-f]{16}"
+)  # what `hash_sources` returns: nothing else is ever removed
 STAMP = "warm"  # a checkout's set-up says with it that the usual kernels are there
 
 
 @dataclass(frozen=True)
-class Kept:
+class KernelFolder:
     """One folder: how many compiled ``kernels`` it holds, its ``size`` in bytes, and whether today's sources and compiler made them."""
 
     folder: Path
@@ -27,35 +29,35 @@ class Kept:
     current: bool
 
 
-def parents() -> tuple[Path, ...]:
+def parent_folders() -> tuple[Path, ...]:
     """Return the folders that hold the folders of kernels: where this process writes, and what it only reads; none where nothing is kept."""
-    found = find_folders()
-    return tuple(folder.parent for folder in (found.write, found.read) if folder is not None)
+    places = find_folders()
+    return tuple(folder.parent for folder in (places.write, places.read) if folder is not None)
 
 
-def kept(parent: Path) -> list[Kept]:
+def list_kernel_folders(parent: Path) -> list[KernelFolder]:
     """Return the kernels' folders in a parent folder, that of today's sources first."""
-    found = []
+    folders = []
     for folder in parent.iterdir():
-        if OURS.fullmatch(folder.name) and folder.is_dir() and not folder.is_symlink():
+        if SOURCE_HASH.fullmatch(folder.name) and folder.is_dir() and not folder.is_symlink():
             sizes = {}
             for file in folder.rglob("*.nb[ci]"):
                 with suppress(
                     FileNotFoundError
                 ):  # another process has just put a new one in its place
                     sizes[file] = file.stat().st_size
-            found.append(
-                Kept(
+            folders.append(
+                KernelFolder(
                     folder,
                     sum(file.suffix == ".nbc" for file in sizes),
                     sum(sizes.values()),
                     folder.name == hash_sources(),
                 )
             )
-    return sorted(found, key=lambda one: (not one.current, one.folder.name))
+    return sorted(folders, key=lambda one: (not one.current, one.folder.name))
 
 
-def clear(these: Iterable[Kept]) -> None:
+def clear(these: Iterable[KernelFolder]) -> None:
     """Remove folders of kernels, each when no process writes into it; raises OSError if one does for a minute, or if it cannot be removed."""
     for one in these:
         if one.current:
@@ -78,14 +80,17 @@ def main(action: str, older: bool) -> None:
     with plain_errors():
         if older and action == "info":
             raise click.UsageError("--older goes with clear alone")
-        places = parents()
+        places = parent_folders()
         if not places:
             click.echo(
                 "No kernels are kept: NUMBA_DISABLE_JIT is set, or no folder can be written to."
             )
         if action == "clear":
             these = [
-                one for place in places[:1] for one in kept(place) if not (older and one.current)
+                one
+                for place in places[:1]
+                for one in list_kernel_folders(place)
+                if not (older and one.current)
             ]
             clear(these)
             click.echo(
@@ -94,7 +99,7 @@ def main(action: str, older: bool) -> None:
             return
         for k, place in enumerate(places):
             click.echo(f"{place}{' (only read)' if k else ''}")
-            for one in kept(place):
+            for one in list_kernel_folders(place):
                 made = (
                     "of today's sources" if one.current else "of other sources or another compiler"
                 )

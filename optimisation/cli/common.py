@@ -77,7 +77,7 @@ def fill_page(page: Path | None, marker: str, table: str) -> list[Path]:
     return [page]
 
 
-def stacked(options: Sequence[Callable[[Command], Command]]) -> Callable[[Command], Command]:
+def stack_options(options: Sequence[Callable[[Command], Command]]) -> Callable[[Command], Command]:
     """Return a decorator that adds several options to a command, in this order."""
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
@@ -100,11 +100,11 @@ def out_option(
     )
 
 
-def check_targets(given: dict[str, Any], *suffixes: str) -> None:
+def check_targets(options: dict[str, Any], *suffixes: str) -> None:
     """Check --json (``suffixes``: .json unless given), --csv and --plot, as far as a command has them."""
     allowed = {"json": suffixes or (".json",), "csv": (".csv",), "plot": FIGURES}
     for name, endings in allowed.items():
-        check_target(f"--{name}", given.get(name), endings)
+        check_target(f"--{name}", options.get(name), endings)
 
 
 threads_option = click.option(
@@ -133,11 +133,11 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
 
     def add(command: Command) -> Command:
         @wraps(command)
-        def called(**given: Any) -> Any:
-            if str(given[name]) != "-":
-                return command(**given)
+        def called(**options: Any) -> Any:
+            if str(options[name]) != "-":
+                return command(**options)
             with json_to(sys.stdout), redirect_stdout(sys.stderr):
-                return command(**given | {name: STANDARD_OUTPUT})
+                return command(**options | {name: STANDARD_OUTPUT})
 
         return click.option("--json", name, type=FILE, metavar="FILE|-", help=words)(called)
 
@@ -166,19 +166,19 @@ class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return name, tuple(words)
 
 
-def joined(args: list[str], known: Iterable[str]) -> list[str]:
+def join_words(args: list[str], known: Iterable[str]) -> list[str]:
     """Return arguments with the words of each option of ``known`` as one: a name, and either one that ends in % or two."""
-    found = list[str]()
+    words_joined = list[str]()
     k = 0
     while k < len(args):
-        found.append(args[k])
+        words_joined.append(args[k])
         if args[k] in known:
             percent = [word.endswith("%") for word in args[k + 2 : k + 4]]
             words = args[k + 1 : k + (3 if percent[:1] == [True] and percent[1:] != [True] else 4)]
-            found += [" ".join(words)] if words else []
+            words_joined += [" ".join(words)] if words else []
             k += len(words)
         k += 1
-    return found
+    return words_joined
 
 
 class OneCommand(click.Command):
@@ -195,7 +195,7 @@ class OneCommand(click.Command):
                     err=True,
                 )
                 args[k] = OLDER[name] + equals + value
-        args = joined(
+        args = join_words(
             args,
             {
                 name
@@ -210,10 +210,12 @@ class OneCommand(click.Command):
             if isinstance(parameter, click.Option) and not parameter.multiple
         ]
         once = {name: parameter for parameter in single for name in parameter.opts}
-        given = [once[name] for name in (word.partition("=")[0] for word in args) if name in once]
-        for parameter in given:
-            if given.count(parameter) > 1 and not parameter.is_flag:
-                times = f"{parameter.opts[0]} is given {given.count(parameter)} times"
+        repeated = [
+            once[name] for name in (word.partition("=")[0] for word in args) if name in once
+        ]
+        for parameter in repeated:
+            if repeated.count(parameter) > 1 and not parameter.is_flag:
+                times = f"{parameter.opts[0]} is given {repeated.count(parameter)} times"
                 raise click.UsageError(
                     f"{times}: once is allowed, as only one of them could count", ctx
                 )
@@ -235,16 +237,16 @@ uncertain_option = click.option(
 )
 
 
-def uncertain_of(given: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
+def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
     """Return the values of --uncertain in the form of Python's ``uncertain=``; raises BadInput for a name that is given twice."""
-    found: dict[str, tuple[str, ...]] = {}
-    for name, words in given:
-        if name in found:
+    distributions: dict[str, tuple[str, ...]] = {}
+    for name, words in values:
+        if name in distributions:
             raise BadInput(
                 f"--uncertain {name} is given twice: once is allowed, as only one of them could count"
             )
-        found[name] = words
-    return found
+        distributions[name] = words
+    return distributions
 
 
 command = partial(
@@ -255,7 +257,7 @@ command = partial(
 
 
 @contextmanager
-def stoppable(complete: list[bool]) -> Iterator[None]:
+def stop_on_interrupt(complete: list[bool]) -> Iterator[None]:
     """Let Ctrl-C end what runs, set ``complete[0]`` to False then, and go on with what is finished."""
     try:
         yield
@@ -302,8 +304,8 @@ def end_without(winner: bool) -> None:
         sys.exit(1)
 
 
-def end_early(complete: bool, kept: str = "the files hold what was finished.") -> None:
+def end_early(complete: bool, what_remains: str = "the files hold what was finished.") -> None:
     """Exit with the code of Ctrl-C if a run did not come to its end."""
     if not complete:
-        click.echo(f"Stopped early: {kept}", err=True)
+        click.echo(f"Stopped early: {what_remains}", err=True)
         sys.exit(INTERRUPTED)

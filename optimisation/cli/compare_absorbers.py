@@ -58,12 +58,12 @@ from optimisation.frequency_levels import (
     record_worst_run,
     resonance_curves,
 )
-from optimisation.gap_card import Impacts, impacts_of
+from optimisation.gap_card import ImpactLoads, impact_loads
 from optimisation.gap_check import RESTITUTION
 from optimisation.load_comparison import LoadComparison, compare_loads
 from optimisation.machine import installed, peak_memory
 from optimisation.measures import design_gap_for
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import stages_bar, sweeps_bar
 from optimisation.report import comparison_tables as tables
 from optimisation.report.card import write_card
@@ -98,18 +98,18 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
     }
 
 
-def borne(comparison: Comparison, executor: Executor) -> Impacts | None:
+def find_impact_loads(comparison: Comparison, executor: Executor) -> ImpactLoads | None:
     """Return the impacts of the impact absorber near the first resonance, at the force of the comparison; None if there is none."""
     part = comparison.resonances[0]
-    if part.told is None or not comparison.complete:
+    if part.reported_index is None or not comparison.complete:
         return None
     case = {concept.key: concept for concept in comparison.concepts}[IMPACT]
     scene = Scene(comparison.model, case.absorber)
     rate = comparison.percent_per_100_periods
-    return impacts_of(
+    return impact_loads(
         CurveCase(
             scene,
-            part.forces[part.told : part.told + 1],
+            part.forces[part.reported_index : part.reported_index + 1],
             part.resonance,
             part.limits_of(case),
             rate,
@@ -121,9 +121,9 @@ def borne(comparison: Comparison, executor: Executor) -> Impacts | None:
 
 def frequency_of(comparison: Comparison, executor: Executor) -> list[ResonanceCurves]:
     """Return the levels over the frequency of each absorber's worst member, at the force of the comparison near each resonance."""
-    found = []
+    curves = []
     for part in comparison.resonances:
-        k = part.told
+        k = part.reported_index
         if k is None or not comparison.complete:
             continue
         cases = {
@@ -134,15 +134,15 @@ def frequency_of(comparison: Comparison, executor: Executor) -> list[ResonanceCu
             for concept in comparison.concepts
             if concept.key not in SAME_ABSORBER
         }
-        found.append(resonance_curves(cases, part.curves[IMPACT].members, executor))
-    return found
+        curves.append(resonance_curves(cases, part.curves[IMPACT].members, executor))
+    return curves
 
 
 def write(
     out: Path,
     comparison: Comparison,
     made: dict[str, object],
-    impacts: Impacts | None = None,
+    impacts: ImpactLoads | None = None,
     frequency: Sequence[ResonanceCurves] = (),
 ) -> list[Path]:
     """Write runs, curves, summary (with the conditions ``made``) and figures into a folder, each whole or not at all; return the files."""
@@ -157,41 +157,41 @@ def write(
     return write_files(contents) + write_card(out, card)
 
 
-def announce(own: Structure | None, given: dict[str, Any], threads: int | None) -> float:
+def announce(own: Structure | None, options: dict[str, Any], threads: int | None) -> float:
     """Return about how long a comparison takes in s, and print it where it is long: all runs count as those of the impact absorber."""
-    model = mounted(Beam() if own is None else own)
-    first = given["resonances"][0]
-    device = given.get("device")
-    ratio = given["mass_ratio"] if device is None else device.mass_ratio
+    model = model_with_absorber_at(Beam() if own is None else own)
+    first = options["resonances"][0]
+    device = options.get("device")
+    ratio = options["mass_ratio"] if device is None else device.mass_ratio
     mass = usable_mass_ratio("mass_ratio", ratio) * model.beam_mass
     planned = []
-    for resonance in dict.fromkeys(given["resonances"]):
+    for resonance in dict.fromkeys(options["resonances"]):
         low, high = find_sweep_range(model, ratio, resonance)
-        rate = given["percent_per_100_periods"] or default_rate(model, given["resonances"])
-        gap = given["gap"] or (RigidWalls.gap if device is None else device.walls.gap)
+        rate = options["percent_per_100_periods"] or default_rate(model, options["resonances"])
+        gap = options["gap"] or (RigidWalls.gap if device is None else device.walls.gap)
         force = design_force(model, mass, gap, resonance)
-        if given["force"] is not None and device is None:
-            force = given["force"]
+        if options["force"] is not None and device is None:
+            force = options["force"]
             gap = design_gap(model, mass, force, first)
         absorber = device or impact_absorber(gap, RESTITUTION, None, ratio)
-        number = 2 * IMPACTED * given["forces"] * given["members"]
+        number = 2 * IMPACTED * options["forces"] * options["members"]
         planned.append(
             PlannedRuns(Scene(model, absorber), force, resonance, 1e4 * (high - low) / rate, number)
         )
     return announce_runs(planned, threads, "A higher --rate or --quick takes less.")
 
 
-def answer_coarsely(own: Structure | None, given: dict[str, Any], executor: Executor) -> None:
+def answer_coarsely(own: Structure | None, options: dict[str, Any], executor: Executor) -> None:
     """Print the levels of a comparison by few and fast runs."""
-    model = mounted(Beam() if own is None else own)
-    usual = given["percent_per_100_periods"] or default_rate(model, given["resonances"])
+    model = model_with_absorber_at(Beam() if own is None else own)
+    usual = options["percent_per_100_periods"] or default_rate(model, options["resonances"])
     fast = {"percent_per_100_periods": COARSER * usual, "members": 1, "forces": COARSE_FORCES}
     with sweeps_bar("looking", leave=False) as show:
-        coarse = compare(own, progress=show, executor=executor, **given | fast)
+        coarse = compare(own, progress=show, executor=executor, **options | fast)
     if not coarse.complete:
         raise KeyboardInterrupt
     for part in coarse.resonances:
-        k = part.told
+        k = part.reported_index
         if k is not None:
             levels = ", ".join(
                 f"{concept.label} {1e3 * part.curves[concept.key].median[k]:.3g} mm"
@@ -202,15 +202,15 @@ def answer_coarsely(own: Structure | None, given: dict[str, Any], executor: Exec
 
 
 def compared_under_loads(
-    load: Path, structure: Structure | None, out: Path, cluster: str | None, given: dict[str, Any]
+    load: Path, structure: Structure | None, out: Path, cluster: str | None, options: dict[str, Any]
 ) -> None:
     """Compare absorbers under the loads of a file, print the table, and write figure, runs and summary."""
-    scenes.refuse_beside_load(load, "force", "rate", "resonances")
-    scenes.refuse_beside_load(load, "history", why="there levels are read from other measures")
-    model = mounted(Beam() if structure is None else structure)
-    chosen = {name: given[name] for name in ("mass_ratio", "gap", "members", "seed")}
+    scenes.refuse_with_load(load, "force", "rate", "resonances")
+    scenes.refuse_with_load(load, "history", why="there levels are read from other measures")
+    model = model_with_absorber_at(Beam() if structure is None else structure)
+    chosen = {name: options[name] for name in ("mass_ratio", "gap", "members", "seed")}
     loads = scenes.loads_of(load, model)
-    with workers(given["threads"], cluster) as executor:
+    with workers(options["threads"], cluster) as executor:
 
         def search(factors: int, **how: Any) -> LoadComparison:
             with stages_bar("comparing") as show:
@@ -218,28 +218,29 @@ def compared_under_loads(
                     model,
                     loads,
                     factors=factors,
-                    threads=given["threads"],
+                    threads=options["threads"],
                     executor=executor,
                     progress=show,
                     **chosen | how,
                 )
 
-        gap = given["gap"] or design_gap_for(model, loads) or RigidWalls.gap
-        probe = Scene(model, impact_absorber(gap, RESTITUTION, None, given["mass_ratio"]))
-        number = given["members"] * (LOAD_RUNS + len(CONCEPTS) * given["forces"])
+        gap = options["gap"] or design_gap_for(model, loads) or RigidWalls.gap
+        probe = Scene(model, impact_absorber(gap, RESTITUTION, None, options["mass_ratio"]))
+        number = options["members"] * (LOAD_RUNS + len(CONCEPTS) * options["forces"])
         long = (
-            cluster is None and announce_load_runs(probe, loads, number, given["threads"]) > LONG_S
+            cluster is None
+            and announce_load_runs(probe, loads, number, options["threads"]) > LONG_S
         )
-        if long and given["members"] > 1:
+        if long and options["members"] > 1:
             coarse = search(2, members=1)
             click.echo(f"Coarse answer, of one run each:\n{tables.load_table(coarse)}", err=True)
-        found = search(given["forces"])
+        comparison = search(options["forces"])
     contents = {
-        out / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(found)),
-        out / "summary.json": tables.load_summary(found),
-        out / "comparison.png": lambda path: tables.save_load_figure(path, found),
+        out / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(comparison)),
+        out / "summary.json": tables.load_summary(comparison),
+        out / "comparison.png": lambda path: tables.save_load_figure(path, comparison),
     }
-    click.echo(tables.load_table(found))
+    click.echo(tables.load_table(comparison))
     name_files(write_files(contents))
 
 
@@ -297,7 +298,7 @@ def main(
     out: Path,
     cluster: str | None,
     history: Path | None,
-    **given: Any,
+    **options: Any,
 ) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
 
@@ -310,9 +311,9 @@ def main(
     With --load each absorber is at its own best for the loads of a file, and all are compared at --forces intensities from 0.2 to 5.
     """
     started = time.perf_counter()
-    given["members"] = given["members"] or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
-    given["forces"] = given["forces"] or (QUICK_FORCES if quick else DEFAULT_FORCES)
-    given["percent_per_100_periods"] = given.pop("rate")
+    options["members"] = options["members"] or (QUICK_MEMBERS if quick else DEFAULT_MEMBERS)
+    options["forces"] = options["forces"] or (QUICK_FORCES if quick else DEFAULT_FORCES)
+    options["percent_per_100_periods"] = options.pop("rate")
     with plain_errors():
         require_writable("--out", out)
         check_target("--history", history, HISTORY_FORMATS)
@@ -320,38 +321,40 @@ def main(
             raise BadInput(
                 "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
             )
-        mass_kg = given.pop("mass_kg")
+        mass_kg = options.pop("mass_kg")
         own: Structure | None = None
         if scene is not None:
-            own, given["device"] = scenes.read_device(
+            own, options["device"] = scenes.read_device(
                 scene, "structure", "mass_ratio", "mass_kg", "gap"
             )
-            given |= {"mass_ratio": DEFAULT_MASS_RATIO}
+            options |= {"mass_ratio": DEFAULT_MASS_RATIO}
         else:
             if structure is not None:
                 own = scenes.read_structure(structure)
-            own_mass = mounted(Beam() if own is None else own).beam_mass
-            given["mass_ratio"] = scenes.mass_ratio_of(given["mass_ratio"], mass_kg, own_mass)
+            own_mass = model_with_absorber_at(Beam() if own is None else own).beam_mass
+            options["mass_ratio"] = scenes.mass_ratio_of(options["mass_ratio"], mass_kg, own_mass)
         if load is not None:
-            compared_under_loads(load, own, out, cluster, given)
+            compared_under_loads(load, own, out, cluster, options)
             return
-        scenes.warn_of_nodes(mounted(Beam() if own is None else own), *given["resonances"])
-        threads = given.pop("threads")
+        scenes.warn_of_nodes(
+            model_with_absorber_at(Beam() if own is None else own), *options["resonances"]
+        )
+        threads = options.pop("threads")
         with executor_on(threads, cluster) as executor:
-            if cluster is None and announce(own, given, threads) > LONG_S:
-                answer_coarsely(own, given, executor)
+            if cluster is None and announce(own, options, threads) > LONG_S:
+                answer_coarsely(own, options, executor)
             with sweeps_bar("comparing") as show:
-                comparison = compare(own, progress=show, executor=executor, **given)
+                comparison = compare(own, progress=show, executor=executor, **options)
             if comparison.empty:
                 raise KeyboardInterrupt
-            impacts = None if scene is None else borne(comparison, executor)
+            impacts = None if scene is None else find_impact_loads(comparison, executor)
             frequency = frequency_of(comparison, executor)
         click.echo(tables.text_table(comparison))
         made = conditions(started, threads, cluster)
         files = write(out, comparison, made, impacts, frequency)
         part = comparison.resonances[0]
-        if history is not None and comparison.complete and part.told is not None:
-            run = record_worst_run(part.cases[IMPACT], part.curves[IMPACT], part.told)
+        if history is not None and comparison.complete and part.reported_index is not None:
+            run = record_worst_run(part.cases[IMPACT], part.curves[IMPACT], part.reported_index)
             files += write_files({history: partial(save_history, run=run)})
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

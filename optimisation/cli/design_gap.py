@@ -49,7 +49,7 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.friction_rule import PAPER_FRICTION
-from optimisation.gap_advice import FREE, MEMBERS, TOLERANCE, Advice, Answer, Limits, advise
+from optimisation.gap_advice import CANDIDATES, MEMBERS, TOLERANCE, Advice, Answer, Limits, advise
 from optimisation.gap_card import (
     ALLOWED,
     YIELD_PRESSURE,
@@ -64,8 +64,8 @@ from optimisation.gap_card import (
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.gap_search import PAIRS
 from optimisation.load_comparison import LoadAdvice, advise_for_loads
-from optimisation.measures import SHOWN, TOLD, UNITS, design_gap_for
-from optimisation.mounting import mounted
+from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
+from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import runs_bar, sweeps_bar
 from optimisation.report import load_gap_report as report
 from optimisation.report.card import Row, write_card
@@ -79,7 +79,7 @@ from optimisation.report.frequency_report import (
 )
 from optimisation.report.gap_report import (
     COLUMNS,
-    Unsure,
+    UncertaintyResult,
     answer,
     baselines,
     card,
@@ -108,7 +108,7 @@ from optimisation.tolerances import (
     Tolerances,
     find_tolerances,
 )
-from optimisation.uncertain import FRICTION, GAP, Spread, require_parts, spreads
+from optimisation.uncertain import FRICTION, GAP, Distribution, require_parts, spreads
 
 QUICK_MEMBERS = 1
 SWEEPS = 40  # of a search, about
@@ -147,47 +147,47 @@ OF_SCENE = (
 )
 
 
-def runs_of(given: dict[str, Any]) -> dict[str, Any]:
+def runs_of(options: dict[str, Any]) -> dict[str, Any]:
     """Return how a search runs, whatever acts."""
-    members = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
-    return {"tolerance": given["force_tolerance"], "members": members, "seed": given["seed"]}
+    members = options["members"] or (QUICK_MEMBERS if options["quick"] else MEMBERS)
+    return {"tolerance": options["force_tolerance"], "members": members, "seed": options["seed"]}
 
 
-def simulated(
+def search_gap(
     model: ModalModel,
     absorber: SlidingAbsorber,
-    given: dict[str, Any],
+    options: dict[str, Any],
     rate: float,
     factors: tuple[float, ...],
     limits: Limits,
     executor: Executor,
 ) -> Advice:
     """Search the gap as the options say, under a bar; a long search says how long, and answers from fast sweeps first."""
-    low, high = find_sweep_range(model, absorber.mass_ratio, given["resonance"])
+    low, high = find_sweep_range(model, absorber.mass_ratio, options["resonance"])
     periods = 1e4 * (high - low) / rate
 
     def search(rate: float, factors: tuple[float, ...], **how: Any) -> Advice:
         with sweeps_bar("simulating", leave="members" not in how) as show:
             return advise(
                 model,
-                given["force"],
-                given["resonance"],
+                options["force"],
+                options["resonance"],
                 absorber,
-                free=given["free"],
-                friction_given=given["friction_limit"] is not None,
+                free=options["free"],
+                friction_fixed=options["friction_limit"] is not None,
                 factors=factors,
                 percent_per_100_periods=rate,
                 limits=limits,
                 progress=show,
                 executor=executor,
-                **runs_of(given) | how,
+                **runs_of(options) | how,
             )
 
     scene = Scene(model, absorber)
-    force, resonance = given["force"], given["resonance"]
+    force, resonance = options["force"], options["resonance"]
     long = (
-        given["cluster"] is None
-        and announce_duration(scene, force, resonance, periods, SWEEPS, given["threads"]) > LONG_S
+        options["cluster"] is None
+        and announce_duration(scene, force, resonance, periods, SWEEPS, options["threads"]) > LONG_S
     )
     if long and periods > COARSER * COARSE_PERIODS:
         coarse = search(COARSER * rate, (), members=1)
@@ -199,49 +199,49 @@ def simulated(
     return search(rate, factors)
 
 
-def limits_of(given: dict[str, Any], model: ModalModel, absorber: SlidingAbsorber) -> Limits:
+def limits_of(options: dict[str, Any], model: ModalModel, absorber: SlidingAbsorber) -> Limits:
     """Return the limits that the options give: a yield stress as the impact speed at which yield begins."""
-    found = {name: positive(f"constraint {name}", value) for name, value in given["constraint"]}
-    speeds = [found["impact_speed"]] if "impact_speed" in found else []
-    if "yield_stress" in found:
-        if not given["contact"]:
+    limits = {name: positive(f"constraint {name}", value) for name, value in options["constraint"]}
+    speeds = [limits["impact_speed"]] if "impact_speed" in limits else []
+    if "yield_stress" in limits:
+        if not options["contact"]:
             raise common.BadInput(
                 "--constraint yield_stress needs --contact: materials and radius that touch"
             )
-        first, second, radius = given["contact"]
+        first, second, radius = options["contact"]
         mass = meeting_mass(model, absorber.mass_ratio * model.beam_mass)
-        pressure = YIELD_PRESSURE * found["yield_stress"]
+        pressure = YIELD_PRESSURE * limits["yield_stress"]
         speeds.append(speed_for_pressure(first, second, radius, mass, pressure))
-    return Limits(found.get("stroke"), min(speeds, default=None))
+    return Limits(limits.get("stroke"), min(speeds, default=None))
 
 
-def structure_in(given: dict[str, Any]) -> Structure:
+def structure_in(options: dict[str, Any]) -> Structure:
     """Return the structure that the options describe; with --scene the values of the file's absorber take the place of the options'."""
-    if given["scene"] is None:
+    if options["scene"] is None:
         return scenes.structure_of(
-            given["structure"],
-            given["position"],
-            modes=given["modes"],
-            damping_ratio=given["damping"],
+            options["structure"],
+            options["position"],
+            modes=options["modes"],
+            damping_ratio=options["damping"],
         )
-    structure, absorber = scenes.read_device(given["scene"], *OF_SCENE)
-    given["friction_limit"] = (
+    structure, absorber = scenes.read_device(options["scene"], *OF_SCENE)
+    options["friction_limit"] = (
         0.0 if absorber.friction is None else absorber.friction.limit
     )  # that of the file stays as it is, whatever the gap
-    given["mass_ratio"], given["restitution"] = (
+    options["mass_ratio"], options["restitution"] = (
         absorber.mass_ratio,
         rigid_walls(absorber).restitution,
     )
     return structure
 
 
-def absorber_on(model: ModalModel, given: dict[str, Any]) -> SlidingAbsorber:
+def absorber_on(model: ModalModel, options: dict[str, Any]) -> SlidingAbsorber:
     """Return the absorber at the rule's gap that the options describe."""
-    ratio = scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
+    ratio = scenes.mass_ratio_of(options["mass_ratio"], options["mass_kg"], model.beam_mass)
     absorber = scaled_absorber(
-        model, given["force"], given["resonance"], ratio, given["restitution"]
+        model, options["force"], options["resonance"], ratio, options["restitution"]
     )
-    limit = given["friction_limit"]
+    limit = options["friction_limit"]
     return (
         absorber
         if limit is None
@@ -249,39 +249,41 @@ def absorber_on(model: ModalModel, given: dict[str, Any]) -> SlidingAbsorber:
     )
 
 
-def refuse_contradictions(given: dict[str, Any], absorber: SlidingAbsorber) -> None:
+def refuse_contradictions(options: dict[str, Any], absorber: SlidingAbsorber) -> None:
     """Raise BadInput or ParameterError for options that say two things of one quantity, or need what is left out."""
-    for name in given["free"]:
-        if scenes.is_given(name):
+    for name in options["free"]:
+        if scenes.is_option_set(name):
             option = scenes.option_name(name)
             raise common.BadInput(
                 f"--free {name} does not go with {option}: it is searched, or has the value that is given"
             )
-    if "friction_limit" in given["free"] and absorber.friction is None:
+    if "friction_limit" in options["free"] and absorber.friction is None:
         raise common.BadInput(
             "--free friction_limit does not go with a device that has no friction: shares of its limit are tried"
         )
-    if given["contact"] is None:
+    if options["contact"] is None:
         return
-    if given["no_card"]:
+    if options["no_card"]:
         raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
-    first, second, radius = given["contact"]
+    first, second, radius = options["contact"]
     for name in (first, second):
         material(name)
-    given["contact"] = (first, second, positive("radius of --contact in m", radius))
+    options["contact"] = (first, second, positive("radius of --contact in m", radius))
 
 
 def model_on(structure: Structure) -> ModalModel:
     """Return a structure's modal model, the level read at the absorber's place where nothing else is said."""
-    return modal_model(structure) if isinstance(structure, Beam) else mounted(structure)
+    return (
+        modal_model(structure) if isinstance(structure, Beam) else model_with_absorber_at(structure)
+    )
 
 
-def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spread, ...]:
+def distributions(options: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Distribution, ...]:
     """Return the uncertain quantities; raises ParameterError for those that the absorber lacks, and for SI values of searched ones."""
-    every = spreads(common.uncertain_of(given["uncertain"]))
+    every = spreads(common.parse_uncertain(options["uncertain"]))
     require_parts(every, absorber)
     for one in every:
-        searched = one.name == GAP or (one.name == FRICTION and given["friction_limit"] is None)
+        searched = one.name == GAP or (one.name == FRICTION and options["friction_limit"] is None)
         require(
             one.relative or not searched,
             f"uncertain {one.name}",
@@ -291,15 +293,15 @@ def distributions(given: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Spr
     return every
 
 
-def curve_at(found: Advice, answer: Answer) -> PerformanceCurve:
+def curve_at(advice: Advice, answer: Answer) -> PerformanceCurve:
     """Return the runs of an answer."""
-    return found.check.curves[int(np.argmin(np.abs(found.check.gaps - answer.gap)))]
+    return advice.check.curves[int(np.argmin(np.abs(advice.check.gaps - answer.gap)))]
 
 
-def frequency_of(found: Advice, answer: Answer, executor: Executor) -> ResonanceCurves:
+def frequency_of(advice: Advice, answer: Answer, executor: Executor) -> ResonanceCurves:
     """Return the level over the frequency of the worst member of an answer, and without absorber."""
-    check = found.check
-    curve = curve_at(found, answer)
+    check = advice.check
+    curve = curve_at(advice, answer)
     member, _ = find_worst_run(curve)
     cases = {
         RECOMMENDED: (case_of(check, answer.absorber), member),
@@ -319,105 +321,105 @@ class Precision:
     @property
     def lines(self) -> list[str]:
         """What is printed."""
-        found = []
+        lines = []
         if self.tolerances is not None:
-            found += tolerance_lines(self.tolerances, self.absorber)
+            lines += tolerance_lines(self.tolerances, self.absorber)
         if self.sobol is not None:
-            found += sensitivity_lines(self.sobol)
-        return found
+            lines += sensitivity_lines(self.sobol)
+        return lines
 
     @property
     def groups(self) -> tuple[tuple[str, tuple[Row, ...]], ...]:
         """Groups of a card."""
-        found = []
+        groups = []
         if self.tolerances is not None:
             heading = f"How precisely it must be made for a level below {1e3 * self.tolerances.limit:.4g} mm"
-            found.append((heading, tolerance_rows(self.tolerances, self.absorber)))
+            groups.append((heading, tolerance_rows(self.tolerances, self.absorber)))
         if self.sobol is not None:
             rows = sensitivity_rows(self.sobol)
-            found.append(("Sobol shares of the level's variance (95 % interval)", rows))
-        return tuple(found)
+            groups.append(("Sobol shares of the level's variance (95 % interval)", rows))
+        return tuple(groups)
 
     @property
     def content(self) -> dict[str, object]:
         """JSON values."""
-        found: dict[str, object] = {}
+        content: dict[str, object] = {}
         if self.tolerances is not None:
-            found["tolerances"] = tolerance_data(self.tolerances, self.absorber)
+            content["tolerances"] = tolerance_data(self.tolerances, self.absorber)
         if self.sobol is not None:
-            found["sobol"] = sensitivity_data(self.sobol)
-        return found
+            content["sobol"] = sensitivity_data(self.sobol)
+        return content
 
 
 def precision_of(
-    found: Advice,
+    advice: Advice,
     best: Answer,
     structure: Structure,
-    every: Sequence[Spread],
-    given: dict[str, Any],
+    every: Sequence[Distribution],
+    options: dict[str, Any],
     executor: Executor,
 ) -> Precision:
     """Run what --tolerances and --sobol ask for, under a bar."""
-    case = case_of(found.check, best.absorber)
-    low, high = found.check.limits
-    periods = 1e4 * (high - low) / found.check.rate
+    case = case_of(advice.check, best.absorber)
+    low, high = advice.check.limits
+    periods = 1e4 * (high - low) / advice.check.rate
     tolerances = None
     sobol = None
 
     def announce(runs: int) -> None:
-        if given["cluster"] is None:
-            force, resonance = given["force"], given["resonance"]
-            announce_duration(case.scene, force, resonance, periods, runs, given["threads"])
+        if options["cluster"] is None:
+            force, resonance = options["force"], options["resonance"]
+            announce_duration(case.scene, force, resonance, periods, runs, options["threads"])
 
-    if given["tolerances"]:
-        draws = QUICK_DRAWS if given["quick"] else DRAWS_OF_TOLERANCES
+    if options["tolerances"]:
+        draws = QUICK_DRAWS if options["quick"] else DRAWS_OF_TOLERANCES
         announce(2 * (3 * draws[0] + draws[1] + draws[2]))
         with sweeps_bar("tolerances", leave=False) as show:
             tolerances = find_tolerances(
-                case, given["limit_level"], every, draws=draws, progress=show, executor=executor
+                case, options["limit_level"], every, draws=draws, progress=show, executor=executor
             )
-    if given["sobol"]:
-        samples = QUICK_SOBOL if given["quick"] else SOBOL
+    if options["sobol"]:
+        samples = QUICK_SOBOL if options["quick"] else SOBOL
         announce(2 * samples * (len(device_box(case, structure)) + 2))
         with sweeps_bar("Sobol shares", leave=False) as show:
             sobol = device_sensitivity(
-                case, structure, samples, seed=given["seed"], progress=show, executor=executor
+                case, structure, samples, seed=options["seed"], progress=show, executor=executor
             )
     return Precision(best.absorber, tolerances, sobol)
 
 
 def write(
     out: Path,
-    found: Advice,
-    unsure: Unsure | None,
+    advice: Advice,
+    unsure: UncertaintyResult | None,
     frequency: Sequence[ResonanceCurves],
     precision: Precision | None,
 ) -> list[Path]:
     """Write the figures and the tables into a folder, and return the files."""
-    content = summary(found) | ({} if unsure is None else {"uncertain": unsure.plain()})
+    content = summary(advice) | ({} if unsure is None else {"uncertain": unsure.plain()})
     content |= {} if precision is None else precision.content
     contents: dict[Path | None, object] = {
-        out / "levels.csv": (COLUMNS, rows(found)),
+        out / "levels.csv": (COLUMNS, rows(advice)),
         out / "summary.json": content,
-        out / "levels.png": partial(save_figure, found=found),
+        out / "levels.png": partial(save_figure, advice=advice),
     }
     if precision is not None and precision.sobol is not None:
         contents[out / "sensitivity.png"] = partial(
-            save_sensitivity, found=precision.sobol, of="the recommended device"
+            save_sensitivity, sensitivity=precision.sobol, of="the recommended device"
         )
     return write_files(contents | frequency_files(out, frequency))
 
 
-def given_gap(model: ModalModel, loads: Loads) -> float:
+def probe_gap(model: ModalModel, loads: Loads) -> float:
     """Return a gap in m for a run that is timed: that from which a search begins, or 1 mm where nothing moves."""
     return design_gap_for(model, loads) or RigidWalls.gap
 
 
-def under_load(given: dict[str, Any]) -> None:
+def under_load(options: dict[str, Any]) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
-    scenes.refuse_beside_load(given["load"], "rate")
-    scenes.refuse_beside_load(
-        given["load"],
+    scenes.refuse_with_load(options["load"], "rate")
+    scenes.refuse_with_load(
+        options["load"],
         "free",
         "gaps",
         "uncertain",
@@ -430,63 +432,63 @@ def under_load(given: dict[str, Any]) -> None:
         "no_card",
         why="there the gap alone is searched, and there is no card",
     )
-    structure = structure_in(given)
-    require_writable("--out", given["out"])
-    common.check_target("--device", given["device"], (".json",))
+    structure = structure_in(options)
+    require_writable("--out", options["out"])
+    common.check_target("--device", options["device"], (".json",))
     model = model_on(structure)
-    loads = scenes.loads_of(given["load"], model, given["resonance"])
-    ratio = scenes.mass_ratio_of(given["mass_ratio"], given["mass_kg"], model.beam_mass)
+    loads = scenes.loads_of(options["load"], model, options["resonance"])
+    ratio = scenes.mass_ratio_of(options["mass_ratio"], options["mass_kg"], model.beam_mass)
 
-    with workers(given["threads"], given["cluster"]) as executor:
+    with workers(options["threads"], options["cluster"]) as executor:
 
         def search(**how: Any) -> LoadAdvice:
             with runs_bar("simulating") as show:
                 return advise_for_loads(
                     model,
                     loads,
-                    given["resonance"],
-                    factor=1.0 if given["force"] is None else given["force"],
-                    threads=given["threads"],
+                    options["resonance"],
+                    factor=1.0 if options["force"] is None else options["force"],
+                    threads=options["threads"],
                     mass_ratio=ratio,
-                    restitution=given["restitution"],
-                    friction_limit=given["friction_limit"],
+                    restitution=options["restitution"],
+                    friction_limit=options["friction_limit"],
                     progress=show,
                     executor=executor,
-                    **runs_of(given) | how,
+                    **runs_of(options) | how,
                 )
 
-        members = runs_of(given)["members"]
+        members = runs_of(options)["members"]
         probe = Scene(
-            model, impact_absorber(given_gap(model, loads), given["restitution"], None, ratio)
+            model, impact_absorber(probe_gap(model, loads), options["restitution"], None, ratio)
         )
         number = PAIRS if members <= MEMBERS else 10 + 5 * members
         long = (
-            given["cluster"] is None
-            and announce_load_runs(probe, loads, number, given["threads"]) > LONG_S
+            options["cluster"] is None
+            and announce_load_runs(probe, loads, number, options["threads"]) > LONG_S
         )
         if long and members > 1:
             coarse = search(members=1)
-            scale, unit = SHOWN[UNITS[coarse.measure]]
+            scale, unit = DISPLAY_UNITS[UNITS[coarse.measure]]
             best = coarse.recommended
             click.echo(
-                f"Coarse answer, of one run a gap: a gap of {1e3 * best.gap:.3g} mm, {TOLD[coarse.measure]} {scale * best.level:.3g} {unit}.",
+                f"Coarse answer, of one run a gap: a gap of {1e3 * best.gap:.3g} mm, {LABELS[coarse.measure]} {scale * best.level:.3g} {unit}.",
                 err=True,
             )
-        found = search()
-    out = given["out"]
-    table = (report.COLUMNS, report.rows(found))
-    figure = partial(report.save_figure, found=found)
-    click.echo(report.text(found))
+        advice = search()
+    out = options["out"]
+    table = (report.COLUMNS, report.rows(advice))
+    figure = partial(report.save_figure, advice=advice)
+    click.echo(report.text(advice))
     files = write_files(
         {
             out / "runs.csv": table,
-            out / "summary.json": report.summary(found),
+            out / "summary.json": report.summary(advice),
             out / "levels.png": figure,
         }
     )
-    if given["device"] is not None:
-        scenes.write_device(given["device"], structure, found.recommended.absorber)
-        files.append(given["device"])
+    if options["device"] is not None:
+        scenes.write_device(options["device"], structure, advice.recommended.absorber)
+        files.append(options["device"])
     common.name_files(files)
 
 
@@ -536,7 +538,7 @@ def under_load(given: dict[str, Any]) -> None:
 @click.option(
     "--free",
     multiple=True,
-    type=click.Choice([*FREE]),
+    type=click.Choice([*CANDIDATES]),
     help="Search this one too, the gap anew for each value; may be repeated.",
 )
 @common.uncertain_option
@@ -583,7 +585,7 @@ def under_load(given: dict[str, Any]) -> None:
     help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.",
 )
 @common.out_option("results/design_gap")
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
     Sweeps up and down bracket the gap with the lowest level (sharp), and by the scaling law the one whose largest level over the tolerance of the
@@ -594,74 +596,76 @@ def main(**given: Any) -> None:
     With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
     """
     with common.plain_errors():
-        scenes.refuse_beside(given["structure"], "modes", "damping")
-        if given["load"] is not None:
-            under_load(given)
+        scenes.refuse_with_structure(options["structure"], "modes", "damping")
+        if options["load"] is not None:
+            under_load(options)
             return
-        if given["force"] is None:
+        if options["force"] is None:
             raise common.BadInput(
                 "--force is missing: the amplitude of the harmonic force in N, or --load FILE"
             )
-        given["force"] = usable_force("--force", given["force"])
-        structure = structure_in(given)
+        options["force"] = usable_force("--force", options["force"])
+        structure = structure_in(options)
         model = model_on(structure)
-        scenes.warn_of_nodes(model, given["resonance"])
-        absorber = absorber_on(model, given)
-        usable_gap("--force", f"{given['force']:g} N", "the design rule", rigid_walls(absorber).gap)
-        refuse_contradictions(given, absorber)
-        factors = () if given["gaps"] is None else tuple(map(float, gap_factors(given["gaps"])))
-        require_writable("--out", given["out"])
-        common.check_target("--device", given["device"], (".json",))
-        common.check_target("--history", given["history"], HISTORY_FORMATS)
-        rate = (
-            default_rate(model, (given["resonance"],))
-            if given["rate"] is None
-            else usable_rate("--rate", given["rate"], [PAPER_LIMITS])
+        scenes.warn_of_nodes(model, options["resonance"])
+        absorber = absorber_on(model, options)
+        usable_gap(
+            "--force", f"{options['force']:g} N", "the design rule", rigid_walls(absorber).gap
         )
-        every = distributions(given, absorber)
-        limits = limits_of(given, model, absorber)
-        if given["limit_level"] is not None:
-            given["limit_level"] = positive("limit_level", given["limit_level"])
-        elif given["tolerances"]:
+        refuse_contradictions(options, absorber)
+        factors = () if options["gaps"] is None else tuple(map(float, gap_factors(options["gaps"])))
+        require_writable("--out", options["out"])
+        common.check_target("--device", options["device"], (".json",))
+        common.check_target("--history", options["history"], HISTORY_FORMATS)
+        rate = (
+            default_rate(model, (options["resonance"],))
+            if options["rate"] is None
+            else usable_rate("--rate", options["rate"], [PAPER_LIMITS])
+        )
+        every = distributions(options, absorber)
+        limits = limits_of(options, model, absorber)
+        if options["limit_level"] is not None:
+            options["limit_level"] = positive("limit_level", options["limit_level"])
+        elif options["tolerances"]:
             raise common.BadInput(
                 "--tolerances needs --limit-level: the level in m below which the device must stay"
             )
-        with executor_on(given["threads"], given["cluster"]) as executor:
-            found = simulated(model, absorber, given, rate, factors, limits, executor)
-            if found.recommended is None:
+        with executor_on(options["threads"], options["cluster"]) as executor:
+            advice = search_gap(model, absorber, options, rate, factors, limits, executor)
+            if advice.recommended is None:
                 raise KeyboardInterrupt
-            best = found.recommended if found.complete else None
+            best = advice.recommended if advice.complete else None
             unsure = (
                 None
                 if best is None or not every
-                else Unsure(every, *uncertain_levels(found, best, every, executor))
+                else UncertaintyResult(every, *uncertain_levels(advice, best, every, executor))
             )
             precision = (
                 None
                 if best is None
-                else precision_of(found, best, structure, every, given, executor)
+                else precision_of(advice, best, structure, every, options, executor)
             )
-            own, beside = None, list[str]()
-            frequency = [] if best is None else [frequency_of(found, best, executor)]
-            if best is not None and not given["no_card"]:
-                service = service_loads(found, best, executor)
-                more = change_with_modes(found, best, structure, given["seed"], executor)
-                own = card(found, service, unsure, given["contact"], more, frequency)
+            own, baseline_lines = None, list[str]()
+            frequency = [] if best is None else [frequency_of(advice, best, executor)]
+            if best is not None and not options["no_card"]:
+                service = service_loads(advice, best, executor)
+                more = change_with_modes(advice, best, structure, options["seed"], executor)
+                own = card(advice, service, unsure, options["contact"], more, frequency)
                 if precision is not None:
                     own = replace(own, groups=(*own.groups, *precision.groups))
-                beside = [baselines(service)]
-        told = [*answer(found), *probability(found, given["limit_level"]), *beside]
-        told += [] if unsure is None else [unsure.words]
-        told += [*([] if precision is None else precision.lines), "", text(found)]
-        told += ["", *warnings(found), *([] if own is None else ["", as_text(own)])]
-        click.echo("\n".join(told))
-        files = write(given["out"], found, unsure, frequency, precision)
-        if given["history"] is not None and best is not None:
-            run = record_worst_run(case_of(found.check, best.absorber), curve_at(found, best))
-            files += write_files({given["history"]: partial(save_history, run=run)})
-        if given["device"] is not None and found.recommended is not None:
-            scenes.write_device(given["device"], structure, found.recommended.absorber)
-            files.append(given["device"])
-        files += [] if own is None else write_card(given["out"], own)
+                baseline_lines = [baselines(service)]
+        printed = [*answer(advice), *probability(advice, options["limit_level"]), *baseline_lines]
+        printed += [] if unsure is None else [unsure.words]
+        printed += [*([] if precision is None else precision.lines), "", text(advice)]
+        printed += ["", *warnings(advice), *([] if own is None else ["", as_text(own)])]
+        click.echo("\n".join(printed))
+        files = write(options["out"], advice, unsure, frequency, precision)
+        if options["history"] is not None and best is not None:
+            run = record_worst_run(case_of(advice.check, best.absorber), curve_at(advice, best))
+            files += write_files({options["history"]: partial(save_history, run=run)})
+        if options["device"] is not None and advice.recommended is not None:
+            scenes.write_device(options["device"], structure, advice.recommended.absorber)
+            files.append(options["device"])
+        files += [] if own is None else write_card(options["out"], own)
     common.name_files(files)
-    common.end_early(found.complete, "the files hold the runs that were finished.")
+    common.end_early(advice.complete, "the files hold the runs that were finished.")

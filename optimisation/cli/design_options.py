@@ -16,22 +16,22 @@ from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     BadInput,
+    parse_uncertain,
     rate_option,
-    stacked,
+    stack_options,
     threads_option,
-    uncertain_of,
     uncertain_option,
 )
 from optimisation.comparison import RESONANCES
 from optimisation.designs import DesignSpace, design_space
 from optimisation.executors import cluster_option
 from optimisation.machine import conditions, peak_memory
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.sweep_range import find_common_range, split_frequencies
 from optimisation.variables import (
-    FREE,
+    DEFAULT_FREE,
     FRICTION_LIMIT,
     GAP,
     IMPACT,
@@ -79,12 +79,12 @@ def range_of(space: DesignSpace, structure: Structure, resonance: int) -> tuple[
     """
     free = {variable.name: variable for variable in space.free}
     heaviest = free[MASS_RATIO].high if MASS_RATIO in free else space.default.values[MASS_RATIO]
-    models = [mounted(structure)]
+    models = [model_with_absorber_at(structure)]
     if isinstance(structure, ModalModel) and POSITION in free:
-        models = [mounted(structure, k + 1) for k in range(len(structure.places))]
+        models = [model_with_absorber_at(structure, k + 1) for k in range(len(structure.places))]
     elif POSITION in free:
         places = np.linspace(free[POSITION].low, free[POSITION].high, PLACES)
-        models = [mounted(structure, float(place)) for place in places]
+        models = [model_with_absorber_at(structure, float(place)) for place in places]
     low, high = find_common_range(models, heaviest, resonance)
     if space.concept == TUNED:
         ratio = heaviest * models[0].beam_mass
@@ -95,7 +95,7 @@ def range_of(space: DesignSpace, structure: Structure, resonance: int) -> tuple[
     return low, high
 
 
-KEPT = "Broken off; the study keeps what is finished."
+BROKEN_OFF = "Broken off; the study keeps what is finished."
 GOES_ON = "the same command goes on from here."
 
 
@@ -119,7 +119,7 @@ class At(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
 RESONANCES_HELP = f"{scenes.RESONANCES_HELP} Forces by the design rule."
 CONSTRAINT_HELP = f"Upper limit of {', '.join(LIMITABLE)}, in SI units, or of MODULE:FUNCTION."
-shared_options = stacked(  # of every design study
+shared_options = stack_options(  # of every design study
     (
         scenes.structure_option,
         scenes.scene_option,
@@ -209,46 +209,47 @@ def variables_help() -> str:
     return "\n".join(lines)
 
 
-def make_space(concept: str, given: dict[str, Any]) -> DesignSpace:
+def make_space(concept: str, options: dict[str, Any]) -> DesignSpace:
     """Return the space of a concept; with all concepts at once, what a concept lacks does not concern it."""
     known = {v.name for v in VARIABLES[concept]}
-    every = given.get("every", False)
-    free = [name for name in given["free"] if name in known or not every]
+    every = options.get("every", False)
+    free = [name for name in options["free"] if name in known or not every]
     bounds = {
-        name: (low, high) for name, low, high in given["bounds"] if name in known or not every
+        name: (low, high) for name, low, high in options["bounds"] if name in known or not every
     }
-    fixed = _of_device(concept, given) | {
-        name: value for name, value in fixed_of(given).items() if name in known or not every
+    fixed = _of_device(concept, options) | {
+        name: value for name, value in fixed_of(options).items() if name in known or not every
     }
     return design_space(concept, free or None, bounds, fixed)
 
 
-def fixed_of(given: dict[str, Any]) -> dict[str, float]:
+def fixed_of(options: dict[str, Any]) -> dict[str, float]:
     """Return the variables that --fix and --mass-kg fix; raises BadInput if both, or --free or --scene, say what the mass is."""
-    fixed = dict(given["fix"])
-    if given["mass_kg"] is not None:
-        for option, names in (("--fix", fixed), ("--free", given["free"])):
+    fixed = dict(options["fix"])
+    if options["mass_kg"] is not None:
+        for option, names in (("--fix", fixed), ("--free", options["free"])):
             if MASS_RATIO in names:
                 raise BadInput(
                     f"--mass-kg does not go with {option} {MASS_RATIO}: each says what the mass is"
                 )
-        if given["scene"] is not None:
+        if options["scene"] is not None:
             raise BadInput(
                 "--mass-kg does not go with --scene: the file says what structure and absorber are"
             )
         fixed[MASS_RATIO] = (
-            positive("mass_kg", given["mass_kg"]) / mounted(structure_of(given)).beam_mass
+            positive("mass_kg", options["mass_kg"])
+            / model_with_absorber_at(structure_of(options)).beam_mass
         )
     return fixed
 
 
-def _of_device(concept: str, given: dict[str, Any]) -> dict[str, float]:
+def _of_device(concept: str, options: dict[str, Any]) -> dict[str, float]:
     """Return the values, from the file of --scene, of variables that are not searched: the mass, and all others of an impact absorber."""
-    structure_of(given)
-    if given["scene"] is None:
+    structure_of(options)
+    if options["scene"] is None:
         return {}
-    device = given["device"]
-    free = set(given["free"] or FREE[concept])
+    device = options["device"]
+    free = set(options["free"] or DEFAULT_FREE[concept])
     own = {MASS_RATIO: device.mass_ratio}
     if concept == IMPACT:
         friction = 0.0 if device.friction is None else device.friction.limit
@@ -260,75 +261,83 @@ def _of_device(concept: str, given: dict[str, Any]) -> dict[str, float]:
     return {name: value for name, value in own.items() if name not in free}
 
 
-def structure_of(given: dict[str, Any]) -> Structure:
+def structure_of(options: dict[str, Any]) -> Structure:
     """Return the structure of the file, read once, or the paper's beam with the options' modes."""
-    if given["scene"] is not None:
-        if "read" not in given:
-            given["read"], given["device"] = scenes.read_device(
-                given["scene"], "structure", "modes"
+    if options["scene"] is not None:
+        if "read" not in options:
+            options["read"], options["device"] = scenes.read_device(
+                options["scene"], "structure", "modes"
             )
-        return given["read"]
-    if given["structure"] is None:
-        return replace(Beam(), modes=given["modes"])
-    scenes.refuse_beside(given["structure"], "modes")
-    if "read" not in given:
-        given["read"] = scenes.read_structure(given["structure"])
-    found: Structure = given["read"]
-    return found
+        return options["read"]
+    if options["structure"] is None:
+        return replace(Beam(), modes=options["modes"])
+    scenes.refuse_with_structure(options["structure"], "modes")
+    if "read" not in options:
+        options["read"] = scenes.read_structure(options["structure"])
+    structure: Structure = options["read"]
+    return structure
 
 
 def forces_at(
-    given: dict[str, Any], usual: tuple[tuple[int, float], ...]
+    options: dict[str, Any], usual: tuple[tuple[int, float], ...]
 ) -> list[tuple[int, float]]:
     """Return the resonances and their forces: those of --at, the ``usual`` ones, or for a structure from a file those of --resonances by the rule.
 
     The rule's forces are those for a gap of 1 mm; by the scaling law another gap has the same answers at other forces. They stand to each other as
     the usual ones do to the design forces of the paper's beam.
     """
-    if given["at"]:
-        if scenes.is_given("resonances"):
+    if options["at"]:
+        if scenes.is_option_set("resonances"):
             raise ParameterError(
-                f"--resonances = {given['resonances']} is not allowed: beside --at, which names resonances with their forces"
+                f"--resonances = {options['resonances']} is not allowed: beside --at, which names resonances with their forces"
             )
-        at = list(given["at"])
-        scenes.warn_of_nodes(mounted(structure_of(given)), *(resonance for resonance, _ in at))
+        at = list(options["at"])
+        scenes.warn_of_nodes(
+            model_with_absorber_at(structure_of(options)), *(resonance for resonance, _ in at)
+        )
         return at
-    if given["structure"] is None and given["scene"] is None and not scenes.is_given("resonances"):
+    if (
+        options["structure"] is None
+        and options["scene"] is None
+        and not scenes.is_option_set("resonances")
+    ):
         return list(usual)
-    model = mounted(structure_of(given))
+    model = model_with_absorber_at(structure_of(options))
     paper = modal_model(Beam())
-    structure_of(given)
-    usual_ratio = given["device"].mass_ratio if given["scene"] is not None else DEFAULT_MASS_RATIO
-    ratio = fixed_of(given).get(MASS_RATIO, usual_ratio)
+    structure_of(options)
+    usual_ratio = (
+        options["device"].mass_ratio if options["scene"] is not None else DEFAULT_MASS_RATIO
+    )
+    ratio = fixed_of(options).get(MASS_RATIO, usual_ratio)
     mass = positive(MASS_RATIO, ratio) * model.beam_mass
     shares = [
         force / design_force(paper, DEFAULT_MASS_RATIO * paper.beam_mass, RigidWalls.gap, resonance)
         for resonance, force in usual
     ]
-    scenes.warn_of_nodes(model, *given["resonances"])
-    for k in dict.fromkeys(given["resonances"]):
-        if (found := reach(model, mass, k)) < LEAST_REACH:
+    scenes.warn_of_nodes(model, *options["resonances"])
+    for k in dict.fromkeys(options["resonances"]):
+        if (free_over_rule := reach(model, mass, k)) < LEAST_REACH:
             click.echo(
-                f"warning: at resonance {k} the free amplitude is {found:.2g} of the rule's gap: no wall would be touched there",
+                f"warning: at resonance {k} the free amplitude is {free_over_rule:.2g} of the rule's gap: no wall would be touched there",
                 err=True,
             )
-    wanted = tuple(dict.fromkeys(given["resonances"]))[: len(usual)]
+    wanted = tuple(dict.fromkeys(options["resonances"]))[: len(usual)]
     return [
         (k, float(f"{share * design_force(model, mass, RigidWalls.gap, k):.3g}"))
         for k, share in zip(wanted, shares, strict=False)
     ]
 
 
-def loads_in(given: dict[str, Any]) -> Loads | None:
+def loads_in(options: dict[str, Any]) -> Loads | None:
     """Return the loads of --load, None without it; raises BadInput for options that do not go with it."""
-    scenes.refuse_beside_load(given["load"], "at", "resonances", "rate")
-    scenes.refuse_beside_load(
-        given["load"], "uncertain", why="there a member's loads are what differs"
+    scenes.refuse_with_load(options["load"], "at", "resonances", "rate")
+    scenes.refuse_with_load(
+        options["load"], "uncertain", why="there a member's loads are what differs"
     )
     return (
         None
-        if given["load"] is None
-        else scenes.loads_of(given["load"], mounted(structure_of(given)))
+        if options["load"] is None
+        else scenes.loads_of(options["load"], model_with_absorber_at(structure_of(options)))
     )
 
 
@@ -336,39 +345,39 @@ def make_problem(
     concept: str,
     conditions: tuple[Condition, ...],
     objectives: tuple[Objective, ...],
-    given: dict[str, Any],
+    options: dict[str, Any],
 ) -> Problem:
     """Return the problem that the options describe."""
-    members = given["members"] or (QUICK_MEMBERS if given["quick"] else DEFAULT_MEMBERS)
-    constraints = tuple(Constraint(name, limit) for name, limit in given["constraint"])
-    space = make_space(concept, given)
-    uncertain = uncertain_of(given["uncertain"])
+    members = options["members"] or (QUICK_MEMBERS if options["quick"] else DEFAULT_MEMBERS)
+    constraints = tuple(Constraint(name, limit) for name, limit in options["constraint"])
+    space = make_space(concept, options)
+    uncertain = parse_uncertain(options["uncertain"])
     problem = Problem(
         space,
         conditions,
         objectives,
         constraints,
-        structure_of(given),
+        structure_of(options),
         members,
-        given["seed"],
-        given["rate"],
+        options["seed"],
+        options["rate"],
         uncertain=uncertain,
     )
-    return replace(problem, rate=QUICK_SPEED * problem.rate) if given["quick"] else problem
+    return replace(problem, rate=QUICK_SPEED * problem.rate) if options["quick"] else problem
 
 
-def conditions_of(given: dict[str, Any]) -> dict[str, object]:
+def conditions_of(options: dict[str, Any]) -> dict[str, object]:
     """Return versions, machine, threads and memory of a computation; worker processes of a cluster are not in it."""
     where = (
-        {"cluster": given["cluster"]}
-        if given["cluster"]
-        else {"threads": given["threads"] or available_cores()}
+        {"cluster": options["cluster"]}
+        if options["cluster"]
+        else {"threads": options["threads"] or available_cores()}
     )
     versions = conditions(("numpy", "scipy", "numba", "optuna"))["versions"]
     return {"versions": versions, **where, "memory_bytes": peak_memory()}
 
 
-def journal_of(given: dict[str, Any], folder: Path) -> Path:
+def journal_of(options: dict[str, Any], folder: Path) -> Path:
     """Return the file named by --study, or the folder's own: a quick look has one for itself, as it is another study."""
-    study: Path | None = given["study"]
-    return study or folder / ("quick.journal" if given["quick"] else "study.journal")
+    study: Path | None = options["study"]
+    return study or folder / ("quick.journal" if options["quick"] else "study.journal")

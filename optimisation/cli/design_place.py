@@ -29,7 +29,7 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Limits
-from optimisation.gap_card import impacts_of
+from optimisation.gap_card import impact_loads
 from optimisation.gap_check import RESTITUTION, rigid_walls
 from optimisation.place_advice import (
     MASS_RATIOS,
@@ -76,39 +76,39 @@ EXAMPLES = """Examples:
 """
 
 
-def forces_of(given: dict[str, Any]) -> dict[int, float]:
+def forces_of(options: dict[str, Any]) -> dict[int, float]:
     """Return the force in N by resonance; raises BadInput unless the options say it once."""
-    if given["at"]:
+    if options["at"]:
         for name in ("force", "resonances"):
-            if scenes.is_given(name):
+            if scenes.is_option_set(name):
                 raise common.BadInput(
                     f"--{name} does not go with --at, which names resonances with their forces"
                 )
-        found: dict[int, float] = {}
-        for resonance, force in given["at"]:
-            if resonance in found:
+        forces: dict[int, float] = {}
+        for resonance, force in options["at"]:
+            if resonance in forces:
                 raise common.BadInput(
-                    f"--at {resonance}:{force:g} is not allowed: each resonance once, and {resonance}:{found[resonance]:g} is given"
+                    f"--at {resonance}:{force:g} is not allowed: each resonance once, and {resonance}:{forces[resonance]:g} is given"
                 )
-            found[resonance] = usable_force("--at", force)
-        return found
-    if given["force"] is None:
+            forces[resonance] = usable_force("--at", force)
+        return forces
+    if options["force"] is None:
         raise common.BadInput(
             "--force is missing: the amplitude of the harmonic force in N, or --at RESONANCE:FORCE"
         )
-    force = usable_force("--force", given["force"])
-    return dict.fromkeys(given["resonances"], force)
+    force = usable_force("--force", options["force"])
+    return dict.fromkeys(options["resonances"], force)
 
 
-def structure_in(given: dict[str, Any]) -> tuple[Structure, Path | None]:
+def structure_in(options: dict[str, Any]) -> tuple[Structure, Path | None]:
     """Return the structure, and its file if it has one; with --scene the absorber of the file gives mass, restitution and friction."""
-    if given["scene"] is None:
-        file = given["structure"]
+    if options["scene"] is None:
+        file = options["structure"]
         if file is not None:
             return scenes.read_structure(file), file
-        return Beam(modes=given["modes"], damping_ratio=given["damping"]), None
+        return Beam(modes=options["modes"], damping_ratio=options["damping"]), None
     structure, absorber = scenes.read_device(
-        given["scene"],
+        options["scene"],
         "structure",
         "modes",
         "damping",
@@ -117,29 +117,29 @@ def structure_in(given: dict[str, Any]) -> tuple[Structure, Path | None]:
         "restitution",
         "friction_limit",
     )
-    given["mass_ratio"] = (absorber.mass_ratio,)
-    given["restitution"] = rigid_walls(absorber).restitution
-    given["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit
+    options["mass_ratio"] = (absorber.mass_ratio,)
+    options["restitution"] = rigid_walls(absorber).restitution
+    options["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit
     return structure, None
 
 
-def places_in(given: dict[str, Any]) -> Places:
+def places_in(options: dict[str, Any]) -> Places:
     """Return the places that the options allow."""
-    structure, file = structure_in(given)
+    structure, file = structure_in(options)
     places = find_places(structure, file)
-    return places.subset(given["position"]) if given["position"] else places
+    return places.subset(options["position"]) if options["position"] else places
 
 
-def masses_of(given: dict[str, Any], structure_mass: float) -> tuple[float, ...]:
+def masses_of(options: dict[str, Any], structure_mass: float) -> tuple[float, ...]:
     """Return the mass ratios to try."""
-    if not given["mass_kg"]:
-        return given["mass_ratio"] or MASS_RATIOS
-    if given["mass_ratio"]:
+    if not options["mass_kg"]:
+        return options["mass_ratio"] or MASS_RATIOS
+    if options["mass_ratio"]:
         raise common.BadInput(
             "--mass-kg does not go with --mass-ratio: each says what the masses are"
         )
     return tuple(
-        scenes.mass_ratio_of(MASS_RATIOS[0], mass, structure_mass) for mass in given["mass_kg"]
+        scenes.mass_ratio_of(MASS_RATIOS[0], mass, structure_mass) for mass in options["mass_kg"]
     )
 
 
@@ -159,51 +159,51 @@ def announce(plan: SweepPlan, threads: int | None) -> None:
         )
 
 
-def curves_of(found: PlaceAdvice, executor: Executor) -> list[ResonanceCurves]:
+def curves_of(advice: PlaceAdvice, executor: Executor) -> list[ResonanceCurves]:
     """Return the levels over the frequency of the recommended device's worst member and without absorber, near each resonance."""
-    best = found.recommended
+    best = advice.recommended
     assert best is not None
     curves = []
-    for r in found.forces:
+    for r in advice.forces:
         member, _ = find_worst_run(best.runs[r])
-        model = found.places.model_at(best.place)
+        model = advice.places.model_at(best.place)
         cases = {
-            RECOMMENDED: (found.case_of(best, r), member),
-            NO_ABSORBER: (found.study.case(model, None, r), 0),
+            RECOMMENDED: (advice.case_of(best, r), member),
+            NO_ABSORBER: (advice.study.case(model, None, r), 0),
         }
         curves.append(resonance_curves(cases, best.runs[r].members, executor))
     return curves
 
 
-def worst_resonance(found: PlaceAdvice) -> int:
+def worst_resonance(advice: PlaceAdvice) -> int:
     """Return the resonance at which the recommended device leaves most of the level without absorber."""
-    best = found.recommended
+    best = advice.recommended
     assert best is not None
     return max(best.parts, key=lambda part: part.share).resonance
 
 
 def write(
-    given: dict[str, Any], found: PlaceAdvice, curves: Sequence[ResonanceCurves]
+    options: dict[str, Any], advice: PlaceAdvice, curves: Sequence[ResonanceCurves]
 ) -> list[Path]:
     """Write figures, map and summary, and what the options ask for; return the files."""
-    out = given["out"]
-    content = report.summary(found)
+    out = options["out"]
+    content = report.summary(advice)
     contents: dict[Path | None, object] = {
-        given["json"]: content,
+        options["json"]: content,
         out / "summary.json": content,
-        out / "places.csv": (report.columns(found), report.rows(found)),
-        out / "places.png": partial(report.save_places, found=found),
+        out / "places.csv": (report.columns(advice), report.rows(advice)),
+        out / "places.png": partial(report.save_places, advice=advice),
     }
     contents |= frequency_files(out, curves)
-    best = found.recommended
-    if given["history"] is not None and best is not None:
-        r = worst_resonance(found)
-        run = record_worst_run(found.case_of(best, r), best.runs[r])
-        contents[given["history"]] = partial(save_history, run=run)
+    best = advice.recommended
+    if options["history"] is not None and best is not None:
+        r = worst_resonance(advice)
+        run = record_worst_run(advice.case_of(best, r), best.runs[r])
+        contents[options["history"]] = partial(save_history, run=run)
     files = write_files(contents)
-    if given["device"] is not None and best is not None:
-        scenes.write_device(given["device"], found.structure_with(best), best.absorber)
-        files.append(given["device"])
+    if options["device"] is not None and best is not None:
+        scenes.write_device(options["device"], advice.structure_with(best), best.absorber)
+        files.append(options["device"])
     return files
 
 
@@ -276,7 +276,7 @@ def write(
 )
 @common.json_option("Write the summary here, too.")
 @common.out_option("results/design_place", "Folder for figures and tables.")
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Choose where an impact absorber sits, how heavy it is and which gap it has, for forces near one or several resonances.
 
     All places are ranked by the linear structure; the best few of each mass run, and the gap of the best is searched as by design_gap, for all
@@ -285,50 +285,50 @@ def main(**given: Any) -> None:
     and leaves what is finished.
     """
     with common.plain_errors():
-        scenes.refuse_beside(given["structure"], "modes", "damping")
-        forces = forces_of(given)
-        places = places_in(given)
-        ratios = masses_of(given, places.model.beam_mass)
-        limits = {name: positive(f"constraint {name}", x) for name, x in given["constraint"]}
-        if given["limit_level"] is not None:
-            given["limit_level"] = positive("limit_level", given["limit_level"])
+        scenes.refuse_with_structure(options["structure"], "modes", "damping")
+        forces = forces_of(options)
+        places = places_in(options)
+        ratios = masses_of(options, places.model.beam_mass)
+        limits = {name: positive(f"constraint {name}", x) for name, x in options["constraint"]}
+        if options["limit_level"] is not None:
+            options["limit_level"] = positive("limit_level", options["limit_level"])
         forces = {places.model.check_resonance(r): force for r, force in forces.items()}
-        require_writable("--out", given["out"])
-        common.check_targets(given)
-        common.check_target("--device", given["device"], (".json",))
-        common.check_target("--history", given["history"], HISTORY_FORMATS)
-        members = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
-        with executor_on(given["threads"], given["cluster"]) as executor:
+        require_writable("--out", options["out"])
+        common.check_targets(options)
+        common.check_target("--device", options["device"], (".json",))
+        common.check_target("--history", options["history"], HISTORY_FORMATS)
+        members = options["members"] or (QUICK_MEMBERS if options["quick"] else MEMBERS)
+        with executor_on(options["threads"], options["cluster"]) as executor:
             with sweeps_bar("simulating") as show:
-                found = advise_place(
+                advice = advise_place(
                     places,
                     forces,
                     mass_ratios=ratios,
-                    restitution=given["restitution"],
-                    friction_limit=given["friction_limit"],
+                    restitution=options["restitution"],
+                    friction_limit=options["friction_limit"],
                     limits=Limits(limits.get("stroke"), limits.get("impact_speed")),
-                    limit_level=given["limit_level"],
-                    tolerance=given["force_tolerance"],
+                    limit_level=options["limit_level"],
+                    tolerance=options["force_tolerance"],
                     members=members,
-                    trial_places=QUICK_TRIAL_PLACES if given["quick"] else TRIAL_PLACES,
-                    seed=given["seed"],
-                    percent_per_100_periods=given["rate"],
+                    trial_places=QUICK_TRIAL_PLACES if options["quick"] else TRIAL_PLACES,
+                    seed=options["seed"],
+                    percent_per_100_periods=options["rate"],
                     announce=None
-                    if given["cluster"]
-                    else lambda plan: announce(plan, given["threads"]),
+                    if options["cluster"]
+                    else lambda plan: announce(plan, options["threads"]),
                     progress=show,
                     executor=executor,
                 )
-            best = found.recommended
+            best = advice.recommended
             if best is None:
                 raise KeyboardInterrupt
             own = None
             curves: list[ResonanceCurves] = []
-            if found.complete:
-                curves = curves_of(found, executor)
-            if found.complete and not given["no_card"]:
-                r = worst_resonance(found)
-                impacts = impacts_of(found.case_of(best, r), executor)
+            if advice.complete:
+                curves = curves_of(advice, executor)
+            if advice.complete and not options["no_card"]:
+                r = worst_resonance(advice)
+                impacts = impact_loads(advice.case_of(best, r), executor)
                 baselines = {
                     part.resonance: simulate_baselines(
                         places.model_at(best.place),
@@ -340,12 +340,12 @@ def main(**given: Any) -> None:
                     )
                     for part in best.parts
                 }
-                own = report.card(found, impacts, baselines, curves)
-        told = [*report.answer(found), "", report.text(found), ""]
-        told += [f"Warning: {line}." for line in report.warnings(found)]
-        told += [report.sweeps_line(found), *([] if own is None else ["", as_text(own)])]
-        click.echo("\n".join(told))
-        files = write(given, found, curves)
-        files += [] if own is None else write_card(given["out"], own)
+                own = report.card(advice, impacts, baselines, curves)
+        printed = [*report.answer(advice), "", report.text(advice), ""]
+        printed += [f"Warning: {line}." for line in report.warnings(advice)]
+        printed += [report.sweeps_line(advice), *([] if own is None else ["", as_text(own)])]
+        click.echo("\n".join(printed))
+        files = write(options, advice, curves)
+        files += [] if own is None else write_card(options["out"], own)
     common.name_files(files)
-    common.end_early(found.complete, "the files hold the runs that were finished.")
+    common.end_early(advice.complete, "the files hold the runs that were finished.")

@@ -13,12 +13,12 @@ import impact_env
 from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
 from impact_env.kernels.compiling.cache import SHIPPED, find_shipping_obstacle
-from optimisation.cli.cache import kept, parents
+from optimisation.cli.cache import list_kernel_folders, parent_folders
 from optimisation.cli.common import check_targets, command, json_option, plain_errors
 from optimisation.files import write_files
 from optimisation.machine import processor, versions
 
-SHOWN = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "gymnasium", "torch")
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "gymnasium", "torch")
 
 
 def extras() -> dict[str, list[str]]:
@@ -34,9 +34,9 @@ def extras() -> dict[str, list[str]]:
     }
 
 
-def found() -> dict[str, Any]:
+def describe_installation() -> dict[str, Any]:
     """Return the description as plain data; sizes in bytes."""
-    places = parents()
+    places = parent_folders()
     return {
         "package": {
             "name": DISTRIBUTION,
@@ -49,7 +49,7 @@ def found() -> dict[str, Any]:
         "cores": available_cores(),
         "numba_threads": numba.get_num_threads(),
         "compiles": not vars(numba.config)["DISABLE_JIT"],
-        "versions": versions(SHOWN),
+        "versions": versions(PACKAGES),
         "extras": extras(),
         "cache": [
             {
@@ -62,7 +62,7 @@ def found() -> dict[str, Any]:
                         "size": one.size,
                         "current": one.current,
                     }
-                    for one in kept(place)
+                    for one in list_kernel_folders(place)
                 ],
             }
             for k, place in enumerate(places)
@@ -77,7 +77,7 @@ def found() -> dict[str, Any]:
 def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the same as a name and a text for each line."""
     missing = {extra: packages for extra, packages in about["extras"].items() if packages}
-    told = [
+    rows = [
         (
             about["package"]["name"],
             f"{about['package']['version']} in {about['package']['folder']}",
@@ -97,11 +97,11 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
         ),
     ]
     if not about["compiles"]:
-        told.append(
+        rows.append(
             ("compiled", "nothing: NUMBA_DISABLE_JIT is set, and kernels run in plain Python")
         )
     elif not about["cache"]:
-        told.append(
+        rows.append(
             (
                 "compiled",
                 "kept nowhere: no folder can be written to, and each process compiles anew; IMPACT_ENV_CACHE names one",
@@ -113,15 +113,15 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
         count = sum(one["kernels"] for one in current)
         size = sum(one["size"] for one in current)
         text = f"{place['folder']}{'' if place['written'] else ' (only read)'}: {count} kernels of today's sources, {size / 1e6:.1f} MB"
-        told.append(
+        rows.append(
             ("compiled", text + (f", and {others / 1e6:.1f} MB of others" if others else ""))
         )
     shipped = about["shipped"]
     used = f"{shipped['kernels']} kernels came with the package; `impact-absorber prepare --host` compiles the usual ones for this processor"
-    told.append(
+    rows.append(
         ("shipped", f"not used: {shipped['unused_because']}" if shipped["unused_because"] else used)
     )
-    return told
+    return rows
 
 
 @command()
@@ -130,9 +130,9 @@ def main(json: Path | None) -> None:
     """Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept. It belongs into a report of an error."""
     with plain_errors():
         check_targets({"json": json})
-        about = found()
-        told = lines(about)
-        width = max(len(name) for name, _ in told)
-        for name, text in told:
+        about = describe_installation()
+        rows = lines(about)
+        width = max(len(name) for name, _ in rows)
+        for name, text in rows:
             click.echo(f"{name:<{width}}  {text}")
         write_files({json: about})

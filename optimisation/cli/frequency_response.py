@@ -20,9 +20,10 @@ from impact_env.periodic.overview import (
 from impact_env.periodic.response_curve import CURVE_COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
 from impact_env.plain import from_scene
+from optimisation.checkpoint import Checkpoint
 from optimisation.cli import common
 from optimisation.cli.scene_options import (
-    is_given,
+    is_option_set,
     make_scene,
     refuse_parts,
     scene_options,
@@ -30,7 +31,6 @@ from optimisation.cli.scene_options import (
 )
 from optimisation.executors import cluster_option, workers
 from optimisation.files import write_files
-from optimisation.kept import Kept
 from optimisation.page import markdown
 from optimisation.progress import Bar
 from optimisation.report.periodic_figures import save_figure
@@ -53,75 +53,86 @@ def following(reference: float) -> Iterator[Callable[[str, int, float], None]]:
         yield show
 
 
-def computed(given: dict[str, Any], executor: Executor | None = None) -> Overview:
+def computed(options: dict[str, Any], executor: Executor | None = None) -> Overview:
     """Do what the options ask for, the envelope's runs by an executor as in `run_lanes`.
 
     Raises BadInput or ParameterError before anything long is done.
     """
-    scene, _ = make_scene(given)
-    reference = scene.model.resonance_omega(given["resonance"])
-    warn_of_nodes(scene.model, given["resonance"])
+    scene, _ = make_scene(options)
+    reference = scene.model.resonance_omega(options["resonance"])
+    warn_of_nodes(scene.model, options["resonance"])
     walls = require_sliding(scene).walls
-    low = positive("--from", given["start"])
-    high = positive("--to", given["stop"])
+    low = positive("--from", options["start"])
+    high = positive("--to", options["stop"])
     require(high > low, "--to", high, f"above --from = {low}")
     inelastic = isinstance(walls, RigidWalls) and walls.restitution < 1
     require(
-        not (inelastic and given["method"] == BALANCE),
+        not (inelastic and options["method"] == BALANCE),
         "--method",
         BALANCE,
         "exact below a restitution of 1: harmonic balance has no impact law",
     )
-    hill = given["hill"]
-    springs = given["method"] != EXACT and isinstance(walls, CompliantWalls)
+    hill = options["hill"]
+    springs = options["method"] != EXACT and isinstance(walls, CompliantWalls)
     require(not hill or springs, "--hill", hill, "with harmonic balance and --contact-stiffness")
     balance = None
-    if given["method"] != EXACT and not inelastic:
-        damper = PAPER_DAMPER if given["grounded_damper"] else 0.0
+    if options["method"] != EXACT and not inelastic:
+        damper = PAPER_DAMPER if options["grounded_damper"] else 0.0
         balance = harmonic_balance(
             scene,
             low * reference,
-            given["force"],
-            given["harmonics"],
-            given["weight"],
+            options["force"],
+            options["harmonics"],
+            options["weight"],
             grounded_damper=damper,
         )
-    sweeps = ((low, high), (high, low)) if given["sweeps"] else ()
+    sweeps = ((low, high), (high, low)) if options["sweeps"] else ()
     rate = (
-        default_rate(scene.model, (given["resonance"],))
-        if given["rate"] is None
-        else positive("--rate", given["rate"])
+        default_rate(scene.model, (options["resonance"],))
+        if options["rate"] is None
+        else positive("--rate", options["rate"])
     )
-    asked = OverviewOptions(
-        given["method"] != BALANCE,
-        given["pairs"],
+    overview_options = OverviewOptions(
+        options["method"] != BALANCE,
+        options["pairs"],
         balance,
         sweeps,
         rate,
-        stationary_runs(given, executor),
+        stationary_runs(options, executor),
         hill,
     )
-    basis = {"scene": from_scene(scene), "force": float(given["force"]), "reference": reference}
-    with closing(Kept(given["resume"])) as kept, following(reference) as show:
+    basis = {"scene": from_scene(scene), "force": float(options["force"]), "reference": reference}
+    with closing(Checkpoint(options["resume"])) as checkpoint, following(reference) as show:
         return compute_overview(
-            scene, given["force"], reference, low, high, asked, show, kept.pieces(basis)
+            scene,
+            options["force"],
+            reference,
+            low,
+            high,
+            overview_options,
+            show,
+            checkpoint.section(basis),
         )
 
 
 def stationary_runs(
-    given: dict[str, Any], executor: Executor | None = None
+    options: dict[str, Any], executor: Executor | None = None
 ) -> StationaryRuns | None:
     """Return the settings of the stationary runs, None without --envelope; raises BadInput for an option of theirs without it."""
-    if given["envelope"] is None:
+    if options["envelope"] is None:
         for name in ("members", "settle", "window", "approach", "threads", "cluster"):
-            if is_given(name):
+            if is_option_set(name):
                 raise common.BadInput(
                     f"--{name} does not go without --envelope: it is about the runs of the envelope"
                 )
         return None
-    lengths = given["members"], given["settle"], given["window"]
+    lengths = options["members"], options["settle"], options["window"]
     return StationaryRuns(
-        given["envelope"], *lengths, given["approach"], threads=given["threads"], executor=executor
+        options["envelope"],
+        *lengths,
+        options["approach"],
+        threads=options["threads"],
+        executor=executor,
     )
 
 
@@ -333,21 +344,21 @@ def text(result: Overview) -> str:
 @common.json_option("Write all curves and their orbits, in SI units; compressed if it ends in .gz.")
 @common.file_option("--csv", "Write a row for each point of a curve.")
 @common.plot_option
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Follow all periodic responses over the frequency, and print their peaks and folds.
 
     Exact orbits are the symmetric ones with one impact a wall in each period; each point is confirmed by the exact method, which also gives its
     stability. Harmonic balance has the responses without impacts too. Ctrl-C writes what is known so far; --resume keeps what is finished for a later
     run with the same scene, force and range.
     """
-    with common.plain_errors(), workers(given["threads"], given["cluster"]) as executor:
-        common.check_targets(given, ".json", ".gz")
-        given |= {"stiffness": None, "absorber_damping": None}
-        refuse_parts(given)
-        given["force"] = (
-            FORCE if given["force"] is None and given["structure"] is None else given["force"]
+    with common.plain_errors(), workers(options["threads"], options["cluster"]) as executor:
+        common.check_targets(options, ".json", ".gz")
+        options |= {"stiffness": None, "absorber_damping": None}
+        refuse_parts(options)
+        options["force"] = (
+            FORCE if options["force"] is None and options["structure"] is None else options["force"]
         )
-        result = computed(given, executor)
+        result = computed(options, executor)
         rows = (
             CURVE_COLUMNS,
             [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)],
@@ -355,9 +366,9 @@ def main(**given: Any) -> None:
         click.echo(text(result))
         files = write_files(
             {
-                given["json"]: result.to_plain(),
-                given["csv"]: rows,
-                given["plot"]: lambda path: save_figure(path, result),
+                options["json"]: result.to_plain(),
+                options["csv"]: rows,
+                options["plot"]: lambda path: save_figure(path, result),
             }
         )
     common.name_files(files)

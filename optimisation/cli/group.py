@@ -51,15 +51,15 @@ HEAD_LINES = 40  # a command says near its top what it needs
 
 def files() -> dict[str, dict[str, Path]]:
     """Return the module of each command, by heading and name; in a checkout also of those that make pages."""
-    found = {
+    by_heading = {
         heading: {name: HERE / f"{name}.py" for name in names}
         for heading, names in HEADINGS.items()
     }
     if PAGES.is_dir():
-        found["Pages and benchmarks of this checkout"] = {
+        by_heading["Pages and benchmarks of this checkout"] = {
             file.stem: file for file in sorted(PAGES.glob("[!_]*.py"))
         }
-    return found
+    return by_heading
 
 
 def subcommand_files() -> dict[str, Path]:
@@ -69,8 +69,8 @@ def subcommand_files() -> dict[str, Path]:
 
 def modules() -> dict[str, Path]:
     """Return the files of all modules that are a command or a subcommand, by the names of the modules."""
-    found = {name: file for commands in files().values() for name, file in commands.items()}
-    return found | {file.stem: file for file in subcommand_files().values()}
+    known = {name: file for commands in files().values() for name, file in commands.items()}
+    return known | {file.stem: file for file in subcommand_files().values()}
 
 
 def file_of(name: str) -> Path | None:
@@ -160,13 +160,13 @@ class Commands(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the names under their headings, with the first line of each module's docstring, without importing a command."""
         for heading, commands in self.sections().items():
-            said = {
+            docstrings = {
                 name: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
                 for name, file in commands.items()
             }
             with formatter.section(heading):
                 formatter.write_dl(
-                    [(name, words.partition("\n")[0]) for name, words in said.items()]
+                    [(name, words.partition("\n")[0]) for name, words in docstrings.items()]
                 )
 
 

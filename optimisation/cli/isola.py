@@ -9,10 +9,10 @@ from impact_env.periodic.case import case_of
 from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaCell, IsolaMap, isola_map
 from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
+from optimisation.checkpoint import Checkpoint
 from optimisation.cli import common
 from optimisation.cli.scene_options import make_scene, option_name, refuse_parts, scene_options
 from optimisation.files import write_files
-from optimisation.kept import Kept
 from optimisation.page import markdown
 from optimisation.progress import counting_bar
 from optimisation.report.periodic_figures import save_isolas
@@ -39,32 +39,32 @@ def table(cells: tuple[IsolaCell, ...]) -> str:
     )
 
 
-def computed(given: dict[str, Any]) -> IsolaMap:
+def computed(options: dict[str, Any]) -> IsolaMap:
     """Do what the options ask for. Raises BadInput or ParameterError before anything long is done."""
     kinds = {"map_modes": int, "map_restitutions": float, "map_friction_limits": float}
     modes, restitutions, limits = (
-        common.numbers(option_name(name), given[name], kind) if given[name] else ()
+        common.numbers(option_name(name), options[name], kind) if options[name] else ()
         for name, kind in kinds.items()
     )
-    scene, _ = make_scene(given)
+    scene, _ = make_scene(options)
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
     if modes or restitutions or limits:  # the case's own where only the others are given
         modes = modes or (case.model.modes,)
         restitutions = restitutions or (case.restitution,)
     with (
-        closing(Kept(given["resume"])) as kept,
+        closing(Checkpoint(options["resume"])) as checkpoint,
         validation_alongside(case),
         counting_bar("isolas", "cells", leave=False) as show,
     ):
         return isola_map(
             case,
-            given["start"],
-            given["stop"],
+            options["start"],
+            options["stop"],
             modes,
             restitutions,
             show,
             limits,
-            kept.pieces({"scene": from_scene(scene)}),
+            checkpoint.section({"scene": from_scene(scene)}),
         )
 
 
@@ -108,15 +108,15 @@ def computed(given: dict[str, Any]) -> IsolaMap:
 @common.json_option("Write fold force, thresholds and map, in SI units.")
 @common.file_option("--csv", "Write a row for each birth and merger.")
 @common.plot_option
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Find the forces at which closed branches of symmetric two-impact orbits are born and merge with their neighbours.
 
     They are the valleys and ridges of the smallest force that has an orbit, a closed form over the frequency; each is then found again with its
     friction reversals and confirmed by the exact method. Ctrl-C writes what is known so far; --resume keeps each finished cell of the map.
     """
     with common.plain_errors():
-        common.check_targets(given)
-        given |= dict.fromkeys(
+        common.check_targets(options)
+        options |= dict.fromkeys(
             (
                 "absorber",
                 "contact_stiffness",
@@ -126,18 +126,18 @@ def main(**given: Any) -> None:
                 "force",
             )
         )
-        given["resonance"] = 1  # the one that is looked at
-        refuse_parts(given)
-        found = computed(given)
-        cells = (found.own, *found.cells)
+        options["resonance"] = 1  # the one that is looked at
+        refuse_parts(options)
+        isola_map = computed(options)
+        cells = (isola_map.own, *isola_map.cells)
         rows = (ISOLA_COLUMNS, [row for cell in cells for row in cell.rows()])
         click.echo(table(cells))
         files = write_files(
             {
-                given["json"]: found.to_plain(),
-                given["csv"]: rows,
-                given["plot"]: lambda path: save_isolas(path, found),
+                options["json"]: isola_map.to_plain(),
+                options["csv"]: rows,
+                options["plot"]: lambda path: save_isolas(path, isola_map),
             }
         )
     common.name_files(files)
-    common.end_early(found.complete)
+    common.end_early(isola_map.complete)

@@ -18,17 +18,17 @@ from optimisation.machine import installed
 from optimisation.page import DOCS, ROOT, fill, markdown, require_markers
 from optimisation.progress import Bar
 from optimisation.rl.agents import Agent, load_agent, shipped
-from optimisation.rl.families import Random
+from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import EIGHT, FOUR, TASKS, env_of, policies
 
-BOARD = DOCS / "leaderboard.csv"
+LEADERBOARD = DOCS / "leaderboard.csv"
 PAGE = DOCS / "tasks.md"
 MARKER = "leaderboard"
 COLUMNS = ("task", "policy", "who", "commit", "split", "episodes", "score", "low", "high")
-OURS = "this project"
+THIS_PROJECT = "this project"
 
 
-def judged(task: str, agents: list[Agent], split: str, episodes: int) -> Evaluation:
+def evaluate_policies(task: str, agents: list[Agent], split: str, episodes: int) -> Evaluation:
     """Return the scores of the first agent, or else of the best rule, beside all others."""
     rules = policies(task)
     best = rules.pop(EIGHT)
@@ -39,29 +39,29 @@ def judged(task: str, agents: list[Agent], split: str, episodes: int) -> Evaluat
         f"rule of {len(best.parameters[0])}, {type(best.family).__name__}": best,
         **{f"{agent.algorithm.upper()}, one agent, {agent.steps:,} steps": agent for agent in own},
         **rules,
-        "random": Random(numbers=TASKS[task].numbers),
+        "random": RandomPolicy(numbers=TASKS[task].numbers),
     }
     (name, first), *others = Bar(everyone.items(), desc=task, unit="policy", leave=False)
-    found = evaluate(first, env_of(task), split, dict(others), episodes=episodes)
-    return Evaluation(**{**vars(found), "policy": PolicyScores.of(name, found.scores)})
+    evaluation = evaluate(first, env_of(task), split, dict(others), episodes=episodes)
+    return Evaluation(**{**vars(evaluation), "policy": PolicyScores.of(name, evaluation.scores)})
 
 
 def revision() -> str:
     """Return the commit of the checkout that runs, else the version of the package."""
     if shutil.which("git") is not None and (ROOT / ".git").exists():
-        found = subprocess.run(
+        answer = subprocess.run(
             ["git", "rev-parse", "--short", "HEAD"],
             cwd=ROOT,
             capture_output=True,
             text=True,
             check=False,
         )
-        if found.returncode == 0:
-            return found.stdout.strip()
+        if answer.returncode == 0:
+            return answer.stdout.strip()
     return installed([DISTRIBUTION]).get(DISTRIBUTION, "unknown")
 
 
-def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
+def write_leaderboard(path: Path, evaluations: dict[str, Evaluation]) -> list[list[str]]:
     """Write the leaderboard and return its lines; those whose ``who`` is another stay, and those of tasks that were not judged."""
     rows: list[list[str]] = []
     if path.exists():
@@ -69,16 +69,16 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
             rows = [
                 [row[name] for name in COLUMNS]
                 for row in csv.DictReader(lines)
-                if row["who"] != OURS or row["task"] not in found
+                if row["who"] != THIS_PROJECT or row["task"] not in evaluations
             ]
-    for task, one in found.items():
+    for task, one in evaluations.items():
         for scored in (one.policy, *one.others.values()):
             numbers = (f"{value:.4f}" for value in (scored.mean, *scored.interval))
             rows.append(
                 [
                     task,
                     scored.name,
-                    OURS,
+                    THIS_PROJECT,
                     revision(),
                     one.split,
                     str(len(one.seeds)),
@@ -111,8 +111,9 @@ def write_board(path: Path, found: dict[str, Evaluation]) -> list[list[str]]:
 @click.option("--episodes", type=click.IntRange(min=2), default=EPISODES, show_default=True)
 @click.option(
     "--board",
+    "leaderboard",
     type=click.Path(path_type=Path),
-    help=f"Write the scores into a leaderboard, as in docs/{BOARD.name}.",
+    help=f"Write the scores into a leaderboard, as in docs/{LEADERBOARD.name}.",
 )
 @click.option(
     "--page",
@@ -124,14 +125,14 @@ def main(
     files: tuple[Path, ...],
     split: str,
     episodes: int,
-    board: Path | None,
+    leaderboard: Path | None,
     page: Path | None,
 ) -> None:
     """Play chosen rules, shipped agents and given ones on the first seeds of a split, and say which is better and how sure that is."""
     with plain_errors():
-        check_target("--board", board, (".csv",))
+        check_target("--board", leaderboard, (".csv",))
         check_target("--page", page)
-        require(page is None or board is not None, "--page", str(page), "given with --board")
+        require(page is None or leaderboard is not None, "--page", str(page), "given with --board")
         if page is not None:
             require_markers(page, PAGE, (MARKER,))
         agents = [load_agent(file) for file in files]
@@ -139,17 +140,17 @@ def main(
         require(
             own <= set(TASKS), "--agent", sorted(own - set(TASKS)), f"agents for {', '.join(TASKS)}"
         )
-        found = {}
+        evaluations = {}
         for task in tasks or [name for name in TASKS if not own or name in own]:
-            found[task] = judged(
+            evaluations[task] = evaluate_policies(
                 task, [agent for agent in agents if agent.env_id == env_of(task)], split, episodes
             )
-            click.echo(f"{found[task]}\n")
-        if board is not None:
-            rows = write_board(board, found)
+            click.echo(f"{evaluations[task]}\n")
+        if leaderboard is not None:
+            rows = write_leaderboard(leaderboard, evaluations)
             if page is not None:
-                told = [
+                table = [
                     (f"`{task}`", name, who, f"{float(s):.3f} [{float(a):.3f}, {float(b):.3f}]")
                     for task, name, who, _, _, _, s, a, b in rows
                 ]
-                fill(page, PAGE, {MARKER: markdown(("task", "policy", "who", "mean score"), told)})
+                fill(page, PAGE, {MARKER: markdown(("task", "policy", "who", "mean score"), table)})

@@ -207,7 +207,7 @@ def main(**given: Any) -> None:
         own = ManifoldCheck(case, resonance, ())
         rows: list[list[Any]] = []
         with (
-            common.stoppable(complete),
+            common.stop_on_interrupt(complete),
             validation_alongside(case),
             counting_bar("orbits", "points", leave=False) as show,
         ):

@@ -49,7 +49,7 @@ from optimisation.frequency_levels import (
 )
 from optimisation.gap_card import case_of
 from optimisation.gap_check import GapCheck, check_gap, rigid_walls, scaled_absorber
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.progress import runs_bar
 from optimisation.report.frequency_report import save_frequency
@@ -72,13 +72,13 @@ def gap_factors(free_over_rule: float) -> NDArray[np.float64]:
 
 
 def checks(
-    model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], given: dict[str, Any]
+    model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], options: dict[str, Any]
 ) -> list[GapCheck]:
-    """Simulate the rule's gap and its neighbours for each mass ratio near each resonance, by mass; ``given`` are arguments of `check_gap`.
+    """Simulate the rule's gap and its neighbours for each mass ratio near each resonance, by mass; ``options`` are arguments of `check_gap`.
 
     Raises KeyboardInterrupt if it is stopped.
     """
-    found = []
+    checks = []
     for ratio in ratios:
         for resonance in resonances:
             absorber = scaled_absorber(model, FORCE, resonance, ratio)
@@ -90,34 +90,34 @@ def checks(
                     absorber,
                     factors=gap_factors(reach(model, ratio * model.beam_mass, resonance)),
                     progress=show,
-                    **given,
+                    **options,
                 )
             if not check.complete:
                 raise KeyboardInterrupt
-            found.append(check)
-    return found
+            checks.append(check)
+    return checks
 
 
 def announce(
-    model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], given: dict[str, Any]
+    model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], options: dict[str, Any]
 ) -> float:
     """Return about how long all runs take in s, and print it where it is long."""
     planned = []
     for resonance in resonances:
-        rate = given["percent_per_100_periods"] or default_rate(model, (resonance,))
+        rate = options["percent_per_100_periods"] or default_rate(model, (resonance,))
         for ratio in ratios:
             low, high = find_sweep_range(model, ratio, resonance)
             gaps = gap_factors(reach(model, ratio * model.beam_mass, resonance))
             scene = Scene(model, scaled_absorber(model, FORCE, resonance, ratio))
-            number = 2 * len(gaps) * given["members"]
+            number = 2 * len(gaps) * options["members"]
             periods = 1e4 * (high - low) / rate
             planned.append(PlannedRuns(scene, FORCE, resonance, periods, number))
-    return announce_runs(planned, given["threads"])
+    return announce_runs(planned, options["threads"])
 
 
-def fast(model: ModalModel, resonance: int, given: dict[str, Any]) -> dict[str, Any]:
+def fast(model: ModalModel, resonance: int, options: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `check_gap` that differ for a coarse answer."""
-    rate = given["percent_per_100_periods"] or default_rate(model, (resonance,))
+    rate = options["percent_per_100_periods"] or default_rate(model, (resonance,))
     return {"members": 1, "percent_per_100_periods": COARSER * rate}
 
 
@@ -146,7 +146,7 @@ def _reading(check: GapCheck, best: int) -> str:
     return f"{ratio:.3f}{' (end)' if is_at_end(ratio, check.limits, check.rate) else ''}"
 
 
-def text(found: Sequence[GapCheck]) -> str:
+def text(every_check: Sequence[GapCheck]) -> str:
     """Return a line for each mass and resonance."""
     header = ("mass ratio", "resonance", "free amplitude over gap", "best gap over the rule's")
     return markdown(
@@ -158,15 +158,17 @@ def text(found: Sequence[GapCheck]) -> str:
             "swept, of the resonance",
             "level read at",
         ),
-        [_cells(check) for check in found],
+        [_cells(check) for check in every_check],
     )
 
 
-def frequency_of(found: Sequence[GapCheck], executor: Executor | None) -> list[ResonanceCurves]:
+def frequency_of(
+    every_check: Sequence[GapCheck], executor: Executor | None
+) -> list[ResonanceCurves]:
     """Return the levels over the frequency near each resonance: of the worst member of each mass at its best gap, and without absorber."""
     parts = []
-    for resonance in dict.fromkeys(check.resonance for check in found):
-        own = [check for check in found if check.resonance == resonance]
+    for resonance in dict.fromkeys(check.resonance for check in every_check):
+        own = [check for check in every_check if check.resonance == resonance]
         cases = {}
         for check in own:
             best = check.best
@@ -215,7 +217,7 @@ def main(
     cluster: str | None,
     page: Path | None,
     plot: Path | None,
-    **given: Any,
+    **options: Any,
 ) -> None:
     """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.
 
@@ -229,26 +231,30 @@ def main(
         model = (
             model_of(structure, Beam.absorber_position)
             if scene is None
-            else mounted(read_device(scene, "structure")[0])
+            else model_with_absorber_at(read_device(scene, "structure")[0])
         )
-        given["percent_per_100_periods"] = given.pop("rate")
-        if given["percent_per_100_periods"] is not None:
-            given["percent_per_100_periods"] = usable_rate(
-                "--rate", given["percent_per_100_periods"], [PAPER_LIMITS]
+        options["percent_per_100_periods"] = options.pop("rate")
+        if options["percent_per_100_periods"] is not None:
+            options["percent_per_100_periods"] = usable_rate(
+                "--rate", options["percent_per_100_periods"], [PAPER_LIMITS]
             )
-        warn_of_nodes(model, *given["resonances"])
-        resonances = tuple(dict.fromkeys(given.pop("resonances")))
+        warn_of_nodes(model, *options["resonances"])
+        resonances = tuple(dict.fromkeys(options.pop("resonances")))
         ratios = ratios or RATIOS
-        with workers(given["threads"], cluster) as given["executor"]:
-            if cluster is None and announce(model, ratios, resonances, given) > LONG_S:
+        with workers(options["threads"], cluster) as options["executor"]:
+            if cluster is None and announce(model, ratios, resonances, options) > LONG_S:
                 coarse = [
-                    text(checks(model, ratios, (resonance,), given | fast(model, resonance, given)))
+                    text(
+                        checks(
+                            model, ratios, (resonance,), options | fast(model, resonance, options)
+                        )
+                    )
                     for resonance in resonances
                 ]
                 announce_coarse("\n" + "\n".join(coarse))
-            found = checks(model, ratios, resonances, given)
-            frequency = [] if plot is None else frequency_of(found, given["executor"])
-        table = text(found)
+            checks_made = checks(model, ratios, resonances, options)
+            frequency = [] if plot is None else frequency_of(checks_made, options["executor"])
+        table = text(checks_made)
         click.echo(table)
         files = fill_page(page, MARKER, table)
         if plot is not None:

@@ -42,7 +42,7 @@ from optimisation.frequency_levels import (
 from optimisation.insight import (
     DRAWS,
     FEW,
-    SHOWN,
+    REPORT_SEEDS,
     Levels,
     detuned,
     levels,
@@ -70,9 +70,9 @@ from optimisation.report.frequency_report import (
     frequency_files,
     save_history,
 )
-from optimisation.search.find import BARS, Plan, find
-from optimisation.search.judge import AUDITED, Findings
-from optimisation.search.ledger import check_study_file
+from optimisation.search.find import BARS, SearchOptions, find
+from optimisation.search.judge import AUDITED, SearchResult
+from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import FAST, GP, SAMPLERS, SCIPY, default_settings
 from optimisation.search.smooth import MEMBERS as SMOOTH_MEMBERS
 from optimisation.variables import GAP, IMPACT, VARIABLES
@@ -90,24 +90,25 @@ QUICK_SOBOL = 16
 QUICK_DRAWS = 8
 
 
-def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Findings:
+def explain(findings: SearchResult, options: dict[str, Any], executor: Executor) -> SearchResult:
     """Run the winner in service, and what the figures show around it."""
     problem = findings.problem
-    found = findings.verdict
-    if found is None or not found.feasible or given["no_figures"] or not findings.finished:
+    verdict = findings.verdict
+    if verdict is None or not verdict.feasible or options["no_figures"] or not findings.finished:
         return findings
     name = problem.space.concept
     few = min(FEW, problem.members)
     if not problem.under_loads:  # its ranges and tolerances are those of a force
         with runs_bar(f"{name}: winner in service") as show:
-            draws = QUICK_DRAWS if given["quick"] else DRAWS
+            draws = QUICK_DRAWS if options["quick"] else DRAWS
             findings = replace(
-                findings, service=service(problem, found.winner.design, executor, few, draws, show)
+                findings,
+                service=service(problem, verdict.winner.design, executor, few, draws, show),
             )
-    both = [found.winner.design, found.paper.design]
+    both = [verdict.winner.design, verdict.paper.design]
     main = main_conditions(findings)
 
-    def seen(
+    def run_levels(
         what: str,
         designs: list[Design],
         around: list[list[Condition]],
@@ -124,39 +125,39 @@ def explain(findings: Findings, given: dict[str, Any], executor: Executor) -> Fi
         [over_force(c, np.geomspace(c.force / 5, 5 * c.force, number)) for c in main]
         for number in (FORCES, MAP)
     ]
-    findings = replace(findings, curves=seen("curves over the force", both, grids[0]))
+    findings = replace(findings, curves=run_levels("curves over the force", both, grids[0]))
     findings = replace(
         findings,
-        detuned=seen(
+        detuned=run_levels(
             "detuned beams", both, [detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)) for c in main]
         ),
     )
     if name == IMPACT:
-        gap = found.winner.design.values[GAP]
-        fast = problem.rate if given["quick"] else FAST * problem.rate
+        gap = verdict.winner.design.values[GAP]
+        fast = problem.rate if options["quick"] else FAST * problem.rate
         gaps = np.geomspace(gap / 5, 5 * gap, MAP)
-        gap_map = seen(
-            "map over gap and force", with_gaps(found.winner.design, gaps), grids[1], 1, fast
+        gap_map = run_levels(
+            "map over gap and force", with_gaps(verdict.winner.design, gaps), grids[1], 1, fast
         )
         findings = replace(findings, gap_map=gap_map, gaps=tuple(gaps.tolist()))
     if len(varied(problem.space)) > 1:
-        samples = QUICK_SOBOL if given["quick"] else SOBOL
+        samples = QUICK_SOBOL if options["quick"] else SOBOL
         with runs_bar(f"{name}: sensitivity") as show:
             findings = replace(
                 findings,
                 sensitivity=sensitivity(
-                    problem, found.winner.design, samples, few, executor, progress=show
+                    problem, verdict.winner.design, samples, few, executor, progress=show
                 ),
             )
     return findings
 
 
 def lanes_under(
-    findings: Findings, condition: Condition, design: Design | None, members: int
+    findings: SearchResult, condition: Condition, design: Design | None, members: int
 ) -> list[Lane]:
     """Return the runs of a design, None without absorber, on fresh members under a condition; each member sweeps up and down."""
     problem = replace(findings.problem, conditions=(condition,), uncertain={})
-    chunks = problem.chunks(design, problem.fresh_ensemble(members, SHOWN), problem.rate)
+    chunks = problem.chunks(design, problem.fresh_ensemble(members, REPORT_SEEDS), problem.rate)
     lanes = [lane for chunk in chunks for lane in chunk.lanes]
     if design is not None:
         return lanes
@@ -164,7 +165,7 @@ def lanes_under(
     return [replace(lane, drive=drive) for lane, drive in zip(lanes, drives, strict=True)]
 
 
-def main_conditions(findings: Findings) -> list[Condition]:
+def main_conditions(findings: SearchResult) -> list[Condition]:
     """Return the middle condition of each resonance."""
     by_resonance: dict[int, list[Condition]] = {}
     for condition in findings.problem.conditions:
@@ -172,16 +173,16 @@ def main_conditions(findings: Findings) -> list[Condition]:
     return [part[len(part) // 2] for part in by_resonance.values()]
 
 
-def frequency_of(findings: Findings, executor: Executor) -> list[ResonanceCurves]:
+def frequency_of(findings: SearchResult, executor: Executor) -> list[ResonanceCurves]:
     """Return the levels over the frequency of the winner, the highest of a few members, and without absorber, near each resonance."""
     problem = findings.problem
-    found = findings.verdict
-    if found is None or not found.feasible or problem.under_loads or not findings.finished:
+    verdict = findings.verdict
+    if verdict is None or not verdict.feasible or problem.under_loads or not findings.finished:
         return []
     members = min(FEW, problem.members)
     curves = []
     for condition in main_conditions(findings):
-        own = lanes_under(findings, condition, found.winner.design, members)
+        own = lanes_under(findings, condition, verdict.winner.design, members)
         without = lanes_under(findings, condition, None, 1)
         name = f"winner, highest of {members} members" if members > 1 else "winner"
         both = (
@@ -189,19 +190,19 @@ def frequency_of(findings: Findings, executor: Executor) -> list[ResonanceCurves
             frequency_curve(NO_ABSORBER, without, condition.limits, executor),
         )
         omega = own[0].drive.schedule.reference
-        kept = tuple(one for one in both if one is not None)
-        curves.append(ResonanceCurves(condition.resonance, omega, condition.force, kept))
+        finished_curves = tuple(one for one in both if one is not None)
+        curves.append(ResonanceCurves(condition.resonance, omega, condition.force, finished_curves))
     return curves
 
 
-def worst_run(findings: Findings, executor: Executor) -> WorstRun | None:
+def worst_run(findings: SearchResult, executor: Executor) -> WorstRun | None:
     """Return the motion of the winner's run with the highest level under the first condition, of a few fresh members."""
-    found = findings.verdict
-    if found is None or not found.feasible or not findings.finished:
+    verdict = findings.verdict
+    if verdict is None or not verdict.feasible or not findings.finished:
         return None
     members = min(FEW, findings.problem.members)
     condition = main_conditions(findings)[0]
-    lanes = lanes_under(findings, condition, found.winner.design, members)
+    lanes = lanes_under(findings, condition, verdict.winner.design, members)
     levels = run_lanes(lanes, executor=executor)
     if not levels.complete:
         raise KeyboardInterrupt
@@ -211,13 +212,13 @@ def worst_run(findings: Findings, executor: Executor) -> WorstRun | None:
 
 def write(
     out: Path,
-    findings: Findings,
-    given: dict[str, Any],
+    findings: SearchResult,
+    options: dict[str, Any],
     frequency: Sequence[ResonanceCurves] = (),
 ) -> list[Path]:
     """Write tables and figures of the findings, and return the files."""
-    designs = tables.design_table(findings.problem, findings.told)
-    summary = design.conditions_of(given) | tables.summary(findings)
+    designs = tables.design_table(findings.problem, findings.evaluated)
+    summary = design.conditions_of(options) | tables.summary(findings)
     contents: dict[Path | None, object] = {
         out / "designs.csv": designs,
         out / "summary.json": summary,
@@ -236,11 +237,13 @@ def write(
             contents[out / f"{name}.png"] = partial(save, findings=findings)
     contents |= frequency_files(out, frequency)
     if findings.sensitivity is not None:
-        contents[out / "sensitivity.png"] = partial(save_sensitivity, found=findings.sensitivity)
+        contents[out / "sensitivity.png"] = partial(
+            save_sensitivity, sensitivity=findings.sensitivity
+        )
     return write_files(contents) + write_card(out, findings_card(findings, frequency))
 
 
-def searched_share(problem: Problem, plan: Plan) -> float:
+def searched_share(problem: Problem, plan: SearchOptions) -> float:
     """Return how many runs a design takes on average, over those with all members at the problem's rate: hopeless ones are left behind."""
     if plan.method(problem) == SCIPY:
         return min(SMOOTH_MEMBERS, problem.members) / problem.members
@@ -249,58 +252,60 @@ def searched_share(problem: Problem, plan: Plan) -> float:
     return settings.members_a_design / problem.members
 
 
-def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Path) -> Findings:
+def run_concept(
+    concept: str, options: dict[str, Any], executor: Executor, out: Path
+) -> SearchResult:
     """Search a concept, write its files, and return the findings."""
-    loads = design.loads_in(given)
-    spread = given["objective"] == "range"
+    loads = design.loads_in(options)
+    spread = options["objective"] == "range"
     conditions = (
         design.make_conditions(
-            design.make_space(concept, given),
-            design.structure_of(given),
-            design.forces_at(given, USUAL),
+            design.make_space(concept, options),
+            design.structure_of(options),
+            design.forces_at(options, USUAL),
             spread,
         )
         if loads is None
         else design.load_conditions(loads, spread)
     )
     objective = Objective(
-        given["objective"], given["over"], given["quantile"], None, given["limit"]
+        options["objective"], options["over"], options["quantile"], None, options["limit"]
     )
-    problem = design.make_problem(concept, conditions, (objective,), given)
-    designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
-    plan = Plan(
+    problem = design.make_problem(concept, conditions, (objective,), options)
+    designs = options["designs"] or (QUICK_DESIGNS if options["quick"] else DESIGNS)
+    plan = SearchOptions(
         designs,
-        given["sampler"],
-        given["batch"],
-        given["seed"],
-        not given["no_screening"],
-        given["from_scratch"],
-        given["audit"],
+        options["sampler"],
+        options["batch"],
+        options["seed"],
+        not options["no_screening"],
+        options["from_scratch"],
+        options["audit"],
     )
-    journal = design.journal_of(given, out)
+    journal = design.journal_of(options, out)
     check_study_file(journal)
     announce_search(
         problem,
         designs * searched_share(problem, plan),
-        given["threads"],
-        given["cluster"],
+        options["threads"],
+        options["cluster"],
         executor,
     )
     findings = find(problem, plan, journal, executor, BARS)
     frequency: list[ResonanceCurves] = []
     run = None
     try:
-        findings = explain(findings, given, executor)
-        if not given["no_figures"]:
+        findings = explain(findings, options, executor)
+        if not options["no_figures"]:
             frequency = frequency_of(findings, executor)
-        if given["history"] is not None:
+        if options["history"] is not None:
             run = worst_run(findings, executor)
     except KeyboardInterrupt:
         findings = replace(findings, finished=False)
     click.echo(tables.text(findings))
-    files = write(out, findings, given, frequency)
+    files = write(out, findings, options, frequency)
     if run is not None:
-        files += write_files({given["history"]: partial(save_history, run=run)})
+        files += write_files({options["history"]: partial(save_history, run=run)})
     name_files(files)
     click.echo()
     return findings
@@ -366,37 +371,37 @@ def run_concept(concept: str, given: dict[str, Any], executor: Executor, out: Pa
 @design.study_option
 @out_option("results/optimise_design", "Folder; a concept has one in it.")
 @design.shared_options
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Find the best design of an absorber for one or more resonances and forces.
 
     Every design runs under all of them, up and down; the finalists run again on fresh members, and the winner on others, beside the paper's and
     the rule's design, with more modes, and in service (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, the level over the
     frequency, and curves, map, detuned and sensitivity as figures and tables. Ctrl-C ends the search; the same command goes on from there.
     """
-    concepts = list(VARIABLES) if given["concept"] == ALL else [given["concept"]]
-    given["every"] = len(concepts) > 1
-    found: list[Findings] = []
-    with plain_errors(design.KEPT):
-        if given["every"] and given["study"] is not None:
+    concepts = list(VARIABLES) if options["concept"] == ALL else [options["concept"]]
+    options["every"] = len(concepts) > 1
+    results: list[SearchResult] = []
+    with plain_errors(design.BROKEN_OFF):
+        if options["every"] and options["study"] is not None:
             raise ParameterError(
-                f"--study = {given['study']} is not allowed: with one concept, as each has a file of its own"
+                f"--study = {options['study']} is not allowed: with one concept, as each has a file of its own"
             )
-        if given["every"] and given["history"] is not None:
+        if options["every"] and options["history"] is not None:
             raise ParameterError(
-                f"--history = {given['history']} is not allowed: with one concept, as each has a run of its own"
+                f"--history = {options['history']} is not allowed: with one concept, as each has a run of its own"
             )
-        check_target("--history", given["history"], HISTORY_FORMATS)
-        scenes.refuse_beside_load(
-            given["load"], "history", why="there levels are read from other measures"
+        check_target("--history", options["history"], HISTORY_FORMATS)
+        scenes.refuse_with_load(
+            options["load"], "history", why="there levels are read from other measures"
         )
-        with executor_on(given["threads"], given["cluster"]) as executor:
+        with executor_on(options["threads"], options["cluster"]) as executor:
             for concept in concepts:
-                out = given["out"] / concept
+                out = options["out"] / concept
                 require_writable("--out", out)
-                found.append(run_concept(concept, given, executor, out))
-                if not found[-1].finished:
+                results.append(run_concept(concept, options, executor, out))
+                if not results[-1].finished:
                     break
-    end_early(all(findings.finished for findings in found), design.GOES_ON)
+    end_early(all(findings.finished for findings in results), design.GOES_ON)
     end_without(
-        all(findings.verdict is not None and findings.verdict.feasible for findings in found)
+        all(findings.verdict is not None and findings.verdict.feasible for findings in results)
     )

@@ -43,19 +43,19 @@ from optimisation.cli.common import (
     json_option,
     name_files,
     plain_errors,
-    stoppable,
+    stop_on_interrupt,
 )
 from optimisation.cli.scene_options import (
-    is_given,
+    is_option_set,
     model_of,
     read_device,
-    refuse_beside,
+    refuse_with_structure,
     scene_option,
     structure_option,
 )
 from optimisation.files import write_files
 from optimisation.gap_check import rigid_walls
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.progress import stages_bar
 from optimisation.report import periodic_figures as report
@@ -104,7 +104,7 @@ def listed(
 ) -> list[OrbitSearch]:
     """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
     found: list[OrbitSearch] = []
-    with stoppable(complete):
+    with stop_on_interrupt(complete):
         if given["at"] is None:
             found += searched(
                 case,
@@ -222,7 +222,7 @@ def two_parameters(
     def show(what: str, points: int, _value: float) -> None:
         told(f"{what}, points", points, 0)
 
-    with stoppable(complete):
+    with stop_on_interrupt(complete):
         branches = list(orbit_branches(case, *limits, progress=show))
         branches += (
             ()
@@ -279,9 +279,9 @@ def check(given: dict[str, Any]) -> None:
     The range's usual ends go with a single frequency beyond them.
     """
     if given["at"] is not None and positive("--at", given["at"]):
-        if not is_given("start"):
+        if not is_option_set("start"):
             given["start"] = min(given["start"], max(given["at"] - RANGE, given["at"] / 2))
-        if not is_given("stop"):
+        if not is_option_set("stop"):
             given["stop"] = max(given["stop"], given["at"] + RANGE)
     if given["folds"] and given["thresholds"]:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
@@ -332,7 +332,7 @@ def check(given: dict[str, Any]) -> None:
 
 def case_of(given: dict[str, Any]) -> Case:
     """Return structure and absorber at the first resonance; on a structure from a file force or gap, the one not given, is by the design rule."""
-    refuse_beside(given["structure"], "modes", "damping")
+    refuse_with_structure(given["structure"], "modes", "damping")
     if given["scene"] is None:
         model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
     else:
@@ -346,7 +346,7 @@ def case_of(given: dict[str, Any]) -> Case:
             "restitution",
             "friction_limit",
         )
-        model = mounted(structure)
+        model = model_with_absorber_at(structure)
         walls = rigid_walls(device)
         given |= {
             "mass_ratio": device.mass_ratio,

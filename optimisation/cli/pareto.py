@@ -23,7 +23,7 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.design_duration import announce_search
-from optimisation.cli.scene_options import is_given, refuse_beside_load
+from optimisation.cli.scene_options import is_option_set, refuse_with_load
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
 from optimisation.objectives import Objective
@@ -33,7 +33,7 @@ from optimisation.report.cards import front_card
 from optimisation.report.design_figures import save_front
 from optimisation.report.front_report import bounds_of, front_summary, front_table, front_text
 from optimisation.search import pareto as fronts
-from optimisation.search.ledger import check_study_file
+from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
 from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 
@@ -49,10 +49,10 @@ SEVEREST = 0.1  # W: a corner for hypervolumes
 CORNERS = {RESONANCES: fronts.CORNER, SEVERITY: (fronts.CORNER[0], SEVEREST)}
 
 
-def make(against: str, given: dict[str, Any]) -> Problem:
+def make(against: str, options: dict[str, Any]) -> Problem:
     """Return the problem; where severity counts, the restitution is the material's and not free, as elastic walls lose nothing."""
-    loads = design.loads_in(given)
-    pairs = design.forces_at(given, DEFAULT_AT[against]) if loads is None else []
+    loads = design.loads_in(options)
+    pairs = design.forces_at(options, DEFAULT_AT[against]) if loads is None else []
     if against == RESONANCES:
         if len({resonance for resonance, _ in pairs}) != 2:
             raise ParameterError(
@@ -64,53 +64,55 @@ def make(against: str, given: dict[str, Any]) -> Problem:
         )
     else:
         objectives = (Objective(), Objective("severity"))
-        given["free"] = given["free"] or (GAP, FRICTION_LIMIT)
-    given["members"] = given["members"] or (QUICK_MEMBERS if given["quick"] else MEMBERS)
+        options["free"] = options["free"] or (GAP, FRICTION_LIMIT)
+    options["members"] = options["members"] or (QUICK_MEMBERS if options["quick"] else MEMBERS)
     return design.make_problem(
         IMPACT,
-        design.make_conditions(design.make_space(IMPACT, given), design.structure_of(given), pairs)
+        design.make_conditions(
+            design.make_space(IMPACT, options), design.structure_of(options), pairs
+        )
         if loads is None
         else design.load_conditions(loads),
         objectives,
-        given,
+        options,
     )
 
 
 def study(
-    problem: Problem, given: dict[str, Any], journal: Path, executor: Executor
+    problem: Problem, options: dict[str, Any], journal: Path, executor: Executor
 ) -> fronts.Front:
     """Search, judge and compare; what a Ctrl-C breaks off is left out."""
-    designs = given["designs"] or (QUICK_DESIGNS if given["quick"] else DESIGNS)
-    settings = default_settings(problem, given["sampler"], given["batch"], given["seed"])
+    designs = options["designs"] or (QUICK_DESIGNS if options["quick"] else DESIGNS)
+    settings = default_settings(problem, options["sampler"], options["batch"], options["seed"])
     check_study_file(journal)
     announce_search(
         problem,
-        designs * (1 + 2 * given["random_seeds"]),
-        given["threads"],
-        given["cluster"],
+        designs * (1 + 2 * options["random_seeds"]),
+        options["threads"],
+        options["cluster"],
         executor,
     )
     front = fronts.search_front(
-        problem, settings, designs, CORNERS[given["against"]], journal, executor
+        problem, settings, designs, CORNERS[options["against"]], journal, executor
     )
     if front.finished and front.index:
-        front = fronts.borne_along(fronts.judge_front(front, executor), executor)
+        front = fronts.front_service_loads(fronts.judge_front(front, executor), executor)
         front = (
-            fronts.compare_with_random(front, settings, given["random_seeds"], executor)
-            if given["random_seeds"]
+            fronts.compare_with_random(front, settings, options["random_seeds"], executor)
+            if options["random_seeds"]
             else front
         )
     return front
 
 
-def write(out: Path, front: fronts.Front, given: dict[str, Any]) -> list[Path]:
+def write(out: Path, front: fronts.Front, options: dict[str, Any]) -> list[Path]:
     """Write the tables and figures of a front, and return the files."""
-    summary = design.conditions_of(given) | front_summary(front)
+    summary = design.conditions_of(options) | front_summary(front)
     files = write_files({out / "front.csv": front_table(front), out / "summary.json": summary})
     if front.fresh and front.paper is not None:
         labels = [o.label for o in front.problem.objectives]
-        searched, found = (
-            np.array([e.score.values for e in part]) for part in (front.told, front.members)
+        searched, front_designs = (
+            np.array([e.score.values for e in part]) for part in (front.evaluated, front.members)
         )
         fresh = np.array([j.score.values for j in front.fresh])
         paper = np.array(front.paper.score.values)
@@ -119,7 +121,7 @@ def write(out: Path, front: fronts.Front, given: dict[str, Any]) -> list[Path]:
             files[-1],
             (labels[0], labels[1]),
             searched,
-            found,
+            front_designs,
             fresh,
             paper,
             bounds_of(front),
@@ -156,26 +158,28 @@ def write(out: Path, front: fronts.Front, given: dict[str, Any]) -> list[Path]:
 @design.study_option
 @out_option("results/pareto", "Folder; each choice of --against has one in it.")
 @design.shared_options
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Search a Pareto front of impact absorbers: first against second resonance, or response level against impact severity.
 
     Writes front.png, front.csv (every design) and summary.json, and prints the front. Ctrl-C ends the search; the same command goes
     on from there.
     """
-    if given["load"] is not None and not is_given("against"):
-        given["against"] = SEVERITY
-    out = given["out"] / given["against"]
-    with plain_errors(design.KEPT):
-        if given["against"] == RESONANCES:
-            refuse_beside_load(
-                given["load"], "against", why=f"loads are met as they are; {SEVERITY} goes with it"
+    if options["load"] is not None and not is_option_set("against"):
+        options["against"] = SEVERITY
+    out = options["out"] / options["against"]
+    with plain_errors(design.BROKEN_OFF):
+        if options["against"] == RESONANCES:
+            refuse_with_load(
+                options["load"],
+                "against",
+                why=f"loads are met as they are; {SEVERITY} goes with it",
             )
         require_writable("--out", out)
-        problem = make(given["against"], given)
-        with executor_on(given["threads"], given["cluster"]) as executor:
-            front = study(problem, given, design.journal_of(given, out), executor)
+        problem = make(options["against"], options)
+        with executor_on(options["threads"], options["cluster"]) as executor:
+            front = study(problem, options, design.journal_of(options, out), executor)
         click.echo(front_text(front))
-        files = write(out, front, given)
+        files = write(out, front, options)
     name_files(files)
     end_early(front.finished, design.GOES_ON)
     end_without(bool(front.index))

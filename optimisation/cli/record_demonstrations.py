@@ -12,11 +12,11 @@ from optimisation.cli.common import command, plain_errors
 from optimisation.files import require_writable
 from optimisation.rl.agents import load_agent
 from optimisation.rl.demonstrations import record, write_demonstrations
-from optimisation.rl.families import Random
+from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import EIGHT, TASKS, env_of, policies
 
 EPISODES = 256
-SHOWN = ("rule", "ppo", "sac", "random")
+POLICIES = ("rule", "ppo", "sac", "random")
 
 
 @command()
@@ -31,7 +31,7 @@ SHOWN = ("rule", "ppo", "sac", "random")
     "--policy",
     "words",
     multiple=True,
-    type=click.Choice(SHOWN),
+    type=click.Choice(POLICIES),
     default=("rule",),
     show_default=True,
     help="May be repeated.",
@@ -55,15 +55,15 @@ def main(tasks: tuple[str, ...], words: tuple[str, ...], episodes: int, out: Pat
         require_writable("--out", out)
         for task in tasks or TASKS:
             for word in words:
-                chance = Random(numbers=TASKS[task].numbers) if word == "random" else None
+                chance = RandomPolicy(numbers=TASKS[task].numbers) if word == "random" else None
                 plays: Any = chance or (
                     policies(task)[EIGHT] if word == "rule" else load_agent(task, word)
                 )
-                shown = record(plays, env_of(task), SEED_SPLITS["train"][:episodes])
+                demonstrations = record(plays, env_of(task), SEED_SPLITS["train"][:episodes])
                 folder = out / f"{task.rpartition('-')[0]}-{word}-v0"
-                write_demonstrations(folder, shown, word)
-                scores = sum(float(rewards.sum()) for rewards in shown.rewards)
-                steps = sum(map(len, shown.rewards))
+                write_demonstrations(folder, demonstrations, word)
+                scores = sum(float(rewards.sum()) for rewards in demonstrations.rewards)
+                steps = sum(map(len, demonstrations.rewards))
                 click.echo(
                     f"{folder}: {episodes} episodes of {word}, {steps:,} steps, mean score {scores / episodes:.3f}"
                 )

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from optimisation.cli.common import FILE, BadInput, check_target, command, file_option, plain_errors
-from optimisation.cli.scene_options import is_given
+from optimisation.cli.scene_options import is_option_set
 from optimisation.rl.agents import load_agent
 from optimisation.rl.demonstrations import INTERVAL, NAMES, episode, save
 
@@ -51,7 +51,7 @@ OPTIONS = {"name": "env", "action": "action", "chance": "random", "interval": "i
     show_default=True,
     help="Largest number of frames.",
 )
-def main(name: str, target: Path | None, agent: Path | None, **given: Any) -> None:
+def main(name: str, target: Path | None, agent: Path | None, **values: Any) -> None:
     """Run one episode and show it in a window, or write it as an animated GIF.
 
     By default the machine runs down through the resonance at the fastest rate of the task.
@@ -59,21 +59,21 @@ def main(name: str, target: Path | None, agent: Path | None, **given: Any) -> No
     check_target("--gif", target, (".gif",))
     mode = "human" if target is None else "rgb_array"
     with plain_errors():
-        interval = INTERVAL if given["interval"] is None else given["interval"]
+        interval = INTERVAL if values["interval"] is None else values["interval"]
         which = NAMES[name.lower()]
         options = {"interval": interval}
-        action = None if given["chance"] else given["action"]
+        action = None if values["chance"] else values["action"]
         if agent is not None:
-            for option, told in OPTIONS.items():
-                if is_given(option):
+            for option, words in OPTIONS.items():
+                if is_option_set(option):
                     raise BadInput(
-                        f"--{told} does not go with --agent: the agent acts, in the environment that it was trained in"
+                        f"--{words} does not go with --agent: the agent acts, in the environment that it was trained in"
                     )
             action = load_agent(agent)
             which = action.env_id
             options = dict(action.arguments)
-        options |= {} if given["force"] is None else {"force": given["force"]}
-        pictures, fps = episode(which, mode, options, given["seed"], action, given["frames"])
+        options |= {} if values["force"] is None else {"force": values["force"]}
+        pictures, fps = episode(which, mode, options, values["seed"], action, values["frames"])
     if target is not None:
         save(target, pictures, fps)
         click.echo(

@@ -31,11 +31,11 @@ from impact_env.plain_files import read_plain
 from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene, beam_scene
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.common import BadInput, Command, file_option, stacked
+from optimisation.cli.common import BadInput, Command, file_option, stack_options
 from optimisation.extremes import usable_mass_ratio
 from optimisation.files import write_json
 from optimisation.friction_rule import best_friction
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.tuned import minimax
 
 PLACE = "Place of absorber and response, over the length; of a beam from a file the absorber's only; of modes the number of a place."
@@ -58,10 +58,10 @@ mass_option = click.option(
 
 def read_structure(path: Path) -> Structure:
     """Return the structure of a file; its warnings are printed, a line each."""
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StructureWarning)
         structure = load_structure(path)
-    for warning in found:
+    for warning in caught:
         if issubclass(warning.category, StructureWarning):
             click.echo(f"warning: {warning.message}", err=True)
         else:
@@ -74,14 +74,14 @@ def read_structure(path: Path) -> Structure:
 def structure_of(
     path: Path | None, position: float = Beam.absorber_position, **options: Any
 ) -> Structure:
-    """Return the structure of a file, or the beam that the ``options`` describe, with the absorber where --position says, if given."""
+    """Return the structure of a file, or the beam that the ``parameters`` describe, with the absorber where --position says, if given."""
     if path is None:
         return Beam(absorber_position=position, **options)
     structure = read_structure(path)
-    if not is_given("position"):
+    if not is_option_set("position"):
         return structure
     return (
-        mounted(structure, position)
+        model_with_absorber_at(structure, position)
         if isinstance(structure, ModalModel)
         else replace(structure, absorber_position=position)
     )
@@ -92,13 +92,13 @@ def model_of(
 ) -> ModalModel:
     """Return the modal model of `structure_of`. On modes a position is the number of one of the file's places for absorbers."""
     structure = structure_of(path, position, **options)
-    return modal_model(structure) if path is None else mounted(structure)
+    return modal_model(structure) if path is None else model_with_absorber_at(structure)
 
 
 def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
     """Return the structure and the impact absorber of a file; raises BadInput if one of the options that are named was given beside it."""
     for name in names:
-        if is_given(name):
+        if is_option_set(name):
             raise BadInput(
                 f"--{name.replace('_', '-')} does not go with --scene: the file says what structure and absorber are"
             )
@@ -127,7 +127,10 @@ def write_device(path: Path, structure: Structure, absorber: SlidingAbsorber) ->
     write_json(
         path,
         from_scene(
-            Scene(mounted(structure) if beam is None else modal_model(beam), absorber), beam
+            Scene(
+                model_with_absorber_at(structure) if beam is None else modal_model(beam), absorber
+            ),
+            beam,
         ),
     )
 
@@ -136,7 +139,7 @@ def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: floa
     """Return the mass ratio, that of --mass-kg if given; raises BadInput if both are."""
     if mass_kg is None:
         return mass_ratio
-    if is_given("mass_ratio"):
+    if is_option_set("mass_ratio"):
         raise BadInput("--mass-kg does not go with --mass-ratio: each says what the mass is")
     require(
         0 < mass_kg <= structure_mass,
@@ -147,7 +150,7 @@ def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: floa
     return mass_kg / structure_mass
 
 
-def is_given(name: str) -> bool:
+def is_option_set(name: str) -> bool:
     """Return whether an option of the command that runs was given, and has not its default; a command without it was not given it."""
     return click.get_current_context().get_parameter_source(name) not in (
         None,
@@ -155,10 +158,10 @@ def is_given(name: str) -> bool:
     )
 
 
-def refuse_beside(structure: Path | None, *names: str) -> None:
+def refuse_with_structure(structure: Path | None, *names: str) -> None:
     """Raise BadInput if one of the options is given beside a structure, whose file says what it is about."""
     for name in names:
-        if structure is not None and is_given(name):
+        if structure is not None and is_option_set(name):
             raise BadInput(
                 f"--{name.replace('_', '-')} does not go with --structure: the file says what the structure is"
             )
@@ -169,7 +172,7 @@ def scene_options(restitution: str, friction: str = "") -> Callable[[Command], C
 
     ``restitution`` says which are allowed, ``friction`` is the default of the friction limit where it is to be told.
     """
-    told = f"  [default: {friction}]" if friction else ""
+    default_words = f"  [default: {friction}]" if friction else ""
     options = (
         file_option("--scene", "Beam and absorber from a .toml or .json file."),
         structure_option,
@@ -193,11 +196,13 @@ def scene_options(restitution: str, friction: str = "") -> Callable[[Command], C
             help=f"Coefficient of restitution{restitution}.  [default: {RigidWalls.restitution}]",
         ),
         click.option(
-            "--friction-limit", type=float, help=f"Friction limit in N; 0: no friction.{told}"
+            "--friction-limit",
+            type=float,
+            help=f"Friction limit in N; 0: no friction.{default_words}",
         ),
     )
 
-    return stacked(options)
+    return stack_options(options)
 
 
 SHORT = {
@@ -213,7 +218,9 @@ load_option = file_option(
     + ".",
 )
 NODE_TOL = 1e-6  # of the largest of a place's mode shapes: finite elements have such noise at nodes
-TOLD = 1e-3  # of a load's mean square: from there on it is told that it lies above the modes
+OUTSIDE_SHARE = (
+    1e-3  # of a load's mean square: from there on it is told that it lies above the modes
+)
 
 
 def _in_short(text: str, model: ModalModel, resonance: int) -> dict[str, Any] | None:
@@ -223,14 +230,17 @@ def _in_short(text: str, model: ModalModel, resonance: int) -> dict[str, Any] | 
         return None
     names = SHORT[kind]
     try:
-        found = dict(zip(names, map(float, numbers), strict=True))
+        numbers_by_name = dict(zip(names, map(float, numbers), strict=True))
     except ValueError:
         raise BadInput(f"--load {text}: {':'.join((kind, *names)).upper()}, numbers") from None
     if kind == "random":
-        spectrum = [[found["low_hz"], found["value"]], [found["high_hz"], found["value"]]]
-        return {"kind": kind, "spectrum": spectrum, "duration_s": found["duration_s"]}
+        spectrum = [
+            [numbers_by_name["low_hz"], numbers_by_name["value"]],
+            [numbers_by_name["high_hz"], numbers_by_name["value"]],
+        ]
+        return {"kind": kind, "spectrum": spectrum, "duration_s": numbers_by_name["duration_s"]}
     if kind == "shock":
-        return {"kind": kind, "pulse": "half-sine", **found}
+        return {"kind": kind, "pulse": "half-sine", **numbers_by_name}
     sweep = linear_sweep(
         model.resonance_omega(resonance), percent_per_100_periods=default_rate(model, (resonance,))
     )
@@ -239,7 +249,7 @@ def _in_short(text: str, model: ModalModel, resonance: int) -> dict[str, Any] | 
         "omegas_rad_s": sweep.omegas.tolist(),
         "reference_rad_s": sweep.reference,
     }
-    return {"kind": kind, **found, "schedule": schedule}
+    return {"kind": kind, **numbers_by_name, "schedule": schedule}
 
 
 def warn_of_nodes(model: ModalModel, *resonances: int, moves_base: bool = False) -> None:
@@ -273,7 +283,10 @@ def loads_of(path: Path, model: ModalModel, resonance: int = 1) -> Loads:
     loads = read_loads(path, reference) if short is None else to_loads({"load": short}, reference)
     highest = float(model.omega.max()) / (2 * math.pi)
     for part in loads.parts:
-        if isinstance(part, Random | Samples) and (share := part.share_above(highest)) > TOLD:
+        if (
+            isinstance(part, Random | Samples)
+            and (share := part.share_above(highest)) > OUTSIDE_SHARE
+        ):
             name = "random load" if isinstance(part, Random) else "record"
             click.echo(
                 f"warning: {100 * share:.3g} % of the {name}'s mean square lies above the highest mode, {highest:.4g} Hz",
@@ -290,7 +303,7 @@ def loads_of(path: Path, model: ModalModel, resonance: int = 1) -> Loads:
     return loads
 
 
-def refuse_beside_load(
+def refuse_with_load(
     load: Path | None, *names: str, why: str = "the file says what acts, and for how long"
 ) -> None:
     """Raise BadInput if one of the options that are named was given beside --load."""
@@ -299,7 +312,7 @@ def refuse_beside_load(
         for parameter in click.get_current_context().command.params
     }
     for name in names:
-        if load is not None and is_given(name):
+        if load is not None and is_option_set(name):
             raise BadInput(f"{options[name]} does not go with --load: {why}")
 
 
@@ -318,7 +331,7 @@ SCENE_OPTIONS = (
 )  # what a file of a scene says
 
 
-BESIDE_LOAD = (
+LOAD_OPTIONS = (
     "force",
     "phase",
     "start",
@@ -342,7 +355,7 @@ def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command
         text = f"{key.what}{f', in {key.unit}' if key.unit else ''} ({', '.join(kinds)})."
         text += f"  [default: {usual[name]}]" if name in usual else ""
         options.append(click.option(option_name(OPTIONS.get(name, name)), type=float, help=text))
-    return stacked(options)
+    return stack_options(options)
 
 
 def option_name(name: str) -> str:
@@ -350,136 +363,136 @@ def option_name(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def kind_of(given: Options) -> str:
+def kind_of(options: Options) -> str:
     """Return the absorber's kind, one of `PARTS`."""
-    return DEFAULT_ABSORBER if given["absorber"] is None else str(given["absorber"])
+    return DEFAULT_ABSORBER if options["absorber"] is None else str(options["absorber"])
 
 
-def chosen(given: Options, **options: str) -> Options:
+def chosen(options: Options, **parameters: str) -> Options:
     """Return the parameters, named after the library, whose options were given; the others keep the library's defaults."""
     return {
-        parameter: given[option]
-        for parameter, option in options.items()
-        if given.get(option) is not None
+        parameter: options[option]
+        for parameter, option in parameters.items()
+        if options.get(option) is not None
     }
 
 
-def refuse_parts(given: Options) -> None:
+def refuse_parts(options: Options) -> None:
     """Raise BadInput if two options of the scene do not go together."""
-    if given["structure"] is not None:
+    if options["structure"] is not None:
         for name in ("scene", "modes", "damping"):
-            if given[name] is not None:
+            if options[name] is not None:
                 raise BadInput(
                     f"{option_name(name)} does not go with --structure: the file says what the structure is"
                 )
-    if given["scene"] is not None:
+    if options["scene"] is not None:
         for name in SCENE_OPTIONS:
-            if given.get(name) is not None:
+            if options.get(name) is not None:
                 raise BadInput(
                     f"{option_name(name)} does not go with --scene: the file says what the scene is"
                 )
         return
-    kind = kind_of(given)
+    kind = kind_of(options)
     for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
-        if given.get(name) is not None:
+        if options.get(name) is not None:
             kinds = " or ".join(k for k, parts in PARTS.items() if name in parts)
             raise BadInput(
                 f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}"
             )
 
 
-def refuse_runs(given: Options) -> None:
+def refuse_runs(options: Options) -> None:
     """Raise BadInput if two options of the run do not go together."""
-    if given["steps_per_period"] is not None and given["method"] == "exact":
+    if options["steps_per_period"] is not None and options["method"] == "exact":
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
-    if given["most_events"] is not None and given["method"] != "exact":
+    if options["most_events"] is not None and options["method"] != "exact":
         raise BadInput(
-            f"--most-events does not go with --method {given['method']}: it steps through time, whatever happens"
+            f"--most-events does not go with --method {options['method']}: it steps through time, whatever happens"
         )
-    if given["measures"] is not None and given["method"] != "exact":
+    if options["measures"] is not None and options["method"] != "exact":
         raise BadInput(
-            f"--measures does not go with --method {given['method']}: they are read from exact runs"
+            f"--measures does not go with --method {options['method']}: they are read from exact runs"
         )
-    if given["absolute"] and given["measures"] is None:
+    if options["absolute"] and options["measures"] is None:
         raise BadInput("--absolute needs --measures: it says what these are of")
-    refuse_beside_load(given["load"], *BESIDE_LOAD)
-    if given["load"] is not None:
+    refuse_with_load(options["load"], *LOAD_OPTIONS)
+    if options["load"] is not None:
         return
-    constant = given["start"] == given["stop"]
-    if constant and given["periods"] is None:
+    constant = options["start"] == options["stop"]
+    if constant and options["periods"] is None:
         raise BadInput(
-            f"--to = {given['stop']} equal to --from is a constant frequency: it needs --periods"
+            f"--to = {options['stop']} equal to --from is a constant frequency: it needs --periods"
         )
-    if not constant and given["periods"] is not None:
+    if not constant and options["periods"] is not None:
         raise BadInput(
             "--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate"
         )
-    if constant and given["rate"] is not None:
+    if constant and options["rate"] is not None:
         raise BadInput("--rate does not go with a constant frequency, --to equal to --from")
-    if given["down"] and not given["start"] < given["stop"]:
+    if options["down"] and not options["start"] < options["stop"]:
         raise BadInput(
-            f"--down swaps --from and --to: it needs --from = {given['start']} below --to = {given['stop']}"
+            f"--down swaps --from and --to: it needs --from = {options['start']} below --to = {options['stop']}"
         )
 
 
-def make_absorber(given: Options, model: ModalModel | None = None) -> Absorber | None:
+def make_absorber(options: Options, model: ModalModel | None = None) -> Absorber | None:
     """Return the absorber that the options describe; what is not given keeps the library's default, or on a file's ``model`` follows from a rule."""
-    kind = kind_of(given)
-    usual = {} if model is None or kind == "none" else by_rule(kind, given, model)
+    kind = kind_of(options)
+    usual = {} if model is None or kind == "none" else by_rule(kind, options, model)
     return make(
-        kind, usual | chosen(given, **{name: OPTIONS.get(name, name) for name in CONCEPTS[kind]})
+        kind, usual | chosen(options, **{name: OPTIONS.get(name, name) for name in CONCEPTS[kind]})
     )
 
 
-def force_by_rule(given: Options, model: ModalModel) -> float:
+def force_by_rule(options: Options, model: ModalModel) -> float:
     """Return the force in N for which the design rule gives the gap that was given, or the library's default gap, which then is used."""
-    ratio = DEFAULT_MASS_RATIO if given["mass_ratio"] is None else given["mass_ratio"]
-    if given["gap"] is None and kind_of(given) == "impact":
-        given["gap"] = RigidWalls.gap
-    gap = RigidWalls.gap if given["gap"] is None else given["gap"]
+    ratio = DEFAULT_MASS_RATIO if options["mass_ratio"] is None else options["mass_ratio"]
+    if options["gap"] is None and kind_of(options) == "impact":
+        options["gap"] = RigidWalls.gap
+    gap = RigidWalls.gap if options["gap"] is None else options["gap"]
     return design_force(
         model,
         positive("mass_ratio", ratio) * model.beam_mass,
         positive("gap", gap),
-        given["resonance"],
+        options["resonance"],
     )
 
 
-def by_rule(kind: str, given: Options, model: ModalModel) -> Options:
+def by_rule(kind: str, options: Options, model: ModalModel) -> Options:
     """Return the defaults for another structure than the paper's: the gap by the design rule, the LTVA tuned, the damper by the energy of a cycle."""
-    ratio = DEFAULT_MASS_RATIO if given["mass_ratio"] is None else given["mass_ratio"]
+    ratio = DEFAULT_MASS_RATIO if options["mass_ratio"] is None else options["mass_ratio"]
     mass = positive("mass_ratio", ratio) * model.beam_mass
-    force = given["force"]
-    resonance = given["resonance"]
-    if kind == "impact" and given["gap"] is None:
+    force = options["force"]
+    resonance = options["resonance"]
+    if kind == "impact" and options["gap"] is None:
         return {"gap": design_gap(model, mass, force, resonance)}
-    if kind == "friction" and given["friction_limit"] is None:
+    if kind == "friction" and options["friction_limit"] is None:
         return {"friction_limit": best_friction(model, mass, force, resonance)[0]}
     if kind == "tuned" and (
-        given.get("stiffness") is None or given.get("absorber_damping") is None
+        options.get("stiffness") is None or options.get("absorber_damping") is None
     ):
         tuned = minimax(model, ratio, resonance)
         return {"stiffness": tuned.stiffness, "damping": tuned.damping}
     return {}
 
 
-def make_scene(given: Options) -> tuple[Scene, Beam | None]:
+def make_scene(options: Options) -> tuple[Scene, Beam | None]:
     """Return the scene and its beam, which is None where a file has another structure."""
-    if given["scene"] is not None:
-        plain = read_plain(given["scene"])
-        scene = to_scene(plain, given["scene"].parent)
+    if options["scene"] is not None:
+        plain = read_plain(options["scene"])
+        scene = to_scene(plain, options["scene"].parent)
         warn_of_mass(scene)
         return scene, to_beam(plain)
-    if given["structure"] is not None:
-        structure = read_structure(given["structure"])
-        model = mounted(structure)
-        if given["force"] is None:
-            given["force"] = force_by_rule(given, model)
-        return Scene(model, make_absorber(given, model)), structure if isinstance(
+    if options["structure"] is not None:
+        structure = read_structure(options["structure"])
+        model = model_with_absorber_at(structure)
+        if options["force"] is None:
+            options["force"] = force_by_rule(options, model)
+        return Scene(model, make_absorber(options, model)), structure if isinstance(
             structure, Beam
         ) else None
-    beam = Beam(**chosen(given, modes="modes", damping_ratio="damping"))
-    return beam_scene(beam, make_absorber(given)), beam
+    beam = Beam(**chosen(options, modes="modes", damping_ratio="damping"))
+    return beam_scene(beam, make_absorber(options)), beam
 
 
 HEAVY = 0.5  # of the structure's mass
@@ -495,28 +508,28 @@ def warn_of_mass(scene: Scene) -> None:
         )
 
 
-def make_method(given: Options) -> Method:
+def make_method(options: Options) -> Method:
     """Return the method that the options ask for."""
-    if given["method"] == "exact":
+    if options["method"] == "exact":
         return Exact()
-    return {"moreau": Moreau, "runge-kutta": RungeKutta}[given["method"]](
-        **chosen(given, steps_per_period="steps_per_period")
+    return {"moreau": Moreau, "runge-kutta": RungeKutta}[options["method"]](
+        **chosen(options, steps_per_period="steps_per_period")
     )
 
 
-def make_schedule(given: Options, scene: Scene) -> FrequencySchedule:
+def make_schedule(options: Options, scene: Scene) -> FrequencySchedule:
     """Return the sweep, or the constant frequency, that the options ask for."""
-    omega = scene.model.resonance_omega(given["resonance"])
-    start = given["start"]
-    stop = given["stop"]
+    omega = scene.model.resonance_omega(options["resonance"])
+    start = options["start"]
+    stop = options["stop"]
     if start == stop:
-        return constant_frequency(omega, start, given["periods"])
-    if given["down"]:
+        return constant_frequency(omega, start, options["periods"])
+    if options["down"]:
         start, stop = stop, start
-    rate = given["rate"]
+    rate = options["rate"]
     return linear_sweep(
         omega,
         start,
         stop,
-        default_rate(scene.model, (given["resonance"],)) if rate is None else rate,
+        default_rate(scene.model, (options["resonance"],)) if rate is None else rate,
     )

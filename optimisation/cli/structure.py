@@ -24,7 +24,7 @@ from optimisation.cli.common import (
 )
 from optimisation.cli.scene_options import read_structure
 from optimisation.files import write_files
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.report.figures import save_structure
 
@@ -34,12 +34,12 @@ NEAREST = 3  # nodes told
 
 def rows(model: ModalModel) -> list[dict[str, float]]:
     """Return a row for each mode, SI units; ``free_amplitude_m_per_n``: of the level's place at its resonance, by this mode alone."""
-    found = []
+    rows_of_modes = []
     for k in range(model.modes):
         omega = float(model.omega[k])
         damping = float(model.damping_ratio[k])
         shapes = [float(row[k]) for row in (model.force_shape, model.tip_shape, model.level_shape)]
-        found.append(
+        rows_of_modes.append(
             {
                 "mode": k + 1,
                 "frequency_hz": omega / (2 * np.pi),
@@ -53,7 +53,7 @@ def rows(model: ModalModel) -> list[dict[str, float]]:
                 else np.inf,
             }
         )
-    return found
+    return rows_of_modes
 
 
 def text(model: ModalModel, structure: Beam | ModalModel) -> str:
@@ -79,30 +79,30 @@ def text(model: ModalModel, structure: Beam | ModalModel) -> str:
         )
         for row in rows(model)
     ]
-    said = [
+    printed = [
         f"mass {model.beam_mass:.4g} kg: an absorber of 1 % has {0.01 * model.beam_mass:.4g} kg"
     ]
     if isinstance(structure, Beam):
         x = [structure.force_position, structure.absorber_position, structure.response_position]
         places = ", ".join(f"{p:g}" for p in x if p is not None)
-        said.append(
+        printed.append(
             f"force, absorber and response at {places} of the length, {structure.length:g} m"
         )
-        said.append(
+        printed.append(
             f"bending stiffness {structure.bending_stiffness:.5g} N m^2, mass per length {structure.mass_per_length:.5g} kg/m"
         )
     elif len(model.places) > 1:
-        said.append(f"{len(model.places)} places for absorbers; the first is shown")
+        printed.append(f"{len(model.places)} places for absorbers; the first is shown")
     note = "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode alone."
-    return "\n".join([*said, "", markdown(header, lines), "", note])
+    return "\n".join([*printed, "", markdown(header, lines), "", note])
 
 
 def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
     """Return the word for rows or nodes, their numbers (N,) and their places (N, 3) in m; raises BadInput if the file has none."""
     plain = read_plain(path)
-    found = read_structure_nodes(path.parent, plain)
-    if found is not None:
-        return ("node", *found)
+    nodes = read_structure_nodes(path.parent, plain)
+    if nodes is not None:
+        return ("node", *nodes)
     name = plain.get("matrices", {}).get("coordinates")
     if name is None:
         raise BadInput(
@@ -118,8 +118,8 @@ def nearest(path: Path, point: tuple[float, float, float]) -> str:
     distances = np.linalg.norm(places - np.array(point), axis=1)
     lines = []
     for distance in np.unique(distances.round(12))[:NEAREST]:
-        there = numbers[np.isclose(distances, distance, atol=1e-12, rtol=0)]
-        lines.append(f"{what} {', '.join(map(str, there))}: {1e3 * distance:.4g} mm away")
+        nearest_nodes = numbers[np.isclose(distances, distance, atol=1e-12, rtol=0)]
+        lines.append(f"{what} {', '.join(map(str, nearest_nodes))}: {1e3 * distance:.4g} mm away")
     return "\n".join(lines)
 
 
@@ -178,16 +178,16 @@ def main(
     with plain_errors():
         check_targets({"json": json, "plot": plot})
         structure = read_structure(file)
-        model = mounted(structure)
-        said = [text(model, structure), *(["", nearest(file, near)] if near is not None else [])]
+        model = model_with_absorber_at(structure)
+        printed = [text(model, structure), *(["", nearest(file, near)] if near is not None else [])]
         comparison = None if second is None else compare_modes(file, second)
         if comparison is not None:
-            said += ["", assurance_text(comparison)]
+            printed += ["", assurance_text(comparison)]
         modes = [
             {name: value if np.isfinite(value) else None for name, value in row.items()}
             for row in rows(model)
         ]
-        click.echo("\n".join(said))
+        click.echo("\n".join(printed))
         files = write_files(
             {
                 json: {

@@ -45,7 +45,7 @@ from optimisation.report.sweep_report import (
     save_figure,
     summary,
 )
-from optimisation.signals import Told
+from optimisation.signals import SignalOptions
 from optimisation.sweep_range import find_sweep_range
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
@@ -72,7 +72,7 @@ def integration_time(
     return statistics.median(times)
 
 
-def heard(work: Callable[[], T], bar: Bar) -> T:
+def run_in_thread(work: Callable[[], T], bar: Bar) -> T:
     """Do ``work`` in a thread, so that Ctrl-C is heard and the bar's clock runs while compiled code does."""
     results: list[T] = []
     errors: list[Exception] = []
@@ -117,16 +117,16 @@ def recorded(lane: Lane, method: Method, record: Record, most_events: int | None
 
 
 def compute(
-    given: scenes.Options,
+    options: scenes.Options,
     scene: Scene,
     drives: list[AnyDrive],
     method: Method,
     executor: Executor | None,
 ) -> Result:
     """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for."""
-    record = Record(events=True, energy=given["energy"], series=given["plot"] is not None)
-    most_events = given["most_events"]
-    steady = given["initial_state"] == STEADY
+    record = Record(events=True, energy=options["energy"], series=options["plot"] is not None)
+    most_events = options["most_events"]
+    steady = options["initial_state"] == STEADY
     every = [Lane(scene, drive, steady_start=steady) for drive in drives]
     if steady and every[0].start is None:
         raise BadInput(
@@ -147,9 +147,11 @@ def compute(
             )
             if not others.complete:
                 raise KeyboardInterrupt
-        if given["time"]:
+        if options["time"]:
             bar.set_description_str("timing")
-            wall_time = heard(lambda: integration_time(scene, drives[0], method, most_events), bar)
+            wall_time = run_in_thread(
+                lambda: integration_time(scene, drives[0], method, most_events), bar
+            )
     return Result(response, others, wall_time, steady=steady)
 
 
@@ -163,107 +165,112 @@ def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples:
 
 
 def measured(
-    given: scenes.Options,
+    options: scenes.Options,
     scene: Scene,
     beam: Beam | None,
     drives: list[AnyDrive],
     executor: Executor | None,
 ) -> list[dict[str, Any]] | None:
     """Return the measures of each member; None without --measures."""
-    if given["measures"] is None:
+    if options["measures"] is None:
         return None
-    told = Told(
-        given["measures"], given["absolute"], stress_shape(scene.model if beam is None else beam)
+    signal_options = SignalOptions(
+        options["measures"],
+        options["absolute"],
+        stress_shape(scene.model if beam is None else beam),
     )
     with Bar(total=len(drives), desc="measuring", unit="run", delay=1, leave=False) as bar:
-        steady = given["initial_state"] == STEADY
+        steady = options["initial_state"] == STEADY
         every = [Lane(scene, drive, steady_start=steady) for drive in drives]
-        found = each_lane(
-            every, told, progress=lambda _done, _total: bar.update(), executor=executor
+        measures = each_lane(
+            every, signal_options, progress=lambda _done, _total: bar.update(), executor=executor
         )
-    if None in found:
+    if None in measures:
         raise KeyboardInterrupt
-    return [one for one in found if one is not None]
+    return [one for one in measures if one is not None]
 
 
-def write(result: Result, given: scenes.Options, beam: Beam | None) -> None:
+def write(result: Result, options: scenes.Options, beam: Beam | None) -> None:
     """Write the files asked for: all of them or none."""
     with ExitStack() as files:
-        if given["json"] is STANDARD_OUTPUT:
+        if options["json"] is STANDARD_OUTPUT:
             write_json(STANDARD_OUTPUT, contract(result, beam))
-        elif given["json"] is not None:
+        elif options["json"] is not None:
             text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
-            files.enter_context(replacing(given["json"].resolve())).write_text(text + "\n")
-        if given["plot"] is not None:
+            files.enter_context(replacing(options["json"].resolve())).write_text(text + "\n")
+        if options["plot"] is not None:
             absorbers = describe_absorber(result.response.scene.absorber).split(
                 "; "
             )  # a line for each of several
-            run = describe_run(result.response, given["resonance"], describe_start(result))
+            run = describe_run(result.response, options["resonance"], describe_start(result))
             title = "\n".join([*absorbers, run])
             save_figure(
-                files.enter_context(replacing(given["plot"].resolve())),
+                files.enter_context(replacing(options["plot"].resolve())),
                 title,
                 result.response,
-                given["resonance"],
+                options["resonance"],
             )
 
 
-def run(given: scenes.Options) -> None:
+def run(options: scenes.Options) -> None:
     """Do what the options ask for: print the summary, then write files.
 
     Raises BadInput or ParameterError before anything is computed or written.
     """
-    scenes.refuse_parts(given)
-    scenes.refuse_runs(given)
-    given["force"] = (
+    scenes.refuse_parts(options)
+    scenes.refuse_runs(options)
+    options["force"] = (
         FORCE
-        if given["force"] is None and (given["structure"] is None or given["load"] is not None)
-        else given["force"]
+        if options["force"] is None
+        and (options["structure"] is None or options["load"] is not None)
+        else options["force"]
     )
-    check_target("--json", given["json"])
-    check_target("--plot", given["plot"], FIGURES)
-    (scene, beam), method = scenes.make_scene(given), scenes.make_method(given)
+    check_target("--json", options["json"])
+    check_target("--plot", options["plot"], FIGURES)
+    (scene, beam), method = scenes.make_scene(options), scenes.make_method(options)
     check_supported(scene, method)
-    first = make_drive(given, scene)
+    first = make_drive(options, scene)
     schedule = first.schedule
     check_load(scene, first, method)
-    if count("members", given["members"], 1) == 1 and given["cluster"] is not None:
+    if count("members", options["members"], 1) == 1 and options["cluster"] is not None:
         raise BadInput("--cluster needs --members above 1: the first member runs here")
-    if given["plot"] is not None:
+    if options["plot"] is not None:
         refuse_long("--plot", scene, schedule, Record().samples_per_period)
-    if given["measures"] is not None:
+    if options["measures"] is not None:
         refuse_long(
             "--measures",
             scene,
             schedule,
-            count("measures", given["measures"], 4, MOST_SAMPLES_PER_PERIOD),
+            count("measures", options["measures"], 4, MOST_SAMPLES_PER_PERIOD),
         )
-    drives = drives_of(draw_members(given["members"], given["seed"]), first)
-    if isinstance(first, Drive) and isinstance(method, Exact) and given["cluster"] is None:
+    drives = drives_of(draw_members(options["members"], options["seed"]), first)
+    if isinstance(first, Drive) and isinstance(method, Exact) and options["cluster"] is None:
         announce_duration(
-            scene, first.amplitude, given["resonance"], schedule.periods, len(drives), None
+            scene, first.amplitude, options["resonance"], schedule.periods, len(drives), None
         )
-    with workers(None, given["cluster"]) as executor:
-        result = compute(given, scene, drives, method, executor)
-        result = replace(result, measures=measured(given, scene, beam, drives, executor))
+    with workers(None, options["cluster"]) as executor:
+        result = compute(options, scene, drives, method, executor)
+        result = replace(result, measures=measured(options, scene, beam, drives, executor))
     low, high = (float(end) for end in sorted((schedule.omegas / schedule.reference)[[0, -1]]))
-    if given["load"] is None and low != high:  # at a constant frequency nothing is swept
+    if options["load"] is None and low != high:  # at a constant frequency nothing is swept
         rate = 1e4 * (high - low) / schedule.periods
         ratio = sweep_ratio(
-            scene.model, rate, given["resonance"], (low, high), given["initial_state"] == STEADY
+            scene.model, rate, options["resonance"], (low, high), options["initial_state"] == STEADY
         )
         result = replace(result, sweep_ratio=ratio)
-    click.echo(summary(result, given["resonance"]))
-    write(result, given, beam)
+    click.echo(summary(result, options["resonance"]))
+    write(result, options, beam)
 
 
-def make_drive(given: scenes.Options, scene: Scene) -> AnyDrive:
+def make_drive(options: scenes.Options, scene: Scene) -> AnyDrive:
     """Return the force, or the loads of a file."""
-    if given["load"] is None:
-        scenes.warn_of_nodes(scene.model, given["resonance"])
-        wide = wide_range_of(scene, given["resonance"])
-        return Drive(given["force"], scenes.make_schedule(given | wide, scene), given["phase"])
-    loads = scenes.loads_of(given["load"], scene.model, given["resonance"])
+    if options["load"] is None:
+        scenes.warn_of_nodes(scene.model, options["resonance"])
+        wide = wide_range_of(scene, options["resonance"])
+        return Drive(
+            options["force"], scenes.make_schedule(options | wide, scene), options["phase"]
+        )
+    loads = scenes.loads_of(options["load"], scene.model, options["resonance"])
     check_size(scene, loads)
     return loads
 
@@ -272,7 +279,12 @@ def wide_range_of(scene: Scene, resonance: int) -> dict[str, float]:
     """Return the range of a sweep with an absorber heavier than the paper's, which the paper's range may miss; nothing where a range was given."""
     absorber = scene.absorber
     heavy = absorber is not None and absorber.mass_ratio > 1.05 * DEFAULT_MASS_RATIO
-    if absorber is None or not heavy or scenes.is_given("start") or scenes.is_given("stop"):
+    if (
+        absorber is None
+        or not heavy
+        or scenes.is_option_set("start")
+        or scenes.is_option_set("stop")
+    ):
         return {}
     start, stop = find_sweep_range(scene.model, absorber.mass_ratio, resonance)
     return {"start": start, "stop": stop}
@@ -414,7 +426,7 @@ MEASURES_HELP = (
 )
 @json_option("Write the results, in SI units.")
 @file_option("--plot", "Draw the run: .png, .pdf or .svg.")
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
 
     In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip and stuck time are those of the first
@@ -422,4 +434,4 @@ def main(**given: Any) -> None:
     integration alone, compiled and with nothing observed.
     """
     with plain_errors():
-        run(given)
+        run(options)

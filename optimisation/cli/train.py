@@ -13,8 +13,8 @@ from optimisation.cli.common import command, end_early, plain_errors
 from optimisation.files import replacing, require_writable, write_csv, write_json
 from optimisation.page import markdown
 from optimisation.progress import Bar
-from optimisation.rl.agents import Evaluation, Run, find_runs, run_folder, ship
-from optimisation.rl.families import Random
+from optimisation.rl.agents import Run, TrainingEvaluation, find_runs, run_folder, ship
+from optimisation.rl.families import RandomPolicy
 from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for, write_zoo
 from optimisation.rl.rules import TASKS, env_of, policies
 
@@ -27,42 +27,44 @@ QUICK_LEGS = 10
 OUT = Path("results/train")
 
 
-def plan(task: str, given: dict[str, Any]) -> list[Any]:
+def plan(task: str, options: dict[str, Any]) -> list[Any]:
     """Return the runs of a task; raise ParameterError before anything is trained if one cannot be made or gone on with."""
     from optimisation.rl.training import Job, Planned, check_folder  # torch is slow to import
 
     env_id = env_of(task)
-    algorithms = recipes(env_id) if given["algorithm"] == BOTH else [given["algorithm"]]
+    algorithms = recipes(env_id) if options["algorithm"] == BOTH else [options["algorithm"]]
     runs = []
-    for seed in range(given["seeds"]):
+    for seed in range(options["seeds"]):
         for algorithm in algorithms:
-            chosen = settings_for(env_id, algorithm, given["hyperparameters"])
-            steps = given["steps"] or (
-                round(QUICK_SHARE * chosen.steps) if given["quick"] else chosen.steps
+            chosen = settings_for(env_id, algorithm, options["hyperparameters"])
+            steps = options["steps"] or (
+                round(QUICK_SHARE * chosen.steps) if options["quick"] else chosen.steps
             )
-            legs = max(1, min(QUICK_LEGS if given["quick"] else chosen.legs, steps // chosen.round))
+            legs = max(
+                1, min(QUICK_LEGS if options["quick"] else chosen.legs, steps // chosen.round)
+            )
             chosen = settings_for(
-                env_id, algorithm, given["hyperparameters"], steps=steps, legs=legs
+                env_id, algorithm, options["hyperparameters"], steps=steps, legs=legs
             )
             job = Job(
                 env_id,
                 algorithm,
                 seed,
                 chosen,
-                given["arguments"],
-                demonstrations=given["demonstrations"],
+                options["arguments"],
+                demonstrations=options["demonstrations"],
             )
-            folder = run_folder(given["out"], task, algorithm, seed)
+            folder = run_folder(options["out"], task, algorithm, seed)
             check_folder(job, folder)
             runs.append(Planned(job, folder))
     return runs
 
 
-def beside(task: str, job: Any) -> dict[str, float]:
+def baseline_scores(task: str, job: Any) -> dict[str, float]:
     """Return mean scores on the evaluation seeds of chance and of what was chosen without learning."""
     from optimisation.rl.training import evaluate
 
-    chosen = {"random": Random(numbers=TASKS[task].numbers), **policies(task, job.arguments)}
+    chosen = {"random": RandomPolicy(numbers=TASKS[task].numbers), **policies(task, job.arguments)}
     return {
         name: evaluate(policy, job, 0, 0).score
         for name, policy in Bar(chosen.items(), desc="without learning", leave=False)
@@ -105,28 +107,28 @@ def environment_arguments(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
     return arguments
 
 
-def train_task(task: str, given: dict[str, Any]) -> bool:
+def train_task(task: str, options: dict[str, Any]) -> bool:
     """Train all runs of a task and report; return False if Ctrl-C ended it early."""
     from optimisation.rl.training import train_all
 
-    runs = plan(task, given)
+    runs = plan(task, options)
     finished = True
     failures = []
-    baselines = beside(task, runs[0].job)
+    baselines = baseline_scores(task, runs[0].job)
     for name, score in baselines.items():
         click.echo(f"{task}, {name}: score {score:.4f}")
     known = ", ".join(
         f"{name} {score:.4f}" for name, score in baselines.items()
     )  # beside how an agent does
 
-    def told(planned: Any, evaluation: Evaluation) -> str:
+    def format_line(planned: Any, evaluation: TrainingEvaluation) -> str:
         return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({known})"
 
     try:
-        failures = train_all(runs, given["workers"], told if given["quick"] else None)
+        failures = train_all(runs, options["workers"], format_line if options["quick"] else None)
     except KeyboardInterrupt:
         finished = False
-    write(given["out"], task, baselines, find_runs(given["out"] / task))
+    write(options["out"], task, baselines, find_runs(options["out"] / task))
     if failures:
         raise click.ClickException("\n".join(failures))
     return finished
@@ -206,31 +208,31 @@ def train_task(task: str, given: dict[str, Any]) -> bool:
     metavar="FOLDER",
     help="Write typical agents there, each as the one file that ships.",
 )
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Train agents, seed by seed, and draw their learning curves.
 
     Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz, its last two checkpoints and
     TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
     checkpoint; agents that are finished are not trained again.
     """
-    if given["zoo"] is not None:
-        click.echo("written: " + ", ".join(map(str, write_zoo(given["zoo"]))))
+    if options["zoo"] is not None:
+        click.echo("written: " + ", ".join(map(str, write_zoo(options["zoo"]))))
         return
-    quick = given["quick"]
-    given["seeds"] = given["seeds"] or (1 if quick else SEEDS)
-    given["workers"] = given["workers"] or available_cores()
-    given["out"] = given["out"] or (OUT.with_name(f"{OUT.name}_quick") if quick else OUT)
-    given["arguments"] = environment_arguments(given["arguments"])
+    quick = options["quick"]
+    options["seeds"] = options["seeds"] or (1 if quick else SEEDS)
+    options["workers"] = options["workers"] or available_cores()
+    options["out"] = options["out"] or (OUT.with_name(f"{OUT.name}_quick") if quick else OUT)
+    options["arguments"] = environment_arguments(options["arguments"])
     finished = True
     goes_on = "the same command goes on from the last checkpoints."
     with plain_errors(f"Stopped early: {goes_on}"):
-        require_writable("--out", given["out"])
-        if given["ship"] is not None:
-            require_writable("--ship", given["ship"])
-        for task in given["tasks"]:
-            finished = finished and train_task(task, given)
-        if finished and given["ship"] is not None:
+        require_writable("--out", options["out"])
+        if options["ship"] is not None:
+            require_writable("--ship", options["ship"])
+        for task in options["tasks"]:
+            finished = finished and train_task(task, options)
+        if finished and options["ship"] is not None:
             click.echo(
-                f"{len(ship(given['out'], given['ship']))} agents written to {given['ship']}"
+                f"{len(ship(options['out'], options['ship']))} agents written to {options['ship']}"
             )
     end_early(finished, goes_on)

@@ -22,7 +22,7 @@ from optimisation.cli.common import (
 )
 from optimisation.files import require_writable, write_files
 from optimisation.load_comparison import tuned_under
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
 from optimisation.report.card import write_card
@@ -180,7 +180,7 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
 )
 @out_option("results/tune_ltva")
 @page_option(MARKER, "docs/which_gap.md")
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
@@ -189,28 +189,28 @@ def main(**given: Any) -> None:
     load the H2 tuning for its spectrum.
     """
     structure, scene, load, page, resonance, out = (
-        given[name] for name in ("structure", "scene", "load", "page", "resonance", "out")
+        options[name] for name in ("structure", "scene", "load", "page", "resonance", "out")
     )
     with plain_errors():
-        scenes.refuse_beside(structure, "modes", "damping")
+        scenes.refuse_with_structure(structure, "modes", "damping")
         if scene is None:
             model = scenes.model_of(
                 structure,
-                given["position"],
-                modes=given["modes"],
-                damping_ratio=given["damping"],
+                options["position"],
+                modes=options["modes"],
+                damping_ratio=options["damping"],
             )
-            ratio = given["mass_ratio"]
+            ratio = options["mass_ratio"]
         else:
             own, absorber = scenes.read_device(
                 scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position"
             )
-            model = mounted(own)
+            model = model_with_absorber_at(own)
             ratio = absorber.mass_ratio
-        ratio = scenes.mass_ratio_of(ratio, given["mass_kg"], model.beam_mass)
+        ratio = scenes.mass_ratio_of(ratio, options["mass_kg"], model.beam_mass)
         require_writable("--out", out)
         if load is not None:
-            scenes.refuse_beside_load(
+            scenes.refuse_with_load(
                 load,
                 "low",
                 "high",
@@ -218,15 +218,15 @@ def main(**given: Any) -> None:
                 "quick",
                 why="there is no range of frequencies to score, and nothing to prove",
             )
-            found = tuned_under(model, scenes.loads_of(load, model, resonance), ratio)
-            click.echo(tuned_text(found))
-            files = write_files({out / "summary.json": tuned_summary(found)})
+            tuned = tuned_under(model, scenes.loads_of(load, model, resonance), ratio)
+            click.echo(tuned_text(tuned))
+            files = write_files({out / "summary.json": tuned_summary(tuned)})
         else:
             check_page(page, MARKER)
             scenes.warn_of_nodes(model, resonance)
-            table = tuning_table(model, ratio, resonance, given["low"], given["high"])
-            bounds = {} if given["quick"] else certificates(table)
-            told = text(table, bounds)
-            click.echo(told)
-            files = write(out, table, bounds) + fill_page(page, MARKER, told)
+            table = tuning_table(model, ratio, resonance, options["low"], options["high"])
+            bounds = {} if options["quick"] else certificates(table)
+            printed = text(table, bounds)
+            click.echo(printed)
+            files = write(out, table, bounds) + fill_page(page, MARKER, printed)
     name_files(files)

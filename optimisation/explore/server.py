@@ -20,7 +20,14 @@ from impact_env.modes import Structure
 from impact_env.parameters import ParameterError
 from impact_env.plain import Plain
 from impact_env.sweep import IntegrationError, Stopped
-from optimisation.explore.settings import Asked, Refused, asked, described, load_file, scene_file
+from optimisation.explore.settings import (
+    ControlValues,
+    Refused,
+    controls_to_dict,
+    load_file,
+    parse_controls,
+    scene_file,
+)
 from optimisation.explore.waiting import Kernels, Newer, recommended
 from optimisation.explore.work import Message, Work
 from optimisation.measures import SAMPLES
@@ -67,10 +74,10 @@ class Names:
 
     def hold(self, host: str) -> bool:
         """Return whether a Host header has one of the names."""
-        found = re.fullmatch(r"(\[[0-9a-f:.]+\]|[^:\[\]/@]+)(:\d+)?", host.lower())
-        if found is None:
+        match = re.fullmatch(r"(\[[0-9a-f:.]+\]|[^:\[\]/@]+)(:\d+)?", host.lower())
+        if match is None:
             return False
-        name = found[1].strip("[]")
+        name = match[1].strip("[]")
         return name in self.names or (self.anywhere and is_numeric(name))
 
 
@@ -164,7 +171,7 @@ class Tab:
         self.outbox = outbox
         self._changed = threading.Condition()
         self._ended = False
-        self._next: tuple[int, Asked, bool] | None = None
+        self._next: tuple[int, ControlValues, bool] | None = None
         self._work: Work | None = None
         self._known: dict[tuple[Any, ...], list[Message]] = {}
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -188,7 +195,7 @@ class Tab:
             return
         number = plain["number"]
         try:
-            values = asked(plain.get("values"), self.structure)
+            values = parse_controls(plain.get("values"), self.structure)
             file = scene_file(values, self.structure)
             load = load_file(values, self.structure)
         except Refused as refused:
@@ -269,12 +276,12 @@ class Tab:
 
     def _do(self, number: int, work: Work, advice: bool) -> None:
         if advice:
-            told = time.monotonic()
+            last_report = time.monotonic()
 
             def tell(done: int, total: int) -> None:
-                nonlocal told
-                if time.monotonic() - told > 0.1:
-                    told = time.monotonic()
+                nonlocal last_report
+                if time.monotonic() - last_report > 0.1:
+                    last_report = time.monotonic()
                     self.outbox.put(
                         {"type": "advice", "number": number, "done": done, "total": total}
                     )
@@ -289,11 +296,11 @@ class Tab:
                 }
             )
             return
-        for message in work.pieces(self._known):
+        for message in work.messages(self._known):
             self.outbox.put(message | {"number": number})
 
 
-def command_of(values: Asked) -> str:
+def command_of(values: ControlValues) -> str:
     """Return the command that makes the same run and its numbers from the files of scene and load."""
     words = f"impact-absorber sweep --scene scene.json --resonance {values.resonance} --members {values.members}"
     if values.load != "random":
@@ -321,7 +328,7 @@ def make_app(
         return Response((ASSETS / "index.html").read_bytes(), media_type="text/html")
 
     async def table(_request: Request) -> Response:
-        plain: Plain = described(structure, name)
+        plain: Plain = controls_to_dict(structure, name)
         return JSONResponse(plain)
 
     async def talk(page: WebSocket) -> None:
@@ -421,11 +428,11 @@ def names_of(*hosts: str) -> Names:
 
     At an address of this machine alone these are its names; at any other one, all numeric addresses and the machine's name as well.
     """
-    given = {host.lower().strip("[]") for host in hosts}
+    allowed = {host.lower().strip("[]") for host in hosts}
     if hosts[0] in LOOPBACK:
-        return Names(frozenset(given | LOOPBACK), anywhere=False)
+        return Names(frozenset(allowed | LOOPBACK), anywhere=False)
     machine = {socket.gethostname().lower(), socket.getfqdn().lower()}
-    return Names(frozenset(given | machine | LOOPBACK), anywhere=True)
+    return Names(frozenset(allowed | machine | LOOPBACK), anywhere=True)
 
 
 def serve(

@@ -184,7 +184,7 @@ class Control:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ControlValues:
     """What a page asks for, checked; SI units. ``instant``: time into the sweep in s around which it is looked at, None for the level's own."""
 
     concept: str
@@ -236,7 +236,7 @@ def _own_values(structure: Structure) -> tuple[Beam | None, float]:
 
 def _intensities(model: ModalModel, force: float) -> list[tuple[str, str, float, str, float]]:
     """Return name, label, usual value, unit and factor of each load's intensity, all worth about the ``force`` in N at the first resonance."""
-    told = [
+    labels = [
         ("force", "Force", force, "N", 1.0),
         ("unbalance", "Unbalance", _two(force / model.resonance_omega(1) ** 2), "g mm", 1e6),
     ]
@@ -245,8 +245,8 @@ def _intensities(model: ModalModel, force: float) -> list[tuple[str, str, float,
         and np.isfinite(worth := Loading("base", model, 1).worth)
         and worth > 0
     ):
-        told.append(("base", "Base acceleration", _two(force / worth), "m/s²", 1.0))
-    return [*told, ("random", "Random force", force, "N RMS", 1.0)]
+        labels.append(("base", "Base acceleration", _two(force / worth), "m/s²", 1.0))
+    return [*labels, ("random", "Random force", force, "N RMS", 1.0)]
 
 
 def _two(value: float) -> float:
@@ -419,7 +419,7 @@ def loads_on(structure: Structure) -> dict[str, str]:
     return {name: words for name, words in LOADS.items() if name in names}
 
 
-def described(structure: Structure, name: str) -> Plain:
+def controls_to_dict(structure: Structure, name: str) -> Plain:
     """Return the controls' description for the page."""
     return {
         "structure": name,
@@ -431,22 +431,22 @@ def described(structure: Structure, name: str) -> Plain:
     }
 
 
-def asked(plain: object, structure: Structure) -> Asked:
+def parse_controls(plain: object, structure: Structure) -> ControlValues:
     """Return the settings that a page sent, with defaults for missing ones; raises Refused with all errors."""
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
-    given = dict(plain) if isinstance(plain, Mapping) else {}
+    entries = dict(plain) if isinstance(plain, Mapping) else {}
     strange = [
         str(name)[:40]
-        for name in given
+        for name in entries
         if name not in table and name not in ("concept", "load", "direction", "instant")
     ]
-    if strange or given is plain or not isinstance(plain, Mapping):
+    if strange or entries is plain or not isinstance(plain, Mapping):
         errors[""] = f"values = {', '.join(strange)} is not allowed: a table of the page's controls"
-    found = {}
+    numbers = {}
     for name, control in table.items():
         try:
-            found[name] = _number(control, given.get(name, control.value))
+            numbers[name] = _number(control, entries.get(name, control.value))
         except ParameterError as error:
             errors[name] = str(error)
     words = {}
@@ -456,15 +456,15 @@ def asked(plain: object, structure: Structure) -> Asked:
         ("direction", DIRECTIONS),
     ):
         try:
-            words[name] = one_of(name, given.get(name, next(iter(known))), known)
+            words[name] = one_of(name, entries.get(name, next(iter(known))), known)
         except ParameterError as error:
             errors[name] = str(error)[:200]
-    instant = given.get("instant")
+    instant = entries.get("instant")
     if instant is not None and not 0 <= number(instant) <= 1e12:
         errors["instant"] = "instant is not allowed: a time in s, 0 or above"
-    if "modes" in found and "resonance" in found and found["resonance"] > found["modes"]:
+    if "modes" in numbers and "resonance" in numbers and numbers["resonance"] > numbers["modes"]:
         errors["resonance"] = (
-            f"resonance = {found['resonance']:g} is not allowed: a mode of the model, 1 to {found['modes']:g}"
+            f"resonance = {numbers['resonance']:g} is not allowed: a mode of the model, 1 to {numbers['modes']:g}"
         )
     if words.get("load") == "base" and words.get("concept") == "two":
         errors["load"] = (
@@ -472,11 +472,11 @@ def asked(plain: object, structure: Structure) -> Asked:
         )
     if errors:
         raise Refused(errors)
-    return Asked(
+    return ControlValues(
         words["concept"],
         words["load"],
         words["direction"],
-        found,
+        numbers,
         None if instant is None else number(instant),
     )
 
@@ -492,14 +492,14 @@ def _number(control: Control, value: object) -> float:
     low = 0.0 if control.zero else control.low
     high = control.high
     slack = 1e-9 * high
-    shown = value if isinstance(value, int | float) else f"{value!r:.40}"
+    as_text = value if isinstance(value, int | float) else f"{value!r:.40}"
     allowed = f"{low * control.per:g} to {high * control.per:g} {control.unit}".rstrip()
-    found = number(value)
-    require(low - slack <= found <= high + slack, control.label, shown, allowed)
-    return min(max(found, low), high)
+    parsed = number(value)
+    require(low - slack <= parsed <= high + slack, control.label, as_text, allowed)
+    return min(max(parsed, low), high)
 
 
-def structure_of(values: Asked, structure: Structure) -> Structure:
+def structure_of(values: ControlValues, structure: Structure) -> Structure:
     """Return the structure with the page's modes and damping, if it is a beam."""
     if not isinstance(structure, Beam):
         return structure
@@ -509,7 +509,7 @@ def structure_of(values: Asked, structure: Structure) -> Structure:
     return replace(structure, **own)  # type: ignore[arg-type]
 
 
-def absorber_of(values: Asked) -> Absorber | None:
+def absorber_of(values: ControlValues) -> Absorber | None:
     """Return the absorber."""
     mass = values["mass_ratio"]
     if values.concept == "impact":
@@ -525,23 +525,23 @@ def absorber_of(values: Asked) -> Absorber | None:
     return None
 
 
-def places_of(values: Asked) -> tuple[float, ...]:
+def places_of(values: ControlValues) -> tuple[float, ...]:
     """Return the absorbers' places."""
     names = ("first_place", "second_place") if values.concept == "two" else ("place",)
     return tuple(values.numbers.get(name, 1.0) for name in names)
 
 
-def scene_of(values: Asked, structure: Structure) -> Scene:
+def scene_of(values: ControlValues, structure: Structure) -> Scene:
     """Return the scene; raises ParameterError where the values do not go together."""
     return scene_on(structure_of(values, structure), absorber_of(values), *places_of(values))
 
 
-def scene_file(values: Asked, structure: Structure) -> Plain:
+def scene_file(values: ControlValues, structure: Structure) -> Plain:
     """Return the scene in the form of `docs/scenes.md`."""
     return from_scene(scene_of(values, structure))
 
 
-def load_file(values: Asked, structure: Structure) -> Plain | None:
+def load_file(values: ControlValues, structure: Structure) -> Plain | None:
     """Return a load other than the force of a sweep in the form of `docs/loads.md`, as it acts in the sweep that is shown."""
     if values.load == "force":
         return None

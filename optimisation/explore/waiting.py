@@ -20,12 +20,12 @@ from impact_env.periodic.orbit_branches import orbit_branches
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.prepare import Preparation
 from impact_env.scene import Scene
-from optimisation.explore.settings import Asked, Loading
+from optimisation.explore.settings import ControlValues, Loading
 from optimisation.friction_rule import best_friction
 from optimisation.gap_advice import advise
 from optimisation.gap_check import scaled_absorber
 from optimisation.load_comparison import advise_for_loads
-from optimisation.measures import TOLD
+from optimisation.measures import LABELS
 from optimisation.tuned import minimax
 
 
@@ -78,21 +78,24 @@ def branches(
     if not (isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)):
         return
 
-    def look(_label: str, _points: int, _omega: float) -> None:
+    def check_stop(_label: str, _points: int, _omega: float) -> None:
         if stop is not None and stop.given:
             raise Newer
 
     reference = scene.model.resonance_omega(resonance)
     for branch in orbit_branches(
-        case_of(scene, force, low * reference), low * reference, high * reference, progress=look
+        case_of(scene, force, low * reference),
+        low * reference,
+        high * reference,
+        progress=check_stop,
     ):
-        look("", 0, 0.0)
+        check_stop("", 0, 0.0)
         yield orbit_curve(branch, reference)
 
 
-def _all_branches(*given: Any) -> None:
+def _all_branches(*arguments: Any) -> None:
     """Do what `branches` does, for a process that compiles what it takes."""
-    list(branches(*given))
+    list(branches(*arguments))
 
 
 def followed(
@@ -110,24 +113,24 @@ def followed(
     """
     if scene.model.response_shape is not None:
         return
-    given = (scene, force, resonance, low, high)
+    arguments = (scene, force, resonance, low, high)
     key = (
         "branches",
         isinstance(scene.absorber, SlidingAbsorber) and scene.absorber.friction is not None,
     )
     if key in kernels.ready:
-        yield from branches(*given, stop)
+        yield from branches(*arguments, stop)
         return
     try:
         with only_cached():
-            found = list(branches(*given, stop))
+            curves = list(branches(*arguments, stop))
     except NotCached:
         yield from kernels.waited(
-            key, lambda: False, lambda: Preparation(partial(_all_branches, *given)), stop
+            key, lambda: False, lambda: Preparation(partial(_all_branches, *arguments)), stop
         )
-        found = list(branches(*given, stop))
+        curves = list(branches(*arguments, stop))
     kernels.ready.add(key)
-    yield from found
+    yield from curves
 
 
 MEMBERS = 1  # as `design_gap --quick`
@@ -152,7 +155,7 @@ def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsor
 
 
 def recommended(
-    values: Asked, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]
+    values: ControlValues, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]
 ) -> dict[str, Any]:
     """Return the advice of a search by quick sweeps at the marked force: new values by the controls' names, and why.
 
@@ -196,17 +199,17 @@ def recommended(
     own = scaled_absorber(
         model, values.intensity, resonance, values["mass_ratio"], values["restitution"]
     )
-    found = advise(model, values.intensity, resonance, own, members=MEMBERS, progress=watch)
-    best = found.recommended or found.sharp
+    advice = advise(model, values.intensity, resonance, own, members=MEMBERS, progress=watch)
+    best = advice.recommended or advice.sharp
     if stop.given or best is None:
         raise Newer
-    rule = 1e3 * found.check.rule
-    why = f"lowest level over {100 * found.tolerance:.0f} % of the force, by {found.sweeps} sweeps; the design rule says {rule:.3g} mm"
+    rule = 1e3 * advice.check.rule
+    why = f"lowest level over {100 * advice.tolerance:.0f} % of the force, by {advice.sweeps} sweeps; the design rule says {rule:.3g} mm"
     return {"values": {"gap": best.gap, "friction": best.friction_limit}, "why": why}
 
 
 def _for_loads(
-    values: Asked, loading: Loading, watch: Callable[[int, int], None]
+    values: ControlValues, loading: Loading, watch: Callable[[int, int], None]
 ) -> dict[str, Any]:
     """Return the gap that a search under a load recommends, with the friction as it is."""
     schedule = CurveCase(Scene(loading.model), np.ones(1), loading.resonance).schedules()[0]
@@ -215,16 +218,16 @@ def _for_loads(
     mass_ratio, restitution, friction = (
         values[name] for name in ("mass_ratio", "restitution", "friction")
     )
-    given: dict[str, Any] = {
+    options: dict[str, Any] = {
         "mass_ratio": mass_ratio,
         "restitution": restitution,
         "friction_limit": friction,
     }
     try:
-        found = advise_for_loads(
-            loading.model, loads, loading.resonance, members=MEMBERS, progress=watch, **given
+        advice = advise_for_loads(
+            loading.model, loads, loading.resonance, members=MEMBERS, progress=watch, **options
         )
     except KeyboardInterrupt:
         raise Newer from None
-    why = f"lowest {TOLD[found.measure]} over {100 * found.tolerance:.0f} % of the load, at {len(found.runs)} gaps"
-    return {"values": {"gap": found.recommended.gap}, "why": why}
+    why = f"lowest {LABELS[advice.measure]} over {100 * advice.tolerance:.0f} % of the load, at {len(advice.runs)} gaps"
+    return {"values": {"gap": advice.recommended.gap}, "why": why}

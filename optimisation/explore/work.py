@@ -42,7 +42,7 @@ from optimisation.comparison import force_grid
 from optimisation.explore.settings import (
     BAND,
     LOADS,
-    Asked,
+    ControlValues,
     Loading,
     controls,
     places_of,
@@ -83,7 +83,7 @@ def rounded(values: Any, digits: int = 6) -> list[Any]:
 class Work:
     """One setting of a page: `pieces` yields messages until all is known or ``stop`` is given; the curve has a stop of its own, ``first``."""
 
-    def __init__(self, values: Asked, structure: Structure, kernels: Kernels) -> None:
+    def __init__(self, values: ControlValues, structure: Structure, kernels: Kernels) -> None:
         self.values, self.own, self.structure, self.kernels = (
             values,
             structure,
@@ -99,7 +99,7 @@ class Work:
         self.density: tuple[Array, Array] | None = (
             None  # in Hz and m^2/Hz, of a random force after the start, from the sweep on
         )
-        self.borne: dict[str, float] = {}  # what the absorber bears in the run that is shown
+        self.impacts: dict[str, float] = {}  # what the absorber bears in the run that is shown
 
     @property
     def curve_key(self) -> tuple[Any, ...]:
@@ -120,13 +120,13 @@ class Work:
         gap = self.gap()
         if gap is not None and (rule := self.rule(1.0)) is not None and 0 < rule < np.inf:
             return gap / rule
-        usual = self.usual
+        usual = self.default_force
         return usual * 10 ** round(
             np.log10(self.intensity / usual)
         )  # decades: it stays while the marked intensity moves
 
     @cached_property
-    def usual(self) -> float:
+    def default_force(self) -> float:
         """Return the intensity at which the page begins."""
         return next(
             control.value for control in controls(self.own) if control.name == self.values.load
@@ -187,15 +187,15 @@ class Work:
             self.values.load,
         )
         seconds = None
-        given = (scene, None, record, self.loads)
+        arguments = (scene, None, record, self.loads)
         for seconds in self.kernels.waited(
-            key, partial(is_ready, *given), partial(prepare, *given), stop
+            key, partial(is_ready, *arguments), partial(prepare, *arguments), stop
         ):
             yield {"type": "compiling", "what": what, "seconds": round(seconds, 1)}
         if seconds is not None:
             yield {"type": "compiling", "what": what, "seconds": None}
 
-    def pieces(self, known: dict[tuple[Any, ...], list[Message]]) -> Iterator[Message]:
+    def messages(self, known: dict[tuple[Any, ...], list[Message]]) -> Iterator[Message]:
         """Yield all messages. ``known``: finished curves by their keys, and what they are compared with; it is added to."""
         again = known.get(self.curve_key)
         responses = self.responses()
@@ -212,11 +212,11 @@ class Work:
             self._go_on()
             yield from self.sweep()
             for message in again or chain(self._one_pass(passes), self._quick_lines(case)):
-                yield self._kept(message, finished)
+                yield self._append(message, finished)
             yield from self.card(case)
             if again is None:
                 for message in chain(self._one_pass(passes), self._slow_lines(case)):
-                    yield self._kept(message, finished)
+                    yield self._append(message, finished)
                 known.clear()  # one is enough: back and forth between two is no use of a page
                 known[self.curve_key] = [
                     message for message in finished if message.get("complete", True)
@@ -238,7 +238,7 @@ class Work:
                 )
             yield from self.ready(Scene(self.alone, own), Record(), "advice", self.stop)
 
-    def _kept(self, message: Message, finished: list[Message]) -> Message:
+    def _append(self, message: Message, finished: list[Message]) -> Message:
         self._go_on()
         finished.append(message)
         return message
@@ -292,7 +292,7 @@ class Work:
         yield self._sweep(response)
         yield self._motion(response)
         if self.gap() is not None:
-            self.borne = dict(
+            self.impacts = dict(
                 zip(
                     ("largest_speed", "rms_speed", "impacts_a_second", "power"),
                     impact_numbers(response),
@@ -415,7 +415,7 @@ class Work:
             else None,
         }
         if gap is not None:
-            numbers |= {"gap": gap, "rule_gap": self.rule(self.intensity)} | self.borne
+            numbers |= {"gap": gap, "rule_gap": self.rule(self.intensity)} | self.impacts
         if gap is not None and self.values.load == "force":
             rule = design_gap(self.alone, self.mass, self.intensity, self.resonance)
             numbers["reach"] = reach(self.alone, self.mass, self.resonance) * rule / gap
@@ -505,7 +505,7 @@ class Work:
                 self.intensity * unit * np.abs(tip_response(model, linear, ratios * reference))
             )
             amplitudes["stuck" if isinstance(own, SlidingAbsorber) else name] = rounded(amplitude)
-        found: list[Message] = []
+        branches: list[Message] = []
         message = {
             "type": "response",
             "force": self.intensity,
@@ -513,7 +513,7 @@ class Work:
             "ratio": rounded(ratios),
             **amplitudes,
         }
-        message |= {"branches": found, "complete": False}
+        message |= {"branches": branches, "complete": False}
         yield dict(message)
         if self.density is not None:
             hertz, density = self.density
@@ -537,17 +537,17 @@ class Work:
                     if curve.stable is None
                     else curve.stable
                 )
-                found.append(
+                branches.append(
                     {
                         "ratio": rounded(curve.omega_ratio),
                         "amplitude": rounded(curve.tip_max),
                         "stable": stable.tolist(),
                     }
                 )
-                yield dict(message, branches=list(found))
+                yield dict(message, branches=list(branches))
         except ParameterError as error:
             message["note"] = str(error)
-        yield dict(message, branches=list(found), complete=True)
+        yield dict(message, branches=list(branches), complete=True)
 
 
 def _at_level(model: ModalModel) -> ModalModel:

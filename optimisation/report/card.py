@@ -16,7 +16,7 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import SlidingAbsorber
 from optimisation.baselines import Baselines
 from optimisation.files import replacing, write_json
-from optimisation.gap_card import Impacts
+from optimisation.gap_card import ImpactLoads
 
 Json = dict[str, object]
 # colours in card.html; a curve of fewer points shows them
@@ -129,7 +129,7 @@ def page(card: Card) -> str:
     filled = {"title": html.escape(card.title), "body": "\n".join(parts), "charts": data}
     filled |= {name: (ASSETS / name).read_text(encoding="utf-8") for name in SHARED}
     return re.sub(
-        r"\{\{([\w.-]+)\}\}", lambda found: filled[found[1]], FRAME.read_text(encoding="utf-8")
+        r"\{\{([\w.-]+)\}\}", lambda match: filled[match[1]], FRAME.read_text(encoding="utf-8")
     )
 
 
@@ -221,7 +221,7 @@ def baseline_rows(baselines: Baselines) -> Rows:
     )
 
 
-def borne_rows(gap: float, impacts: Impacts, level: float) -> Rows:
+def service_rows(gap: float, impacts: ImpactLoads, level: float) -> Rows:
     """Return the lines about a device's service: its structure has the ``level`` in m."""
     return (
         Row("stroke of the absorber, wall to wall", 2e3 * gap, "mm"),

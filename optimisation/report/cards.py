@@ -17,11 +17,11 @@ from optimisation.files import numbers
 from optimisation.frequency_levels import ResonanceCurves
 from optimisation.gap_card import (
     EFFECTIVE_RATIO,
-    Impacts,
+    ImpactLoads,
     contiguous_range,
 )
 from optimisation.insight import Levels
-from optimisation.measures import SHOWN, TOLD
+from optimisation.measures import DISPLAY_UNITS, LABELS
 from optimisation.problem import Problem
 from optimisation.report.card import (
     NO_DEVICE,
@@ -32,9 +32,9 @@ from optimisation.report.card import (
     assumed_rows,
     baseline_rows,
     between,
-    borne_rows,
     device_rows,
     mass_rows,
+    service_rows,
     with_band,
 )
 from optimisation.report.comparison_tables import END_WARNING, concepts_read_at_end
@@ -42,19 +42,19 @@ from optimisation.report.design_tables import END_WARNING as END_OF_DESIGN
 from optimisation.report.design_tables import (
     PAPER,
     WINNER,
-    borne_pairs,
     compared,
     condition_values,
+    constraint_words,
     is_any_at_end,
-    kept,
     limit,
+    load_pairs,
     reading,
     service_pairs,
 )
 from optimisation.report.frequency_report import frequency_charts
 from optimisation.report.front_report import front_reading, swept_conditions
 from optimisation.report.tuning_report import MINIMAX, TuningTable
-from optimisation.search.judge import Findings
+from optimisation.search.judge import SearchResult
 from optimisation.search.pareto import Front
 from optimisation.statistics import prediction_band
 from optimisation.sweep_range import find_reading_ratios, reading_in_words
@@ -66,39 +66,54 @@ POINTS = 601  # of a curve over the frequency
 
 
 def comparison_card(
-    found: Comparison, borne: Impacts | None = None, frequency: Sequence[ResonanceCurves] = ()
+    comparison: Comparison,
+    impacts: ImpactLoads | None = None,
+    frequency: Sequence[ResonanceCurves] = (),
 ) -> Card:
     """Return the impact absorber, the levels of all at one force near each resonance, and all curves.
 
-    ``borne`` near the first resonance, if known; ``frequency``: levels over the frequency.
+    ``impacts`` near the first resonance, if known; ``frequency``: levels over the frequency.
     """
-    labels = {concept.key: concept.label for concept in found.concepts}
-    own = next(concept.absorber for concept in found.concepts if concept.key == IMPACT)
+    labels = {concept.key: concept.label for concept in comparison.concepts}
+    own = next(concept.absorber for concept in comparison.concepts if concept.key == IMPACT)
     assert isinstance(own, SlidingAbsorber)
-    groups: list[tuple[str, tuple[Row, ...]]] = [("Impact absorber", device_rows(own, found.model))]
+    groups: list[tuple[str, tuple[Row, ...]]] = [
+        ("Impact absorber", device_rows(own, comparison.model))
+    ]
     groups.append(
         (
             "Others of its mass",
             tuple(
                 Row(one.label, _parameters(one.absorber))
-                for one in found.concepts
+                for one in comparison.concepts
                 if one.key not in (NONE, IMPACT)
             ),
         )
     )
     warnings = []
     charts = []
-    for part in found.resonances:
+    for part in comparison.resonances:
         name = f"Resonance {part.resonance}"
-        if part.told is not None:
+        if part.reported_index is not None:
             groups.append(
-                (f"{name}, at {part.forces[part.told]:.3g} N", _levels(found, part, part.told))
+                (
+                    f"{name}, at {part.forces[part.reported_index]:.3g} N",
+                    _levels(comparison, part, part.reported_index),
+                )
             )
-        if part.told is not None and part is found.resonances[0] and borne is not None:
+        if (
+            part.reported_index is not None
+            and part is comparison.resonances[0]
+            and impacts is not None
+        ):
             groups.append(
                 (
                     "What it bears there",
-                    borne_rows(found.gap, borne, float(part.curves[IMPACT].median[part.told])),
+                    service_rows(
+                        comparison.gap,
+                        impacts,
+                        float(part.curves[IMPACT].median[part.reported_index]),
+                    ),
                 )
             )
         charts.append(_comparison_chart(part, labels, name))
@@ -110,21 +125,21 @@ def comparison_card(
             warnings.append(
                 f"{name}: the structure does not move as far as the rule's gap, and no wall is touched there"
             )
-    ends = concepts_read_at_end(found)
+    ends = concepts_read_at_end(comparison)
     if ends:
         warnings.append(f"{END_WARNING}: {'; '.join(ends)}")
     assumed = (
         *assumed_rows(
-            found.model,
-            [part.resonance for part in found.resonances],
-            found.percent_per_100_periods,
+            comparison.model,
+            [part.resonance for part in comparison.resonances],
+            comparison.percent_per_100_periods,
         ),
         *(
             Row(
                 f"resonance {part.resonance} swept over",
                 f"{part.limits[0]:.3g} to {part.limits[1]:.3g} of it",
             )
-            for part in found.resonances
+            for part in comparison.resonances
         ),
         Row("in brackets", "the interval that holds 90 % of further runs"),
     )
@@ -146,9 +161,9 @@ def _parameters(absorber: Absorber | None) -> str:
     )
 
 
-def _levels(found: Comparison, part: ResonanceComparison, k: int) -> tuple[Row, ...]:
-    labels = {concept.key: concept.label for concept in found.concepts}
-    ranges = {concept.key: part.limits_of(concept) for concept in found.concepts}
+def _levels(comparison: Comparison, part: ResonanceComparison, k: int) -> tuple[Row, ...]:
+    labels = {concept.key: concept.label for concept in comparison.concepts}
+    ranges = {concept.key: part.limits_of(concept) for concept in comparison.concepts}
     rows = []
     for key, curve in part.curves.items():
         level, (low, high), none = (
@@ -163,7 +178,7 @@ def _levels(found: Comparison, part: ResonanceComparison, k: int) -> tuple[Row, 
                 + reading_in_words(
                     float(find_reading_ratios(curve)[k]),
                     ranges[key],
-                    found.percent_per_100_periods,
+                    comparison.percent_per_100_periods,
                 ),
             )
         )
@@ -191,7 +206,7 @@ def _comparison_chart(part: ResonanceComparison, labels: dict[str, str], name: s
             )
         )
     what = "the force" if part.own_force is not None else f"best of the {labels[IMPACT]}"
-    best = () if part.told is None else ((what, float(part.forces[part.told])),)
+    best = () if part.reported_index is None else ((what, float(part.forces[part.reported_index])),)
     return Chart(
         name, "force in N", "level in mm (RMS)", tuple(curves), best, log_x=True, log_y=True
     )
@@ -234,21 +249,21 @@ def tuning_card(table: TuningTable, bounds: dict[str, float]) -> Card:
     best = [
         tuning.absorber for tuning in table.tunings if tuning.key == MINIMAX and tuning.absorber
     ]
-    borne = [
+    loads = [
         (
             "What the tuning of the smallest peak bears under 1 N",
-            _borne_tuned(table, absorber, ratios),
+            _tuned_loads(table, absorber, ratios),
         )
         for absorber in best
     ]
     return Card(
         "Tuned absorbers of one mass",
-        (("Tunings", tuple(rows)), *borne, ("Assumptions", assumed)),
+        (("Tunings", tuple(rows)), *loads, ("Assumptions", assumed)),
         (chart,),
     )
 
 
-def _borne_tuned(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> tuple[Row, ...]:
+def _tuned_loads(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> tuple[Row, ...]:
     """Return the largest stationary stroke, speed, accelerations and loss of a tuned absorber under 1 N at frequencies over the resonance's."""
     model = table.model
     omega = ratios * table.omega
@@ -276,15 +291,15 @@ def _borne_tuned(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> 
     )
 
 
-def findings_card(found: Findings, frequency: Sequence[ResonanceCurves] = ()) -> Card:
+def findings_card(result: SearchResult, frequency: Sequence[ResonanceCurves] = ()) -> Card:
     """Return a search's winner, its level under each condition beside its rivals, what it bears, and what it rests on.
 
     ``frequency``: levels over the frequency.
     """
-    problem = found.problem
-    verdict = found.verdict
+    problem = result.problem
+    verdict = result.verdict
     groups: list[tuple[str, tuple[Row, ...]]] = []
-    warnings = [] if found.finished else ["stopped early"]
+    warnings = [] if result.finished else ["stopped early"]
     if verdict is not None:
         values = verdict.winner.design.values
         own = [
@@ -296,13 +311,14 @@ def findings_card(found: Findings, frequency: Sequence[ResonanceCurves] = ()) ->
         judged = [
             Row(
                 f"{name}'s design",
-                with_band(one.score.values[0], *one.bands[0]) + kept(problem, one.score),
+                with_band(one.score.values[0], *one.bands[0])
+                + constraint_words(problem, one.score),
             )
             for name, one in compared(verdict).items()
         ]
         groups.append((f"{problem.objectives[0].label}, on fresh members", tuple(judged)))
         groups += [
-            (c.words[0].upper() + c.words[1:], _condition_rows(found, k))
+            (c.words[0].upper() + c.words[1:], _condition_rows(result, k))
             for k, c in enumerate(problem.conditions)
         ]
         if is_any_at_end(problem, (verdict.winner,)):
@@ -315,19 +331,19 @@ def findings_card(found: Findings, frequency: Sequence[ResonanceCurves] = ()) ->
         ]
     more = (
         ""
-        if found.wider is None
-        else f"; with {found.wider.modes} {found.wider.change} of its value"
+        if result.wider is None
+        else f"; with {result.wider.modes} {result.wider.change} of its value"
     )
     groups.append(
         (
             "Assumptions",
             (
                 *_assumed(problem, more),
-                Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"),
+                Row("searched", f"{result.cost.designs} designs, {result.cost.runs} runs"),
             ),
         )
     )
-    charts = [_over_force(part) for part in found.curves or ()]
+    charts = [_over_force(part) for part in result.curves or ()]
     return Card(
         f"Search for the best design: {problem.space.concept}",
         tuple(groups),
@@ -343,47 +359,50 @@ def _assumed(problem: Problem, more: str = "") -> tuple[Row, ...]:
     )
 
 
-def _condition_rows(found: Findings, k: int) -> tuple[Row, ...]:
+def _condition_rows(result: SearchResult, k: int) -> tuple[Row, ...]:
     """Return levels under a condition, and what the winner bears there."""
-    assert found.own is not None
-    values = condition_values(found, k)
-    condition = found.own.conditions[k]
-    (name, unit), (scale, shown) = condition.told, SHOWN[condition.told[1]]
+    assert result.own is not None
+    values = condition_values(result, k)
+    condition = result.own.conditions[k]
+    (name, unit), (scale, display_unit) = (
+        condition.measure_and_unit,
+        DISPLAY_UNITS[condition.measure_and_unit[1]],
+    )
     rows = []
     for who in (WINNER, PAPER):
         one: dict[str, Any] = values[who]  # type: ignore[assignment]
         low, high = (
             math.nan if x is None else scale * x for x in one[f"{name}_5_to_95_percent_{unit}"]
         )
-        level = with_band(scale * one[f"{name}_{unit}"], low, high, unit=shown)
+        level = with_band(scale * one[f"{name}_{unit}"], low, high, unit=display_unit)
         level += f", {100 * one['relative']:.3g} % of no absorber"
-        level += reading(found.problem, condition, one["level_frequency_ratio"])
+        level += reading(result.problem, condition, one["level_frequency_ratio"])
         rows.append(Row(f"{who}'s design", level))
-    rows.append(Row("no absorber", scale * float(found.own.without[k]), shown))
+    rows.append(Row("no absorber", scale * float(result.own.without[k]), display_unit))
     if condition.loads is None:
-        assert found.verdict is not None
-        design = found.verdict.winner.design
+        assert result.verdict is not None
+        design = result.verdict.winner.design
         rows += baseline_rows(
             simulate_baselines(
-                found.problem.model,
+                result.problem.model,
                 design.values[MASS_RATIO],
                 (condition.force, condition.resonance),
                 condition.limits,
-                found.problem.rate,
+                result.problem.rate,
                 Threads(),
             )
         )
-        bound = limit(found.problem, design, condition)
+        bound = limit(result.problem, design, condition)
         rows += [] if math.isnan(bound) else [Row(NO_DEVICE, MM * bound, "mm")]
-    if found.service is not None:
-        rows += [Row(*pair) for pair in service_pairs(found.service, k)]
+    if result.service is not None:
+        rows += [Row(*pair) for pair in service_pairs(result.service, k)]
     return tuple(rows)
 
 
 def _over_force(part: Levels) -> Chart:
     forces = [condition.force for condition in part.conditions]
     own = part.conditions[0]
-    name, (scale, unit) = own.told[0], SHOWN[own.told[1]]
+    name, (scale, unit) = own.measure_and_unit[0], DISPLAY_UNITS[own.measure_and_unit[1]]
     curves = [
         Curve(
             who,
@@ -398,29 +417,29 @@ def _over_force(part: Levels) -> Chart:
     x, y = (
         ("force in N", "level in mm (RMS)")
         if own.loads is None
-        else ("factor on the loads", f"{TOLD[name]} in {unit}")
+        else ("factor on the loads", f"{LABELS[name]} in {unit}")
     )
     return Chart(own.place[0].upper() + own.place[1:], x, y, tuple(curves), log_x=True, log_y=True)
 
 
-def front_card(found: Front) -> Card:
+def front_card(front: Front) -> Card:
     """Return the designs of a front, what some of them bear, and all that were tried."""
-    problem = found.problem
-    names = [o.label for o in found.problem.objectives]
+    problem = front.problem
+    names = [o.label for o in front.problem.objectives]
     rows = []
-    for e in found.members:
+    for e in front.members:
         values = ", ".join(f"{v.name} {e.design.values[v.name]:.4g}" for v in problem.space.free)
         rows.append(
             Row(f"design {e.number}", values + ": {:.4g} and {:.4g}".format(*e.score.values))
         )
-    if found.fresh:
+    if front.fresh:
         rows += [
-            Row(f"{c.words}: levels", front_reading(found, k)) for k, c in swept_conditions(problem)
+            Row(f"{c.words}: levels", front_reading(front, k)) for k, c in swept_conditions(problem)
         ]
-    warnings = [] if found.members else ["no design kept all constraints"]
-    if found.fresh and is_any_at_end(problem, found.fresh):
+    warnings = [] if front.members else ["no design kept all constraints"]
+    if front.fresh and is_any_at_end(problem, front.fresh):
         warnings.append(END_OF_DESIGN)
-    parts = [("tried", found.told), ("on the front", found.members)]
+    parts = [("tried", front.evaluated), ("on the front", front.members)]
     curves = [
         Curve(
             name,
@@ -432,17 +451,17 @@ def front_card(found: Front) -> Card:
     ]
     assumed = (
         *_assumed(problem),
-        Row("searched", f"{found.cost.designs} designs, {found.cost.runs} runs"),
+        Row("searched", f"{front.cost.designs} designs, {front.cost.runs} runs"),
     )
-    borne = [
+    service_rows_of = [
         (
             f"What design {number} bears, {condition.words}",
-            tuple(Row(*pair) for pair in borne_pairs(seen, c)),
+            tuple(Row(*pair) for pair in load_pairs(measures, c)),
         )
-        for number, seen in found.borne
+        for number, measures in front.service
         for c, condition in enumerate(problem.conditions)
     ]
-    groups = (("Front", tuple(rows)), *borne, ("Assumptions", assumed))
+    groups = (("Front", tuple(rows)), *service_rows_of, ("Assumptions", assumed))
     return Card(
         " against ".join(names),
         groups,

@@ -18,7 +18,7 @@ from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
 from optimisation.files import number, numbers
 from optimisation.load_comparison import LoadComparison, Reading, TunedUnder
-from optimisation.measures import TOLD, UNITS
+from optimisation.measures import LABELS, UNITS
 from optimisation.report.card import with_band
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure
 from optimisation.statistics import prediction_band, prediction_interval
@@ -134,8 +134,8 @@ def _at(point: Optimum) -> Json:
 
 def _at_index(curve: PerformanceCurve, none: PerformanceCurve, k: int) -> Json:
     """Return level, relative level, and where the level was read, at a force."""
-    found = _at(_with_intervals(curve, none, curve.at(k, none)))
-    return found | {"level_frequency_ratio": number(find_reading_ratios(curve)[k])}
+    values = _at(_with_intervals(curve, none, curve.at(k, none)))
+    return values | {"level_frequency_ratio": number(find_reading_ratios(curve)[k])}
 
 
 def _linear(comparison: Comparison, concept: Concept) -> bool:
@@ -169,8 +169,8 @@ def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept:
         }
     if part.best is not None:
         summary["at_best_force_of_impact_absorber"] = _at_index(curve, none, part.best)
-    if part.told is not None and part.own_force is not None:
-        summary["at_the_force"] = _at_index(curve, none, part.told)
+    if part.reported_index is not None and part.own_force is not None:
+        summary["at_the_force"] = _at_index(curve, none, part.reported_index)
     return summary
 
 
@@ -219,11 +219,11 @@ def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) ->
     curve = part.curves[concept.key]
     none = part.curves[NONE]
     optimum = curve.optimum(none)
-    if optimum is None or part.told is None:
+    if optimum is None or part.reported_index is None:
         return [concept.label, *["-"] * 5]
     optimum = _with_intervals(curve, none, optimum)
-    here = _with_intervals(curve, none, curve.at(part.told, none))
-    ratio = float(find_reading_ratios(curve)[part.told])
+    here = _with_intervals(curve, none, curve.at(part.reported_index, none))
+    ratio = float(find_reading_ratios(curve)[part.reported_index])
     at_end = is_at_end(ratio, part.limits_of(concept), comparison.percent_per_100_periods)
     best = (
         "any"
@@ -248,7 +248,11 @@ def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) ->
 
 def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
-    at = "the best force" if part.told is None else f"{part.forces[part.told]:.3g} N"
+    at = (
+        "the best force"
+        if part.reported_index is None
+        else f"{part.forces[part.reported_index]:.3g} N"
+    )
     rows = [
         [
             "concept",
@@ -264,13 +268,13 @@ def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
         for concept in comparison.concepts
         if concept.key in part.curves
     ]
-    if part.told is not None:
+    if part.reported_index is not None:
         rows.append(
             [
                 f"limit within a cavity of ±{1e3 * part.gap:.4g} mm",
                 "",
                 "",
-                f"{1e3 * part.limit[part.told]:.3f}",
+                f"{1e3 * part.limit[part.reported_index]:.3f}",
                 "",
                 "",
             ]
@@ -320,21 +324,21 @@ END_WARNING = "read at an end of the sweeps, beyond which the level may be large
 
 def concepts_read_at_end(comparison: Comparison) -> list[str]:
     """Return the absorbers, in words, whose level at the force of the comparison was read at an end of their sweeps."""
-    found = []
+    values = []
     for part in comparison.resonances:
-        if part.told is None:
+        if part.reported_index is None:
             continue
         for concept in comparison.concepts:
             if concept.key in part.curves:
-                ratio = float(find_reading_ratios(part.curves[concept.key])[part.told])
+                ratio = float(find_reading_ratios(part.curves[concept.key])[part.reported_index])
                 limits = part.limits_of(concept)
                 if is_at_end(ratio, limits, comparison.percent_per_100_periods):
-                    found.append(f"{concept.label} near resonance {part.resonance}")
-    return found
+                    values.append(f"{concept.label} near resonance {part.resonance}")
+    return values
 
 
 LOAD_COLUMNS = ("concept", "factor", "member", "band", "value")
-LOAD_LOOKS = {
+LOAD_STYLES = {
     "impact": ("impact absorber", BLUE, "-"),
     "friction": ("friction damper", ORANGE, "-"),
     "tuned": ("tuned absorber", GREEN, "--"),
@@ -343,8 +347,8 @@ LOAD_LOOKS = {
 
 def load_rows(comparison: LoadComparison) -> Iterator[tuple[object, ...]]:
     """Yield every run."""
-    for concept, found in comparison.values.items():
-        for factor, runs in zip(comparison.factors, found, strict=True):
+    for concept, rows in comparison.values.items():
+        for factor, runs in zip(comparison.factors, rows, strict=True):
             yield from (
                 (concept, float(factor), *place, float(value))
                 for place, value in np.ndenumerate(runs)
@@ -370,7 +374,7 @@ def load_summary(comparison: LoadComparison) -> dict[str, Any]:
         "without_absorber": np.median(comparison.values["none"], axis=1).T.tolist(),
         "ratio_5_50_95": {
             name: [[numbers(point) for point in band] for band in load_bands(comparison, name)]
-            for name in LOAD_LOOKS
+            for name in LOAD_STYLES
         },
     }
 
@@ -386,11 +390,11 @@ def reading_in_words(reading: Reading) -> str:
 def load_bands(comparison: LoadComparison, name: str) -> Array:
     """Return an absorber's measure over that without absorber, (B, F, 3): the median between the ends of the interval of 90 % of further runs."""
     ratio = comparison.ratio(name)
-    found = []
+    values = []
     for band in range(ratio.shape[2]):
         low, high = prediction_band(ratio[:, :, band])
-        found.append(np.stack([low, np.median(ratio[:, :, band], axis=1), high], axis=1))
-    return np.array(found)
+        values.append(np.stack([low, np.median(ratio[:, :, band], axis=1), high], axis=1))
+    return np.array(values)
 
 
 def _heads(comparison: LoadComparison) -> list[str]:
@@ -406,21 +410,21 @@ def _heads(comparison: LoadComparison) -> list[str]:
 def load_table(comparison: LoadComparison) -> str:
     """Return the lines that are printed."""
     runs = comparison.values["none"].shape[1]
-    what = f"{TOLD[comparison.measure]} under {describe_amplitude(comparison.loads)}"
+    what = f"{LABELS[comparison.measure]} under {describe_amplitude(comparison.loads)}"
     lines = [f"{what}, over that without absorber: median of {runs} runs (90 % of further runs)"]
     lines += [
         f"  {describe_absorber(absorber)}{reading_in_words(comparison.readings[name])}"
         for name, absorber in comparison.absorbers.items()
         if absorber is not None
     ]
-    bands = {name: load_bands(comparison, name) for name in LOAD_LOOKS}
+    bands = {name: load_bands(comparison, name) for name in LOAD_STYLES}
     for band, head in enumerate(_heads(comparison)):
         lines += [f"  {head}"] if head else []
-        lines.append("  intensity" + "".join(f"{LOAD_LOOKS[name][0]:>24}" for name in LOAD_LOOKS))
+        lines.append("  intensity" + "".join(f"{LOAD_STYLES[name][0]:>24}" for name in LOAD_STYLES))
         for k, factor in enumerate(comparison.factors):
             cells = (
                 f"{middle:.3f}" + (f" ({low:.2f} to {high:.2f})" if high > low else "")
-                for low, middle, high in (bands[name][band, k] for name in LOAD_LOOKS)
+                for low, middle, high in (bands[name][band, k] for name in LOAD_STYLES)
             )
             lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
     if any(reading.at_end for reading in comparison.readings.values()):
@@ -428,23 +432,23 @@ def load_table(comparison: LoadComparison) -> str:
     return "\n".join(lines)
 
 
-def tuned_summary(found: TunedUnder) -> dict[str, Any]:
+def tuned_summary(tuned: TunedUnder) -> dict[str, Any]:
     """Return the tunings and what they leave of the measure without absorber, the median over the members."""
-    ratios = np.median(found.ratios, axis=1)
-    tunings = zip(("best", "least_peak"), (found.best, found.peak), ratios, strict=True)
-    return {"measure": found.measure} | {
+    ratios = np.median(tuned.ratios, axis=1)
+    tunings = zip(("best", "least_peak"), (tuned.best, tuned.peak), ratios, strict=True)
+    return {"measure": tuned.measure} | {
         name: values(absorber) | {"ratio": float(ratio)} for name, absorber, ratio in tunings
     }
 
 
-def tuned_text(found: TunedUnder) -> str:
+def tuned_text(tuned: TunedUnder) -> str:
     """Return the lines that are printed of tunings."""
-    ratios = 100 * found.ratios
+    ratios = 100 * tuned.ratios
     lines = [
-        f"{TOLD[found.measure]} under {describe_amplitude(found.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"
+        f"{LABELS[tuned.measure]} under {describe_amplitude(tuned.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"
     ]
     for name, absorber, row in zip(
-        ("best for it", "least peak"), (found.best, found.peak), ratios, strict=True
+        ("best for it", "least peak"), (tuned.best, tuned.peak), ratios, strict=True
     ):
         lines.append(
             f"  {name}: {with_band(np.median(row), row.min(), row.max())}, {describe_absorber(absorber)}"
@@ -458,7 +462,7 @@ def save_load_figure(path: Path, comparison: LoadComparison) -> None:
     figure, panels = figure_of(5.2 * len(heads) + 1.0, 3.8, 1, len(heads), sharey=True)
     panels = np.atleast_1d(panels)
     for band, (axes, head) in enumerate(zip(panels, heads, strict=True)):
-        for name, (label, colour, style) in LOAD_LOOKS.items():
+        for name, (label, colour, style) in LOAD_STYLES.items():
             low, middle, high = load_bands(comparison, name)[band].T
             axes.fill_between(comparison.factors, low, high, color=colour, alpha=0.18, linewidth=0)
             axes.plot(comparison.factors, middle, style, color=colour, label=label)
@@ -472,6 +476,6 @@ def save_load_figure(path: Path, comparison: LoadComparison) -> None:
             ", ".join(filter(None, (f"Under {describe_amplitude(comparison.loads)}", head))),
             fontsize=11,
         )
-    panels[0].set_ylabel(f"{TOLD[comparison.measure]} over that without absorber")
+    panels[0].set_ylabel(f"{LABELS[comparison.measure]} over that without absorber")
     panels[0].legend(frameon=False)
     write_figure(figure, path)

@@ -22,13 +22,13 @@ from optimisation.comparison import (
     ResonanceComparison,
 )
 from optimisation.insight import Levels, over_force
-from optimisation.measures import SHOWN, TOLD
-from optimisation.mounting import mounted
+from optimisation.measures import DISPLAY_UNITS, LABELS
+from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition
 from optimisation.report import figures
 from optimisation.report.design_tables import limit
 from optimisation.report.figures import write_figure
-from optimisation.search.judge import Findings
+from optimisation.search.judge import SearchResult
 from optimisation.sobol import Sensitivity
 from optimisation.statistics import prediction_band
 from optimisation.variables import GAP, MASS_RATIO, POSITION
@@ -36,12 +36,12 @@ from optimisation.variables import GAP, MASS_RATIO, POSITION
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LEAST_SHOWN = 0.04  # of the gap: the smallest level in the figure
+LEAST_LEVEL = 0.04  # of the gap: the smallest level in the figure
 ORDINALS = {1: "First", 2: "Second", 3: "Third"}
 
 
 @dataclass(frozen=True)
-class Look:
+class LineStyle:
     """How a concept is drawn: colours of Okabe and Ito, which colour-blind readers can tell apart, and a line style as well."""
 
     label: str
@@ -50,12 +50,12 @@ class Look:
     width: float = 1.8
 
 
-LOOKS = {
-    NONE: Look("no absorber", figures.BLACK, "-", 1.3),
-    FRICTION: Look("friction damper", figures.ORANGE),
-    LTVA_PAPER_WIDE: Look("tuned absorber, paper's values", figures.PINK, (0, (4, 2))),
-    LTVA_TUNED_WIDE: Look("tuned absorber, well tuned", figures.GREEN, (0, (6, 2, 1.5, 2))),
-    IMPACT: Look("impact absorber", figures.BLUE, "-", 2.4),
+LINE_STYLES = {
+    NONE: LineStyle("no absorber", figures.BLACK, "-", 1.3),
+    FRICTION: LineStyle("friction damper", figures.ORANGE),
+    LTVA_PAPER_WIDE: LineStyle("tuned absorber, paper's values", figures.PINK, (0, (4, 2))),
+    LTVA_TUNED_WIDE: LineStyle("tuned absorber, well tuned", figures.GREEN, (0, (6, 2, 1.5, 2))),
+    IMPACT: LineStyle("impact absorber", figures.BLUE, "-", 2.4),
 }
 
 
@@ -67,7 +67,7 @@ def save_figure(path: Path, comparison: Comparison) -> None:
     for panel, part in zip(panels, comparison.resonances, strict=True):
         _draw(panel, part)
         top = max(top, float(np.nanmax(figures.MM * part.curves[NONE].median, initial=0)))
-    panels[0].set_ylim(figures.MM * LEAST_SHOWN * comparison.gap, 1.3 * top if top > 0 else None)
+    panels[0].set_ylim(figures.MM * LEAST_LEVEL * comparison.gap, 1.3 * top if top > 0 else None)
     panels[0].set_ylabel(
         "resonant response level in mm (RMS)"
         if comparison.own_structure
@@ -94,7 +94,7 @@ def save_figure(path: Path, comparison: Comparison) -> None:
 
 
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
-    for key, look in LOOKS.items():
+    for key, line_style in LINE_STYLES.items():
         # near another resonance than its own a tuned absorber is not swept widely
         curve = part.curves.get(
             key, part.curves.get(LTVA_TUNED) if key == LTVA_TUNED_WIDE else None
@@ -102,14 +102,14 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
         if curve is None:
             continue
         low, high = figures.MM * prediction_band(curve.combined)
-        panel.fill_between(part.forces, low, high, color=look.colour, alpha=0.25, lw=0)
+        panel.fill_between(part.forces, low, high, color=line_style.colour, alpha=0.25, lw=0)
         panel.plot(
             part.forces,
             figures.MM * curve.median,
-            color=look.colour,
-            ls=look.style,
-            lw=look.width,
-            label=look.label,
+            color=line_style.colour,
+            ls=line_style.style,
+            lw=line_style.width,
+            label=line_style.label,
         )
     panel.set(xscale="log", yscale="log", xlim=(part.forces[0], part.forces[-1]))
     _draw_limit(panel, part)
@@ -140,7 +140,7 @@ def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
     optimum = part.curves[IMPACT].optimum(part.curves[NONE])
     if optimum is None:
         return
-    colour = LOOKS[IMPACT].colour
+    colour = LINE_STYLES[IMPACT].colour
     panel.plot(
         optimum.force,
         figures.MM * optimum.level,
@@ -159,7 +159,7 @@ def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
 
 
 Array = NDArray[np.float64]
-DESIGN_LOOKS = (
+DESIGN_STYLES = (
     ("winner", figures.BLUE, "-", 2.2),
     ("paper's design", figures.ORANGE, (0, (5, 2)), 1.8),
 )
@@ -178,14 +178,14 @@ def _axis(condition: Condition) -> str:
 
 
 def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
-    for d, (label, colour, style, width) in enumerate(DESIGN_LOOKS[: len(levels.median)]):
+    for d, (label, colour, style, width) in enumerate(DESIGN_STYLES[: len(levels.median)]):
         panel.fill_between(
             x, levels.low[d] * scale, levels.high[d] * scale, color=colour, alpha=0.2, lw=0
         )
         panel.plot(x, levels.median[d] * scale, color=colour, ls=style, lw=width, label=label)
 
 
-def save_curves(path: Path, findings: Findings) -> None:
+def save_curves(path: Path, findings: SearchResult) -> None:
     """Draw the response level over the force: winner, paper's design, no absorber, and the limit of the winner's cavity."""
     assert findings.curves is not None
     assert findings.verdict is not None
@@ -194,7 +194,7 @@ def save_curves(path: Path, findings: Findings) -> None:
         panels, findings.curves, findings.problem.conditions, strict=True
     ):
         forces = np.array([condition.force for condition in levels.conditions])
-        scale, shown = SHOWN[own.told[1]]
+        scale, display_unit = DISPLAY_UNITS[own.measure_and_unit[1]]
         panel.plot(forces, scale * levels.without, color=figures.BLACK, lw=1.2, label="no absorber")
         _lines(panel, forces, levels, np.full(len(forces), scale))
         panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel=_axis(own))
@@ -227,13 +227,13 @@ def save_curves(path: Path, findings: Findings) -> None:
     panels[0].set_ylabel(
         "response level of the free end in mm (RMS)"
         if own.loads is None
-        else f"{TOLD[own.told[0]]} in {shown}"
+        else f"{LABELS[own.measure_and_unit[0]]} in {display_unit}"
     )
     figures.draw_legend(figure, panels[0])
     write_figure(figure, path)
 
 
-def save_map(path: Path, findings: Findings) -> None:
+def save_map(path: Path, findings: SearchResult) -> None:
     """Draw the relative level over gap and force: straight lines of one gap over force are what the scaling law demands."""
     from matplotlib.colors import LogNorm
     from matplotlib.font_manager import FontProperties
@@ -308,18 +308,18 @@ def save_map(path: Path, findings: Findings) -> None:
     write_figure(figure, path)
 
 
-def _rule(findings: Findings, resonance: int, force: float) -> float | None:
+def _rule(findings: SearchResult, resonance: int, force: float) -> float | None:
     winner = findings.verdict.winner.design if findings.verdict else None
     if winner is None:
         return None
-    model = mounted(findings.problem.beam, winner.values[POSITION])
+    model = model_with_absorber_at(findings.problem.beam, winner.values[POSITION])
     try:
         return design_gap(model, winner.values[MASS_RATIO] * model.beam_mass, force, resonance)
     except ParameterError:  # a heavy absorber moves the resonance out of the rule's range
         return None
 
 
-def save_robustness(path: Path, findings: Findings) -> None:
+def save_robustness(path: Path, findings: SearchResult) -> None:
     """Draw the relative level over a detuning of the beam's frequencies that the design does not know of."""
     assert findings.detuned is not None
     figure, panels = figures.figure_with(len(findings.detuned))
@@ -342,13 +342,19 @@ def save_robustness(path: Path, findings: Findings) -> None:
     write_figure(figure, path)
 
 
-def save_sensitivity(path: Path, found: Sensitivity, of: str = "the winner") -> None:
+def save_sensitivity(path: Path, sensitivity: Sensitivity, of: str = "the winner") -> None:
     """Draw Sobol indices with their 95 % intervals; ``of``: around what, in words."""
-    at = np.arange(len(found.names))
+    at = np.arange(len(sensitivity.names))
     figure, panel = figures.figure_of(max(6.4, 1.5 * len(at)), 4.2)
     for shift, colour, label, values, band in (
-        (-0.19, figures.BLUE, "alone (first order)", found.first, found.first_band),
-        (0.19, figures.ORANGE, "with the others (total)", found.total, found.total_band),
+        (-0.19, figures.BLUE, "alone (first order)", sensitivity.first, sensitivity.first_band),
+        (
+            0.19,
+            figures.ORANGE,
+            "with the others (total)",
+            sensitivity.total,
+            sensitivity.total_band,
+        ),
     ):
         error = np.maximum(np.abs(band.T - values), 0)
         panel.bar(
@@ -365,13 +371,13 @@ def save_sensitivity(path: Path, found: Sensitivity, of: str = "the winner") -> 
         at,
         [
             f"{n.replace('_', ' ')}\n{a:.3g} to {b:.3g}"
-            for n, a, b in zip(found.names, found.low, found.high, strict=True)
+            for n, a, b in zip(sensitivity.names, sensitivity.low, sensitivity.high, strict=True)
         ],
     )
     panel.set_ylabel("share of the variance")
     panel.axhline(0, color=figures.BLACK, lw=0.8)
     panel.set_title(
-        f"Sobol indices around {of}, standard deviation {found.spread:.3g}", fontsize=10
+        f"Sobol indices around {of}, standard deviation {sensitivity.spread:.3g}", fontsize=10
     )
     figures.draw_grid(panel)
     figures.draw_legend(figure, panel)

@@ -13,20 +13,20 @@ from optimisation.files import Table, number, numbers
 from optimisation.insight import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Levels, Service
 from optimisation.measures import (
     ACCELERATION,
+    DISPLAY_UNITS,
     FRICTION_HEAT,
     IMPACT_POWER,
     IMPACT_RATE,
     IMPACT_RMS,
     IMPACT_SPEED,
-    SHOWN,
+    LABELS,
     STROKE,
-    TOLD,
 )
 from optimisation.mounting import detuned
 from optimisation.objectives import Condition, Objective, Score
 from optimisation.problem import Problem
 from optimisation.report.card import with_band
-from optimisation.search.judge import Findings, Judged, Verdict
+from optimisation.search.judge import Judged, SearchResult, Verdict
 from optimisation.search.settings import Evaluated
 from optimisation.statistics import COVERED, PREDICTED, Branches, Gain, branches
 from optimisation.sweep_range import is_at_end, reading_in_words
@@ -69,7 +69,7 @@ def name_of(objective: Objective) -> str:
     )
 
 
-def design_table(problem: Problem, told: Sequence[Evaluated]) -> Table:
+def design_table(problem: Problem, evaluated: Sequence[Evaluated]) -> Table:
     """Return a table with a row for each design of a study, by number."""
     free = [v.name for v in problem.space.free]
     rows = [
@@ -80,7 +80,7 @@ def design_table(problem: Problem, told: Sequence[Evaluated]) -> Table:
             e.rungs,
             int(e.score.feasible),
         ]
-        for e in told
+        for e in evaluated
     ]
     return ["number", *free, *map(name_of, problem.objectives), "rungs", "feasible"], rows
 
@@ -104,7 +104,7 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
     rows = list[list[object]]()
     first = parts[0].conditions[0]
     if first.loads is not None:
-        name, unit = first.told
+        name, unit = first.measure_and_unit
         measured = (
             f"{name}_{part}_{unit}" for part in ("median", "5_percent", "95_percent", "without")
         )
@@ -131,7 +131,7 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
     return columns, rows
 
 
-def kept(problem: Problem, score: Score) -> str:
+def constraint_words(problem: Problem, score: Score) -> str:
     """Return whether a design keeps the constraints, and which it breaks by how much, in words; nothing where there are none."""
     if score.failed:
         return ", a run failed"
@@ -181,18 +181,18 @@ def _gain(gain: Gain) -> Json:
     }
 
 
-def _branches(found: Branches | None, without: float) -> Json | None:
+def _branches(branches: Branches | None, without: float) -> Json | None:
     return (
         None
-        if found is None
+        if branches is None
         else {
-            "relative": [level / without for level in found.levels],
-            "shares_of_members": list(found.shares),
+            "relative": [level / without for level in branches.levels],
+            "shares_of_members": list(branches.shares),
         }
     )
 
 
-def summary(findings: Findings) -> Json:
+def summary(findings: SearchResult) -> Json:
     """Return a concept's result as JSON values."""
     problem = findings.problem
     verdict = findings.verdict
@@ -204,8 +204,8 @@ def summary(findings: Findings) -> Json:
     }
     if verdict is not None:
         content["found"] = {
-            "number": verdict.found.number,
-            "score": numbers(verdict.found.score.values),
+            "number": verdict.search_best.number,
+            "score": numbers(verdict.search_best.score.values),
         }
         content |= {name: _judged(judged, problem) for name, judged in compared(verdict).items()}
         content["winner_over_paper"], content["winner_over_rule"] = (
@@ -249,7 +249,7 @@ def summary(findings: Findings) -> Json:
     return content
 
 
-def condition_values(findings: Findings, k: int) -> Json:
+def condition_values(findings: SearchResult, k: int) -> Json:
     """Return levels, limit and share of winner and paper under a condition, by its index, as JSON values."""
     own = findings.own
     verdict = findings.verdict
@@ -259,7 +259,7 @@ def condition_values(findings: Findings, k: int) -> Json:
     condition = own.conditions[k]
     without = float(own.without[k])
     sweep = problem.sweep_ratio(condition)
-    name, unit = condition.told
+    name, unit = condition.measure_and_unit
     rows: Json = (
         {"resonance": condition.resonance, "force_n": condition.force}
         if condition.loads is None
@@ -317,14 +317,14 @@ def is_any_at_end(problem: Problem, judged: Sequence[Judged]) -> bool:
     )
 
 
-def text(findings: Findings) -> str:
+def text(findings: SearchResult) -> str:
     """Return a concept's result as a text to read."""
     problem = findings.problem
     verdict = findings.verdict
     cost = findings.cost
     title = f"{problem.space.concept}: {problem.objectives[0].label}, {'larger' if problem.objectives[0].maximise else 'smaller'} is better"
     loads = [
-        f"  under {one.words}; the level is the {TOLD[one.told[0]]}"
+        f"  under {one.words}; the level is the {LABELS[one.measure_and_unit[0]]}"
         for one in problem.conditions
         if one.loads is not None
     ]
@@ -367,35 +367,35 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
     """Yield the winner's numbers beside those of the paper and the rule, what the members say of them, and the bounds that it lies at."""
     free = {v.name for v in problem.space.free}
     every = compared(verdict)
-    shown = [
+    display_unit = [
         v
         for v in VARIABLES[problem.space.concept]
         if v.name in free or len({j.design.values[v.name] for j in every.values()}) > 1
     ]
-    width = max(len(v.name) for v in shown)
-    for v in shown:
+    width = max(len(v.name) for v in display_unit)
+    for v in display_unit:
         mine, paper, rule = (judged.design.values[v.name] for judged in every.values())
         yield f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}, rule {rule:.4g}) {v.si}".rstrip()
     for name, judged in every.items():
         (low, high), *_ = judged.bands
         members = f"{len(judged.members[0])} fresh members"
-        yield f"  {name} on {members}: {with_band(judged.score.values[0], low, high)}{kept(problem, judged.score)}"
+        yield f"  {name} on {members}: {with_band(judged.score.values[0], low, high)}{constraint_words(problem, judged.score)}"
     if not verdict.feasible:
         yield "  no feasible design: the winner is the one that breaks the constraints least; loosen them, or search longer"
     elif verdict.winner in (verdict.paper, verdict.rule):
         yield f"  the winner is the {PAPER if verdict.winner is verdict.paper else RULE}'s design: the search found none better on fresh members"
     over = f"winner over paper {verdict.gain}, over the rule's design {verdict.gain_over(verdict.rule)}"
     yield f"  in brackets behind a design: the interval that holds {100 * PREDICTED:g} % of further runs"
-    yield f"  the search thought {verdict.found.score.values[0]:.4g}; {over}, with {100 * COVERED:g} % bootstrap intervals"
+    yield f"  the search thought {verdict.search_best.score.values[0]:.4g}; {over}, with {100 * COVERED:g} % bootstrap intervals"
     for line in problem.space.at_bounds(verdict.winner.design):
         yield f"  the winner lies at a bound: {line}"
 
 
-def _so_far(findings: Findings) -> str:
+def _so_far(findings: SearchResult) -> str:
     """Return the numbers of a search whose winner has not been judged."""
-    last = max((e.rungs for e in findings.told), default=0)
+    last = max((e.rungs for e in findings.evaluated), default=0)
     best = min(
-        (e for e in findings.told if e.score.feasible and e.rungs == last),
+        (e for e in findings.evaluated if e.score.feasible and e.rungs == last),
         key=lambda e: findings.problem.cost(e.score),
         default=None,
     )
@@ -407,7 +407,7 @@ def _so_far(findings: Findings) -> str:
     return f"  best so far, on the search's own members: {best.score.values[0]:.4g} with {free}"
 
 
-def _condition_lines(findings: Findings) -> Iterator[str]:
+def _condition_lines(findings: SearchResult) -> Iterator[str]:
     assert findings.own is not None
     for k in range(len(findings.own.conditions)):
         row = condition_values(findings, k)
@@ -424,11 +424,14 @@ def _condition_lines(findings: Findings) -> Iterator[str]:
             else f", {100 * share:.0f} % of the reduction that the stationary limit leaves room for"
         )
         condition = findings.own.conditions[k]
-        (name, unit), (scale, shown) = condition.told, SHOWN[condition.told[1]]
+        (name, unit), (scale, display_unit) = (
+            condition.measure_and_unit,
+            DISPLAY_UNITS[condition.measure_and_unit[1]],
+        )
         ends = [
             math.nan if x is None else scale * x for x in mine[f"{name}_5_to_95_percent_{unit}"]
         ]
-        level = with_band(scale * mine[f"{name}_{unit}"], ends[0], ends[1], "{:.3f}", shown)
+        level = with_band(scale * mine[f"{name}_{unit}"], ends[0], ends[1], "{:.3f}", display_unit)
         levels = f"{level}, {100 * mine['relative']:.1f} % of no absorber"
         where = reading(findings.problem, condition, mine["level_frequency_ratio"])
         yield f"  {condition.words}: {levels}{where} (paper {100 * paper['relative']:.1f} %){reached}"
@@ -475,64 +478,64 @@ def _range_of(name: str) -> str:
     }[kind]
 
 
-def service_summary(found: Service) -> Json:
+def service_summary(service: Service) -> Json:
     """Return the service of a design as JSON values, condition by condition, in SI units."""
     rows = [
         {
             "resonance": condition.resonance,
             "force_n": condition.force,
             "watched_5_50_95_percent": {
-                name: numbers(values[:, c]) for name, values in found.watched.items()
+                name: numbers(values[:, c]) for name, values in service.measures.items()
             },
-            "forces_that_it_halves_n": numbers(found.forces[:, c]),
-            "level_m": float(found.level[c]),
+            "forces_that_it_halves_n": numbers(service.forces[:, c]),
+            "level_m": float(service.level[c]),
             "level_with_one_number_off_m": {
-                name: numbers(values[:, c]) for name, values in found.single.items()
+                name: numbers(values[:, c]) for name, values in service.single.items()
             },
             "level_with_all_off_m": {
                 f"{100 * q:g} %": x
-                for q, x in zip(QUANTILES, numbers(found.joint[:, c]), strict=True)
+                for q, x in zip(QUANTILES, numbers(service.joint[:, c]), strict=True)
             },
-            "lasting_level_m": number(found.lasting[c]),
+            "lasting_level_m": number(service.lasting[c]),
         }
-        for c, condition in enumerate(found.conditions)
+        for c, condition in enumerate(service.conditions)
     ]
-    return {"tolerances": {name: _range_of(name) for name in found.single}, "conditions": rows}
+    return {"tolerances": {name: _range_of(name) for name in service.single}, "conditions": rows}
 
 
-def borne_pairs(watched: dict[str, NDArray[np.float64]], c: int) -> Iterator[tuple[str, str]]:
-    """Yield a design's loads in service under a condition, by its index (`Service.watched`): name, and median with band in words."""
-    for name, values in watched.items():
+def load_pairs(measures: dict[str, NDArray[np.float64]], c: int) -> Iterator[tuple[str, str]]:
+    """Yield a design's loads in service under a condition, by its index (`Service.measures`): name, and median with band in words."""
+    for name, values in measures.items():
         word, unit, scale = WORDS[name]
         low, middle, high = (scale * x for x in values[:, c])
         yield word, with_band(middle, low, high, "{:.3g}", unit)
 
 
-def service_pairs(found: Service, c: int) -> Iterator[tuple[str, str]]:
+def service_pairs(service: Service, c: int) -> Iterator[tuple[str, str]]:
     """Yield the results under a condition, by its index: name, and value in words."""
-    yield from borne_pairs(found.watched, c)
-    low, high = found.forces[:, c]
+    yield from load_pairs(service.measures, c)
+    low, high = service.forces[:, c]
     yield (
         "halves the level at least from",
         "no force: not at this one" if math.isnan(low) else f"{low:.3g} to {high:.3g} N",
     )
-    for name, values in found.single.items():
-        small, large = (f"{100 * (x / found.level[c] - 1):+.0f} %" for x in values[:, c])
+    for name, values in service.single.items():
+        small, large = (f"{100 * (x / service.level[c] - 1):+.0f} %" for x in values[:, c])
         yield f"{name.replace('_', ' ')} off by {_range_of(name)}: level", f"{small} and {large}"
     parts = ", ".join(
         f"{1e3 * x:.3g} mm in {100 * q:g} %"
-        for q, x in zip(QUANTILES, found.joint[:, c], strict=True)
+        for q, x in zip(QUANTILES, service.joint[:, c], strict=True)
     )
     yield "all of them off at once: at most", f"{parts} of the cases"
-    over = found.lasting[c] / found.level[c]
+    over = service.lasting[c] / service.level[c]
     yield (
         "a lasting vibration at the worst frequency:",
-        f"{1e3 * found.lasting[c]:.3g} mm, {over:.2f} of the sweep's level",
+        f"{1e3 * service.lasting[c]:.3g} mm, {over:.2f} of the sweep's level",
     )
 
 
-def service_lines(found: Service) -> Iterator[str]:
+def service_lines(service: Service) -> Iterator[str]:
     """Yield the lines of a text, condition by condition."""
-    for c, condition in enumerate(found.conditions):
+    for c, condition in enumerate(service.conditions):
         yield f"  in service at resonance {condition.resonance}, {condition.force:g} N:"
-        yield from (f"    {name} {value}" for name, value in service_pairs(found, c))
+        yield from (f"    {name} {value}" for name, value in service_pairs(service, c))

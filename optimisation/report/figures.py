@@ -14,7 +14,7 @@ import numpy as np
 from impact_env.modes import Structure, mode_shapes
 from impact_env.parameters import Beam
 from optimisation.files import replacing
-from optimisation.mounting import mounted, watched
+from optimisation.mounting import model_with_absorber_at, with_response_point
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,8 +77,8 @@ def draw_grid(panel: Axes) -> None:
 def draw_legend(figure: Figure, panel: Axes, columns: int = 5, **options: Any) -> Any:
     """Put one panel's legend below the figure, and return it."""
     handles, labels = panel.get_legend_handles_labels()
-    given = {"ncols": min(columns, len(labels)), "frameon": False, "fontsize": 9} | options
-    return figure.legend(handles, labels, loc="outside lower center", **given)
+    settings = {"ncols": min(columns, len(labels)), "frameon": False, "fontsize": 9} | options
+    return figure.legend(handles, labels, loc="outside lower center", **settings)
 
 
 def write_figure(figure: Figure, path: Path, dpi: float = 160) -> None:
@@ -114,12 +114,12 @@ PLACES = (("force", ORANGE, "v", 7), ("absorber", BLUE, "s", 9), ("response", "#
 
 def save_structure(path: Path, structure: Structure) -> None:
     """Draw a structure: a beam over its length, modes at their places alone as points; the ending of ``path`` chooses the format."""
-    model = mounted(structure)
-    shown = min(model.modes, MOST)
-    figure, panels = figure_of(8, 1.0 + 1.1 * shown, shown, sharex=True)
+    model = model_with_absorber_at(structure)
+    drawn = min(model.modes, MOST)
+    figure, panels = figure_of(8, 1.0 + 1.1 * drawn, drawn, sharex=True)
     panels = np.ravel(panels)
     shapes = (model.force_shape, model.tip_shape, model.level_shape)
-    beam = watched(structure) if isinstance(structure, Beam) else None
+    beam = with_response_point(structure) if isinstance(structure, Beam) else None
     for k, panel in enumerate(panels):
         panel.axhline(0, color="0.8", lw=0.8)
         if isinstance(beam, Beam):

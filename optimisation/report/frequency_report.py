@@ -116,15 +116,15 @@ def history_arrays(run: WorstRun) -> dict[str, Array]:
     history = require_recorded("history", response.history)
     model = response.scene.model
     place = history.modal_displacement @ response.scene.absorber_shapes[0]
-    found = {
+    arrays = {
         "time_s": history.time,
         "frequency_hz": np.asarray(response.drive.schedule.omega_at(history.time)) / (2 * np.pi),
         "displacement_m": history.modal_displacement @ model.level_shape,
     }
     if response.scene.absorber is not None:
         absorber = np.reshape(history.absorber_displacement, (len(place), -1))[:, 0]
-        found |= {"absorber_place_m": place, "absorber_relative_m": absorber - place}
-    return found
+        arrays |= {"absorber_place_m": place, "absorber_relative_m": absorber - place}
+    return arrays
 
 
 def save_history(path: Path, run: WorstRun) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimisation.files import Table, numbers
-from optimisation.measures import LEVEL, TOLD
+from optimisation.measures import LABELS, LEVEL
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.design_tables import END_WARNING, is_any_at_end, limit, name_of
@@ -19,7 +19,7 @@ def front_table(front: Front) -> Table:
     free = [v.name for v in front.problem.space.free]
     names = [name_of(objective) for objective in front.problem.objectives]
     rows = []
-    for k, e in enumerate(front.told):
+    for k, e in enumerate(front.evaluated):
         again = fresh[k].score.values if k in fresh else [""] * len(names)
         rows.append(
             [
@@ -85,7 +85,9 @@ def front_text(front: Front) -> str:
     for k, condition in enumerate(problem.conditions):
         ratio = problem.sweep_ratio(condition)
         if condition.loads is not None:
-            lines.append(f"  under {condition.words}; the level is the {TOLD[condition.told[0]]}")
+            lines.append(
+                f"  under {condition.words}; the level is the {LABELS[condition.measure_and_unit[0]]}"
+            )
             continue
         low, high = condition.limits
         lines.append(

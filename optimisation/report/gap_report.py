@@ -23,8 +23,8 @@ from optimisation.report.card import (
     assumed_rows,
     baseline_rows,
     between,
-    borne_rows,
     device_rows,
+    service_rows,
 )
 from optimisation.report.figures import (
     BLUE,
@@ -39,7 +39,7 @@ from optimisation.report.figures import (
 )
 from optimisation.report.frequency_report import frequency_charts
 from optimisation.sweep_range import is_at_end
-from optimisation.uncertain import Spread, plain
+from optimisation.uncertain import Distribution, plain
 
 HEADER = (
     "gap, mm",
@@ -53,9 +53,9 @@ HEADER = (
 )
 
 
-def _percent(answer: Answer, found: Advice, factor: float) -> str:
+def _percent(answer: Answer, advice: Advice, factor: float) -> str:
     """Return how much more a device's level is under so many times the force, in words."""
-    change = 100 * (found.at_force(answer, factor) / answer.level - 1)
+    change = 100 * (advice.at_force(answer, factor) / answer.level - 1)
     return "not known" if math.isnan(change) else f"{change:+.0f} %"
 
 
@@ -71,9 +71,9 @@ def _ratio(answer: Answer) -> str:
     return f"{answer.frequency_ratio:.4g} of the resonance"
 
 
-def is_read_at_end(found: Advice, answer: Answer) -> bool:
+def is_read_at_end(advice: Advice, answer: Answer) -> bool:
     """Return whether a level was read at an end of the sweeps."""
-    return is_at_end(answer.frequency_ratio, found.check.limits, found.check.rate)
+    return is_at_end(answer.frequency_ratio, advice.check.limits, advice.check.rate)
 
 
 def device(answer: Answer, mass: float) -> str:
@@ -91,15 +91,15 @@ def _worst(answer: Answer) -> str:
     return f"at most {1e3 * answer.worst:.4g} mm" if known else "not known"
 
 
-def answer(found: Advice) -> list[str]:
+def answer(advice: Advice) -> list[str]:
     """Return the recommended device, the one with the lowest level, and what both do when the force changes."""
-    check = found.check
-    best = found.recommended
-    sharp = found.sharp
+    check = advice.check
+    best = advice.recommended
+    sharp = advice.sharp
     if best is None or sharp is None:
         return ["No gap was simulated in full."]
     without = float(check.without.median[0])
-    t = found.tolerance
+    t = advice.tolerance
     force = f"{check.force:g} N near resonance {check.resonance}"
     lines = [
         f"Recommended: {device(best, check.mass)}, for {force}.",
@@ -115,7 +115,7 @@ def answer(found: Advice) -> list[str]:
             f"{100 * sharp.level / without:.1f} % of no absorber; {_worst(sharp)} over that range."
         )
     rows = [
-        f"{100 * (factor - 1):+.0f} % force: {_percent(best, found, factor)}, {_percent(sharp, found, factor)}"
+        f"{100 * (factor - 1):+.0f} % force: {_percent(best, advice, factor)}, {_percent(sharp, advice, factor)}"
         for factor in (1.1, 1.2, 1.3)
     ]
     lines.append(
@@ -137,14 +137,14 @@ def answer(found: Advice) -> list[str]:
     lines.append(
         f"Free amplitude over the rule's gap: {check.reach:.3g}. Friction goes with the gap and the first frequency: docs/which_gap.md."
     )
-    lines += _limit_lines(found)
-    lines += _tried(found.tried)
+    lines += _limit_lines(advice)
+    lines += _tried(advice.tried)
     return lines
 
 
-def probability(found: Advice, limit: float | None) -> list[str]:
+def probability(advice: Advice, limit: float | None) -> list[str]:
     """Return the line about the probability that the recommended device's level stays below a limit in m; none without a limit."""
-    best = found.recommended
+    best = advice.recommended
     if limit is None or best is None:
         return []
     if best.prediction is None:
@@ -155,15 +155,19 @@ def probability(found: Advice, limit: float | None) -> list[str]:
     ]
 
 
-def _limit_lines(found: Advice) -> list[str]:
+def _limit_lines(advice: Advice) -> list[str]:
     """Return the line about what the recommended device keeps; none without limits."""
-    best = found.recommended
+    best = advice.recommended
     words = []
-    if found.limits.stroke is not None and best is not None:
-        words.append(f"stroke {1e3 * best.gap:.4g} of at most {1e3 * found.limits.stroke:.4g} mm")
-    if found.limits.impact_speed is not None and best is not None and best.impact_speed is not None:
+    if advice.limits.stroke is not None and best is not None:
+        words.append(f"stroke {1e3 * best.gap:.4g} of at most {1e3 * advice.limits.stroke:.4g} mm")
+    if (
+        advice.limits.impact_speed is not None
+        and best is not None
+        and best.impact_speed is not None
+    ):
         words.append(
-            f"impact speed {best.impact_speed:.4g} of at most {found.limits.impact_speed:.4g} m/s"
+            f"impact speed {best.impact_speed:.4g} of at most {advice.limits.impact_speed:.4g} m/s"
         )
     return [f"Limits at this force: {'; '.join(words)}."] if words else []
 
@@ -188,24 +192,24 @@ def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
     return lines
 
 
-def warnings(found: Advice) -> list[str]:
+def warnings(advice: Advice) -> list[str]:
     """Return warnings, and the number of sweeps."""
-    check = found.check
-    ratio = found.check.sweep_ratio
-    useless = found.recommended is not None and found.recommended.level >= float(
+    check = advice.check
+    ratio = advice.check.sweep_ratio
+    useless = advice.recommended is not None and advice.recommended.level >= float(
         check.without.median[0]
     )
-    best = found.recommended
-    read_at_end = best is not None and is_read_at_end(found, best)
+    best = advice.recommended
+    read_at_end = best is not None and is_read_at_end(advice, best)
     conditions = {
         f"the level was read at an end of the sweeps, {_ratio(best) if best else ''}: a resonance beside this one, or an absorber too heavy for the "
         "range, decides": read_at_end,
-        "no gap that ran keeps the limits; the recommended one breaks them least": not found.keeps_limits,
+        "no gap that ran keeps the limits; the recommended one breaks them least": not advice.keeps_limits,
         f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the rule's gap is too wide": check.reach
         < SMALL_REACH,
         f"free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side": check.reach
         > LARGE_REACH,
-        "the best gap is the narrowest or widest that was tried: another mass or place may suit better": found.at_end,
+        "the best gap is the narrowest or widest that was tried: another mass or place may suit better": advice.at_end,
         "no gap brings the level below that without absorber: another place may suit better": useless,
         "in some gaps no device can be sure to lower the level: the response is near a node of the resonance, or other modes decide there": bool(
             check.out_of_reach.any()
@@ -221,9 +225,12 @@ def warnings(found: Advice) -> list[str]:
         lines.append(
             f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly."
         )
-    lines.append(
-        f"{found.sweeps} sweeps{f'; {len(found.single_runs)} other gaps, with one run each, are left out of the table' if found.single_runs else ''}."
+    left_out = (
+        f"; {len(advice.single_runs)} other gaps, with one run each, are left out of the table"
+        if advice.single_runs
+        else ""
     )
+    lines.append(f"{advice.sweeps} sweeps{left_out}.")
     return lines
 
 
@@ -235,12 +242,12 @@ def baselines(service: ServiceLoads) -> str:
     return f"Of the same mass and over the same range, {tuned}; the best friction damper {1e3 * other.damper:.4g} mm."
 
 
-def text(found: Advice) -> str:
+def text(advice: Advice) -> str:
     """Return a line for the rule's gap, and for each that more than one member ran."""
-    check = found.check
+    check = advice.check
     lines = []
-    single = {gap for gap, _ in found.single_runs}
-    band = 1e3 * found.band
+    single = {gap for gap, _ in advice.single_runs}
+    band = 1e3 * advice.band
     for k, gap in enumerate(check.gaps):
         if gap in single and gap != check.rule:
             continue
@@ -263,23 +270,23 @@ def text(found: Advice) -> str:
 
 
 @dataclass(frozen=True)
-class Unsure:
+class UncertaintyResult:
     """What is uncertain, and the 5, 50 and 95 % quantiles of the recommended device's level in m with all of it drawn."""
 
-    every: tuple[Spread, ...]
+    every: tuple[Distribution, ...]
     low: float
     median: float
     high: float
 
     @property
-    def said(self) -> str:
+    def as_text(self) -> str:
         """What is uncertain, in words."""
         return ", ".join(one.words for one in self.every)
 
     @property
     def words(self) -> str:
         """One line."""
-        return f"With {self.said}: {1e3 * self.median:.4g} mm ({1e3 * self.low:.4g} to {1e3 * self.high:.4g}), of {DRAWS} draws."
+        return f"With {self.as_text}: {1e3 * self.median:.4g} mm ({1e3 * self.low:.4g} to {1e3 * self.high:.4g}), of {DRAWS} draws."
 
     def plain(self) -> dict[str, object]:
         """Return it as JSON values."""
@@ -293,14 +300,14 @@ class Unsure:
 
 
 def _contact(
-    found: Advice, service: ServiceLoads, given: tuple[str, str, float]
+    advice: Advice, service: ServiceLoads, contact: tuple[str, str, float]
 ) -> tuple[tuple[Row, ...], list[str]]:
     """Return the estimate of an impact at the largest speed, and a warning if it reaches modes that were left out."""
-    model, (first, second, radius) = found.check.model, given
+    model, (first, second, radius) = advice.check.model, contact
     if not service.impacts.largest > 0:
         return (Row("contact", "no impact"),), []
     one = estimate(
-        first, second, radius, meeting_mass(model, found.check.mass), service.impacts.largest
+        first, second, radius, meeting_mass(model, advice.check.mass), service.impacts.largest
     )
     top = float(model.omega.max()) / (2 * math.pi)
     rows = (
@@ -319,9 +326,9 @@ def _contact(
 
 
 def card(
-    found: Advice,
+    advice: Advice,
     service: ServiceLoads,
-    unsure: Unsure | None = None,
+    unsure: UncertaintyResult | None = None,
     contact: tuple[str, str, float] | None = None,
     more: str = "",
     frequency: Sequence[ResonanceCurves] = (),
@@ -331,10 +338,10 @@ def card(
     ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words;
     ``frequency``: levels over the frequency.
     """
-    check = found.check
+    check = advice.check
     best = service.answer
-    model = found.check.model
-    t = found.tolerance
+    model = advice.check.model
+    t = advice.tolerance
     without = float(check.without.median[0])
     low = (1 - t) * check.force
     high = (1 + t) * check.force
@@ -352,35 +359,37 @@ def card(
         level = (
             *level,
             Row(
-                f"with {unsure.said}",
+                f"with {unsure.as_text}",
                 f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})",
             ),
         )
-    there = service.forces[~np.isnan(service.levels)]
+    finite = service.forces[~np.isnan(service.levels)]
     forces = (
         Row("halves the level", between(*service.works)),
         Row("lowers the level", between(*service.helps)),
-        Row("known by the scaling law", between(there[0], there[-1])),
+        Row("known by the scaling law", between(finite[0], finite[-1])),
     )
     assumed = (
         *assumed_rows(model, (check.resonance,), check.rate, more),
         Row("over", f"{check.limits[0]:.3g} to {check.limits[1]:.3g} of the resonance"),
         Row("such sweeps show of the stationary level", 100 * check.sweep_ratio, "%"),
-        Row("sweeps taken", f"{found.sweeps}, and two with impacts recorded"),
+        Row("sweeps taken", f"{advice.sweeps}, and two with impacts recorded"),
     )
     title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
-    touch, reached = ((), []) if contact is None else _contact(found, service, contact)
+    touch, reached = ((), []) if contact is None else _contact(advice, service, contact)
     groups = (
         ("Device", device_rows(best.absorber, model)),
         ("Response level", level),
         ("Forces", forces),
-        ("What it bears", borne_rows(best.gap, service.impacts, best.level)),
+        ("What it bears", service_rows(best.gap, service.impacts, best.level)),
         *((("Contact, estimated after Hertz, without loss", touch),) if touch else ()),
         ("Assumptions", assumed),
     )
-    told = [line.removeprefix("Warning: ") for line in warnings(found) if line[:4] == "Warn"]
-    charts = (*frequency_charts(frequency), *_charts(found, service))
-    return Card(title, groups, charts, (*told, *reached))
+    warning_lines = [
+        line.removeprefix("Warning: ") for line in warnings(advice) if line[:4] == "Warn"
+    ]
+    charts = (*frequency_charts(frequency), *_charts(advice, service))
+    return Card(title, groups, charts, (*warning_lines, *reached))
 
 
 def _interval(answer: Answer) -> str | None:
@@ -390,21 +399,21 @@ def _interval(answer: Answer) -> str | None:
     return f"{1e3 * answer.low:.4g} to {1e3 * answer.high:.4g} mm"
 
 
-def _charts(found: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
+def _charts(advice: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
     """Return the level over the gap, and that of the recommended device over the force."""
-    check = found.check
+    check = advice.check
     mm = 1e3
     gaps = numbers(mm * check.gaps)
     full = Curve(
         "median, 90 % of runs",
         gaps,
         numbers(mm * check.level),
-        numbers(mm * found.band[0]),
-        numbers(mm * found.band[1]),
+        numbers(mm * advice.band[0]),
+        numbers(mm * advice.band[1]),
     )
     curves = [full]
-    if found.single_runs:
-        at, level = zip(*found.single_runs, strict=True)
+    if advice.single_runs:
+        at, level = zip(*advice.single_runs, strict=True)
         curves.append(
             Curve(
                 "one run",
@@ -414,8 +423,8 @@ def _charts(found: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
             )
         )
     marks = [("design rule", mm * check.rule), ("recommended", mm * service.answer.gap)]
-    if found.sharp is not None:
-        marks.append(("lowest level", mm * found.sharp.gap))
+    if advice.sharp is not None:
+        marks.append(("lowest level", mm * advice.sharp.gap))
     over_gap = Chart(
         "Level over the gap",
         "clearance to either wall in mm",
@@ -454,18 +463,18 @@ LEVELS = ("level_median_m", "level_5_percent_m", "level_95_percent_m", "relative
 COLUMNS = ("gap_m", "gap_over_rule", "members", *LEVELS, "limit_m", "share_of_possible_reduction")
 
 
-def rows(found: Advice) -> Iterator[tuple[object, ...]]:
+def rows(advice: Advice) -> Iterator[tuple[object, ...]]:
     """Yield one row of `COLUMNS` for each gap that was run in full; an empty cell where nothing is known."""
-    for k, gap in enumerate(found.check.gaps):
+    for k, gap in enumerate(advice.check.gaps):
         yield tuple(
-            "" if value is None else value for value in _values(found, k, float(gap)).values()
+            "" if value is None else value for value in _values(advice, k, float(gap)).values()
         )
 
 
-def _values(found: Advice, k: int, gap: float) -> dict[str, float | None]:
-    check = found.check
+def _values(advice: Advice, k: int, gap: float) -> dict[str, float | None]:
+    check = advice.check
     members = int(np.sum(~np.isnan(check.curves[k].combined)))
-    levels = (check.level[k], *found.band[:, k], check.relative[k])
+    levels = (check.level[k], *advice.band[:, k], check.relative[k])
     cells = (
         gap,
         gap / check.rule,
@@ -506,39 +515,39 @@ def answer_values(
     }
 
 
-def summary(found: Advice) -> Json:
+def summary(advice: Advice) -> Json:
     """Return answers, settings, the rule and what the simulation says of it as JSON values."""
-    check = found.check
+    check = advice.check
     points = {}
     if check.gaps.size:
         points["at_rule"] = (
-            _values(found, check.at_rule, check.rule)
+            _values(advice, check.at_rule, check.rule)
             if check.gaps[check.at_rule] == check.rule
             else None
         )
-    if found.sharp is not None:
+    if advice.sharp is not None:
         points["best"] = _values(
-            found, int(np.argmin(np.abs(check.gaps - found.sharp.gap))), found.sharp.gap
+            advice, int(np.argmin(np.abs(check.gaps - advice.sharp.gap))), advice.sharp.gap
         )
-    device = found.recommended.absorber if found.recommended is not None else check.absorber
+    device = advice.recommended.absorber if advice.recommended is not None else check.absorber
     without = float(check.without.median[0])
     return {
-        "complete": found.complete,
-        "recommended": answer_values(found.recommended, check.mass),
-        "sharp": answer_values(found.sharp, check.mass),
+        "complete": advice.complete,
+        "recommended": answer_values(advice.recommended, check.mass),
+        "sharp": answer_values(advice.sharp, check.mass),
         "rule_gap_m": check.rule,
         "free_amplitude_over_gap": check.reach,
         "level_without_absorber_m": None if math.isnan(without) else without,
         "sweep_over_stationary_level": None if math.isnan(without) else check.sweep_ratio,
         **points,
-        "single_runs": [{"gap_m": gap, "level_m": level} for gap, level in found.single_runs],
+        "single_runs": [{"gap_m": gap, "level_m": level} for gap, level in advice.single_runs],
         "tried": [
             dict(zip(("name", "value", "level_m", "gap_m"), one, strict=True))
-            for one in found.tried
+            for one in advice.tried
         ],
         "settings": {
             "force_n": check.force,
-            "force_tolerance": found.tolerance,
+            "force_tolerance": advice.tolerance,
             "resonance": check.resonance,
             "mass_ratio": device.mass_ratio,
             "restitution": getattr(device.walls, "restitution", None),
@@ -546,14 +555,14 @@ def summary(found: Advice) -> Json:
             "modes": check.model.modes,
             "percent_per_100_pseudo_periods": check.rate,
             "sweep_limits": list(check.limits),
-            "members": found.members,
-            "sweeps": found.sweeps,
+            "members": advice.members,
+            "sweeps": advice.sweeps,
             "level": "larger of sweep up and sweep down; median, and the interval that holds 90 % of further runs",
             "limits": {
                 name: value
                 for name, value in (
-                    ("stroke_m", found.limits.stroke),
-                    ("impact_speed_m_s", found.limits.impact_speed),
+                    ("stroke_m", advice.limits.stroke),
+                    ("impact_speed_m_s", advice.limits.impact_speed),
                 )
                 if value is not None
             },
@@ -561,11 +570,11 @@ def summary(found: Advice) -> Json:
     }
 
 
-def save_figure(path: Path, found: Advice) -> None:
+def save_figure(path: Path, advice: Advice) -> None:
     """Draw level and limit over the gap, with the answers; the ending of ``path`` chooses the format."""
-    check = found.check
+    check = advice.check
     figure, axes = figure_of(8, 5.2)
-    gaps, (low, high) = MM * check.gaps, MM * found.band
+    gaps, (low, high) = MM * check.gaps, MM * advice.band
     every = [*check.gaps] or [check.rule]
     fine = np.geomspace(0.95 * min(every), 1.05 * max(every), 120)
     limit = MM * np.array([check.limit_at(float(gap)) for gap in fine])
@@ -580,10 +589,10 @@ def save_figure(path: Path, found: Advice) -> None:
         color=BLUE,
         lw=2.2,
         ms=5,
-        label=f"median of up to {found.members} runs, 90 % of further runs",
+        label=f"median of up to {advice.members} runs, 90 % of further runs",
     )
-    if found.single_runs:
-        at, level = MM * np.array(found.single_runs).T
+    if advice.single_runs:
+        at, level = MM * np.array(advice.single_runs).T
         axes.plot(at, level, "o", ms=5, mfc="white", mec=BLUE, ls="", label="one run")
     axes.axvline(
         MM * check.rule,
@@ -593,19 +602,19 @@ def save_figure(path: Path, found: Advice) -> None:
         label=f"design rule: {MM * check.rule:.3g} mm",
     )
     for answer, colour, word in (
-        (found.sharp, "black", "lowest level"),
-        (found.recommended, GREEN, "recommended"),
+        (advice.sharp, "black", "lowest level"),
+        (advice.recommended, GREEN, "recommended"),
     ):
         if answer is not None:
             axes.axvline(
                 MM * answer.gap, color=colour, lw=1.8, label=f"{word}: {MM * answer.gap:.3g} mm"
             )
-    if found.recommended is not None and np.isfinite(found.recommended.worst):
-        best = found.recommended
-        words = f"at most, {100 * found.tolerance:g} % more or less force"
+    if advice.recommended is not None and np.isfinite(advice.recommended.worst):
+        best = advice.recommended
+        words = f"at most, {100 * advice.tolerance:g} % more or less force"
         axes.plot(MM * best.gap, MM * best.worst, "v", color=GREEN, ms=9, label=words)
     without = MM * float(check.without.median[0])
-    stopped = "" if found.complete else " (stopped early)"
+    stopped = "" if advice.complete else " (stopped early)"
     axes.set_xscale("log")
     top = max(float(np.nanmax([*high, *(MM * check.level)], initial=0)), float(limit.max()))
     axes.set(xlim=(MM * fine[0], MM * fine[-1]), ylim=(0, 1.6 * top if top > 0 else 1))

@@ -75,8 +75,8 @@ def save_learning_curve(
     for (name, score), colour, style in zip(baselines.items(), LINES, STYLES, strict=False):
         panel.axhline(score, color=colour, ls=style, lw=1.3, label=f"{name}, {score:.3f}")
     if ends:
-        room = 0.08 * (max(ends) - min(ends)) or 0.01
-        panel.set_ylim(min(ends) - room, max(ends) + room)
+        margin = 0.08 * (max(ends) - min(ends)) or 0.01
+        panel.set_ylim(min(ends) - margin, max(ends) + margin)
     panel.set(
         xlabel="steps of the environment",
         ylabel="mean score on the evaluation seeds",

@@ -10,7 +10,7 @@ from impact_env.loads import describe_amplitude
 from optimisation.files import number
 from optimisation.gap_advice import Answer
 from optimisation.load_comparison import LoadAdvice
-from optimisation.measures import SHOWN, START, TOLD, UNITS
+from optimisation.measures import DISPLAY_UNITS, LABELS, START, UNITS
 from optimisation.report.comparison_tables import LOAD_END_WARNING, reading_in_words
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis, write_figure
 from optimisation.report.gap_report import SUBS, answer_values, band_in_words, device
@@ -19,41 +19,41 @@ Json = dict[str, object]
 COLUMNS = ("gap_m", "member", "value")
 
 
-def rows(found: LoadAdvice) -> Iterator[tuple[object, ...]]:
+def rows(advice: LoadAdvice) -> Iterator[tuple[object, ...]]:
     """Yield every run with an absorber: its measure in SI units."""
-    for gap, runs in zip(found.gaps, found.runs, strict=True):
+    for gap, runs in zip(advice.gaps, advice.runs, strict=True):
         yield from ((float(gap), member, float(value)) for member, value in enumerate(runs))
 
 
-def summary(found: LoadAdvice) -> Json:
+def summary(advice: LoadAdvice) -> Json:
     """Return answers and settings as JSON values; measures under their own names, as ``rms_m``."""
-    unit = UNITS[found.measure]
+    unit = UNITS[advice.measure]
     return {
-        "recommended": answer_values(found.recommended, found.mass, found.measure, unit),
-        "sharp": answer_values(found.sharp, found.mass, found.measure, unit),
-        "rule_gap_m": found.rule,
-        "free_rms_m": found.free_rms,
-        "measure": found.measure,
-        f"{found.measure}_without_absorber_{unit}": float(np.median(found.without)),
+        "recommended": answer_values(advice.recommended, advice.mass, advice.measure, unit),
+        "sharp": answer_values(advice.sharp, advice.mass, advice.measure, unit),
+        "rule_gap_m": advice.rule,
+        "free_rms_m": advice.free_rms,
+        "measure": advice.measure,
+        f"{advice.measure}_without_absorber_{unit}": float(np.median(advice.without)),
         "settings": {
-            "force_tolerance": found.tolerance,
-            "members": len(found.without),
-            "level_frequency_hz": number(found.reading.hertz),
-            "runs": sum(map(len, found.runs)),
+            "force_tolerance": advice.tolerance,
+            "members": len(advice.without),
+            "level_frequency_hz": number(advice.reading.hertz),
+            "runs": sum(map(len, advice.runs)),
         },
     }
 
 
-def text(found: LoadAdvice) -> str:
+def text(advice: LoadAdvice) -> str:
     """Return the lines that are printed."""
     (factor, unit), best, sharp, t = (
-        SHOWN[UNITS[found.measure]],
-        found.recommended,
-        found.sharp,
-        found.tolerance,
+        DISPLAY_UNITS[UNITS[advice.measure]],
+        advice.recommended,
+        advice.sharp,
+        advice.tolerance,
     )
-    without = float(np.median(found.without))
-    what = TOLD[found.measure]
+    without = float(np.median(advice.without))
+    what = LABELS[advice.measure]
 
     def level(answer: Answer) -> str:
         band = f"{factor * answer.level:.4g} {unit}{band_in_words(answer, factor)}"
@@ -66,19 +66,19 @@ def text(found: LoadAdvice) -> str:
         return f"{band}, {runs}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
 
     lines = [
-        f"Recommended: {device(best, found.mass)}, under {describe_amplitude(found.loads)}.",
-        f"  {what[0].upper()}{what[1:]} {level(best)}{reading_in_words(found.reading)}.",
+        f"Recommended: {device(best, advice.mass)}, under {describe_amplitude(advice.loads)}.",
+        f"  {what[0].upper()}{what[1:]} {level(best)}{reading_in_words(advice.reading)}.",
     ]
     if sharp.gap != best.gap:
         lines.append(f"Lowest {what}: {1e3 * sharp.gap:.4g} mm, {level(sharp)}.")
-    if found.rule is None:
-        size = f"{found.size_of} at the absorber, {1e3 * found.free_rms:.4g} mm"
+    if advice.rule is None:
+        size = f"{advice.size_of} at the absorber, {1e3 * advice.free_rms:.4g} mm"
         lines.append(
             f"No rule for this load: the search began at {START:g} times the free motion's {size}."
         )
     else:
-        lines.append(f"Design rule (no simulation): {1e3 * found.rule:.4g} mm.")
-    if found.reading.at_end:
+        lines.append(f"Design rule (no simulation): {1e3 * advice.rule:.4g} mm.")
+    if advice.reading.at_end:
         lines.append(f"Warning: {LOAD_END_WARNING}.")
     if best.level >= without:
         lines.append(
@@ -87,13 +87,13 @@ def text(found: LoadAdvice) -> str:
     return "\n".join(lines)
 
 
-def save_figure(path: Path, found: LoadAdvice) -> None:
+def save_figure(path: Path, advice: LoadAdvice) -> None:
     """Draw the measure over the gap, with the answers; the ending of ``path`` chooses the format."""
-    factor, unit = SHOWN[UNITS[found.measure]]
+    factor, unit = DISPLAY_UNITS[UNITS[advice.measure]]
     figure, axes = figure_of(6.4, 4.4)
-    low, high = factor * found.band
-    middle = factor * np.array([np.median(runs) for runs in found.runs])
-    gaps = 1e3 * found.gaps
+    low, high = factor * advice.band
+    middle = factor * np.array([np.median(runs) for runs in advice.runs])
+    gaps = 1e3 * advice.gaps
     axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
     axes.plot(
         gaps,
@@ -101,14 +101,14 @@ def save_figure(path: Path, found: LoadAdvice) -> None:
         "o-",
         color=BLUE,
         ms=5,
-        label=f"median of up to {len(found.without)} runs, 90 % of further runs",
+        label=f"median of up to {len(advice.without)} runs, 90 % of further runs",
     )
     axes.axhline(
-        factor * float(np.median(found.without)), color="black", lw=0.8, label="no absorber"
+        factor * float(np.median(advice.without)), color="black", lw=0.8, label="no absorber"
     )
     for answer, colour, word in (
-        (found.sharp, "black", f"lowest {TOLD[found.measure]}"),
-        (found.recommended, GREEN, "recommended"),
+        (advice.sharp, "black", f"lowest {LABELS[advice.measure]}"),
+        (advice.recommended, GREEN, "recommended"),
     ):
         axes.axvline(
             1e3 * answer.gap,
@@ -117,19 +117,19 @@ def save_figure(path: Path, found: LoadAdvice) -> None:
             ls="--" if colour == "black" else "-",
             label=f"{word}: {1e3 * answer.gap:.3g} mm",
         )
-    if found.rule is not None:
+    if advice.rule is not None:
         axes.axvline(
-            1e3 * found.rule,
+            1e3 * advice.rule,
             color=ORANGE,
             lw=1.4,
             ls="--",
-            label=f"design rule: {1e3 * found.rule:.3g} mm",
+            label=f"design rule: {1e3 * advice.rule:.3g} mm",
         )
     axes.set_xscale("log")
     force_axis(axes.xaxis, SUBS)
     axes.set_ylim(0, None)
     axes.set_xlabel("clearance to either wall in mm")
-    axes.set_ylabel(f"{TOLD[found.measure]} in {unit}")
-    axes.set_title(f"Gap under {describe_amplitude(found.loads)}", fontsize=11)
+    axes.set_ylabel(f"{LABELS[advice.measure]} in {unit}")
+    axes.set_title(f"Gap under {describe_amplitude(advice.loads)}", fontsize=11)
     axes.legend(frameon=False, fontsize=9)
     write_figure(figure, path)

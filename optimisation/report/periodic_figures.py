@@ -234,9 +234,9 @@ def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
     """
     rows = np.column_stack([curve.omega_ratio, curve.tip_max])
     known = np.isfinite(rows).all(axis=1)
-    found = np.zeros(len(rows), dtype=np.bool_)
+    drawn_already = np.zeros(len(rows), dtype=np.bool_)
     if curve.symmetric or not np.any(known):
-        return found
+        return drawn_already
     rows = (rows - np.nanmin(rows, axis=0)) / np.maximum(np.ptp(rows[known], axis=0), 1e-12)
     way = np.append(0, np.cumsum(np.nan_to_num(np.hypot(*np.diff(rows, axis=0).T))))
     for k in np.flatnonzero(known):
@@ -245,19 +245,19 @@ def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
         share = np.clip(
             -np.sum(begin[:-1] * chord, axis=1) / np.maximum(np.sum(chord**2, axis=1), 1e-30), 0, 1
         )
-        found[k] = np.any(np.hypot(*(begin[:-1] + share[:, None] * chord).T) < ASIDE)
-    return found
+        drawn_already[k] = np.any(np.hypot(*(begin[:-1] + share[:, None] * chord).T) < ASIDE)
+    return drawn_already
 
 
 def _legend(axes: Axes, overview: Overview) -> None:
-    shown = {
+    drawn = {
         str(kind)
         for curve in overview.curves
         if curve.method == EXACT
         for kind in np.unique(_kinds(curve))
     }
     for kind, (colour, dashes, width, label) in LOOKS.items():
-        if kind in shown:
+        if kind in drawn:
             axes.plot([], [], color=colour, ls=dashes, lw=width, label=label)
     if any(not curve.symmetric for curve in overview.curves):
         axes.plot(
@@ -293,16 +293,18 @@ def save_balance(
         if row.tip_max_error is not None:
             at_papers = row.weight * (PAPERS / row.harmonics) ** 2 if growing else row.weight
             series.setdefault(round(at_papers, 6), []).append(row)
-    for (weight, found), colour, marker in zip(
+    for (weight, points), colour, marker in zip(
         sorted(series.items()), COLOURS * 9, MARKERS * 9, strict=False
     ):
         label = f"weight {weight:g}" + (f" (H/{PAPERS})²" if growing else "")
-        _line(error, found, "tip_max_error", 100, color=colour, marker=marker, label=label)
-        _line(error, found, "peak_error", 100, color=colour, marker=marker, mfc="white", ls="--")
-        _line(folds, found, "first_fold_ratio", 1, color=colour, marker=marker, label=label)
-        _line(folds, found, "last_fold_ratio", 1, color=colour, marker=marker, mfc="white", ls="--")
+        _line(error, points, "tip_max_error", 100, color=colour, marker=marker, label=label)
+        _line(error, points, "peak_error", 100, color=colour, marker=marker, mfc="white", ls="--")
+        _line(folds, points, "first_fold_ratio", 1, color=colour, marker=marker, label=label)
         _line(
-            cost, found, "cpu_seconds_per_250_points", 1, color=colour, marker=marker, label=label
+            folds, points, "last_fold_ratio", 1, color=colour, marker=marker, mfc="white", ls="--"
+        )
+        _line(
+            cost, points, "cpu_seconds_per_250_points", 1, color=colour, marker=marker, label=label
         )
     located = sorted(fold.omega_ratio for fold in exact.curve.folds)
     for ratio, style in zip(located[:1] + located[-1:], ("-", "--"), strict=False):
@@ -344,36 +346,36 @@ ALONG = {"restitution": "coefficient of restitution", "friction_limit": "frictio
 KIND_MARKS = {BIRTH: "v", "merger": "^"}
 
 
-def save_isolas(path: Path, found: IsolaMap) -> None:
+def save_isolas(path: Path, isola_map: IsolaMap) -> None:
     """Draw the fold force, and a map over each of `ALONG` that has more than one value; the ending of ``path`` chooses the format."""
-    maps = [name for name in ALONG if len({getattr(cell, name) for cell in found.cells}) > 1]
+    maps = [name for name in ALONG if len({getattr(cell, name) for cell in isola_map.cells}) > 1]
     figure, axes = figure_of(5.8 * (1 + len(maps)), 5.6, 1, 1 + len(maps))
     axes = np.atleast_1d(axes)
-    _force(axes[0], found)
+    _force(axes[0], isola_map)
     for place, name in zip(axes[1:], maps, strict=True):
-        _map(place, found, name)
-    figure.suptitle(str(found.case.scene), fontsize=10)
+        _map(place, isola_map, name)
+    figure.suptitle(str(isola_map.case.scene), fontsize=10)
     write_figure(figure, path)
 
 
-def save_manifold(path: Path, found: ManifoldCheck) -> None:
+def save_manifold(path: Path, check: ManifoldCheck) -> None:
     """Draw each variant of the slow invariant manifold, and the exact orbits beside it; the ending of ``path`` chooses the format."""
     figure, axes = figure_of(7.4, 5.2)
-    gap = found.case.gap
-    mass = found.case.mass_ratio * found.case.model.beam_mass
+    gap = check.case.gap
+    mass = check.case.mass_ratio * check.case.model.beam_mass
 
     def swing(impulse: Array, omega: float) -> Array:
         """Return the amplitude of the absorber's motion over the gap, for impulses in N s."""
         return np.asarray(np.pi * impulse / (4 * mass * omega) / gap)
 
     highest = max(
-        [point.impulse / point.case.omega for point in found.points],
+        [point.impulse / point.case.omega for point in check.points],
         default=3
-        * found.manifold("complete").least_impulse
-        / found.manifold("complete").case.omega,
+        * check.manifold("complete").least_impulse
+        / check.manifold("complete").case.omega,
     )
     for variant, style in MANIFOLD_STYLES.items():
-        manifold = found.manifold(variant)
+        manifold = check.manifold(variant)
         omega = manifold.case.omega
         impulses = np.linspace(0.02, 1.08, 400) * highest * omega
         least = manifold.least_impulse
@@ -389,7 +391,7 @@ def save_manifold(path: Path, found: ManifoldCheck) -> None:
                 color=style["color"],
             )
     for stable, face, label in ((True, "black", "stable"), (False, "white", "unstable")):
-        points = [point for point in found.points if point.stable is stable]
+        points = [point for point in check.points if point.stable is stable]
         if points:
             axes.plot(
                 [float(swing(np.array(p.impulse), p.case.omega)) for p in points],
@@ -408,18 +410,18 @@ def save_manifold(path: Path, found: ManifoldCheck) -> None:
         xlabel="amplitude of the absorber over the gap",
         ylabel="amplitude of the resonant mode over the gap",
     )
-    axes.set_title(str(found.case.scene), fontsize=9)
+    axes.set_title(str(check.case.scene), fontsize=9)
     axes.legend(fontsize=9, frameon=False)
     draw_grid(axes)
     write_figure(figure, path)
 
 
-def _force(axes: Axes, found: IsolaMap) -> None:
-    force = found.fold_force
+def _force(axes: Axes, isola_map: IsolaMap) -> None:
+    force = isola_map.fold_force
     finite = force[np.isfinite(force)]
-    axes.plot(found.omega_ratio, force, color=BLUE, lw=1.8)
+    axes.plot(isola_map.omega_ratio, force, color=BLUE, lw=1.8)
     axes.fill_between(
-        found.omega_ratio,
+        isola_map.omega_ratio,
         force,
         np.max(finite) * 2,
         color=BLUE,
@@ -427,7 +429,7 @@ def _force(axes: Axes, found: IsolaMap) -> None:
         lw=0,
         label="two symmetric orbits",
     )
-    for level in found.own.found:
+    for level in isola_map.own.found:
         label = f"{level.kind} {level.force:.4g} N" + (", no orbit" if level.refused else "")
         axes.plot(
             level.omega_ratio,
@@ -438,9 +440,9 @@ def _force(axes: Axes, found: IsolaMap) -> None:
             mec="black",
             label=label,
         )
-    top = max([level.force for level in found.own.found], default=float(np.median(finite)))
+    top = max([level.force for level in isola_map.own.found], default=float(np.median(finite)))
     axes.set(
-        xlim=found.omega_ratio[[0, -1]],
+        xlim=isola_map.omega_ratio[[0, -1]],
         ylim=(0, 1.6 * top),
         xlabel="frequency over the first resonance's",
         ylabel="smallest force in N",
@@ -448,18 +450,18 @@ def _force(axes: Axes, found: IsolaMap) -> None:
     _below(axes)
 
 
-def _map(axes: Axes, found: IsolaMap, name: str) -> None:
+def _map(axes: Axes, isola_map: IsolaMap, name: str) -> None:
     """Draw births and mergers over one parameter, the other one as in the case itself, or as in the map's last cell."""
     from matplotlib import colormaps
 
     (other,) = (one for one in ALONG if one != name)
-    own = {getattr(cell, other) for cell in found.cells}
+    own = {getattr(cell, other) for cell in isola_map.cells}
     fixed = (
-        getattr(found.own, other)
-        if getattr(found.own, other) in own
-        else getattr(found.cells[-1], other)
+        getattr(isola_map.own, other)
+        if getattr(isola_map.own, other) in own
+        else getattr(isola_map.cells[-1], other)
     )
-    cells = [cell for cell in found.cells if getattr(cell, other) == fixed]
+    cells = [cell for cell in isola_map.cells if getattr(cell, other) == fixed]
     numbers = sorted({cell.modes for cell in cells})
     for n, colour in zip(
         numbers, colormaps["viridis"](np.linspace(0, 0.9, len(numbers))), strict=True
@@ -521,11 +523,11 @@ def save_curves(
         ratio = np.array(curve["omega_ratio"])
         value = scale * np.array(curve["value"])
         colour = KIND_COLOURS[curve["kind"]]
-        good = np.array([told == "yes" for told in curve["orbit"]])
-        beside = (
+        good = np.array([confirmed == "yes" for confirmed in curve["orbit"]])
+        next_to = (
             good | np.append(good[1:], False) | np.append(False, good[:-1])
         )  # so that no gap is seen
-        axes.plot(ratio, np.where(beside, value, np.nan), color=colour, lw=1.8)
+        axes.plot(ratio, np.where(next_to, value, np.nan), color=colour, lw=1.8)
         axes.plot(ratio, np.where(good, np.nan, value), color=colour, lw=1.0, ls=":")
         for mark in curve["located"]:
             if _is_turn(mark):
@@ -544,7 +546,7 @@ def save_curves(
     ):
         label = f"{parameter} least or greatest" if kind == FOLD else kind
         axes.plot([], [], TURNS[kind], color="black", mfc="white", ms=5, label=label)
-    if any(told != "yes" for curve in curves for told in curve["orbit"]):
+    if any(confirmed != "yes" for curve in curves for confirmed in curve["orbit"]):
         axes.plot([], [], color="black", lw=1.0, ls=":", label="no orbit of the true motion")
     axes.set(xlabel="frequency over the first resonance's", ylabel=parameter)
     axes.set_title(title, fontsize=10)
@@ -577,10 +579,10 @@ def share_text(share: Share) -> str:
     return f"{share.ended} of {share.runs} ({100 * share.low:.0f}-{100 * share.high:.0f} %)"
 
 
-def basin_lines(found: list[OrbitSearch]) -> list[str]:
+def basin_lines(searches: list[OrbitSearch]) -> list[str]:
     """Return a line for each frequency at which runs from random initial states ended on no orbit with impacts; of a single frequency always."""
     lines = []
-    for group in found:
+    for group in searches:
         basins = group.basins
         if basins is None:
             continue
@@ -591,7 +593,7 @@ def basin_lines(found: list[OrbitSearch]) -> list[str]:
         parts = [
             f"{share_text(share)} end {where}"
             for share, where in shares
-            if share.ended or len(found) == 1
+            if share.ended or len(searches) == 1
         ]
         if parts:
             runs = f"runs from random initial states over {basins.periods} periods of the force"
@@ -599,10 +601,10 @@ def basin_lines(found: list[OrbitSearch]) -> list[str]:
     return lines
 
 
-def orbit_table(found: list[OrbitSearch]) -> str:
+def orbit_table(searches: list[OrbitSearch]) -> str:
     """Return a line for each orbit."""
     rows = []
-    for basins, orbit in ((group.basins, orbit) for group in found for orbit in group.orbits):
+    for basins, orbit in ((group.basins, orbit) for group in searches for orbit in group.orbits):
         basin = ""
         if basins is not None and orbit.stability.stable:
             basin = share_text(basins.share_of(orbit))
@@ -643,11 +645,11 @@ def refusals(refused: list[NoOrbit], what: str) -> list[str]:
     """Say how many are no orbit, and why, the commonest reasons first; nothing if there are none."""
     if not refused:
         return []
-    seen = Counter(
+    counts = Counter(
         orbit.reason.split(" (")[0] for orbit in refused
     )  # what is in brackets are numbers, each time others
-    lines = [f"  {number} x {reason}" for reason, number in seen.most_common(8)]
-    return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(seen) > 8 else [])]
+    lines = [f"  {number} x {reason}" for reason, number in counts.most_common(8)]
+    return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(counts) > 8 else [])]
 
 
 def fold_text(located: tuple[Threshold, ...]) -> str:
@@ -674,10 +676,12 @@ def fold_text(located: tuple[Threshold, ...]) -> str:
     )
 
 
-def threshold_text(found: tuple[Threshold, ...]) -> str:
+def threshold_text(thresholds: tuple[Threshold, ...]) -> str:
     """Return the table of births and mergers, and why others are none."""
     good = [
-        (threshold, threshold.orbit) for threshold in found if isinstance(threshold.orbit, Orbit)
+        (threshold, threshold.orbit)
+        for threshold in thresholds
+        if isinstance(threshold.orbit, Orbit)
     ]
     rows = [
         [t.kind, f"{t.force:.8f}", f"{t.omega_ratio:.8f}", str(2 * orbit.schedule.reversals)]
@@ -688,7 +692,7 @@ def threshold_text(found: tuple[Threshold, ...]) -> str:
         [
             text,
             *refusals(
-                [t.orbit for t in found if isinstance(t.orbit, NoOrbit)],
+                [t.orbit for t in thresholds if isinstance(t.orbit, NoOrbit)],
                 "level places of the closed form lead to",
             ),
         ]
@@ -699,10 +703,10 @@ def curve_rows(curves: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
     """Yield a row of `CURVE_COLUMNS` for each point of the plain forms of `BifurcationCurve`, then one for each place located."""
     for number, curve in enumerate(curves, 1):
         head = (number, curve["kind"], curve["period"], int(curve["symmetric"]))
-        for ratio, value, (real, imaginary), told in zip(
+        for ratio, value, (real, imaginary), confirmed in zip(
             *(curve[name] for name in ("omega_ratio", "value", "multiplier", "orbit")), strict=True
         ):
-            yield (*head, ratio, value, real, imaginary, told, "")
+            yield (*head, ratio, value, real, imaginary, confirmed, "")
         for mark in curve["located"]:
             yield (*head, mark["omega_ratio"], mark["value"], "", "", mark["orbit"], mark["kind"])
 
@@ -714,7 +718,7 @@ def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:
     for number, curve in enumerate(curves, 1):
         ratio = np.array(curve["omega_ratio"])
         value = scale * np.array(curve["value"])
-        good = [told == "yes" for told in curve["orbit"]]
+        good = [confirmed == "yes" for confirmed in curve["orbit"]]
         turns = [
             f"{scale * mark['value']:.7g} at {mark['omega_ratio']:.6f}"
             for mark in curve["located"]

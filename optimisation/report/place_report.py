@@ -13,7 +13,7 @@ from impact_env.parameters import Beam
 from optimisation.baselines import Baselines
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
-from optimisation.gap_card import Impacts
+from optimisation.gap_card import ImpactLoads
 from optimisation.page import markdown
 from optimisation.place_advice import (
     FLAT,
@@ -33,8 +33,8 @@ from optimisation.report.card import (
     Row,
     assumed_rows,
     baseline_rows,
-    borne_rows,
     device_rows,
+    service_rows,
 )
 from optimisation.report.figures import (
     BLUE,
@@ -87,20 +87,20 @@ def level_line(part: ResonanceLevel) -> str:
     )
 
 
-def answer(found: PlaceAdvice) -> list[str]:
+def answer(advice: PlaceAdvice) -> list[str]:
     """Return the recommended place, mass and gap with their certainty."""
-    best = found.recommended
+    best = advice.recommended
     if best is None:
         return ["No device was simulated in full."]
-    mass = best.mass_ratio * found.places.model.beam_mass
+    mass = best.mass_ratio * advice.places.model.beam_mass
     friction = (
         f"friction limit {best.friction_limit:.4g} N" if best.friction_limit else "no friction"
     )
     restitution = best.absorber.walls.restitution  # type: ignore[union-attr]
-    tolerance = 100 * found.tolerance
+    tolerance = 100 * advice.tolerance
     lines = [
         (
-            f"Recommended: at {found.places.word(best.place)}, mass {mass:.4g} kg ({100 * best.mass_ratio:.4g} %), a clearance of "
+            f"Recommended: at {advice.places.word(best.place)}, mass {mass:.4g} kg ({100 * best.mass_ratio:.4g} %), a clearance of "
             f"{MM * best.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}."
         ),
         *(f"  {level_line(part)}" for part in best.parts),
@@ -113,47 +113,47 @@ def answer(found: PlaceAdvice) -> list[str]:
     lines.append(
         f"Gap: from {MM * best.gaps[0]:.4g} to {MM * best.gaps[1]:.4g} mm the level is at most {FLAT:g} times that."
     )
-    lines += _place_lines(found, best)
-    lines += _mass_lines(found, best)
+    lines += _place_lines(advice, best)
+    lines += _mass_lines(advice, best)
     return lines
 
 
-def _place_lines(found: PlaceAdvice, best: PlacedDevice) -> list[str]:
+def _place_lines(advice: PlaceAdvice, best: PlacedDevice) -> list[str]:
     """Return how certain the place is: against the others that ran, and by the linear structure."""
     words = []
-    for rival in found.rivals:
+    for rival in advice.rivals:
         if best.prediction is None or rival.prediction is None:
             chance = "not known from single runs"
         else:
             chance = f"{100 * probability_lower(best.prediction, rival.prediction):.0f} %"
         words.append(
-            f"{found.places.word(rival.place)} leaves {100 * rival.share:.1f} % with {MM * rival.gap:.4g} mm; "
+            f"{advice.places.word(rival.place)} leaves {100 * rival.share:.1f} % with {MM * rival.gap:.4g} mm; "
             f"probability that a run of the recommended is lower: {chance}"
         )
-    tried = {trial.place for trial in found.trials if trial.mass_ratio == best.mass_ratio}
-    others = sorted(tried - {best.place} - {rival.place for rival in found.rivals})
+    tried = {trial.place for trial in advice.trials if trial.mass_ratio == best.mass_ratio}
+    others = sorted(tried - {best.place} - {rival.place for rival in advice.rivals})
     if others:
-        names = ", ".join(found.places.names[place] for place in others)
+        names = ", ".join(advice.places.names[place] for place in others)
         words.append(f"single runs at {names} left more")
     if not words:
         words = ["no other place was simulated"]
     return [f"Place: {'; '.join(words)}."]
 
 
-def _mass_lines(found: PlaceAdvice, best: PlacedDevice) -> list[str]:
+def _mass_lines(advice: PlaceAdvice, best: PlacedDevice) -> list[str]:
     """Return why this mass, and the others."""
-    if len(found.maps) == 1:
+    if len(advice.maps) == 1:
         return []
-    if found.limit_level is not None:
-        chance = best.probability_below(found.limit_level)
+    if advice.limit_level is not None:
+        chance = best.probability_below(advice.limit_level)
         odds = "not known from single runs" if math.isnan(chance) else f"{100 * chance:.0f} %"
-        kind = "the lightest that stays" if found.keeps_limit else "the most likely to stay"
+        kind = "the lightest that stays" if advice.keeps_limit else "the most likely to stay"
         return [
-            f"Mass: {kind} below {MM * found.limit_level:.4g} mm with {100 * SURE:.0f} %; its probability: {odds}."
+            f"Mass: {kind} below {MM * advice.limit_level:.4g} mm with {100 * SURE:.0f} %; its probability: {odds}."
         ]
     others = ", ".join(
         f"{100 * one.mass_ratio:.4g} %: {100 * one.worst:.1f} %"
-        for one in found.best_by_mass
+        for one in advice.best_by_mass
         if one.mass_ratio != best.mass_ratio
     )
     return [
@@ -161,9 +161,9 @@ def _mass_lines(found: PlaceAdvice, best: PlacedDevice) -> list[str]:
     ]
 
 
-def warnings(found: PlaceAdvice) -> list[str]:
+def warnings(advice: PlaceAdvice) -> list[str]:
     """Return warnings, and the number of sweeps."""
-    best = found.recommended
+    best = advice.recommended
     lines = []
     if best is not None:
         for part in best.parts:
@@ -178,30 +178,30 @@ def warnings(found: PlaceAdvice) -> list[str]:
                 lines.append(
                     f"near resonance {part.resonance} the level is above that without absorber: one gap cannot serve these forces together"
                 )
-        if not found.keeps_limit:
+        if not advice.keeps_limit:
             lines.append(
-                f"no device that ran stays below {MM * (found.limit_level or 0):.4g} mm with {100 * SURE:.0f} %"
+                f"no device that ran stays below {MM * (advice.limit_level or 0):.4g} mm with {100 * SURE:.0f} %"
             )
-        speed = found.limits.impact_speed
+        speed = advice.limits.impact_speed
         if speed is not None and best.impact_speed is not None and best.impact_speed > speed:
             lines.append("no gap that ran keeps the impact speed")
     return lines
 
 
-def sweeps_line(found: PlaceAdvice) -> str:
+def sweeps_line(advice: PlaceAdvice) -> str:
     """Return how many sweeps were made over which ranges."""
     ranges = "; ".join(
-        f"{low:.3g} to {high:.3g} of resonance {r} at {found.study.rates[r]:.3g} % per 100 pseudo periods"
-        for r, (low, high) in found.study.ranges.items()
+        f"{low:.3g} to {high:.3g} of resonance {r} at {advice.study.rates[r]:.3g} % per 100 pseudo periods"
+        for r, (low, high) in advice.study.ranges.items()
     )
-    return f"{found.sweeps} sweeps, {ranges}. {len(found.places)} places by the linear structure."
+    return f"{advice.sweeps} sweeps, {ranges}. {len(advice.places)} places by the linear structure."
 
 
-def text(found: PlaceAdvice) -> str:
+def text(advice: PlaceAdvice) -> str:
     """Return a line for each device whose gap was searched."""
     lines = []
-    for one in found.devices:
-        reaches = found.map_of(one).reach[:, one.place]
+    for one in advice.devices:
+        reaches = advice.map_of(one).reach[:, one.place]
         ends = (
             "-"
             if one.prediction is None
@@ -209,7 +209,7 @@ def text(found: PlaceAdvice) -> str:
         )
         lines.append(
             (
-                found.places.names[one.place],
+                advice.places.names[one.place],
                 f"{100 * one.mass_ratio:.4g}",
                 f"{MM * one.gap:.4g}",
                 f"{100 * one.share:.1f}",
@@ -223,9 +223,9 @@ def text(found: PlaceAdvice) -> str:
     return markdown(HEADER, lines)
 
 
-def device_values(found: PlaceAdvice, one: PlacedDevice) -> Json:
+def device_values(advice: PlaceAdvice, one: PlacedDevice) -> Json:
     """Return a device as JSON values."""
-    places = found.places
+    places = advice.places
     return {
         "place": one.name,
         "place_m": None if places.points is None else places.points[one.place].tolist(),
@@ -261,11 +261,11 @@ def device_values(found: PlaceAdvice, one: PlacedDevice) -> Json:
     }
 
 
-def summary(found: PlaceAdvice) -> Json:
+def summary(advice: PlaceAdvice) -> Json:
     """Return answer, devices, trials and settings as JSON values."""
-    best = found.recommended
+    best = advice.recommended
     rivals = []
-    for rival in found.rivals:
+    for rival in advice.rivals:
         known = best is not None and best.prediction is not None and rival.prediction is not None
         chance = (
             probability_lower(best.prediction, rival.prediction)  # type: ignore[union-attr, arg-type]
@@ -274,34 +274,34 @@ def summary(found: PlaceAdvice) -> Json:
         )
         rivals.append({"place": rival.name, "probability_recommended_is_lower": chance})
     return {
-        "complete": found.complete,
-        "recommended": None if best is None else device_values(found, best),
+        "complete": advice.complete,
+        "recommended": None if best is None else device_values(advice, best),
         "rivals": rivals,
-        "devices": [device_values(found, one) for one in found.devices],
+        "devices": [device_values(advice, one) for one in advice.devices],
         "trials": [
             {
-                "place": found.places.names[trial.place],
+                "place": advice.places.names[trial.place],
                 "mass_ratio": trial.mass_ratio,
                 "gap_m": trial.gap,
                 "relative_level": trial.share,
             }
-            for trial in found.trials
+            for trial in advice.trials
         ],
-        "level_without_absorber_m": {str(r): x for r, x in found.without.items()},
+        "level_without_absorber_m": {str(r): x for r, x in advice.without.items()},
         "settings": {
-            "forces_n": {str(r): force for r, force in found.forces.items()},
-            "force_tolerance": found.tolerance,
-            "mass_ratios": [one.mass_ratio for one in found.maps],
-            "members": found.members,
-            "sweeps": found.sweeps,
-            "places": len(found.places),
-            "modes": found.places.model.modes,
-            "limit_level_m": found.limit_level,
+            "forces_n": {str(r): force for r, force in advice.forces.items()},
+            "force_tolerance": advice.tolerance,
+            "mass_ratios": [one.mass_ratio for one in advice.maps],
+            "members": advice.members,
+            "sweeps": advice.sweeps,
+            "places": len(advice.places),
+            "modes": advice.places.model.modes,
+            "limit_level_m": advice.limit_level,
             "limits": {
                 name: value
                 for name, value in (
-                    ("stroke_m", found.limits.stroke),
-                    ("impact_speed_m_s", found.limits.impact_speed),
+                    ("stroke_m", advice.limits.stroke),
+                    ("impact_speed_m_s", advice.limits.impact_speed),
                 )
                 if value is not None
             },
@@ -311,18 +311,20 @@ def summary(found: PlaceAdvice) -> Json:
     }
 
 
-def columns(found: PlaceAdvice) -> tuple[str, ...]:
+def columns(advice: PlaceAdvice) -> tuple[str, ...]:
     """Return the names of the columns of `rows`."""
-    more = [f"reach_{r}" for r in found.forces] + [f"rule_gap_{r}_m" for r in found.forces]
+    more = [f"reach_{r}" for r in advice.forces] + [f"rule_gap_{r}_m" for r in advice.forces]
     return (*COLUMNS, *more, "expected_gap_m", "expected_relative_level", "relative_limit")
 
 
-def rows(found: PlaceAdvice) -> Iterator[tuple[object, ...]]:
+def rows(advice: PlaceAdvice) -> Iterator[tuple[object, ...]]:
     """Yield a row for each mass and place: what the linear structure says; an empty cell where nothing is known."""
-    for one in found.maps:
-        for k, name in enumerate(found.places.names):
+    for one in advice.maps:
+        for k, name in enumerate(advice.places.names):
             point: Sequence[float] = (
-                (math.nan,) * 3 if found.places.points is None else found.places.points[k].tolist()
+                (math.nan,) * 3
+                if advice.places.points is None
+                else advice.places.points[k].tolist()
             )
             values = (*point, one.mass_ratio, *one.reach[:, k], *one.rule[:, k])
             values = (*values, one.gap[k], one.share[k], one.limit[k])
@@ -330,20 +332,20 @@ def rows(found: PlaceAdvice) -> Iterator[tuple[object, ...]]:
 
 
 def card(
-    found: PlaceAdvice,
-    impacts: Impacts,
+    advice: PlaceAdvice,
+    impacts: ImpactLoads,
     baselines: dict[int, Baselines],
     curves: Sequence[ResonanceCurves],
 ) -> Card:
     """Return the paragraph about the recommended device; ``impacts``: of its worst resonance."""
-    best = found.recommended
+    best = advice.recommended
     assert best is not None
-    model = found.places.model_at(best.place)
+    model = advice.places.model_at(best.place)
     groups: list[tuple[str, tuple[Row, ...]]] = [
         (
             "Device",
             (
-                Row("place", found.places.word(best.place)),
+                Row("place", advice.places.word(best.place)),
                 *device_rows(best.absorber, model),
                 Row(
                     f"gaps that leave at most {FLAT:g} times the level",
@@ -362,7 +364,7 @@ def card(
                     Row("90 % of further runs", _interval(part.interval, MM, " mm")),
                     Row("read at", part.frequency_ratio, "of the resonance"),
                     Row(
-                        f"at most, {100 * found.tolerance:g} % more or less force",
+                        f"at most, {100 * advice.tolerance:g} % more or less force",
                         MM * part.worst,
                         "mm",
                     ),
@@ -375,22 +377,22 @@ def card(
         )
     by_place = [
         Row(
-            f"{found.places.word(one.place)}, {100 * one.mass_ratio:.4g} %, {MM * one.gap:.4g} mm",
+            f"{advice.places.word(one.place)}, {100 * one.mass_ratio:.4g} %, {MM * one.gap:.4g} mm",
             f"{100 * one.share:.3g} % ({_interval(one.interval, 100, ' %')})",
         )
-        for one in found.devices
+        for one in advice.devices
     ]
     worst = max(best.parts, key=lambda part: part.share)
     groups += [
         ("Places and masses that were searched, level over no absorber", tuple(by_place)),
         (
             f"What it bears near resonance {worst.resonance}",
-            borne_rows(best.gap, impacts, worst.level),
+            service_rows(best.gap, impacts, worst.level),
         ),
         (
             "Assumptions",
             (
-                *assumed_rows(model, list(found.forces), None),
+                *assumed_rows(model, list(advice.forces), None),
                 *(
                     Row(
                         f"swept near resonance {part.resonance}",
@@ -398,33 +400,33 @@ def card(
                     )
                     for part in best.parts
                 ),
-                Row("sweeps taken", str(found.sweeps)),
+                Row("sweeps taken", str(advice.sweeps)),
             ),
         ),
     ]
-    where = " and ".join(f"{force:g} N near resonance {r}" for r, force in found.forces.items())
-    charts = (*frequency_charts(curves), *_place_charts(found, best))
+    where = " and ".join(f"{force:g} N near resonance {r}" for r, force in advice.forces.items())
+    charts = (*frequency_charts(curves), *_place_charts(advice, best))
     return Card(
         f"Place, mass and gap of an impact absorber for {where}",
         tuple(groups),
         charts,
-        tuple(warnings(found)),
+        tuple(warnings(advice)),
     )
 
 
-def _place_charts(found: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
+def _place_charts(advice: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
     """Return reach and expected level over the place; none where places have no order."""
-    if not isinstance(found.places.structure, Beam):
+    if not isinstance(advice.places.structure, Beam):
         return ()
-    x = [float(name) for name in found.places.names]
-    own = found.map_of(best)
+    x = [float(name) for name in advice.places.names]
+    own = advice.map_of(best)
     marks = (("recommended", float(best.name)),)
     reaches = tuple(
-        Curve(f"resonance {r}", x, numbers(own.reach[k])) for k, r in enumerate(found.forces)
+        Curve(f"resonance {r}", x, numbers(own.reach[k])) for k, r in enumerate(advice.forces)
     )
     shares = tuple(
         Curve(f"mass {100 * one.mass_ratio:.4g} %", x, numbers(100 * one.share))
-        for one in found.maps
+        for one in advice.maps
     )
     place = "place over the length"
     return (
@@ -433,27 +435,27 @@ def _place_charts(found: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
     )
 
 
-def save_places(path: Path, found: PlaceAdvice) -> None:
+def save_places(path: Path, advice: PlaceAdvice) -> None:
     """Draw the structure coloured by reach, a panel for each resonance, and below the levels to expect and those simulated.
 
     A beam is drawn by its mode shapes, nodes with coordinates at their points, places without as bars. The ending of ``path`` chooses the format.
     """
-    best = found.recommended
-    own = found.maps[-1] if best is None else found.map_of(best)
-    count = len(found.forces)
+    best = advice.recommended
+    own = advice.maps[-1] if best is None else advice.map_of(best)
+    count = len(advice.forces)
     number_of_rows = count + 1
     figure, panels = figure_of(8.6, 2.5 * count + 3.4, number_of_rows, 1)
     panels = np.ravel(panels)
-    for k, resonance in enumerate(found.forces):
-        _draw_reach(figure, panels[k], found, own, k, resonance)
-    _draw_levels(panels[-1], found)
+    for k, resonance in enumerate(advice.forces):
+        _draw_reach(figure, panels[k], advice, own, k, resonance)
+    _draw_levels(panels[-1], advice)
     write_figure(figure, path)
 
 
 def _draw_reach(
-    figure: Any, axes: Any, found: PlaceAdvice, own: PlaceMap, k: int, resonance: int
+    figure: Any, axes: Any, advice: PlaceAdvice, own: PlaceMap, k: int, resonance: int
 ) -> None:
-    places = found.places
+    places = advice.places
     reach = np.where(np.isfinite(own.reach[k]), own.reach[k], 0.0)
     hertz = places.model.resonance_omega(resonance) / (2 * np.pi)
     words = f"resonance {resonance}, {hertz:.4g} Hz; absorber of {100 * own.mass_ratio:.4g} % of the structure's mass"
@@ -465,7 +467,7 @@ def _draw_reach(
     else:
         _draw_bars(axes, places, reach)
         return
-    best = found.recommended
+    best = advice.recommended
     if best is not None:
         x, y = _point_of(places, best.place, resonance)
         axes.plot([x], [y], "s", ms=12, mfc="none", mec="black", mew=1.8, label="recommended")
@@ -554,38 +556,40 @@ def _draw_nodes(axes: Any, places: Places, reach: Array) -> Any:
 
 def _draw_bars(axes: Any, places: Places, reach: Array) -> None:
     """Draw a bar for each place, the highest of them where there are too many."""
-    kept = np.sort(np.argsort(-reach, kind="stable")[:MOST_BARS])
-    axes.bar(np.arange(len(kept)), reach[kept], color=BLUE)
-    axes.set_xticks(np.arange(len(kept)), [places.names[k] for k in kept], fontsize=8)
-    if len(kept) > 12:
+    largest = np.sort(np.argsort(-reach, kind="stable")[:MOST_BARS])
+    axes.bar(np.arange(len(largest)), reach[largest], color=BLUE)
+    axes.set_xticks(np.arange(len(largest)), [places.names[k] for k in largest], fontsize=8)
+    if len(largest) > 12:
         axes.tick_params(axis="x", rotation=90)
     axes.set_xlabel(places.kind)
     axes.set_ylabel("reach")
     draw_grid(axes)
 
 
-def _draw_levels(axes: Any, found: PlaceAdvice) -> None:
+def _draw_levels(axes: Any, advice: PlaceAdvice) -> None:
     """Draw the expected level of each place and mass, and the levels that were simulated with their intervals."""
-    beam = isinstance(found.places.structure, Beam)
-    chosen = sorted({trial.place for trial in found.trials} | {one.place for one in found.devices})
+    beam = isinstance(advice.places.structure, Beam)
+    chosen = sorted(
+        {trial.place for trial in advice.trials} | {one.place for one in advice.devices}
+    )
     position = (
-        {k: float(name) for k, name in enumerate(found.places.names)}
+        {k: float(name) for k, name in enumerate(advice.places.names)}
         if beam
         else {place: float(k) for k, place in enumerate(chosen)}
     )
     colours = (BLUE, GREEN, ORANGE, "#CC79A7", "#56B4E9", GREY)
-    for k, one in enumerate(found.maps):
+    for k, one in enumerate(advice.maps):
         colour = colours[k % len(colours)]
         name = f"{100 * one.mass_ratio:.4g} % of the mass"
         if beam:
-            x = [position[place] for place in range(len(found.places))]
+            x = [position[place] for place in range(len(advice.places))]
             axes.plot(x, 100 * one.share, color=colour, lw=1.5, label=f"{name}, to expect")
         else:
             expected = [100 * float(one.share[place]) for place in chosen]
             axes.plot(
                 range(len(chosen)), expected, "_", color=colour, ms=16, label=f"{name}, to expect"
             )
-        trials = [trial for trial in found.trials if trial.mass_ratio == one.mass_ratio]
+        trials = [trial for trial in advice.trials if trial.mass_ratio == one.mass_ratio]
         axes.plot(
             [position[trial.place] for trial in trials],
             [100 * trial.share for trial in trials],
@@ -595,7 +599,7 @@ def _draw_levels(axes: Any, found: PlaceAdvice) -> None:
             ms=5,
             ls="",
         )
-        for device in found.devices:
+        for device in advice.devices:
             if device.mass_ratio != one.mass_ratio:
                 continue
             ends = device.interval
@@ -616,12 +620,12 @@ def _draw_levels(axes: Any, found: PlaceAdvice) -> None:
         axes.set_xlabel("place over the length")
         axes.set_xlim(-0.03, 1.03)
     else:
-        axes.set_xticks(range(len(chosen)), [found.places.names[place] for place in chosen])
-        axes.set_xlabel(f"{found.places.kind}, the simulated ones")
+        axes.set_xticks(range(len(chosen)), [advice.places.names[place] for place in chosen])
+        axes.set_xlabel(f"{advice.places.kind}, the simulated ones")
     axes.set_ylabel("level, % of no absorber")
     axes.set_ylim(0, 105)
-    stopped = "" if found.complete else " (stopped early)"
-    which = "Larger level of the resonances" if len(found.forces) > 1 else "Level"
+    stopped = "" if advice.complete else " (stopped early)"
+    which = "Larger level of the resonances" if len(advice.forces) > 1 else "Level"
     axes.set_title(f"{which}{stopped}", fontsize=10, loc="left")
     draw_grid(axes)
     axes.legend(fontsize=8, ncols=2, framealpha=0.9)

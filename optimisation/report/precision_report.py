@@ -32,22 +32,22 @@ def half_width(name: str, width: float, absorber: SlidingAbsorber) -> str:
     return f"±{size} (±{100 * width:.2g} %){more}"
 
 
-def tolerance_lines(found: Tolerances, absorber: SlidingAbsorber) -> list[str]:
+def tolerance_lines(tolerances: Tolerances, absorber: SlidingAbsorber) -> list[str]:
     """Return the answer in words."""
-    what = f"a level below {1e3 * found.limit:.4g} mm with {100 * SURE:.0f} %"
-    if found.nominal < SURE:
-        below = round(found.nominal * NOMINAL_RUNS)
+    what = f"a level below {1e3 * tolerances.limit:.4g} mm with {100 * SURE:.0f} %"
+    if tolerances.nominal < SURE:
+        below = round(tolerances.nominal * NOMINAL_RUNS)
         return [
             f"Tolerances for {what}: none are small enough; of {NOMINAL_RUNS} runs of the exact device {below} stay below."
         ]
-    alone = _listed(found.alone, absorber)
+    alone = _listed(tolerances.alone, absorber)
     lines = [f"Tolerances for {what}, one at a time: {alone}."]
-    if found.checked == 0:
+    if tolerances.checked == 0:
         return [*lines, "All together: none are small enough."]
-    low, high = (100 * end for end in found.interval)
+    low, high = (100 * end for end in tolerances.interval)
     lines.append(
-        f"All together: {_listed(found.together, absorber)}; of {found.checked} fresh draws {found.below} stay below "
-        f"({100 * found.below / found.checked:.0f} %, 95 % interval {low:.0f} to {high:.0f} %)."
+        f"All together: {_listed(tolerances.together, absorber)}; of {tolerances.checked} fresh draws {tolerances.below} stay below "
+        f"({100 * tolerances.below / tolerances.checked:.0f} %, 95 % interval {low:.0f} to {high:.0f} %)."
     )
     return lines
 
@@ -56,27 +56,32 @@ def _listed(widths: dict[str, float], absorber: SlidingAbsorber) -> str:
     return ", ".join(f"{name} {half_width(name, x, absorber)}" for name, x in widths.items())
 
 
-def tolerance_rows(found: Tolerances, absorber: SlidingAbsorber) -> tuple[Row, ...]:
+def tolerance_rows(tolerances: Tolerances, absorber: SlidingAbsorber) -> tuple[Row, ...]:
     """Return the rows of a card."""
-    if found.nominal < SURE:
+    if tolerances.nominal < SURE:
         return (
-            Row("exact device, share of runs below the limit", 100 * found.nominal, "%"),
+            Row("exact device, share of runs below the limit", 100 * tolerances.nominal, "%"),
             Row("tolerances", "none are small enough"),
         )
     rows = [
         Row(f"{name}, all together", half_width(name, x, absorber))
-        for name, x in found.together.items()
+        for name, x in tolerances.together.items()
     ]
-    rows += [Row(f"{name} alone", half_width(name, x, absorber)) for name, x in found.alone.items()]
-    low, high = (100 * end for end in found.interval)
-    checked = f"{found.below} of {found.checked} ({low:.0f} to {high:.0f} %)"
+    rows += [
+        Row(f"{name} alone", half_width(name, x, absorber)) for name, x in tolerances.alone.items()
+    ]
+    low, high = (100 * end for end in tolerances.interval)
+    checked = f"{tolerances.below} of {tolerances.checked} ({low:.0f} to {high:.0f} %)"
     rows.append(
-        Row("fresh draws below the limit", checked if found.checked else "none are small enough")
+        Row(
+            "fresh draws below the limit",
+            checked if tolerances.checked else "none are small enough",
+        )
     )
     return tuple(rows)
 
 
-def tolerance_data(found: Tolerances, absorber: SlidingAbsorber) -> Json:
+def tolerance_data(tolerances: Tolerances, absorber: SlidingAbsorber) -> Json:
     """Return the answer as JSON values: half widths in SI units."""
 
     def si(widths: dict[str, float]) -> Json:
@@ -90,71 +95,80 @@ def tolerance_data(found: Tolerances, absorber: SlidingAbsorber) -> Json:
             for name, x in widths.items()
         }
 
-    low, high = found.interval
+    low, high = tolerances.interval
     return {
-        "limit_level_m": found.limit,
+        "limit_level_m": tolerances.limit,
         "probability": SURE,
-        "together": si(found.together),
-        "alone": si(found.alone),
-        "widest": si({name: WIDEST_TOLERANCES[name] for name in found.alone}),
-        "exact_device_below": found.nominal,
-        "draws": found.checked,
-        "draws_below": found.below,
+        "together": si(tolerances.together),
+        "alone": si(tolerances.alone),
+        "widest": si({name: WIDEST_TOLERANCES[name] for name in tolerances.alone}),
+        "exact_device_below": tolerances.nominal,
+        "draws": tolerances.checked,
+        "draws_below": tolerances.below,
         "probability_low": number(low),
         "probability_high": number(high),
-        "sweeps": found.runs,
+        "sweeps": tolerances.runs,
     }
 
 
-def _box(found: Sensitivity, k: int) -> str:
+def _box(sensitivity: Sensitivity, k: int) -> str:
     """Return the half width of a variable's box in words."""
-    name = found.names[k]
-    half = (found.high[k] - found.low[k]) / 2
+    name = sensitivity.names[k]
+    half = (sensitivity.high[k] - sensitivity.low[k]) / 2
     if name in BOX_DIFFERENCES:
         return f"{name} ±{half:.2g}"
-    return f"{name} ±{100 * half / ((found.high[k] + found.low[k]) / 2):.2g} %"
+    return f"{name} ±{100 * half / ((sensitivity.high[k] + sensitivity.low[k]) / 2):.2g} %"
 
 
-def sensitivity_lines(found: Sensitivity) -> list[str]:
+def _total(sensitivity: Sensitivity, k: int, words: str = "") -> str:
+    """Return a variable's total index with its interval."""
+    low, high = sensitivity.total_band[k]
+    return f"{sensitivity.total[k]:.2f}{words} ({low:.2f} to {high:.2f})"
+
+
+def sensitivity_lines(sensitivity: Sensitivity) -> list[str]:
     """Return the shares of a level's variance in words, the largest first."""
-    order = np.argsort(-found.total, kind="stable").tolist()
+    order = np.argsort(-sensitivity.total, kind="stable").tolist()
     words = [
-        f"{_box(found, k)}: {found.first[k]:.2f}, {found.total[k]:.2f} ({found.total_band[k, 0]:.2f} to {found.total_band[k, 1]:.2f})"
+        f"{_box(sensitivity, k)}: {sensitivity.first[k]:.2f}, {_total(sensitivity, k)}"
         for k in order
     ]
     return [
         f"Sobol shares of the level's variance, alone and with the others (95 % interval): {'; '.join(words)}.",
-        f"  Standard deviation {1e3 * found.spread:.4g} mm, of {found.designs} devices; what runs differ by chance is in the second number only.",
+        (
+            f"  Standard deviation {1e3 * sensitivity.spread:.4g} mm, of {sensitivity.designs} devices; "
+            "what runs differ by chance is in the second number only."
+        ),
     ]
 
 
-def sensitivity_rows(found: Sensitivity) -> tuple[Row, ...]:
+def sensitivity_rows(sensitivity: Sensitivity) -> tuple[Row, ...]:
     """Return the rows of a card."""
     rows = [
         Row(
-            _box(found, k),
-            f"{found.first[k]:.2f} alone, {found.total[k]:.2f} with the others ({found.total_band[k, 0]:.2f} to {found.total_band[k, 1]:.2f})",
+            _box(sensitivity, k),
+            f"{sensitivity.first[k]:.2f} alone, {_total(sensitivity, k, ' with the others')}",
         )
-        for k in range(len(found.names))
+        for k in range(len(sensitivity.names))
     ]
-    return (*rows, Row("standard deviation of the level", 1e3 * found.spread, "mm"))
+    return (*rows, Row("standard deviation of the level", 1e3 * sensitivity.spread, "mm"))
 
 
-def sensitivity_data(found: Sensitivity) -> Json:
+def sensitivity_data(sensitivity: Sensitivity) -> Json:
     """Return the shares as JSON values."""
     return {
-        "level_standard_deviation_m": number(found.spread),
-        "devices": found.designs,
+        "level_standard_deviation_m": number(sensitivity.spread),
+        "devices": sensitivity.designs,
         "variables": {
             name: {
-                "low": float(found.low[k]),
-                "high": float(found.high[k]),
+                "low": float(sensitivity.low[k]),
+                "high": float(sensitivity.high[k]),
                 "unit": BOX_UNITS.get(name, ""),
-                "first": number(found.first[k]),
-                "first_95_percent": numbers(found.first_band[k]),
-                "total": number(found.total[k]),
-                "total_95_percent": numbers(found.total_band[k]),
+                "first": number(sensitivity.first[k]),
+                "first_95_percent": numbers(sensitivity.first_band[k]),
+                "total": number(sensitivity.total[k]),
+                "total_95_percent": numbers(sensitivity.total_band[k]),
             }
-            for k, name in enumerate(found.names)
+            for k, name in enumerate(sensitivity.names)
         },
     }

@@ -125,8 +125,8 @@ def describe_run(response: Response, resonance: int, start: str = "") -> str:
     schedule = response.drive.schedule
     modes = response.scene.model.modes
     if isinstance(response.drive, Loads):
-        told = f"{describe_amplitude(response.drive)} for {float(schedule.times[-1]):g} s"
-        return f"{told}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s{start}, {describe_modes(modes)}, {response.method}"
+        about = f"{describe_amplitude(response.drive)} for {float(schedule.times[-1]):g} s"
+        return f"{about}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s{start}, {describe_modes(modes)}, {response.method}"
     ratios = schedule.omegas / schedule.reference
     frequency = (
         f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
@@ -178,11 +178,11 @@ def summary(result: Result, resonance: int) -> str:
             )
         )
     if result.measures is not None:
-        found = result.measures[0]["displacement_m"]
+        displacement = result.measures[0]["displacement_m"]
         rows.append(
             (
                 "RMS of the displacement",
-                f"{1e3 * found['rms']:.4g} mm",
+                f"{1e3 * displacement['rms']:.4g} mm",
                 f"after {result.measures[0]['from_s']:.4g} s",
             )
         )
@@ -470,13 +470,13 @@ def _account(ax: Axes, account: EnergyAccount, resonance: int) -> None:
         "absorber's damper": (account.absorber_damping, ABSORBER),
         "stored": (account.stored_at_end - account.stored_at_start, WALL),
     }
-    shown = {name: part for name, part in parts.items() if part[0] != 0 or name == "force's work"}
-    values = [MM * value for value, _ in shown.values()]
-    bars = ax.barh(range(len(shown)), values, color=[colour for _, colour in shown.values()])
+    drawn = {name: part for name, part in parts.items() if part[0] != 0 or name == "force's work"}
+    values = [MM * value for value, _ in drawn.values()]
+    bars = ax.barh(range(len(drawn)), values, color=[colour for _, colour in drawn.values()])
     work = values[0]
     labels = [
         f" {name}" + (f": {100 * value / work:.3g} %" if work > 0 else "")
-        for name, value in zip(shown, values, strict=True)
+        for name, value in zip(drawn, values, strict=True)
     ]
     ax.bar_label(bars, labels, fontsize=8)
     ax.set_yticks([])

@@ -225,8 +225,8 @@ def save_figure(path: Path, table: TuningTable) -> None:
     """Draw the amplitude over the scoring range, relative to the peak without absorber; the ending of ``path`` chooses the format."""
     figure, axes = figure_of(9, 5.4)
     ratio = table.ratios_drawn(2001)
-    shown = [tuning for tuning in table.tunings if tuning.key in LOOKS]
-    for tuning in shown:
+    drawn = [tuning for tuning in table.tunings if tuning.key in LOOKS]
+    for tuning in drawn:
         colour, style, width = LOOKS[tuning.key]
         amplitude = (
             np.abs(tip_response(table.model, tuning.absorber, ratio * table.omega))
@@ -234,7 +234,7 @@ def save_figure(path: Path, table: TuningTable) -> None:
         )
         label = f"{tuning.label}: peak {100 * table.relative_peak(tuning):.1f} %"
         axes.plot(ratio, 100 * amplitude, color=colour, ls=style, lw=width, label=label)
-    for tuning in shown[1:]:
+    for tuning in drawn[1:]:
         axes.plot(
             tuning.peak_ratio,
             100 * table.relative_peak(tuning),

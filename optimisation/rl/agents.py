@@ -273,7 +273,7 @@ EVALUATIONS = "evaluations.csv"
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class TrainingEvaluation:
     """What an agent reached after ``steps`` of training, over the evaluation seeds.
 
     ``score``: mean; ``iqm``: mean of the middle half; ``low``, ``high``: 10th and 90th percentile; ``intervals``: mean length of an episode.
@@ -288,7 +288,7 @@ class Evaluation:
     intervals: float
 
 
-COLUMNS = tuple(f.name for f in fields(Evaluation))
+COLUMNS = tuple(f.name for f in fields(TrainingEvaluation))
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ class Run:
 
     folder: Path
     settings: dict[str, Any]
-    evaluations: tuple[Evaluation, ...]
+    evaluations: tuple[TrainingEvaluation, ...]
     finished: bool
 
     @property
@@ -316,7 +316,7 @@ def run_folder(out: Path, task: str, algorithm: str, seed: int) -> Path:
     return out / task / algorithm / f"seed-{seed}"
 
 
-def write_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
+def write_evaluations(folder: Path, evaluations: Sequence[TrainingEvaluation]) -> None:
     """Write a run's evaluations as CSV."""
     write_csv(
         folder / EVALUATIONS,
@@ -325,7 +325,7 @@ def write_evaluations(folder: Path, evaluations: Sequence[Evaluation]) -> None:
     )
 
 
-def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
+def read_evaluations(folder: Path) -> tuple[TrainingEvaluation, ...]:
     """Return a run's evaluations, none if it has not come to one. Raises ParameterError for a file that is damaged."""
     file = folder / EVALUATIONS
     if not file.exists():
@@ -334,7 +334,7 @@ def read_evaluations(folder: Path) -> tuple[Evaluation, ...]:
         with file.open(newline="", encoding="utf-8") as lines:
             rows = list(csv.DictReader(lines))
         return tuple(
-            Evaluation(
+            TrainingEvaluation(
                 int(row["leg"]), int(row["steps"]), *(float(row[name]) for name in COLUMNS[2:])
             )
             for row in rows

@@ -61,15 +61,15 @@ def record(
     ended = np.zeros(lanes, dtype=np.bool_)
     try:
         policy.start(lanes)
-        seen, _ = env.reset(seed=list(seeds))
-        for lane, row in enumerate(seen):
+        observed, _ = env.reset(seed=list(seeds))
+        for lane, row in enumerate(observed):
             rows[lane][0].append(row.copy())
         while going.any():
-            actions = policy.act(seen)
-            seen, rewards, terminated, truncated, info = env.step(actions)
+            actions = policy.act(observed)
+            observed, rewards, terminated, truncated, info = env.step(actions)
             for lane in np.flatnonzero(going).tolist():
                 over = terminated[lane] or truncated[lane]
-                rows[lane][0].append((info["final_obs"][lane] if over else seen[lane]).copy())
+                rows[lane][0].append((info["final_obs"][lane] if over else observed[lane]).copy())
                 rows[lane][1].append(actions[lane].copy())
                 rows[lane][2].append(float(rewards[lane]))
             ended |= going & terminated
@@ -103,11 +103,14 @@ def _minari(root: Path) -> Iterator[Any]:
 
 
 def write_demonstrations(
-    folder: Path, shown: Demonstrations, author: str, arguments: Mapping[str, Any] | None = None
+    folder: Path,
+    demonstrations: Demonstrations,
+    author: str,
+    arguments: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a data set; the folder appears as a whole or not at all, and replaces one of the same name. Raises ParameterError for another folder."""
-    ours = not folder.exists() or (folder / HDF5).is_file()
-    require(ours, "folder", str(folder), "a new one, or a data set that is to be replaced")
+    replaceable = not folder.exists() or (folder / HDF5).is_file()
+    require(replaceable, "folder", str(folder), "a new one, or a data set that is to be replaced")
     require(
         "/" not in folder.name and folder.name.endswith("-v0"),
         "folder",
@@ -120,18 +123,21 @@ def write_demonstrations(
 
         with optional():
             import gymnasium
-        env = gymnasium.make(shown.env_id, **(arguments or {}))
+        env = gymnasium.make(demonstrations.env_id, **(arguments or {}))
         episodes = []
-        for k, seed in enumerate(shown.seeds):
-            last = np.arange(len(shown.actions[k])) == len(shown.actions[k]) - 1
-            over = shown.terminated[k]
-            own = {name: getattr(shown, name)[k] for name in ("observations", "actions", "rewards")}
+        for k, seed in enumerate(demonstrations.seeds):
+            last = np.arange(len(demonstrations.actions[k])) == len(demonstrations.actions[k]) - 1
+            over = demonstrations.terminated[k]
+            own = {
+                name: getattr(demonstrations, name)[k]
+                for name in ("observations", "actions", "rewards")
+            }
             episodes.append(
                 EpisodeBuffer(
                     id=k, seed=seed, terminations=last & over, truncations=last & (not over), **own
                 )
             )
-        words = f"{author} on {shown.env_id}, one episode for each of the seeds {shown.seeds[0]} to {shown.seeds[-1]}"
+        words = f"{author} on {demonstrations.env_id}, one episode for each of the seeds {demonstrations.seeds[0]} to {demonstrations.seeds[-1]}"
         with (
             warnings.catch_warnings()
         ):  # it asks for an address and a link, which a reader's own data set has none of
@@ -161,7 +167,7 @@ def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
     try:
         with _minari(folder.parent) as minari:
             data = minari.load_dataset(folder.name)
-            found = data.spec.env_spec.id
+            recorded_env = data.spec.env_spec.id
             episodes = list(data.iterate_episodes())
             seeds = tuple(
                 int(row["seed"]) for row in data.storage.get_episode_metadata(range(len(episodes)))
@@ -171,7 +177,10 @@ def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
             f"demonstrations = {str(folder)!r} is not allowed: a whole data set ({error})"
         ) from error
     require(
-        found == env_id, "demonstrations", str(folder), f"a data set of {env_id}, not of {found}"
+        recorded_env == env_id,
+        "demonstrations",
+        str(folder),
+        f"a data set of {env_id}, not of {recorded_env}",
     )
     observations, actions, rewards = (
         [np.asarray(getattr(e, name)) for e in episodes]
@@ -187,10 +196,10 @@ def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
     )
 
 
-def fingerprint(shown: Demonstrations) -> str:
+def dataset_hash(demonstrations: Demonstrations) -> str:
     """Return a data set's identity: the SHA-256 of its observations and actions."""
-    digest = hashlib.sha256(repr((shown.env_id, shown.seeds)).encode())
-    for values in (*shown.observations, *shown.actions):
+    digest = hashlib.sha256(repr((demonstrations.env_id, demonstrations.seeds)).encode())
+    for values in (*demonstrations.observations, *demonstrations.actions):
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
 

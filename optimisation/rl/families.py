@@ -136,7 +136,7 @@ class FamilyPolicy:
         return np.clip(actions, -1, 1).astype(np.float32).reshape(len(actions), -1)
 
 
-class Random:
+class RandomPolicy:
     """Any action from [-1, 1] in every interval, the same ones again after `start`; ``numbers`` of them for a task that takes several."""
 
     name = "random"
@@ -153,6 +153,9 @@ class Random:
     def act(self, observations: Observations) -> NDArray[np.float32]:
         """Return one draw for each lane."""
         return self._generator.uniform(-1, 1, (len(observations), self.numbers)).astype(np.float32)
+
+
+Random = RandomPolicy  # the name before; for one release
 
 
 # Rules for the tasks that see amplitudes over an interval: rate, rate and gap, friction of a passage, and the gap under a force that changes.
@@ -241,7 +244,7 @@ class LimitOverFrequency(OverFrequency):
         return parameters[:, 0] + parameters[:, 1] * x + parameters[:, 2] * x * x
 
 
-class LimitByLook(OverFrequency):
+class FeedbackFriction(OverFrequency):
     """One limit at first, and from some place on one that goes with a power of the amplitude seen there: one look, which is remembered.
 
     Where the first limit holds the absorber fast the response until the look is linear, and its amplitude speaks for the force.
@@ -265,7 +268,7 @@ class LimitByLook(OverFrequency):
 
     def begin(self, lanes: int) -> None:
         """Forget what was seen."""
-        self.seen, self.looked = np.zeros(lanes), np.zeros(lanes, dtype=np.bool_)
+        self.amplitude, self.measured = np.zeros(lanes), np.zeros(lanes, dtype=np.bool_)
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
@@ -275,14 +278,14 @@ class LimitByLook(OverFrequency):
             observations[:, IN_PHASE].astype(np.float64),
             observations[:, QUADRATURE].astype(np.float64),
         )
-        self.seen = np.where(self.looked, self.seen, amplitude)
-        self.looked = self.looked | (share <= place)
-        by_look = (
+        self.amplitude = np.where(self.measured, self.amplitude, amplitude)
+        self.measured = self.measured | (share <= place)
+        feedback = (
             level
-            + exponent * self.per_e * np.log(np.maximum(self.seen, SMALLEST))
+            + exponent * self.per_e * np.log(np.maximum(self.amplitude, SMALLEST))
             + slope * (2 * share - 1)
         )
-        return np.where(self.looked, by_look, first)
+        return np.where(self.measured, feedback, first)
 
 
 class GapScale:
@@ -368,14 +371,14 @@ class GapByEstimatedForce(Family):
 
     def estimate(self, stroke: Array, observations: Observations) -> Array:
         """Return the force (L,) in N that the last interval speaks for."""
-        seen = observations.astype(np.float64)
+        features = observations.astype(np.float64)
         length = self.scale.length
-        q = (seen[:, IN_PHASE] - 1j * seen[:, QUADRATURE]) * length
-        by_force, kappa = self.scale.lines(1 + FREQUENCY_SCALE * self.scale.offset(seen))
+        q = (features[:, IN_PHASE] - 1j * features[:, QUADRATURE]) * length
+        by_force, kappa = self.scale.lines(1 + FREQUENCY_SCALE * self.scale.offset(features))
         a = (1 - kappa) * q / by_force
-        size = np.abs(kappa / by_force) * stroke * seen[:, self.scale.column] * length
+        size = np.abs(kappa / by_force) * stroke * features[:, self.scale.column] * length
         knocked = a.real + np.sqrt(np.maximum(size**2 - a.imag**2, 0.0))
-        return np.maximum(np.where(seen[:, IMPACTS] > 0, knocked, (q / by_force).real), 0.0)
+        return np.maximum(np.where(features[:, IMPACTS] > 0, knocked, (q / by_force).real), 0.0)
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the action of the rule's gap for the smoothed estimate."""

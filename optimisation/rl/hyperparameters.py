@@ -35,9 +35,9 @@ def _check_widths(name: str, value: Any) -> tuple[int, ...]:
 
 def _check_noise_steps(name: str, value: Any) -> int:
     allowed = "a number of steps of each lane, 1 or more, or -1 for a whole round"
-    found = count(name, value, -1, allowed=allowed)
-    require(found != 0, name, value, allowed)
-    return found
+    counted = count(name, value, -1, allowed=allowed)
+    require(counted != 0, name, value, allowed)
+    return counted
 
 
 def _check_action(name: str, value: Any) -> float:
@@ -268,9 +268,9 @@ def recipes(environment: str) -> list[str]:
 
 
 def settings_for(
-    environment: str, algorithm: str, file: Path | None = None, **given: Any
+    environment: str, algorithm: str, file: Path | None = None, **options: Any
 ) -> PPOSettings | SACSettings:
-    """Return the hyperparameters of an algorithm on an environment: those of the package, replaced by those of ``file``, and by those ``given``.
+    """Return the hyperparameters of an algorithm on an environment: those of the package, replaced by those of ``file``, and by those ``options``.
 
     Raises ParameterError for an unknown environment or algorithm, and for a value that is not allowed.
     """
@@ -281,7 +281,7 @@ def settings_for(
         algorithm in known, f"algorithm for {environment}", algorithm, f"one of {', '.join(known)}"
     )
     own = read(file).get(environment, {}).get(algorithm, {}) if file is not None else {}
-    return ALGORITHMS[algorithm](**{**packaged[environment][algorithm], **own, **given})
+    return ALGORITHMS[algorithm](**{**packaged[environment][algorithm], **own, **options})
 
 
 ZOO = {

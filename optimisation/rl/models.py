@@ -20,7 +20,7 @@ from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
 from optimisation.files import write_json
-from optimisation.rl.agents import Evaluation
+from optimisation.rl.agents import TrainingEvaluation
 from optimisation.rl.demonstrations import Demonstrations
 from optimisation.rl.hyperparameters import (
     PPOSettings,
@@ -195,11 +195,11 @@ def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
     return model
 
 
-KEPT = 2  # checkpoints of a training run: folders that are whole or absent
+LAST_CHECKPOINTS = 2  # checkpoints of a training run: folders that are whole or absent
 
 
 def save_checkpoint(
-    folder: Path, leg: int, model: Model, env: ScaledRewards, evaluations: list[Evaluation]
+    folder: Path, leg: int, model: Model, env: ScaledRewards, evaluations: list[TrainingEvaluation]
 ) -> None:
     """Write the checkpoint at the end of a leg, and remove those before the last two."""
     target = folder / f"leg-{leg:03d}"
@@ -208,7 +208,7 @@ def save_checkpoint(
     save_model(temporary, model, env)
     write_json(temporary / "evaluations.json", [asdict(evaluation) for evaluation in evaluations])
     temporary.rename(target)
-    for old in checkpoints(folder)[:-KEPT]:
+    for old in checkpoints(folder)[:-LAST_CHECKPOINTS]:
         shutil.rmtree(old)
 
 
@@ -219,14 +219,14 @@ def checkpoints(folder: Path) -> list[Path]:
 
 def last_checkpoint(
     folder: Path, algorithm: str, env: ScaledRewards
-) -> tuple[Model, list[Evaluation]] | None:
+) -> tuple[Model, list[TrainingEvaluation]] | None:
     """Return model and evaluations of the last checkpoint that is whole, or None; what is not whole is removed."""
     for half_made in folder.glob(".leg-*"):
         shutil.rmtree(half_made)
     for checkpoint in reversed(checkpoints(folder)):
         try:
             evaluations = [
-                Evaluation(**values)
+                TrainingEvaluation(**values)
                 for values in json.loads(
                     (checkpoint / "evaluations.json").read_text(encoding="utf-8")
                 )
@@ -254,7 +254,7 @@ BATCH = 256
 LEARNING_RATE = 1e-3
 
 
-def imitate(model: Model, shown: Demonstrations, seed: int, epochs: int = EPOCHS) -> float:
+def imitate(model: Model, demonstrations: Demonstrations, seed: int, epochs: int = EPOCHS) -> float:
     """Fit the mean action of a PPO or SAC model to demonstrations by least squares; return the mean squared error at the end.
 
     Raises ParameterError if the demonstrations' observations or actions are of another size than the model's.
@@ -263,7 +263,7 @@ def imitate(model: Model, shown: Demonstrations, seed: int, epochs: int = EPOCHS
     tools: Any = torch
     observations, actions = (
         torch.from_numpy(np.concatenate(parts))
-        for parts in ([o[:-1] for o in shown.observations], shown.actions)
+        for parts in ([o[:-1] for o in demonstrations.observations], demonstrations.actions)
     )
     sizes = (model.observation_space.shape, model.action_space.shape)
     shapes = (tuple(observations.shape[1:]), tuple(actions.shape[1:]))
@@ -275,9 +275,9 @@ def imitate(model: Model, shown: Demonstrations, seed: int, epochs: int = EPOCHS
     optimiser: Any = tools.optim.Adam(parameters, lr=LEARNING_RATE)
     generator: Any = tools.Generator().manual_seed(seed)
     mean: Any = (
-        (lambda seen: policy.get_distribution(seen).distribution.mean)
+        (lambda observed: policy.get_distribution(observed).distribution.mean)
         if actor is None
-        else (lambda seen: actor(seen, deterministic=True))
+        else (lambda observed: actor(observed, deterministic=True))
     )
     for _ in range(epochs):
         for part in tools.randperm(len(observations), generator=generator).split(BATCH):

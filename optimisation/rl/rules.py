@@ -46,9 +46,9 @@ SMALL = 1e-3  # of the RMS: half-clearances
 
 def _columns(observations: Observations) -> tuple[Array, Array, Array]:
     """Return the features, their logarithm of size, and the inverse of the mean square (L,)."""
-    seen = observations.astype(np.float64)
-    size = seen[:, RMS] + SMALL
-    return seen, np.log(size), 1 / size**2
+    features = observations.astype(np.float64)
+    size = features[:, RMS] + SMALL
+    return features, np.log(size), 1 / size**2
 
 
 class Switch(Family):
@@ -78,17 +78,17 @@ class Switch(Family):
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         middle, step, phase, size, ratio, time, softness, place = parameters.T
-        seen, log_size, per_square = _columns(observations)
+        features, log_size, per_square = _columns(observations)
         power = (
-            seen[:, W]
-            * (seen[:, V] * np.cos(math.pi * phase) + seen[:, X] * np.sin(math.pi * phase))
+            features[:, W]
+            * (features[:, V] * np.cos(math.pi * phase) + features[:, X] * np.sin(math.pi * phase))
             * per_square
         )
         rest = (
             size * log_size
-            + ratio * seen[:, RATIO]
-            + time * seen[:, LEFT]
-            + place * (np.abs(seen[:, R]) - 0.5)
+            + ratio * features[:, RATIO]
+            + time * features[:, LEFT]
+            + place * (np.abs(features[:, R]) - 0.5)
         )
         return middle + step * np.tanh(np.exp(softness) * power) + rest
 
@@ -113,16 +113,16 @@ class Phase(Family):
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
         middle, swing, phase, size, ratio, time, bent, grown = parameters.T
-        seen, log_size, _ = _columns(observations)
-        angle = 2 * np.arctan2(seen[:, SIN], seen[:, COS]) + math.pi * (
-            phase + bent * seen[:, RATIO]
+        features, log_size, _ = _columns(observations)
+        angle = 2 * np.arctan2(features[:, SIN], features[:, COS]) + math.pi * (
+            phase + bent * features[:, RATIO]
         )
         return (
             middle
             + (swing + grown * log_size) * np.sin(angle)
             + size * log_size
-            + ratio * seen[:, RATIO]
-            + time * seen[:, LEFT]
+            + ratio * features[:, RATIO]
+            + time * features[:, LEFT]
         )
 
 
@@ -145,8 +145,8 @@ class Products(Family):
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
-        seen, log_size, square = _columns(observations)
-        x, v, r, w = (seen[:, k] for k in (X, V, R, W))
+        features, log_size, square = _columns(observations)
+        x, v, r, w = (features[:, k] for k in (X, V, R, W))
         terms = np.column_stack(
             [
                 np.ones(len(x)),
@@ -155,8 +155,8 @@ class Products(Family):
                 r * w,
                 x * w * square,
                 x * r * square,
-                seen[:, RATIO],
-                seen[:, LEFT],
+                features[:, RATIO],
+                features[:, LEFT],
             ]
         )
         return np.einsum("lk,lk->l", parameters, terms)
@@ -184,7 +184,7 @@ class PairBySize(Family):
     """
 
     few = 4
-    beside = PAIR_WAY
+    feature = PAIR_WAY
     names = (*PAIR, "gap over way", "friction over way")
     neutral = (0.0,) * 8
     begins: Sequence[families.Start] = (
@@ -194,10 +194,10 @@ class PairBySize(Family):
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
-        seen = observations.astype(np.float64)
-        size = np.log(seen[:, PAIR_SIZE] + SMALL)
-        ratio = seen[:, PAIR_RATIO]
-        other = np.abs(seen[:, self.beside])
+        features = observations.astype(np.float64)
+        size = np.log(features[:, PAIR_SIZE] + SMALL)
+        ratio = features[:, PAIR_RATIO]
+        other = np.abs(features[:, self.feature])
         (
             gap,
             gap_size,
@@ -217,7 +217,7 @@ class PairBySize(Family):
 class PairByImpacts(PairBySize):
     """The same with impacts in place of the way."""
 
-    beside = PAIR_IMPACTS
+    feature = PAIR_IMPACTS
     names = (*PAIR, "gap and impacts", "friction and impacts")
     begins = PairBySize.begins[:1]
 
@@ -254,7 +254,7 @@ class Families(NamedTuple):
 
     constant: type[Family]
     blind: type[Family]
-    looking: tuple[type[Family], ...]
+    feedback: tuple[type[Family], ...]
     planned: bool = False
 
     @property
@@ -273,7 +273,7 @@ TASKS = {
         families.ConstantPair, BlindPair, (PairBySize, PairByImpacts), planned=True
     ),
     "FrictionChoice-v1": Families(
-        families.ConstantAction, families.LimitOverFrequency, (families.LimitByLook,)
+        families.ConstantAction, families.LimitOverFrequency, (families.FeedbackFriction,)
     ),
     "SweepAndGap-v1": Families(
         families.ConstantPair,
@@ -307,11 +307,11 @@ def policies(
     behind = families.task_of(env_of(task), arguments)
     own = TASKS[task]
     known: dict[str, Callable[[Any], Family]] = {
-        family.__name__: family for family in (own.constant, own.blind, *own.looking)
+        family.__name__: family for family in (own.constant, own.blind, *own.feedback)
     }
-    found = {}
+    chosen_policies = {}
     for label, rule in chosen()[task].items():
         family = known[rule["family"]](behind)
         numbers = [*rule["numbers"], *family.neutral[len(rule["numbers"]) :]]
-        found[label] = families.FamilyPolicy(label, family, numbers)
-    return found
+        chosen_policies[label] = families.FamilyPolicy(label, family, numbers)
+    return chosen_policies

@@ -23,20 +23,20 @@ from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, count_from, keep_checked, kind_of, require
-from optimisation.executors import Pool, Task
+from optimisation.executors import Pool, PoolTask
 from optimisation.files import require_writable, write_json
 from optimisation.machine import difference, installed
 from optimisation.progress import Bar
 from optimisation.rl.agents import (
     FINAL,
     SETTINGS,
-    Evaluation,
+    TrainingEvaluation,
     actor_of,
     read_evaluations,
     save_agent,
     write_evaluations,
 )
-from optimisation.rl.demonstrations import fingerprint, read_demonstrations
+from optimisation.rl.demonstrations import dataset_hash, read_demonstrations
 from optimisation.rl.hyperparameters import PPOSettings, SACSettings
 from optimisation.rl.models import (
     Model,
@@ -67,7 +67,7 @@ PACKAGES = (
 )  # what a training's digits may depend on
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
 EVALUATION_EPISODES = 64
-Show = Callable[[int, list[Evaluation]], None]
+Show = Callable[[int, list[TrainingEvaluation]], None]
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,9 @@ class Job:
             {}
             if self.demonstrations is None
             else {
-                "demonstrations": fingerprint(read_demonstrations(self.demonstrations, self.env_id))
+                "demonstrations": dataset_hash(
+                    read_demonstrations(self.demonstrations, self.env_id)
+                )
             }
         )
         whole = {
@@ -138,7 +140,7 @@ class Job:
         return dict(json.loads(json.dumps(whole)))
 
 
-def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
+def evaluate(policy: Any, job: Job, leg: int, steps: int) -> TrainingEvaluation:
     """Return a policy's evaluation on the job's seeds for it."""
     played = play(
         policy,
@@ -147,7 +149,7 @@ def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
         job.arguments,
     )
     low, high = np.percentile(played.scores, (10, 90)).tolist()
-    return Evaluation(
+    return TrainingEvaluation(
         leg,
         steps,
         float(played.scores.mean()),
@@ -160,7 +162,7 @@ def evaluate(policy: Any, job: Job, leg: int, steps: int) -> Evaluation:
 
 def train(
     job: Job, folder: Path, show: Show | None = None, threads: int | None = None
-) -> list[Evaluation]:
+) -> list[TrainingEvaluation]:
     """Train an agent in a folder, or go on where that stopped, and return its evaluations; one that is finished is not trained again.
 
     The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and tensorboard/. ``show`` is called
@@ -169,7 +171,7 @@ def train(
     Raises ParameterError if the folder holds a run of other settings, or is in use.
     """
     require_writable("folder", folder)
-    with _alone(folder):
+    with _folder_lock(folder):
         check_folder(job, folder)
         if not (folder / SETTINGS).exists():
             versions = {"python": platform.python_version(), **installed(PACKAGES)}
@@ -195,7 +197,7 @@ def train(
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _folder_lock(folder: Path) -> Iterator[None]:
     """Hold a folder for this process; the system lets go of it however the process ends."""
     try:
         with FileLock(folder / ".lock", blocking=False):
@@ -206,11 +208,11 @@ def _alone(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evaluation]:
+def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[TrainingEvaluation]:
     chosen = job.hyperparameters
-    kept = folder / "checkpoints"
-    found = last_checkpoint(kept, job.algorithm, env)
-    model, evaluations = found or (_fresh(job, env), [])
+    checkpoints = folder / "checkpoints"
+    last = last_checkpoint(checkpoints, job.algorithm, env)
+    model, evaluations = last or (_fresh(job, env), [])
     show(model.num_timesteps, evaluations)
     if len(evaluations) < chosen.legs:
         model.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
@@ -233,11 +235,11 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Evalu
         for name in ("score", "iqm", "intervals"):
             model.logger.record(f"evaluation/{name}", getattr(evaluations[-1], name))
         model.logger.dump(model.num_timesteps)
-        save_checkpoint(kept, leg, model, env, evaluations)
+        save_checkpoint(checkpoints, leg, model, env, evaluations)
         write_evaluations(folder, evaluations)
         show(model.num_timesteps, evaluations)
     save_agent(folder / FINAL, actor_of(model, job.env_id, job.seed, job.arguments))
-    forget_replay(kept)
+    forget_replay(checkpoints)
     return evaluations
 
 
@@ -251,7 +253,7 @@ def _fresh(job: Job, env: ScaledRewards) -> Model:
 class _Watch(BaseCallback):
     """Tells how far a leg is."""
 
-    def __init__(self, show: Show, evaluations: list[Evaluation]) -> None:
+    def __init__(self, show: Show, evaluations: list[TrainingEvaluation]) -> None:
         super().__init__()
         self.show = show
         self.evaluations = evaluations
@@ -287,7 +289,7 @@ def check_folder(job: Job, folder: Path) -> None:
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}, {remaining} left{postfix}]"
 WATCH_S = 1.0
 NO_LIMIT_S = 1e9
-Told = Callable[["Planned", Evaluation], str]
+LogFormatter = Callable[["Planned", TrainingEvaluation], str]
 
 
 @dataclass(frozen=True)
@@ -309,38 +311,42 @@ class Planned:
         return min(steps, self.job.hyperparameters.steps)
 
 
-class Shown:
+class TrainingProgress:
     """The bar over all steps of all runs, and a line for each evaluation where they are asked for."""
 
-    def __init__(self, bar: Bar, told: Told | None) -> None:
+    def __init__(self, bar: Bar, format_line: LogFormatter | None) -> None:
         self.bar = bar
-        self.told = told
+        self.format_line = format_line
         self.done: dict[Path, int] = {}
-        self.seen: dict[Path, int] = {}
+        self.reported: dict[Path, int] = {}
 
-    def __call__(self, planned: Planned, steps: int, evaluations: Sequence[Evaluation]) -> None:
+    def __call__(
+        self, planned: Planned, steps: int, evaluations: Sequence[TrainingEvaluation]
+    ) -> None:
         """Show the steps that a run has made, and its last evaluation if that is new."""
-        if evaluations and len(evaluations) != self.seen.get(planned.folder):
-            self.seen[planned.folder] = len(evaluations)
+        if evaluations and len(evaluations) != self.reported.get(planned.folder):
+            self.reported[planned.folder] = len(evaluations)
             self.bar.set_postfix_str(f"{planned.label}: {evaluations[-1].score:.4f}", refresh=False)
-            if self.told is not None:
-                self.bar.write(self.told(planned, evaluations[-1]))
+            if self.format_line is not None:
+                self.bar.write(self.format_line(planned, evaluations[-1]))
         before = self.done.get(planned.folder, 0)
         self.done[planned.folder] = planned.share(steps)
         self.bar.update(self.done[planned.folder] - before)
 
 
-def train_all(runs: Sequence[Planned], workers: int, told: Told | None = None) -> list[str]:
+def train_all(
+    runs: Sequence[Planned], workers: int, format_line: LogFormatter | None = None
+) -> list[str]:
     """Train or go on with all runs; return what went wrong, a line for each run that failed."""
     total = sum(planned.job.hyperparameters.steps for planned in runs)
     with Bar(total=total, desc="training", unit="step", bar_format=BAR, smoothing=0.05) as bar:
-        show = Shown(bar, told)
+        show = TrainingProgress(bar, format_line)
         if min(workers, len(runs)) > 1:
             tasks = [
-                Task(train, (planned.job, planned.folder, None, 1), planned.label, NO_LIMIT_S)
+                PoolTask(train, (planned.job, planned.folder, None, 1), planned.label, NO_LIMIT_S)
                 for planned in runs
             ]
-            with _watching(runs, show):
+            with _progress_thread(runs, show):
                 return [
                     f"{outcome.task.kind}: {outcome.error}"
                     for outcome in Pool(workers, 0.0).run(tasks)
@@ -352,18 +358,18 @@ def train_all(runs: Sequence[Planned], workers: int, told: Told | None = None) -
 
 
 @contextmanager
-def _watching(runs: Sequence[Planned], show: Shown) -> Iterator[None]:
+def _progress_thread(runs: Sequence[Planned], show: TrainingProgress) -> Iterator[None]:
     """Show what the runs' files say while other processes write them."""
     over = threading.Event()
 
-    def look() -> None:
+    def update() -> None:
         for planned in runs:
             evaluations = read_evaluations(planned.folder)
             show(planned, evaluations[-1].steps if evaluations else 0, evaluations)
 
     def follow() -> None:
         while not over.wait(WATCH_S):
-            look()
+            update()
 
     watcher = threading.Thread(target=follow, daemon=True)
     watcher.start()
@@ -372,4 +378,4 @@ def _watching(runs: Sequence[Planned], show: Shown) -> Iterator[None]:
     finally:
         over.set()
         watcher.join()
-        look()
+        update()

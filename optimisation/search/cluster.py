@@ -23,7 +23,7 @@ from impact_env.ensemble import find_first_of_each
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
-from optimisation.machine import difference, fingerprint
+from optimisation.machine import difference, source_hash
 
 with optional():
     import distributed
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 PATIENCE = 30.0  # s to wait for a scheduler, or for a worker when there is none
 POLL = 2.0  # s between two looks for workers while nothing comes in
 SOURCES = (
-    fingerprint()
+    source_hash()
 )  # of what this process has just loaded: its files may be others by the time of a run
 SAME = "the same version of this package and of what it computes with"
 T = TypeVar("T")

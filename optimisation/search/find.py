@@ -18,22 +18,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from impact_env.ensemble import Executor, Threads
-from optimisation.evaluation import Clocked
-from optimisation.machine import SEARCHING, fingerprint
+from optimisation.evaluation import TimedExecutor
+from optimisation.machine import SEARCHING, source_hash
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
 from optimisation.search.gaussian_process import ROUND_MEMBERS, model_search
 from optimisation.search.judge import (
     AUDITED,
     Cost,
-    Findings,
+    SearchResult,
     Verdict,
     audit,
     more_modes,
     verdict,
     with_repaired,
 )
-from optimisation.search.ledger import Ledger, remembering
+from optimisation.search.run_cache import RunCache, open_run_cache
 from optimisation.search.settings import (
     GP,
     NSGA2,
@@ -52,7 +52,7 @@ Counting = Callable[[int, int], None]  # takes how many runs are done, and of ho
 
 
 @dataclass(frozen=True)
-class Bars:
+class ProgressBars:
     """What shows how far a search is: ``runs`` under a label, and the designs of a ``study`` under a label, of so many, with their runs.
 
     The default shows nothing.
@@ -66,11 +66,11 @@ class Bars:
     )
 
 
-QUIET = Bars()
+QUIET = ProgressBars()
 
 
 @dataclass(frozen=True)
-class Plan:
+class SearchOptions:
     """How to search: number of ``designs``, ``sampler`` (None: `method`), and the rest as in `default_settings`; ``audit`` as in `judge.audit`.
 
     ``modes``: whether the winner runs again with more modes.
@@ -96,7 +96,7 @@ class Plan:
 
 def identity(problem: Problem, search: dict[str, object]) -> dict[str, object]:
     """Return the identity of a search, which one that goes on with its runs must share: question, method and sources."""
-    return {"problem": problem.describe(), "search": search, "sources": fingerprint(SEARCHING)}
+    return {"problem": problem.describe(), "search": search, "sources": source_hash(SEARCHING)}
 
 
 def optuna_file(journal: Path) -> Path:
@@ -109,39 +109,39 @@ def searched(
     problem: Problem,
     settings: SearchSettings,
     designs: int,
-    ledger: Ledger,
-    bars: Bars = QUIET,
+    cache: RunCache,
+    bars: ProgressBars = QUIET,
 ) -> tuple[DesignStudy, bool, Cost]:
-    """Run a study under a bar; return it, whether it came to its end, and what it took. Beside a ledger's file it is written for Optuna."""
+    """Run a study under a bar; return it, whether it came to its end, and what it took. It is written for Optuna next to the run cache's file."""
     from optimisation.search.study import DesignStudy  # the other searches need no Optuna
 
     began = time.perf_counter()
-    clocked = Clocked(ledger)
+    clocked = TimedExecutor(cache)
     study = DesignStudy(problem, settings)
     with bars.study(label, settings.whole_batches(designs)) as show:
         finished = study.run(designs, clocked, show)
     seconds = time.perf_counter() - began
-    if ledger.kept.path is not None:
-        study.save(optuna_file(ledger.kept.path))
+    if cache.checkpoint.path is not None:
+        study.save(optuna_file(cache.checkpoint.path))
     return (
         study,
         finished,
         Cost(
-            len(study.told),
-            ledger.runs,
+            len(study.evaluated),
+            cache.runs,
             seconds,
-            1 - clocked.seconds / seconds if ledger.runs else 0.0,
+            1 - clocked.seconds / seconds if cache.runs else 0.0,
         ),
     )
 
 
 def find(
     problem: Problem,
-    plan: Plan,
+    plan: SearchOptions,
     journal: Path | None = None,
     executor: Executor | None = None,
-    bars: Bars = QUIET,
-) -> Findings:
+    bars: ProgressBars = QUIET,
+) -> SearchResult:
     """Search, choose and judge; what a KeyboardInterrupt breaks off is left out, and the same call goes on from the ``journal``.
 
     ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises ParameterError for a plan that the problem does not allow and
@@ -158,32 +158,34 @@ def find(
         }
         if plan.sampler == GP:
             search["batch"] = plan.batch or ROUND_MEMBERS
-        with remembering(executor, identity(problem, search), journal) as ledger:
-            return _find_without_study(problem, plan, ledger, bars)
+        with open_run_cache(executor, identity(problem, search), journal) as cache:
+            return _find_without_study(problem, plan, cache, bars)
     settings = default_settings(
         problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch
     )
-    with remembering(executor, identity(problem, settings.describe()), journal) as ledger:
+    with open_run_cache(executor, identity(problem, settings.describe()), journal) as cache:
         study, finished, cost = searched(
-            f"{concept}: search", problem, settings, plan.designs, ledger, bars
+            f"{concept}: search", problem, settings, plan.designs, cache, bars
         )
-        findings = Findings(problem, study.told, finished, cost)
+        findings = SearchResult(problem, study.evaluated, finished, cost)
         if not finished:
             return findings
-        findings = _judged(findings, study.complete or study.told, plan, ledger, bars)
+        findings = _judged(findings, study.complete or study.evaluated, plan, cache, bars)
         if len(settings.rungs) > 1 and findings.verdict is not None and plan.audit:
             with bars.runs(f"{concept}: designs left behind, in full") as show:
-                findings = replace(findings, audit=audit(study, ledger, plan.audit, show))
+                findings = replace(findings, audit=audit(study, cache, plan.audit, show))
     return findings
 
 
-def _find_without_study(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars) -> Findings:
+def _find_without_study(
+    problem: Problem, plan: SearchOptions, cache: RunCache, bars: ProgressBars
+) -> SearchResult:
     """Search by SciPy or with a Gaussian process, and judge what it found.
 
     For the process a design of the plan stands for as many members as a screened design costs.
     """
     began = time.perf_counter()
-    clocked = Clocked(ledger)
+    clocked = TimedExecutor(cache)
     wanted = plan.designs
     runs = 2 * min(MEMBERS, problem.members) * len(problem.conditions)
     if plan.sampler == GP:
@@ -196,38 +198,47 @@ def _find_without_study(problem: Problem, plan: Plan, ledger: Ledger, bars: Bars
 
         shared = (problem, wanted, clocked, plan.seed, plan.from_scratch, count)
         if plan.sampler == GP:
-            told, kept, finished = model_search(*shared, plan.batch or ROUND_MEMBERS)
+            evaluated, candidates_left, finished = model_search(
+                *shared, plan.batch or ROUND_MEMBERS
+            )
         else:
-            told, finished = smooth_search(*shared)
-            kept = [e for e in told if e.score.feasible] or told
+            evaluated, finished = smooth_search(*shared)
+            candidates_left = [e for e in evaluated if e.score.feasible] or evaluated
     seconds = time.perf_counter() - began
-    if plan.sampler == GP and ledger.kept.path is not None and find_spec("optuna") is not None:
+    if plan.sampler == GP and cache.checkpoint.path is not None and find_spec("optuna") is not None:
         from optimisation.search.optuna_samplers import write_study
 
-        costs = [[problem.penalised_cost(e.score)] for e in told]
-        path = optuna_file(ledger.kept.path)
-        write_study(path, problem.space, problem.objectives, told, costs)
-    cost = Cost(len(told), ledger.runs, seconds, 1 - clocked.seconds / seconds)
-    findings = Findings(problem, told, finished, cost)
-    return _judged(findings, kept, plan, ledger, bars) if finished else findings
+        costs = [[problem.penalised_cost(e.score)] for e in evaluated]
+        path = optuna_file(cache.checkpoint.path)
+        write_study(path, problem.space, problem.objectives, evaluated, costs)
+    cost = Cost(len(evaluated), cache.runs, seconds, 1 - clocked.seconds / seconds)
+    findings = SearchResult(problem, evaluated, finished, cost)
+    return _judged(findings, candidates_left, plan, cache, bars) if finished else findings
 
 
 def _judged(
-    findings: Findings, candidates: Sequence[Evaluated], plan: Plan, executor: Executor, bars: Bars
-) -> Findings:
+    findings: SearchResult,
+    candidates: Sequence[Evaluated],
+    plan: SearchOptions,
+    executor: Executor,
+    bars: ProgressBars,
+) -> SearchResult:
     if not candidates:
         return findings
     problem = findings.problem
     concept = findings.problem.space.concept
     with bars.runs(f"{concept}: judging on fresh members") as show:
         candidates = with_repaired(problem, candidates, executor, show)
-        found: Verdict = verdict(problem, candidates, executor, progress=show)
-    findings = replace(findings, verdict=found)
+        verdict_of_search: Verdict = verdict(problem, candidates, executor, progress=show)
+    findings = replace(findings, verdict=verdict_of_search)
     if not plan.modes:
         return findings
     with bars.runs(f"{concept}: winner with more modes") as show:
         return replace(
-            findings, wider=more_modes(problem, found.winner, found.share, executor, show)
+            findings,
+            wider=more_modes(
+                problem, verdict_of_search.winner, verdict_of_search.share, executor, show
+            ),
         )
 
 
@@ -244,4 +255,5 @@ def study_bar(label: str, wanted: int) -> Iterator[Counting]:
         yield show
 
 
-BARS = Bars(runs_bar, study_bar)
+BARS = ProgressBars(runs_bar, study_bar)
+Plan = SearchOptions  # the name before; for one release

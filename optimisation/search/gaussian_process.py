@@ -122,8 +122,10 @@ def fit_process(
     bounds = np.log([LENGTH_RANGE] * points.shape[1] + [DEVIATION_RANGE, NOISE_RANGE])
     begin = np.clip(logs, *bounds.T)
     options = {"maxiter": 40}
-    found = scipy.optimize.minimize(loss, begin, method="L-BFGS-B", bounds=bounds, options=options)
-    return GaussianProcess(points, means, members, square, found.x)
+    minimum = scipy.optimize.minimize(
+        loss, begin, method="L-BFGS-B", bounds=bounds, options=options
+    )
+    return GaussianProcess(points, means, members, square, minimum.x)
 
 
 @dataclass(eq=False)
@@ -165,10 +167,10 @@ class DesignRuns:
             problem.chunks(self.designs[k], member, problem.rate)
             for k, member in zip(numbers, members, strict=True)
         ]
-        found = iter(measured_chunks([chunk for own in chunks for chunk in own], self.executor))
+        blocks = iter(measured_chunks([chunk for own in chunks for chunk in own], self.executor))
         sign = -1.0 if problem.objectives[0].maximise else 1.0
         for k, member, own in zip(numbers, members, chunks, strict=True):
-            measured = problem.join([next(found) for _ in own], 1)
+            measured = problem.join([next(blocks) for _ in own], 1)
             score = problem.score(self.designs[k], measured, member, problem.rate)
             self.costs[k].append(math.nan if score.failed else sign * score.values[0])
             self.violations[k].append(0.0 if score.failed else score.violation)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 FINALISTS = 5
 AUDITED = 8
-# sets of fresh members: one chooses among the finalists, one judges the choice (2 is `insight.SHOWN`)
+# sets of fresh members: one chooses among the finalists, one judges the choice (2 is `insight.REPORT_SEEDS`)
 CHOICE = 0
 VERDICT = 1
 AUDIT = 3
@@ -81,11 +81,11 @@ class Judged:
 class Verdict:
     """The winner of a study, the paper's design and the space's start, on the same fresh members.
 
-    The winner is the best of the search's designs and these two by other fresh members (`verdict`); ``found`` is the best of the search's, with the
+    The winner is the best of the search's designs and these two by other fresh members (`verdict`); ``search_best`` is the search's best, with the
     score that the search knew. Where no design keeps the constraints the winner is the one that breaks them least, which `feasible` tells.
     """
 
-    found: Evaluated
+    search_best: Evaluated
     winner: Judged
     paper: Judged
     rule: Judged  # where the search begins unless it is from scratch: the paper's design scaled to the structure
@@ -183,7 +183,7 @@ def verdict(
     ranked = rank_on_fresh_members(problem, designs, executor, progress)
     ranking = list(ranked)
     alike = tuple(one for k, one in ranked.items() if k < len(best))
-    found = best[next(k for k in ranking if k < len(best))]
+    search_best = best[next(k for k in ranking if k < len(best))]
 
     ensemble = problem.fresh_ensemble(problem.members, VERDICT)
     first = list(dict.fromkeys([ranking[0], len(best), len(best) + 1]))
@@ -200,7 +200,7 @@ def verdict(
             break
     winner = min(tried, key=lambda one: (problem.penalised_cost(one.score), tried.index(one)))
     share = problem.objectives[0].share
-    return Verdict(found, winner, known[len(best)], known[len(best) + 1], share)
+    return Verdict(search_best, winner, known[len(best)], known[len(best) + 1], share)
 
 
 REPAIRS = 8  # gaps that are tried for a design that breaks a constraint
@@ -268,7 +268,7 @@ def more_modes(
     beam = with_more_modes(problem.beam)
     if beam is None:
         return None
-    (found,) = judged(
+    (judgement,) = judged(
         replace(problem, beam=beam),
         [winner.design],
         problem.fresh_ensemble(problem.members, VERDICT),
@@ -276,7 +276,7 @@ def more_modes(
         progress,
     )
     return MoreModes(
-        beam.modes, found, ratio_of_quantiles(found.members[0], winner.members[0], share)
+        beam.modes, judgement, ratio_of_quantiles(judgement.members[0], winner.members[0], share)
     )
 
 
@@ -300,7 +300,9 @@ def audit(
     """
     problem = study.problem
     complete = study.complete
-    stopped = [e for e in study.told if e.rungs < len(study.settings.rungs) and e.score.feasible]
+    stopped = [
+        e for e in study.evaluated if e.rungs < len(study.settings.rungs) and e.score.feasible
+    ]
     by_rung = {
         r: sorted((e for e in stopped if e.rungs == r), key=lambda e: problem.cost(e.score))
         for r in {e.rungs for e in stopped}
@@ -312,19 +314,19 @@ def audit(
     drawn = [
         pool[k] for k in sorted(generator.choice(len(pool), min(designs, len(pool)), replace=False))
     ]
-    found = min(complete, key=lambda e: problem.cost(e.score))
+    best_design = min(complete, key=lambda e: problem.cost(e.score))
     ensemble = problem.fresh_ensemble(problem.members, AUDIT)
     *again, winner = judged(
-        problem, [*(e.design for e in drawn), found.design], ensemble, executor, progress
+        problem, [*(e.design for e in drawn), best_design.design], ensemble, executor, progress
     )
     best = problem.cost(winner.score)
     missed = sum(problem.cost(j.score) < best for j in again)
-    told = [problem.cost(e.score) for e in drawn]
+    costs = [problem.cost(e.score) for e in drawn]
     full = [problem.cost(j.score) for j in again]
     return Audit(
         len(drawn),
         missed,
-        float(scipy.stats.spearmanr(told, full).statistic) if len(drawn) > 2 else float("nan"),
+        float(scipy.stats.spearmanr(costs, full).statistic) if len(drawn) > 2 else float("nan"),
     )
 
 
@@ -347,11 +349,11 @@ class Cost:
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
+class SearchResult:
     """All that is known about one concept; what was not computed, or was broken off, is None. All of it is judged on fresh members."""
 
     problem: Problem
-    told: list[Evaluated]
+    evaluated: list[Evaluated]
     finished: bool
     cost: Cost
     verdict: Verdict | None = None

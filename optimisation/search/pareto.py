@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
 from impact_env.extras import optional
-from optimisation.insight import watched
+from optimisation.insight import service_measures
 from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.search.find import BARS, identity, searched
 from optimisation.search.judge import Cost, Judged, judged
-from optimisation.search.ledger import Ledger, remembering
+from optimisation.search.run_cache import RunCache, open_run_cache
 from optimisation.search.settings import (
     NSGA2,
     RANDOM,
@@ -53,12 +53,12 @@ class Front:
     """A study of two objectives: all designs, the indices of those not dominated, and these and the paper's design on fresh members.
 
     ``corner`` is what hypervolumes refer to, ``volume`` that of the front as the search saw it; ``against`` has seed, hypervolume of the method and
-    of a random search with the same budget, both of their fronts run again on fresh members. ``borne``: `Service.watched` of some designs, by
+    of a random search with the same budget, both of their fronts run again on fresh members. ``service``: `Service.measures` of some designs, by
     their number.
     """
 
     problem: Problem
-    told: list[Evaluated]
+    evaluated: list[Evaluated]
     finished: bool
     cost: Cost
     index: list[int]
@@ -67,7 +67,7 @@ class Front:
     fresh: list[Judged] | None = None
     paper: Judged | None = None
     against: tuple[tuple[int, float, float], ...] = ()
-    borne: tuple[tuple[int, dict[str, Array]], ...] = ()
+    service: tuple[tuple[int, dict[str, Array]], ...] = ()
 
     @property
     def fresh_volume(self) -> float | None:
@@ -83,7 +83,7 @@ class Front:
     @property
     def members(self) -> list[Evaluated]:
         """The designs that are not dominated, by the first objective."""
-        return [self.told[k] for k in self.index]
+        return [self.evaluated[k] for k in self.index]
 
     @property
     def won(self) -> int:
@@ -120,12 +120,12 @@ def search_front(
     executor: Executor,
 ) -> Front:
     """Search; the front is that of all designs that were run, by the members of the search."""
-    with remembering(executor, identity(problem, settings.describe()), journal) as ledger:
-        study, finished, cost = searched("search", problem, settings, designs, ledger, BARS)
-    told = study.told
-    rows = signed(problem, [e.score for e in told])
+    with open_run_cache(executor, identity(problem, settings.describe()), journal) as cache:
+        study, finished, cost = searched("search", problem, settings, designs, cache, BARS)
+    evaluated = study.evaluated
+    rows = signed(problem, [e.score for e in evaluated])
     volume = hypervolume(rows, corner)
-    return Front(problem, told, finished, cost, find_front(rows), corner, volume)
+    return Front(problem, evaluated, finished, cost, find_front(rows), corner, volume)
 
 
 def judge_front(front: Front, executor: Executor) -> Front:
@@ -143,21 +143,23 @@ def judge_front(front: Front, executor: Executor) -> Front:
     return replace(front, fresh=fresh, paper=paper)
 
 
-def borne_along(front: Front, executor: Executor) -> Front:
+def front_service_loads(front: Front, executor: Executor) -> Front:
     """Run what is best for either objective, and the middle of the front, for what they bear, which is told under a force alone."""
     if front.problem.under_loads:
         return front
     chosen = [front.members[k] for k in sorted({0, len(front.index) // 2, len(front.index) - 1})]
-    borne = []
+    service = []
     for one in chosen:
         with runs_bar(f"what design {one.number} bears") as show:
-            borne.append(
+            service.append(
                 (
                     one.number,
-                    watched(replace(front.problem, uncertain={}), one.design, executor, show)[0],
+                    service_measures(
+                        replace(front.problem, uncertain={}), one.design, executor, show
+                    )[0],
                 )
             )
-    return replace(front, borne=tuple(borne))
+    return replace(front, service=tuple(service))
 
 
 def compare_with_random(
@@ -165,26 +167,26 @@ def compare_with_random(
 ) -> Front:
     """Search again with other seeds, by the method and at random, with the same budget; what counts is each one's front on fresh members."""
     problem = front.problem
-    wanted = len(front.told)
+    wanted = len(front.evaluated)
     batch = settings.batch if settings.sampler != RANDOM else default_settings(problem, NSGA2).batch
     rows: list[tuple[int, float, float]] = []
     for seed in range(settings.seed, settings.seed + seeds):
-        found = []
+        volumes = []
         for sampler in (settings.sampler, RANDOM):
             own = default_settings(problem, sampler, batch, seed)
             study, finished, _ = searched(
-                f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, Ledger(executor), BARS
+                f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, RunCache(executor), BARS
             )
             if not finished:
                 return replace(front, against=tuple(rows), finished=False)
-            rows_of = signed(problem, [e.score for e in study.told])
-            best = [study.told[k].design for k in find_front(rows_of)]
+            rows_of = signed(problem, [e.score for e in study.evaluated])
+            best = [study.evaluated[k].design for k in find_front(rows_of)]
             with runs_bar(f"seed {seed}, {SAMPLERS[sampler]}, on fresh members") as show:
                 again = judged(
                     problem, best, problem.fresh_ensemble(2 * problem.members, 0), executor, show
                 )
-            found.append(
+            volumes.append(
                 hypervolume(signed(problem, [judge.score for judge in again]), front.corner)
             )
-        rows.append((seed, found[0], found[1]))
+        rows.append((seed, volumes[0], volumes[1]))
     return replace(front, against=tuple(rows))

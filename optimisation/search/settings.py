@@ -50,7 +50,7 @@ SCIPY = "scipy"
 GP = "gp"
 FAST = 10.0  # rate of the first rung over the usual one: faster still, the sweep is over before the response has built up
 FEW = 2  # members of the first rungs
-KEPT = (0.2, 0.25)  # shares that go on from the first rungs: of 40 designs 8, and then 2
+RUNG_SHARES = (0.2, 0.25)  # shares that go on from the first rungs: of 40 designs 8, and then 2
 
 
 def seed_of(seed: int, *numbers: int) -> int:
@@ -187,9 +187,9 @@ def default_settings(
         few = min(FEW, problem.members)
         speed = FAST * problem.usual_rate / problem.rate
         if few < problem.members:
-            rungs = (Rung(few, 1.0, KEPT[1]), *rungs)
+            rungs = (Rung(few, 1.0, RUNG_SHARES[1]), *rungs)
         if speed > 1 and not problem.under_loads:  # loads have no speed
-            rungs = (Rung(few, speed, KEPT[0]), *rungs)
+            rungs = (Rung(few, speed, RUNG_SHARES[0]), *rungs)
     settings = SearchSettings(
         name, batch or BATCHES.get(name, BATCHES[CMA]), rungs, seed, from_scratch
     )

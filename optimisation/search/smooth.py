@@ -49,22 +49,22 @@ def smooth_search(
     )
     require(len(problem.objectives) == 1, "sampler", "scipy", "one objective")
     problem = replace(problem, members=min(MEMBERS, problem.members))
-    seen: list[Evaluated] = []
+    evaluated: list[Evaluated] = []
 
     def run(batch: list[Design]) -> list[float]:
-        found = dict(evaluate(problem, batch, problem.ensemble, problem.rate, executor))
+        measured = dict(evaluate(problem, batch, problem.ensemble, problem.rate, executor))
         for k, design in enumerate(batch):
-            seen.append(
+            evaluated.append(
                 Evaluated(
-                    len(seen),
+                    len(evaluated),
                     design,
-                    problem.score(design, found[k], problem.ensemble, problem.rate),
+                    problem.score(design, measured[k], problem.ensemble, problem.rate),
                     1,
                 )
             )
         if progress is not None:
-            progress(len(seen))
-        return [problem.penalised_cost(e.score) for e in seen[-len(batch) :]]
+            progress(len(evaluated))
+        return [problem.penalised_cost(e.score) for e in evaluated[-len(batch) :]]
 
     def at(shares: Array) -> float:
         return run([problem.space.at(np.clip(shares, 0, 1).tolist())])[0] + float(
@@ -80,7 +80,7 @@ def smooth_search(
     try:
         costs = run([problem.space.at(shares.tolist()) for shares in points])
         for k in np.argsort(costs, kind="stable")[:STARTS]:
-            left = designs - len(seen)
+            left = designs - len(evaluated)
             if left > 0:
                 simplex = np.vstack([points[k], points[k] + 0.05 * np.eye(size)])
                 options = {
@@ -91,5 +91,5 @@ def smooth_search(
                 }
                 scipy.optimize.minimize(at, points[k], method="Nelder-Mead", options=options)
     except KeyboardInterrupt:
-        return seen, False
-    return seen, True
+        return evaluated, False
+    return evaluated, True

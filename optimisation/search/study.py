@@ -1,7 +1,7 @@
 """A study: batches of designs that a sampler proposes, run in one call each, and told in the order of their numbers.
 
 Nothing is told before the whole batch has been run, so that a proposal depends on whole batches only. A study lives in memory: a study that was
-stopped is replayed from its seed with the runs that a file holds (`optimisation.search.ledger`), and so equals one that was never interrupted.
+stopped is replayed from its seed with the runs that a file holds (`optimisation.search.run_cache`), and so equals one that was never interrupted.
 """
 
 import math
@@ -52,16 +52,18 @@ class DesignStudy:
         settings.check(problem)
         self.problem = problem
         self.settings = settings
-        self.told: list[Evaluated] = []
+        self.evaluated: list[Evaluated] = []
         self.runs = 0
         self.costs: list[BatchCosts] = []
         self._sampler = sampler or make_sampler(problem, settings)
-        self._asked: Array | None = None
+        self._batch: Array | None = None
 
     @property
     def complete(self) -> list[Evaluated]:
         """The finished designs that kept all constraints on the last rung: one of them wins."""
-        return [e for e in self.told if e.score.feasible and e.rungs == len(self.settings.rungs)]
+        return [
+            e for e in self.evaluated if e.score.feasible and e.rungs == len(self.settings.rungs)
+        ]
 
     def run(
         self,
@@ -73,16 +75,16 @@ class DesignStudy:
         wanted = self.settings.whole_batches(designs)
 
         def show() -> None:
-            progress(len(self.told), self.runs)
+            progress(len(self.evaluated), self.runs)
 
         try:
-            while len(self.told) < wanted:
+            while len(self.evaluated) < wanted:
                 show()
-                if self._asked is None:
-                    first = None if self.told else self._first_point()
-                    self._asked = self._sampler.ask(self.settings.batch, first)
-                self._sampler.tell(self.run_batch(self._asked, executor, show))
-                self._asked = None
+                if self._batch is None:
+                    first = None if self.evaluated else self._first_point()
+                    self._batch = self._sampler.ask(self.settings.batch, first)
+                self._sampler.tell(self.run_batch(self._batch, executor, show))
+                self._batch = None
                 show()
         except KeyboardInterrupt:
             return False
@@ -97,7 +99,7 @@ class DesignStudy:
 
     def run_batch(self, points: Array, executor: Executor, show: Show = lambda: None) -> BatchCosts:
         """Run designs at points (n, variables) of the unit cube on one rung after the other, and return what they cost."""
-        first = len(self.told)
+        first = len(self.evaluated)
         designs = [self.problem.space.at(point) for point in points.tolist()]
         going = list(range(len(designs)))
         measured = dict[int, Array]()
@@ -117,7 +119,7 @@ class DesignStudy:
         rows = [reached[k] for k in range(len(designs))]
         batch = self._count_costs(rows)
         self.costs.append(batch)
-        self.told += [
+        self.evaluated += [
             Evaluated(first + k, design, score, rungs)
             for k, (design, (rungs, score)) in enumerate(zip(designs, rows, strict=True))
         ]
@@ -183,4 +185,4 @@ class DesignStudy:
             costs = [[cost] for batch in self.costs for cost in batch.penalised.tolist()]
         else:
             costs = [row for batch in self.costs for row in batch.costs.tolist()]
-        write_study(path, problem.space, problem.objectives, self.told, costs)
+        write_study(path, problem.space, problem.objectives, self.evaluated, costs)

@@ -150,7 +150,7 @@ HIGH = 1.6
 _GRID = 121
 _INSIDE = np.linspace(0, 1, 21)
 _ROUNDS = 6  # each round narrows tenfold: a peak's frequency to about 1e-8, its height to rounding
-_BESIDE_POLE = np.array(
+_NEAR_POLE = np.array(
     [-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0]
 )  # grid points around a pole, in half-widths
 _UNDAMPED = 1e-10  # a pole with a smaller damping ratio counts as undamped
@@ -208,9 +208,11 @@ def _grid(
     if np.any(-s.real[inside] <= _UNDAMPED * s.imag[inside]):
         return None
     s = s[(s.imag > low - 5 * np.abs(s.real)) & (s.imag < high + 5 * np.abs(s.real))]
-    beside = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE_POLE).ravel()
+    near_poles = (s.imag[:, None] + np.abs(s.real)[:, None] * _NEAR_POLE).ravel()
     return np.unique(
-        np.concatenate([np.linspace(low, high, _GRID), beside[(beside > low) & (beside < high)]])
+        np.concatenate(
+            [np.linspace(low, high, _GRID), near_poles[(near_poles > low) & (near_poles < high)]]
+        )
     )
 
 
@@ -268,9 +270,9 @@ def _highest(
         return float("inf"), float(
             s.imag[np.argmin(np.where(_inside(s, low, high), -s.real, np.inf))]
         )
-    found = _local_maxima(model, absorber, omega_r, grid)
+    maxima = _local_maxima(model, absorber, omega_r, grid)
     return max(
-        found
+        maxima
         or [(float(abs(tip_response(model, absorber, x * omega_r))), float(x)) for x in (low, high)]
     )
 
@@ -421,19 +423,19 @@ def smallest_amplitude(
     """Return the stiffness and damping with the smallest `highest_amplitude` over low..high times omega_r, flanks and other resonances included.
 
     It is judged as other absorbers are whose sweeps go over the range. A peak of the split resonance that lies beyond the range counts as well
-    (`_seen_range`), so that no design is best because its peak is out of sight.
+    (`_visible_range`), so that no design is best because its peak is out of sight.
     """
     exact = undamped_minimax(model, mass_ratio, resonance)
     rule = den_hartog(model, mass_ratio, resonance)
 
     def score(absorber: TunedAbsorber) -> float:
-        seen = _seen_range(model, absorber, resonance, low, high)
-        return highest_amplitude(model, absorber, resonance, *seen)[0]
+        visible = _visible_range(model, absorber, resonance, low, high)
+        return highest_amplitude(model, absorber, resonance, *visible)[0]
 
     return _smallest(score, (exact, rule), model, resonance, low, high, inside=False)
 
 
-def _seen_range(
+def _visible_range(
     model: ModalModel, absorber: TunedAbsorber, resonance: int, low: float, high: float
 ) -> tuple[float, float]:
     """Return low..high (over omega_r), widened so that it holds both natural frequencies into which an absorber splits the resonance.

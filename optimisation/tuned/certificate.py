@@ -147,8 +147,8 @@ def _everywhere(a: Real, b: Real, c: Real, margins: Sequence[float]) -> float:
         margins,
         [],
     )
-    found = np.asarray(p.value)
-    return _schur(a.T @ found + found @ a + c.T @ c, found @ b, 0.0)
+    solution = np.asarray(p.value)
+    return _schur(a.T @ solution + solution @ a + c.T @ c, solution @ b, 0.0)
 
 
 def _kyp_blocks(

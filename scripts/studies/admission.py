@@ -350,7 +350,7 @@ class Rule:
 
 def tried(task: str, effort: Effort) -> int:
     """Return how many candidates, and decisions of planners, an admission is going to try at most."""
-    looking = TASKS[task].looking
+    looking = TASKS[task].feedback
     spent = sum(
         effort.four.generations * effort.four.population * len(family.begins)
         for family in (*looking, TASKS[task].blind)
@@ -390,7 +390,7 @@ def rules(
     constant = Rule(always, best.parameters, best.score)
     few = []
     many = []
-    for family in (kind(behind) for kind in own.looking):
+    for family in (kind(behind) for kind in own.feedback):
         starts = [begin(constant.numbers) for begin in family.begins]
         if family.few:
             few.append(result(Held(family), starts, effort.four))

@@ -15,7 +15,7 @@ from numpy.polynomial.legendre import Legendre, leggauss
 
 from impact_env import Beam, ModalModel
 from impact_env.structures.matrices import lowest_modes
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from studies.study import Array
 
 Point = tuple[float, float]
@@ -41,7 +41,7 @@ class StructureCase:
 
     def model(self) -> ModalModel:
         """Return the modal model with absorber, force and response in their places."""
-        return mounted(self.structure())
+        return model_with_absorber_at(self.structure())
 
 
 def _functions(held: str) -> list[Polynomial]:

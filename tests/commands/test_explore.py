@@ -33,7 +33,7 @@ from optimisation.explore.server import (
     names_of,
     page_address,
 )
-from optimisation.explore.settings import Refused, asked, controls, scene_of
+from optimisation.explore.settings import Refused, controls, parse_controls, scene_of
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import Work
 from optimisation.measures import read
@@ -365,8 +365,8 @@ def test_a_newer_setting_ends_the_work_on_an_older_one(client: TestClient) -> No
 def test_a_moved_force_keeps_the_curve() -> None:
     kernels = Kernels()
     known = dict[Any, Any]()
-    first = list(Work(asked(VALUES, BEAM), BEAM, kernels).pieces(known))
-    again = list(Work(asked(VALUES | {"force": 3.0}, BEAM), BEAM, kernels).pieces(known))
+    first = list(Work(parse_controls(VALUES, BEAM), BEAM, kernels).messages(known))
+    again = list(Work(parse_controls(VALUES | {"force": 3.0}, BEAM), BEAM, kernels).messages(known))
     last = [[m for m in messages if m["type"] == "curve"][-1] for messages in (first, again)]
     assert last[0] == last[1]
     assert len([m for m in again if m["type"] == "curve"]) < len(
@@ -377,8 +377,8 @@ def test_a_moved_force_keeps_the_curve() -> None:
 
 @pytest.mark.parametrize("concept", ["friction", "tuned", "none"])
 def test_each_concept_is_drawn(concept: str) -> None:
-    values = asked({"modes": 3, "members": 1, "concept": concept}, BEAM)
-    messages = list(Work(values, BEAM, Kernels()).pieces({}))
+    values = parse_controls({"modes": 3, "members": 1, "concept": concept}, BEAM)
+    messages = list(Work(values, BEAM, Kernels()).messages({}))
     assert json.loads(json.dumps(messages, allow_nan=False)) == messages
     assert {m["type"] for m in messages} - {"compiling", "line"} == {
         "curve",
@@ -415,9 +415,11 @@ def test_another_load_is_that_of_its_file(client: TestClient) -> None:
 @pytest.mark.parametrize("kind", ["unbalance", "base"])
 def test_a_loads_linear_response_is_what_a_run_settles_to(kind: str) -> None:
     work = Work(
-        asked({"modes": 3, "members": 1, "concept": "none", "load": kind}, BEAM), BEAM, Kernels()
+        parse_controls({"modes": 3, "members": 1, "concept": "none", "load": kind}, BEAM),
+        BEAM,
+        Kernels(),
     )
-    response = next(message for message in work.pieces({}) if message["type"] == "response")
+    response = next(message for message in work.messages({}) if message["type"] == "response")
     k = int(np.argmin(np.abs(np.array(response["ratio"]) - 0.98)))
     schedule = constant_frequency(work.model.resonance_omega(1), response["ratio"][k], 400.0)
     settled = simulate(
@@ -431,11 +433,11 @@ def test_a_loads_linear_response_is_what_a_run_settles_to(kind: str) -> None:
 
 def test_a_random_forces_spectrum_has_its_mean_square() -> None:
     work = Work(
-        asked({"modes": 3, "members": 1, "concept": "none", "load": "random"}, BEAM),
+        parse_controls({"modes": 3, "members": 1, "concept": "none", "load": "random"}, BEAM),
         BEAM,
         Kernels(),
     )
-    latest = {message["type"]: message for message in work.pieces({})}  # the last of each
+    latest = {message["type"]: message for message in work.messages({})}  # the last of each
     hertz = np.array(latest["response"]["run"][0]) * work.model.resonance_omega(1) / (2 * np.pi)
     density = np.array(latest["response"]["run"][1])
     assert np.trapezoid(density**2, hertz) == pytest.approx(latest["sweep"]["level"] ** 2, rel=0.02)
@@ -449,6 +451,6 @@ def test_a_structure_from_a_file_has_its_own_controls() -> None:
     assert "modes" in {c.name for c in controls(BEAM)} - {c.name for c in controls(frame)}
     for values, name in (({"load": "base"}, "load"), ({"modes": 3}, "")):
         with pytest.raises(Refused) as refusal:
-            asked(values, frame)
+            parse_controls(values, frame)
         assert name in refusal.value.errors
-    assert scene_of(asked({}, frame), frame).model.modes == frame.modes
+    assert scene_of(parse_controls({}, frame), frame).model.modes == frame.modes

@@ -19,7 +19,7 @@ from impact_env.plain import from_scene
 from impact_env.scene import Scene
 from optimisation.bounds import design_force, design_gap
 from optimisation.friction_rule import best_friction
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, undamped_h2
 
@@ -183,7 +183,7 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
         "friction": {"limit": 0.03, "static_ratio": 1.0},
         "gravity": 0.0,
     }
-    model = mounted(beam)
+    model = model_with_absorber_at(beam)
     first, second = (summary["resonances"][k]["concepts"] for k in ("1", "2"))
     own = performance_curve(
         Scene(model, impact_absorber(7e-4, 0.55, 0.03, 0.015)),

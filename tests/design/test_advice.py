@@ -11,7 +11,7 @@ from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane, Threads
 from optimisation.designs import design_space
 from optimisation.evaluation import measured_chunks
-from optimisation.insight import FORCES, FREQUENCIES, SHOWN, lasting_levels, service
+from optimisation.insight import FORCES, FREQUENCIES, REPORT_SEEDS, lasting_levels, service
 from optimisation.measures import RMS, Chunk, stress_shape
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
@@ -111,7 +111,7 @@ def test_service_of_an_impact_absorber_on_another_beam() -> None:
     design = problem.space.default
     loads = service(problem, design, Threads(), members=2, draws=6)
     without = np.median(
-        problem.reference(problem.fresh_ensemble(3, SHOWN), problem.rate)[..., 0].max(axis=2)
+        problem.reference(problem.fresh_ensemble(3, REPORT_SEEDS), problem.rate)[..., 0].max(axis=2)
     )
     assert 0.05 * without < loads.level[0] < 0.7 * without
     assert set(loads.single) == {
@@ -124,7 +124,7 @@ def test_service_of_an_impact_absorber_on_another_beam() -> None:
     assert np.all(np.diff(loads.joint[:, 0]) >= 0)
     low, high = loads.forces[:, 0]
     assert 0.5 * FORCES[0] <= low < 0.5 <= high <= 0.5 * FORCES[-1]
-    half = {name: values[1, 0] for name, values in loads.watched.items()}
+    half = {name: values[1, 0] for name, values in loads.measures.items()}
     assert half["stroke"] == pytest.approx(design.values["gap"], rel=1e-3)
     # an impact loses at most half the reduced mass times (1 - e^2) times the fastest speed squared
     mass = 0.02 * problem.model.beam_mass
@@ -149,7 +149,7 @@ def test_uncertain_numbers_are_drawn_within_their_tolerances() -> None:
     # a friction damper under the same force: frequencies times s mean displacements over s^2, exactly
     assert low * 0.95**2 == pytest.approx(high * 1.05**2, rel=1e-4)
     assert "gap" not in loads.single
-    assert set(loads.watched) == {"friction_heat", "stroke", "acceleration"}
+    assert set(loads.measures) == {"friction_heat", "stroke", "acceleration"}
 
 
 def test_constant_force_settles_before_it_is_measured() -> None:

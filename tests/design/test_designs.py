@@ -15,7 +15,7 @@ from impact_env import (
 )
 from optimisation.bounds import design_gap
 from optimisation.comparison import force_grid
-from optimisation.designs import FREE, VARIABLES, Design, DesignSpace, design_space
+from optimisation.designs import DEFAULT_FREE, VARIABLES, Design, DesignSpace, design_space
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.tuned import (
@@ -81,7 +81,7 @@ def test_chosen_variables_are_free_and_the_others_fixed() -> None:
         "mass_ratio": 0.02,
         "position": 1.0,
     }  # never cut
-    assert tuple(v.name for v in design_space("impact").free) == FREE["impact"]
+    assert tuple(v.name for v in design_space("impact").free) == DEFAULT_FREE["impact"]
 
 
 @pytest.mark.parametrize("concept", VARIABLES)

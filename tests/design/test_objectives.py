@@ -35,7 +35,7 @@ from optimisation.measures import (
     stress_shape,
     turning_points,
 )
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition, Constraint, Objective, Score, range_width
 from optimisation.problem import FAILED, PENALTY, Problem
 from optimisation.search.judge import repaired, with_repaired
@@ -138,7 +138,7 @@ def test_moment_at_the_clamp_of_a_load_at_the_end() -> None:
     assert moment is not None
     still = model.tip_shape * 7.0 / model.omega**2
     assert moment @ still == pytest.approx(7.0 * beam.length, rel=1e-6)
-    off = mounted(beam, 0.4)
+    off = model_with_absorber_at(beam, 0.4)
     assert off.level_shape @ still == pytest.approx(
         7.0 * beam.length**3 / (3 * beam.bending_stiffness), rel=1e-6
     )

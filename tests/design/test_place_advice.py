@@ -25,7 +25,7 @@ from optimisation.bounds import design_gap, reach, resonance_limit
 from optimisation.extremes import stationary_level
 from optimisation.frequency_levels import find_worst_run
 from optimisation.gap_advice import Limits, advise
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.place_advice import (
     LIGHTEST,
     SURE,
@@ -170,7 +170,7 @@ def test_for_one_resonance_the_gap_is_that_of_the_gap_search() -> None:
     advice = advise_place(places, {1: 3.5}, mass_ratios=[0.02], members=2, **FAST)  # type: ignore[arg-type]
     best = advice.recommended
     assert best is not None
-    alone = advise(mounted(SMALL, 1.0), 3.5, members=2, **FAST)  # type: ignore[arg-type]
+    alone = advise(model_with_absorber_at(SMALL, 1.0), 3.5, members=2, **FAST)  # type: ignore[arg-type]
     assert alone.recommended is not None
     assert best.absorber == alone.recommended.absorber
     (part,) = best.parts

@@ -48,7 +48,7 @@ from optimisation.problem import Problem
 from optimisation.report.sweep_report import Result, contract, save_figure, summary
 from optimisation.report.tuning_report import tuning_table
 from optimisation.search.settings import Rung, SearchSettings, default_settings
-from optimisation.signals import Told, told_of
+from optimisation.signals import SignalOptions, signal_measures
 from optimisation.tuned import PAPER, minimax, peak, peaks
 from optimisation.uncertain import on_another_structure, require_parts, spreads
 
@@ -242,7 +242,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     # responses that lack what is read from them
     (lambda: impact_numbers(response()), "impacts = None is not allowed: recorded: simulate(..."),
     (lambda: of_motion(STROKE, response()), "history = None"),
-    (lambda: told_of(response(), Told(8, False, None)), "history = None"),
+    (lambda: signal_measures(response(), SignalOptions(8, False, None)), "history = None"),
     (lambda: save_figure(Path("no.png"), "", response(), 1), "history = None"),
     (lambda: summary(Result(replace(response(), level=None), None), 1), "level = None"),
     (lambda: contract(Result(response(), None), None), "impacts = None"),

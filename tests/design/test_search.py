@@ -17,11 +17,11 @@ from impact_env.parameters import Beam
 from impact_env.sweep import simulate
 from optimisation.designs import Design, design_space
 from optimisation.files import read_json
-from optimisation.insight import SHOWN
+from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition, Constraint, Score
 from optimisation.problem import Problem
 from optimisation.report.design_tables import text
-from optimisation.search.find import Plan, find
+from optimisation.search.find import SearchOptions, find
 from optimisation.search.gaussian_process import (
     FIRST_MODELLED,
     MOST_MODELLED,
@@ -30,7 +30,15 @@ from optimisation.search.gaussian_process import (
     model_search,
     select_designs,
 )
-from optimisation.search.judge import AUDIT, CHOICE, VERDICT, Findings, audit, more_modes, verdict
+from optimisation.search.judge import (
+    AUDIT,
+    CHOICE,
+    VERDICT,
+    SearchResult,
+    audit,
+    more_modes,
+    verdict,
+)
 from optimisation.search.pareto import find_front, hypervolume
 from optimisation.search.samplers import BatchCosts, CmaSampler
 from optimisation.search.settings import Evaluated, Rung, SearchSettings, default_settings
@@ -51,10 +59,10 @@ def test_only_the_best_share_is_promoted_and_the_others_are_reported_as_worse() 
     model = Model()
     study = DesignStudy(problem(), settings(rungs=rungs))
     study.run(BATCH + 1, model)
-    reached = Counter(e.rungs for e in study.told)
+    reached = Counter(e.rungs for e in study.evaluated)
     assert reached == {1: 2, 2: 1, 3: 2}  # of 5 designs 3 go on, then 2
     values = study.costs[0].penalised
-    by_rung = {r: [values[e.number] for e in study.told if e.rungs == r] for r in reached}
+    by_rung = {r: [values[e.number] for e in study.evaluated if e.rungs == r] for r in reached}
     assert max(by_rung[3]) <= min(by_rung[2])
     assert max(by_rung[2]) <= min(by_rung[1])
     assert all(e.rungs == 3 for e in study.complete)
@@ -96,11 +104,11 @@ def test_broken_constraints_cannot_win() -> None:
     )
     study = DesignStudy(limited, settings())
     study.run(6 * BATCH + 1, Model())
-    assert 0 < len(study.complete) < len(study.told)
+    assert 0 < len(study.complete) < len(study.evaluated)
     assert all(e.design.values["mass_ratio"] <= 0.01 for e in study.complete)
     penalised = np.concatenate([batch.penalised for batch in study.costs])
     violations = np.concatenate([batch.violations for batch in study.costs])
-    broken = [e.number for e in study.told if not e.score.feasible]
+    broken = [e.number for e in study.evaluated if not e.score.feasible]
     numbers = [e.number for e in study.complete]
     assert min(penalised[broken]) > max(penalised[numbers])
     assert (violations[broken] > 0).all()
@@ -166,7 +174,7 @@ def test_winners_level_is_not_the_least_of_several_noisy_ones() -> None:
         tested = problem(conditions=(Condition(1, 3.5),), members=1, seed=seed)
         study = DesignStudy(tested, SearchSettings("random", 4, (Rung(1),), seed))
         study.run(5, Draws())
-        judged = verdict(tested, study.told, Draws())
+        judged = verdict(tested, study.evaluated, Draws())
         winners.append(np.log(judged.winner.levels[0, 0]))
         others += [np.log(judged.paper.levels[0, 0]), np.log(judged.rule.levels[0, 0])]
     off = np.mean(winners) - np.mean(others)
@@ -191,7 +199,7 @@ def test_a_winner_that_breaks_a_limit_on_fresh_members_gives_way_to_the_next() -
     score = Score((0.1,), (0.0,))
     candidates = [Evaluated(k, design, score, 1) for k, design in enumerate(designs)]
     judged = verdict(tested, candidates, Levels())
-    assert judged.found.design == designs[1]
+    assert judged.search_best.design == designs[1]
     assert judged.winner.design.values["gap"] == 5e-4
     assert judged.feasible
 
@@ -226,7 +234,9 @@ def test_front_of_a_search_beats_random_search_with_the_same_budget() -> None:
             )
             assert study.run(80, Model())
             volumes.append(
-                hypervolume(1e3 * np.array([e.score.values for e in study.told]), (200.0, 200.0))
+                hypervolume(
+                    1e3 * np.array([e.score.values for e in study.evaluated]), (200.0, 200.0)
+                )
             )
         assert volumes[0] > volumes[1] > 0, f"seed {seed}: {volumes}"
 
@@ -284,19 +294,19 @@ STRIP = replace(STEEL, modes=2, damping_ratio=0.005)
 
 
 @pytest.fixture(scope="module")
-def findings(tmp_path_factory: pytest.TempPathFactory) -> Findings:
+def findings(tmp_path_factory: pytest.TempPathFactory) -> SearchResult:
     problem = Problem(
         design_space("impact"), (Condition(1, 0.5),), beam=STRIP, members=4, rate=40.0
     )
     return find(
         problem,
-        Plan(9, "cma", batch=4, from_scratch=True),
+        SearchOptions(9, "cma", batch=4, from_scratch=True),
         tmp_path_factory.mktemp("find") / "a.journal",
         Threads(),
     )
 
 
-def test_what_is_reported_is_the_verdicts_own(findings: Findings) -> None:
+def test_what_is_reported_is_the_verdicts_own(findings: SearchResult) -> None:
     judged = findings.verdict
     problem = findings.problem
     assert judged.rule.design.values["gap"] == problem.units.gap(0.02)
@@ -309,14 +319,15 @@ def test_what_is_reported_is_the_verdicts_own(findings: Findings) -> None:
         np.median(judged.winner.members[0]) / np.median(judged.paper.members[0])
     )
     sets = [
-        set(problem.fresh_ensemble(4, which).phases) for which in (CHOICE, VERDICT, SHOWN, AUDIT)
+        set(problem.fresh_ensemble(4, which).phases)
+        for which in (CHOICE, VERDICT, REPORT_SEEDS, AUDIT)
     ]
     assert len(set.union(*sets)) == 16
     assert not set.union(*sets) & set(problem.ensemble.phases)
 
 
 def test_bands_of_the_verdict_are_predictions_and_levels_say_where_they_were_read(
-    findings: Findings,
+    findings: SearchResult,
 ) -> None:
     """The interval of the paper's design from its own four members in closed form; the winner's is narrower by the finalists' spread."""
     judged = findings.verdict
@@ -346,7 +357,7 @@ def test_bands_of_the_verdict_are_predictions_and_levels_say_where_they_were_rea
     assert "read at an end of the sweeps" in text(replace(findings, verdict=at_end))
 
 
-def test_winner_runs_with_more_modes(findings: Findings) -> None:
+def test_winner_runs_with_more_modes(findings: SearchResult) -> None:
     judged = findings.verdict
     wider = findings.wider
     assert wider.modes == 4
@@ -382,7 +393,9 @@ def test_noise_does_not_hide_the_bottom_of_a_bowl() -> None:
     assert off(ranked[0].design) < 0.3
     assert [e.number for e in evaluations] == list(range(len(evaluations)))
     assert {e.number for e in ranked} == {e.number for e in evaluations}
-    findings = find(one, Plan(22, "gp", from_scratch=True, audit=0, modes=False), None, Noisy())
+    findings = find(
+        one, SearchOptions(22, "gp", from_scratch=True, audit=0, modes=False), None, Noisy()
+    )
     assert off(findings.verdict.winner.design) < 0.3
     wanted = 2 * default_settings(one).members_a_design * 22
     assert findings.cost.runs == pytest.approx(wanted, abs=2 * 8)

@@ -26,7 +26,7 @@ from optimisation.bounds import design_force, near_range, resonance_limit
 from optimisation.cli import structure
 from optimisation.designs import design_space
 from optimisation.extremes import stationary_level, sweep_ratio
-from optimisation.mounting import detuned, mounted
+from optimisation.mounting import detuned, model_with_absorber_at
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.tuned import den_hartog, minimax, peak
@@ -147,7 +147,9 @@ def test_a_problem_takes_a_modal_model_as_it_takes_its_beam() -> None:
     own = small(modal_model(Beam(modes=2)))
     np.testing.assert_allclose(values_of(own)[:, 0], values_of(beam)[:, 0], rtol=1e-12)
     assert own.describe() != beam.describe()
-    assert mounted(detuned(own.beam, 0.1)).omega[1] == pytest.approx(1.1 * beam.model.omega[1])
+    assert model_with_absorber_at(detuned(own.beam, 0.1)).omega[1] == pytest.approx(
+        1.1 * beam.model.omega[1]
+    )
 
 
 @pytest.mark.same_bits

@@ -14,14 +14,14 @@ from places import ROOT, fresh
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
+from optimisation.checkpoint import Checkpoint
 from optimisation.designs import design_space
-from optimisation.kept import Kept
-from optimisation.machine import fingerprint
+from optimisation.machine import source_hash
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.search.find import Plan, find, identity, searched
-from optimisation.search.judge import Findings
-from optimisation.search.ledger import key_of, remembering
+from optimisation.search.find import SearchOptions, find, identity, searched
+from optimisation.search.judge import SearchResult
+from optimisation.search.run_cache import key_of, open_run_cache
 from optimisation.search.settings import Rung, SearchSettings
 from optimisation.search.study import DesignStudy
 
@@ -37,9 +37,9 @@ def search(
     file: Path | None, tested: Problem, chosen: SearchSettings, designs: int = DESIGNS
 ) -> tuple[list[Result], int]:
     """Return a search's result with the runs that a file holds, and how many runs it made."""
-    with remembering(Model(), identity(tested, chosen.describe()), file) as ledger:
+    with open_run_cache(Model(), identity(tested, chosen.describe()), file) as ledger:
         study, _, cost = searched("search", tested, chosen, designs, ledger)
-    return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told], cost.runs
+    return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.evaluated], cost.runs
 
 
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
@@ -71,7 +71,7 @@ def test_a_study_that_was_broken_off_goes_on_where_it_is() -> None:
     model = Model(stop=11)
     assert not study.run(DESIGNS, model)
     assert study.run(DESIGNS, Model())
-    assert [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told] == search(
+    assert [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.evaluated] == search(
         None, problem(), settings()
     )[0]
 
@@ -90,8 +90,8 @@ def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
 
 
 def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
-    code = "import pathlib, sys; from optimisation.kept import Kept\n"
-    code += "kept, n = Kept(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.keep(str(n), [n] * 1000); n += 1; print(n, flush=True)"
+    code = "import pathlib, sys; from optimisation.checkpoint import Checkpoint\n"
+    code += "kept, n = Checkpoint(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.keep(str(n), [n] * 1000); n += 1; print(n, flush=True)"
     file = tmp_path / "kept"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
@@ -100,21 +100,21 @@ def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
         last = [int(process.stdout.readline()) for _ in range(20)][-1]
         process.kill()
         last = max([last, *map(int, process.stdout.read().split()[:-1])])
-    with closing(Kept(file)) as cache:
+    with closing(Checkpoint(file)) as cache:
         assert len(cache.known) >= last
         assert all(values == [int(name)] * 1000 for name, values in cache.known.items())
 
 
 def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: Path) -> None:
     good, words, another, torn = (tmp_path / name for name in ("good", "words", "another", "torn"))
-    with closing(Kept(good)) as cache:
+    with closing(Checkpoint(good)) as cache:
         cache.keep("a", [1.0, float("nan")] * 10000)
         with pytest.raises(ParameterError, match=r"--resume = .*good is in use by another process"):
-            Kept(good)
+            Checkpoint(good)
         cache._file.execute("PRAGMA max_page_count = 1")  # as on a full disk
         with pytest.raises(OSError, match="full"):
             cache.keep("b", [1.0] * 100000)
-    with closing(Kept(good)) as cache:
+    with closing(Checkpoint(good)) as cache:
         assert list(cache.known) == ["a"]
     words.write_text('{"form": "pieces 1", "pieces": []}\n')  # what was written here before
     with closing(sqlite3.connect(another)) as other:
@@ -126,12 +126,12 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: P
             ParameterError,
             match=rf"--resume = .*{file.name} is not allowed: a file that this option has written before",
         ):
-            Kept(file)
+            Checkpoint(file)
         assert file.read_bytes() == before
     with pytest.raises(
         ParameterError, match="a file that can be written to, in a folder that exists"
     ):
-        Kept(tmp_path / "nowhere" / "a")
+        Checkpoint(tmp_path / "nowhere" / "a")
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_study_of_something_else_is_refused(
 # Whole searches go on from their file, also in the judging, and only where they are the same search.
 
 
-def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
+def case(kind: str) -> tuple[Problem, SearchOptions, type[Bowl] | type[Model]]:
     """Return a small search by SciPy, with a Gaussian process, or in batches."""
     if kind in ("friction", "tuned"):
         wide = (
@@ -168,15 +168,15 @@ def case(kind: str) -> tuple[Problem, Plan, type[Bowl] | type[Model]]:
             if kind == "tuned"
             else {}
         )
-        return problem(space=design_space(kind), **wide), Plan(30, modes=False), Bowl
-    return problem(), Plan(20, sampler=kind, batch=BATCH, modes=False), Model
+        return problem(space=design_space(kind), **wide), SearchOptions(30, modes=False), Bowl
+    return problem(), SearchOptions(20, sampler=kind, batch=BATCH, modes=False), Model
 
 
-def list_results(findings: Findings) -> list[tuple[object, ...]]:
+def list_results(findings: SearchResult) -> list[tuple[object, ...]]:
     assert findings.finished
     score = findings.verdict.winner.score
     return [
-        *((e.number, dict(e.design.values), e.score) for e in findings.told),
+        *((e.number, dict(e.design.values), e.score) for e in findings.evaluated),
         (dict(findings.verdict.winner.design.values), score),
     ]
 
@@ -212,8 +212,8 @@ def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.M
     find(tested, plan, tmp_path / "scipy.journal", executor())
     search(tmp_path / "cma.journal", problem(), settings(), 2)
     monkeypatch.setattr(
-        "optimisation.search.find.fingerprint",
-        lambda *tested: fingerprint(*tested) | {"code": "0" * 16},
+        "optimisation.search.find.source_hash",
+        lambda *tested: source_hash(*tested) | {"code": "0" * 16},
     )
     with pytest.raises(
         ParameterError,
@@ -226,7 +226,7 @@ def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.same_bits
 def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_made_of() -> None:
-    code = "from design_studies import problem; from optimisation.search.ledger import key_of\n"
+    code = "from design_studies import problem; from optimisation.search.run_cache import key_of\n"
     code += "g = problem(); print(*map(key_of, g.chunks(g.space.default, g.ensemble, g.rate)))"
     other_process = fresh("-c", code, PYTHONHASHSEED=7).stdout.split()
     tested = problem()
@@ -256,7 +256,7 @@ def test_abandoned_runs_are_stored_as_such(tmp_path: Path) -> None:
     tested, plan, _ = case("friction")
     failing: Executor = Failing()
     findings = find(tested, plan, tmp_path / "a.journal", failing)
-    assert any(e.score.failed for e in findings.told)
+    assert any(e.score.failed for e in findings.evaluated)
     again = Failing()
     assert list_results(find(tested, plan, tmp_path / "a.journal", again)) == list_results(findings)
     assert again.seen == []

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from impact_env import Beam, Drive, Scene, beam_scene, impact_absorber, linear_sweep, modal_model
 from impact_env.ensemble import Lane, draw_members
-from optimisation.cli.common import joined, uncertain_of
+from optimisation.cli.common import join_words, parse_uncertain
 from optimisation.designs import IMPACT, design_space
 from optimisation.gap_card import estimate, material, meeting_mass, reaches_beyond
 from optimisation.objectives import Condition
@@ -139,9 +139,9 @@ def test_words_of_the_command_line() -> None:
         "damping -5% 5%",
         "--quick",
     ]
-    assert joined(line, {"--uncertain"}) == parsed
-    assert joined(["--uncertain"], {"--uncertain"}) == ["--uncertain"]
-    assert uncertain_of([("gap", ("5%",)), ("force", ("1", "2"))]) == {
+    assert join_words(line, {"--uncertain"}) == parsed
+    assert join_words(["--uncertain"], {"--uncertain"}) == ["--uncertain"]
+    assert parse_uncertain([("gap", ("5%",)), ("force", ("1", "2"))]) == {
         "gap": ("5%",),
         "force": ("1", "2"),
     }

@@ -17,7 +17,7 @@ from impact_env.parameters import ParameterError
 from optimisation.cli import judge
 from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent, shipped
 from optimisation.rl.demonstrations import (
-    fingerprint,
+    dataset_hash,
     read_demonstrations,
     record,
     write_demonstrations,
@@ -223,10 +223,12 @@ def test_demonstrations_are_what_was_played_and_come_back_from_their_files(
     write_demonstrations(
         Path("sets/rule-v0"), demonstrations, "rule", brief
     )  # a relative path, as that of the command
-    assert fingerprint(read_demonstrations(Path("sets/rule-v0"), V1)) == fingerprint(demonstrations)
+    assert dataset_hash(read_demonstrations(Path("sets/rule-v0"), V1)) == dataset_hash(
+        demonstrations
+    )
     write_demonstrations(tmp_path / "rule-v0", demonstrations, "rule", brief)
     again = read_demonstrations(tmp_path / "rule-v0", V1)
-    assert fingerprint(again) == fingerprint(demonstrations)
+    assert dataset_hash(again) == dataset_hash(demonstrations)
     assert again.terminated == demonstrations.terminated
     with pytest.raises(ParameterError, match="a data set of"):
         read_demonstrations(tmp_path / "rule-v0", ADAPTIVE)

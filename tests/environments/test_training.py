@@ -33,7 +33,7 @@ from optimisation.cli import train as command
 from optimisation.report.learning_report import save_learning_curve
 from optimisation.rl.agents import (
     Agent,
-    Evaluation,
+    TrainingEvaluation,
     actor_of,
     find_agents,
     find_runs,
@@ -497,7 +497,7 @@ def made_run(out: Path, seed: int, scores: list[float]) -> bytes:
     folder = run_folder(out, "GapChoice-v1", "ppo", seed)
     (folder / "checkpoints" / "1").mkdir(parents=True)
     evaluations = [
-        Evaluation(leg, 100 * (leg + 1), score, score, score, score, 20.0)
+        TrainingEvaluation(leg, 100 * (leg + 1), score, score, score, score, 20.0)
         for leg, score in enumerate(scores)
     ]
     write_evaluations(folder, evaluations)

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from optimisation.machine import SEARCHING, fingerprint
+from optimisation.machine import SEARCHING, source_hash
 from optimisation.page import ROOT
 
 
@@ -19,13 +19,13 @@ def copy(tmp_path: Path) -> Path:
 def test_fingerprint_is_that_of_the_sources_wherever_they_lie_and_has_the_versions(
     copy: Path,
 ) -> None:
-    here = fingerprint()
-    assert fingerprint(root=copy) == here
+    here = source_hash()
+    assert source_hash(root=copy) == here
     assert set(here) == {"code", "llvmlite", "numba", "numpy", "scipy"}
-    assert {"optuna", "numba"} <= set(fingerprint(SEARCHING))
+    assert {"optuna", "numba"} <= set(source_hash(SEARCHING))
     (file := copy / "impact_env/scene.py").write_bytes(file.read_bytes().replace(b"\n", b"\r\n"))
-    fingerprint.cache_clear()
-    assert fingerprint(root=copy) == here
+    source_hash.cache_clear()
+    assert source_hash(root=copy) == here
 
 
 @pytest.mark.parametrize(
@@ -44,4 +44,4 @@ def test_an_edit_of_what_computes_shows_in_the_fingerprint(
 ) -> None:
     file = copy / edited
     file.write_text(file.read_text() + "\n# edited\n")
-    assert (fingerprint(root=copy) != fingerprint()) is counts
+    assert (source_hash(root=copy) != source_hash()) is counts

@@ -26,10 +26,10 @@ from impact_env.plain import from_scene, to_scene
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
 from optimisation.insight import neighbourhood, varied
-from optimisation.mounting import mounted
+from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
-from optimisation.search.find import Plan, find
+from optimisation.search.find import SearchOptions, find
 
 BEAM = Beam(modes=2, response_position=0.6)
 PLACES = (1.0, 0.8)  # nodes of the mesh
@@ -144,8 +144,8 @@ def test_one_absorber_is_at_the_first_place_and_not_where_the_level_is_read(
     np.testing.assert_allclose(
         np.abs(own.model.level_shape), np.abs(modal_model(BEAM).level_shape), rtol=1e-9
     )
-    assert design_gap(mounted(structure), 0.01, 3.5) == pytest.approx(
-        design_gap(mounted(BEAM), 0.01, 3.5), rel=1e-9
+    assert design_gap(model_with_absorber_at(structure), 0.01, 3.5) == pytest.approx(
+        design_gap(model_with_absorber_at(BEAM), 0.01, 3.5), rel=1e-9
     )
     again = to_scene(from_scene(beam_scene(structure, impact_absorbers((1e-3, 5e-4), PLACES))))
     np.testing.assert_array_equal(again.model.absorber_shapes, structure.absorber_shapes)
@@ -215,8 +215,10 @@ def test_strain_of_a_universal_file_is_a_weighted_sum_of_its_shapes(tmp_path: Pa
 def test_a_search_chooses_among_the_places(sampler: str, structure: ModalModel) -> None:
     pytest.importorskip("optuna")
     own = problem(structure, free=["gap", "position"], members=1)
-    findings = find(own, Plan(10, sampler, seed=1, from_scratch=True, audit=0), None, THREADS)
-    assert {e.design.values["position"] for e in findings.told} == {1.0, 2.0}
+    findings = find(
+        own, SearchOptions(10, sampler, seed=1, from_scratch=True, audit=0), None, THREADS
+    )
+    assert {e.design.values["position"] for e in findings.evaluated} == {1.0, 2.0}
     assert findings.verdict.winner.design.values["position"] in (1.0, 2.0)
     assert all("gap" in line for line in own.space.at_bounds(findings.verdict.winner.design))
 

@@ -160,9 +160,9 @@ def test_searches_are_checked_until_enough_events_were_counted() -> None:
 
 def test_tasks_in_processes() -> None:
     order = [
-        executors.Task(abs, (-6,), "a", 60.0),
-        executors.Task(int, ("four",), "a", 60.0),
-        executors.Task(time.sleep, (60,), "a", 0.2),
+        executors.PoolTask(abs, (-6,), "a", 60.0),
+        executors.PoolTask(int, ("four",), "a", 60.0),
+        executors.PoolTask(time.sleep, (60,), "a", 0.2),
     ]
     outcomes = {o.task.function: o for o in executors.Pool(1, 30.0).run(order)}
     assert outcomes[abs].value == 6
@@ -172,11 +172,11 @@ def test_tasks_in_processes() -> None:
 
 def test_lost_tasks_are_failures() -> None:
     order = [
-        executors.Task(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0),
-        executors.Task(eigen.accuracy, (2,), "k", 1.0),
+        executors.PoolTask(tasks.run_cell, ("gap", "0 m", "exact"), "k", 1.0),
+        executors.PoolTask(eigen.accuracy, (2,), "k", 1.0),
     ]
     gathered = tasks.gather(
-        [executors.Outcome(task, None, "the process died", 1.0) for task in order], order
+        [executors.PoolOutcome(task, None, "the process died", 1.0) for task in order], order
     )
     assert len(list(tasks.failures(gathered))) == 2
     assert [outcome.task for outcome in tasks.finished(order, gathered)] == order[

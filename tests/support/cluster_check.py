@@ -93,7 +93,7 @@ def compare(cluster: distributed.LocalCluster) -> None:
             study = DesignStudy(tested, SearchSettings("cma", 4, (Rung(1, 2.0, 0.5), Rung(4))))
             study.run(5, executor)
             results.append(
-                [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.told]
+                [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.evaluated]
             )
         print("studies", results[0] == results[1])
 

@@ -21,7 +21,7 @@ from optimisation.page import DOCS, fill, markdown, require_markers
 from optimisation.progress import Bar
 from optimisation.report.figures import BLACK, BLUE, ORANGE, figure_of, write_figure
 from optimisation.rl.agents import FINAL, find_agents
-from optimisation.rl.families import Random
+from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import CHOSEN, CONSTANT, EIGHT, TASKS, env_of, policies
 from studies.admission import EFFORTS, QUICK, ROOM, add_agents, admit, tried
 from studies.study import Array, Json
@@ -195,7 +195,7 @@ def save_picture(path: Path, task: str) -> None:
     actors = (
         {"the chosen rule": chosen[EIGHT], CONSTANT: chosen[CONSTANT]}
         if chosen
-        else {"random actions": Random()}
+        else {"random actions": RandomPolicy()}
     )
     result = {name: episode(task, policy) for name, policy in actors.items()}
     first = next(iter(actors))

@@ -19,7 +19,7 @@ from impact_env.parameters import Beam
 from optimisation.cli.common import command, plain_errors
 from optimisation.designs import Design, design_space
 from optimisation.executors import cluster_option, executor
-from optimisation.insight import SHOWN
+from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
@@ -79,7 +79,7 @@ def _rows(damping: float, factor: float, settings: BranchSettings) -> list[Json]
     ]
     with runs_bar(f"damping {100 * damping:g} %, gap {factor:g}") as show:
         levels = judged(
-            problem, designs, problem.fresh_ensemble(members, SHOWN), settings.executor, show
+            problem, designs, problem.fresh_ensemble(members, REPORT_SEEDS), settings.executor, show
         )
     for limit, one in zip(LIMITS, levels, strict=True):
         low, median, high = (float(x) for x in np.quantile(one.members[0], (BAND[0], 0.5, BAND[1])))

@@ -162,7 +162,7 @@ def run_study(
     batches = max(1, round(given.cost / batch_cost(settings)))
     if not study.run(1 + batches * settings.batch, given.executor):
         raise KeyboardInterrupt
-    return study.complete or study.told, batches * batch_cost(settings)
+    return study.complete or study.evaluated, batches * batch_cost(settings)
 
 
 def search_screened(
@@ -230,8 +230,8 @@ def search_differential_evolution(
         updating="deferred",
         rng=problem.seed,
     )
-    cost = UNSCREENED_MEMBERS * float(len(study.told))
-    return study.complete or study.told, cost
+    cost = UNSCREENED_MEMBERS * float(len(study.evaluated))
+    return study.complete or study.evaluated, cost
 
 
 def search_model(problem: Problem, given: ComparisonSettings) -> tuple[list[Evaluated], float]:

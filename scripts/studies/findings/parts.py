@@ -28,8 +28,8 @@ from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
 from optimisation.report.design_tables import limit, summary
 from optimisation.report.front_report import bounds_of, front_summary
-from optimisation.search.find import BARS, Plan, find
-from optimisation.search.judge import Audit, Findings
+from optimisation.search.find import BARS, SearchOptions, find
+from optimisation.search.judge import Audit, SearchResult
 from optimisation.search.pareto import (
     BY_RESONANCE,
     CORNER,
@@ -112,12 +112,12 @@ class FindingsSettings:
             space, conditions, members=members or self.members, seed=self.seed, rate=self.rate
         )
 
-    def find(self, name: str, problem: Problem, designs: int | None = None) -> Findings:
+    def find(self, name: str, problem: Problem, designs: int | None = None) -> SearchResult:
         """Search from scratch and judge; raises KeyboardInterrupt if that is broken off (the journal keeps what is finished)."""
         journal = self.folder / f"{name}.journal"
         result = find(
             problem,
-            Plan(
+            SearchOptions(
                 designs or self.designs, choose_sampler(problem), seed=self.seed, from_scratch=True
             ),
             journal,
@@ -138,7 +138,7 @@ def _numbers(values: np.ndarray) -> list[Any]:
     )
 
 
-def _found(result: Findings) -> Json:
+def _found(result: SearchResult) -> Json:
     verdict = not_none(result.verdict)
     members = {
         "members_winner": _numbers(verdict.winner.members[0]),
@@ -423,7 +423,7 @@ def full(study: FindingsSettings) -> Json:
     """A robust two-resonance study of full size by CMA-ES: time, share of it outside the runs, memory."""
     problem = study.problem(IMPACT, AT)
     began = time.perf_counter()
-    plan = Plan(FULL if study.designs >= 100 else study.designs, CMA, seed=study.seed)
+    plan = SearchOptions(FULL if study.designs >= 100 else study.designs, CMA, seed=study.seed)
     result = find(problem, plan, study.folder / "full.journal", study.executor, BARS)
     if not result.finished or result.verdict is None:
         raise KeyboardInterrupt
@@ -473,7 +473,7 @@ def front(study: FindingsSettings) -> Json:
     arrays: dict[str, Any] = {
         "labels": [o.label for o in problem.objectives],
         "front_scores": [list(e.score.values) for e in result.members],
-        "searched": [list(e.score.values) for e in result.told],
+        "searched": [list(e.score.values) for e in result.evaluated],
         "fresh": [list(judged.score.values) for judged in not_none(result.fresh)],
         "bound": bounds_of(result).tolist(),
     }

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from functools import lru_cache
 
 from impact_env import ParameterError, SlidingAbsorber
-from optimisation.executors import Outcome, Task
+from optimisation.executors import PoolOutcome, PoolTask
 from studies.stability import cells, checks, eigen, limits
 from studies.stability import soak as soaks
 from studies.stability.cases import StabilityCase, cases
@@ -71,31 +71,31 @@ def _kind(case: StabilityCase, method: str) -> str:
     return f"{method}, {', '.join(type(part).__name__ for part in parts)}{wide}"
 
 
-def tasks(quick: bool) -> list[Task]:
+def tasks(quick: bool) -> list[PoolTask]:
     """Return all tasks, the longest first and those of one case one after the other."""
     lengths = soaks.QUICK_LENGTHS if quick else soaks.LENGTHS
     limit = QUICK_CELL_LIMIT_S if quick else CELL_LIMIT_S
     searches = -(-(checks.QUICK_SEARCHES if quick else checks.SEARCHES) // len(checks.CASES))
     return [
         *(
-            Task(checks.check, (name, searches), f"check {name}", LONG_LIMIT_S)
+            PoolTask(checks.check, (name, searches), f"check {name}", LONG_LIMIT_S)
             for name in checks.CASES
         ),
         *(
-            Task(run_soak, (case.name, lengths), f"soak {case.name}", LONG_LIMIT_S)
+            PoolTask(run_soak, (case.name, lengths), f"soak {case.name}", LONG_LIMIT_S)
             for case in soaks.CASES
         ),
         *(
-            Task(run_cell, (case.group, case.name, method), _kind(case, method), limit)
+            PoolTask(run_cell, (case.group, case.name, method), _kind(case, method), limit)
             for case in cases(quick)
             for method in case.methods
         ),
         *(
-            Task(run_limit, (x.method, x.what, x.damping_ratio), "limits", OTHER_LIMIT_S)
+            PoolTask(run_limit, (x.method, x.what, x.damping_ratio), "limits", OTHER_LIMIT_S)
             for x in (limits.QUICK if quick else limits.CASES)
         ),
         *(
-            Task(eigen.accuracy, (elements,), "eigenproblem", OTHER_LIMIT_S)
+            PoolTask(eigen.accuracy, (elements,), "eigenproblem", OTHER_LIMIT_S)
             for elements in (eigen.QUICK_ELEMENTS if quick else eigen.ELEMENTS)
         ),
     ]
@@ -123,7 +123,7 @@ def failures(results: Json) -> Iterator[str]:
     yield from (f"{lost['what']}: {lost['error']}" for lost in results["lost"])
 
 
-def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Json:
+def gather(outcomes: Sequence[PoolOutcome], order: Sequence[PoolTask]) -> Json:
     """Return the results of finished tasks by section, in the given order. A cell that was lost (time, crash) is a failed cell."""
     results: Json = {name: [] for name in ("cells", "limits", "eigen", "soaks", "checks", "lost")}
     place = {(task.function, task.arguments): number for number, task in enumerate(order)}
@@ -143,14 +143,14 @@ def gather(outcomes: Sequence[Outcome], order: Sequence[Task]) -> Json:
     return results
 
 
-def finished(order: Sequence[Task], earlier: Json) -> list[Outcome]:
+def finished(order: Sequence[PoolTask], earlier: Json) -> list[PoolOutcome]:
     """Return the outcomes of an earlier run; a task that was lost there has none."""
     result = []
     for task in order:
         section, keys = SECTIONS[task.function]
         own = list(task.arguments[: len(keys)])
         result += [
-            Outcome(task, entry, "", 0.0)
+            PoolOutcome(task, entry, "", 0.0)
             for entry in earlier.get(section, ())
             if [entry[name] for name in keys] == own
         ][:1]

@@ -19,7 +19,7 @@ import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.kept import Kept
+from optimisation.checkpoint import Checkpoint
 from optimisation.machine import difference
 from optimisation.measures import Chunk
 
@@ -28,11 +28,11 @@ IDENTITY = "identity"
 
 
 @dataclass(eq=False)
-class Ledger:
-    """An executor that makes only the runs that are not ``kept``, and keeps them; ``runs`` counts the lanes that were made."""
+class RunCache:
+    """An executor that makes only the runs that are not ``checkpoint``, and keeps them; ``runs`` counts the lanes that were made."""
 
     executor: Executor
-    kept: Kept = field(default_factory=Kept)
+    checkpoint: Checkpoint = field(default_factory=Checkpoint)
     runs: int = 0
 
     def each(
@@ -42,7 +42,7 @@ class Ledger:
         same: dict[str, list[int]] = {}
         for k, chunk in enumerate(items):
             same.setdefault(key_of(chunk), []).append(k)
-        new = [key for key in same if key not in self.kept.known]
+        new = [key for key in same if key not in self.checkpoint.known]
         first = [same[key][0] for key in new]
         for i, values in (
             self.executor.each(function, [items[k] for k in first], [kinds[k] for k in first])
@@ -50,10 +50,12 @@ class Ledger:
             else ()
         ):
             self.runs += len(values)
-            self.kept.keep(new[i], values.tolist())
+            self.checkpoint.keep(new[i], values.tolist())
             yield from ((k, values) for k in same.pop(new[i]))
         for key, numbers in same.items():  # those that were known
-            yield from ((k, np.array(self.kept.known[key], dtype=np.float64)) for k in numbers)
+            yield from (
+                (k, np.array(self.checkpoint.known[key], dtype=np.float64)) for k in numbers
+            )
 
 
 def key_of(chunk: Chunk) -> str:
@@ -82,24 +84,24 @@ def _fold(value: object, known: hashlib._Hash) -> None:
 
 def check_study_file(file: Path) -> None:
     """Raise ParameterError if a file cannot take a study."""
-    Kept(file, FILE).close()
+    Checkpoint(file, FILE).close()
 
 
 @contextmanager
-def remembering(
+def open_run_cache(
     executor: Executor, identity: dict[str, object], file: Path | None
-) -> Iterator[Ledger]:
+) -> Iterator[RunCache]:
     """Give an executor that goes on with the runs that a file holds; None keeps them in memory.
 
     The file belongs to this process until the end. Raises ParameterError if it cannot be used (`Kept`), or is of another identity.
     """
-    with closing(Kept(file, FILE)) as kept:
+    with closing(Checkpoint(file, FILE)) as checkpoint:
         wanted = json.loads(json.dumps(identity))
-        held = kept.known.get(IDENTITY)
+        held = checkpoint.known.get(IDENTITY)
         if held is None:
-            kept.keep(IDENTITY, wanted)
+            checkpoint.keep(IDENTITY, wanted)
         elif held != wanted:
             raise ParameterError(
                 f"{FILE} = {file} is not allowed: it is another study: {difference(held, wanted)}; choose another file"
             )
-        yield Ledger(executor, kept)
+        yield RunCache(executor, checkpoint)

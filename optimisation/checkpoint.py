@@ -27,7 +27,7 @@ REFUSALS = {
 }
 
 
-class Kept:
+class Checkpoint:
     """JSON values by name, ``known``, also in the file ``path`` unless it is None; the file belongs to this process until `close`.
 
     Raises ParameterError, which begins with the name of the ``option``, for a file that is something else, of an earlier form, damaged, in use, or
@@ -87,7 +87,7 @@ class Kept:
         if self.path is not None:
             self._file.close()
 
-    def pieces(self, basis: Json) -> ComputeOrLoad:
+    def section(self, basis: Json) -> ComputeOrLoad:
         """Return the `ComputeOrLoad` for the work that ``basis`` and the kernels' sources describe.
 
         Other work may have its pieces in the same file.
