@@ -9,7 +9,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from impact_env.periodic.basins import Basins, Share, find_basins
+    from impact_env.periodic.attractors import (
+        MotionKind,
+        SettledMotion,
+        SettleOptions,
+        settle_motion,
+    )
+    from impact_env.periodic.basins import (
+        Attractor,
+        AttractorMap,
+        BasinPoint,
+        Basins,
+        Lifetimes,
+        Share,
+        attractor_map,
+        basin_fractions,
+        find_basins,
+        fit_lifetimes,
+    )
     from impact_env.periodic.bifurcation_curves import (
         BifurcationCurve,
         bifurcation_curve,
@@ -17,6 +34,13 @@ if TYPE_CHECKING:
     )
     from impact_env.periodic.bifurcations import confirmed_bifurcation, critical_multipliers
     from impact_env.periodic.case import Case, case_of
+    from impact_env.periodic.diagrams import (
+        BranchPoints,
+        Diagram,
+        DiagramPoint,
+        diagram_branches,
+        diagram_points,
+    )
     from impact_env.periodic.green import NoOrbit
     from impact_env.periodic.harmonic_balance import hill_multipliers
     from impact_env.periodic.offspring import descendants
@@ -29,6 +53,7 @@ if TYPE_CHECKING:
         unpacked,
     )
     from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
+    from impact_env.periodic.quasi_periodic import RotationNumber, rotation_number
     from impact_env.periodic.residence import (
         Approach,
         Hazard,
@@ -90,16 +115,56 @@ __all__ += [
     "plain_orbit",
 ]
 __all__ += ["shot_orbit", "stays", "unpacked"]
+__all__ += [
+    "Attractor",
+    "AttractorMap",
+    "BasinPoint",
+    "BranchPoints",
+    "Diagram",
+    "DiagramPoint",
+    "Lifetimes",
+    "MotionKind",
+    "RotationNumber",
+    "SettleOptions",
+    "SettledMotion",
+    "attractor_map",
+    "basin_fractions",
+    "diagram_branches",
+    "diagram_points",
+    "fit_lifetimes",
+    "rotation_number",
+    "settle_motion",
+]
 _MODULES = {
-    "basins": ("Basins", "Share", "find_basins"),
+    "attractors": ("MotionKind", "SettledMotion", "SettleOptions", "settle_motion"),
+    "basins": (
+        "Attractor",
+        "AttractorMap",
+        "BasinPoint",
+        "Basins",
+        "Lifetimes",
+        "Share",
+        "attractor_map",
+        "basin_fractions",
+        "find_basins",
+        "fit_lifetimes",
+    ),
     "bifurcations": ("confirmed_bifurcation", "critical_multipliers"),
     "bifurcation_curves": ("BifurcationCurve", "bifurcation_curve", "bifurcation_curves"),
     "case": ("Case", "case_of"),
+    "diagrams": (
+        "BranchPoints",
+        "Diagram",
+        "DiagramPoint",
+        "diagram_branches",
+        "diagram_points",
+    ),
     "green": ("NoOrbit",),
     "harmonic_balance": ("hill_multipliers",),
     "offspring": ("descendants",),
     "orbit": ("Orbit", "confirmed", "orbit_of", "plain_orbit", "shot_orbit", "unpacked"),
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
+    "quasi_periodic": ("RotationNumber", "rotation_number"),
     "residence": ("Approach", "Hazard", "Range", "exit_rate", "hazard", "jumps", "stays"),
     "shooting": ("Exponent", "largest_exponent"),
     "slow_manifold": (

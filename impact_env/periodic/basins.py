@@ -1,6 +1,6 @@
 """Basins of attraction: on which motions runs from random initial states end, and their shares with intervals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,11 +8,23 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, positive
+from impact_env.parameters import count, non_negative, positive, require
+from impact_env.periodic.attractors import (
+    MotionKind,
+    SettledMotion,
+    SettleOptions,
+    change_parameter,
+    feature_distance,
+    group_motions,
+    judge_motion,
+    parameter_of,
+    settle_runs,
+)
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirror_orbit
 from impact_env.periodic.passage import RECORD
+from impact_env.periodic.residence import ExitRate, Stays, exit_rate
 from impact_env.periodic.shooting import units_of
 from impact_env.periodic.survey import (
     MOST_MULTIPLE,
@@ -266,3 +278,438 @@ def distance_to(orbit: Orbit, state: Array, phase: float) -> float:
     phases = phase + 2 * np.pi * np.arange(orbit.schedule.period_multiple)
     miss = np.abs(orbit.motion.states(phases) - state) / units_of(orbit.case)
     return float(np.min(np.max(miss, axis=1)))
+
+
+MATCH_TOL = 0.3  # of the features of one attractor at neighbouring values of a parameter
+BURN_IN = 100.0  # periods at a run's start that are left out of its lifetime
+FRACTION_STARTS = 50
+
+
+@dataclass(frozen=True)
+class Lifetimes:
+    """Lifetimes of a transient regime of impacts, in periods of the force, beyond a ``burn_in``.
+
+    Attributes
+    ----------
+    ended : int
+        Runs that were captured by a periodic motion, or by one without impacts, after the burn-in.
+    censored : int
+        Runs that were captured by none: they lasted at least as long as they were observed.
+    rate : ExitRate
+        Maximum-likelihood rate of leaving per period with its 95 % interval.
+    constant : float
+        Probability of as uneven a split of the exits between the first and the second half of the time at risk if the rate is constant; NaN
+        without exits. A small value says that lifetimes are not exponential.
+    burn_in : float
+        Periods left out at the start of each run.
+    """
+
+    ended: int
+    censored: int
+    rate: ExitRate
+    constant: float
+    burn_in: float
+
+    @property
+    def mean(self) -> float:
+        """Mean lifetime in periods; infinite without exits."""
+        return 1 / self.rate.rate if self.rate.rate > 0 else float("inf")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the mean lifetime; its upper limit is infinite without exits."""
+        low = 1 / self.rate.high if self.rate.high > 0 else float("nan")
+        return low, 1 / self.rate.low if self.rate.low > 0 else float("inf")
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return numbers, None for infinite ones."""
+        values = {
+            "rate_per_period": self.rate.rate,
+            "rate_low": self.rate.low,
+            "rate_high": self.rate.high,
+            "mean_periods": self.mean,
+            "mean_low": self.interval[0],
+            "mean_high": self.interval[1],
+            "constant_rate_p": self.constant,
+        }
+        plain = {name: float(x) if np.isfinite(x) else None for name, x in values.items()}
+        return {
+            "ended": self.ended,
+            "censored": self.censored,
+            "burn_in_periods": self.burn_in,
+        } | plain
+
+
+def fit_lifetimes(
+    durations: Sequence[float], ended: Sequence[bool], burn_in: float = BURN_IN
+) -> Lifetimes:
+    """Return the exponential distribution of lifetimes of which some are censored.
+
+    Parameters
+    ----------
+    durations
+        Periods (n,) that runs lasted, or that they were observed for.
+    ended
+        Whether (n,) they ended then; others are censored.
+    burn_in
+        Periods at the start that are left out, with the runs that ended in them.
+
+    Returns
+    -------
+    Lifetimes
+        Rate and mean with 95 % intervals, and a test of the rate's constancy.
+
+    Raises
+    ------
+    ParameterError
+        Rows of different lengths, or a negative number.
+
+    Examples
+    --------
+    >>> from impact_env.periodic import fit_lifetimes
+    >>> fit_lifetimes([300.0, 500.0, 1000.0], [True, True, False], burn_in=0.0).mean
+    900.0
+    """
+    require(len(durations) == len(ended), "ended", len(ended), f"{len(durations)} values")
+    burn_in = non_negative("burn_in", burn_in)
+    times = np.array([non_negative("durations", float(x)) for x in durations])
+    left = np.array(ended, dtype=np.bool_)
+    rest = Stays(times, left).after(burn_in)
+    rate = exit_rate(Stays(times, left), burn_in)
+    return Lifetimes(
+        int(np.sum(rest.ended)), int(np.sum(~rest.ended)), rate, _constancy(rest), burn_in
+    )
+
+
+def _constancy(rest: Stays) -> float:
+    """Return the two-sided probability of the exits' split between both halves of the time at risk, in the order of the runs' ages."""
+    exits = rest.durations[rest.ended]
+    if len(exits) == 0:
+        return float("nan")
+    low = 0.0
+    high = float(np.max(rest.durations))
+    for _ in range(60):  # the age at which half of the time at risk has passed
+        middle = (low + high) / 2
+        if np.sum(np.minimum(rest.durations, middle)) < np.sum(rest.durations) / 2:
+            low = middle
+        else:
+            high = middle
+    early = int(np.sum(exits <= high))
+    return float(scipy.stats.binomtest(early, len(exits), 0.5).pvalue)
+
+
+@dataclass(frozen=True, eq=False)
+class Attractor:
+    """An attractor at one point of the parameters: its ``label``, the same along a parameter, a ``motion`` on it, and its ``share`` of the runs.
+
+    A mirror image counts as the same attractor. ``orbit``: the periodic orbit, None for other kinds and where Newton's method finds none.
+    """
+
+    label: int
+    motion: SettledMotion
+    share: Share
+    orbit: Orbit | None = None
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return numbers and strings; keys with their units."""
+        stable = None if self.orbit is None else self.orbit.stability.stable
+        return (
+            {"attractor": self.label}
+            | self.share.to_plain()
+            | {"stable": stable}
+            | self.motion.to_plain()
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BasinPoint:
+    """Basin fractions at one ``value`` of a ``parameter`` (None: of the case as it is).
+
+    ``attractors`` by falling share; those with share 0 were reached only from the attractors of the point before. ``lifetimes``: of runs that end
+    on periodic motions or without impacts, with chaotic and undecided runs as censored.
+    """
+
+    case: Case
+    parameter: str | None
+    value: float | None
+    attractors: tuple[Attractor, ...]
+    lifetimes: Lifetimes
+    runs: int
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return numbers and strings; keys with their units."""
+        return {
+            "parameter": self.parameter,
+            "value": self.value,
+            "runs": self.runs,
+            "attractors": [attractor.to_plain() for attractor in self.attractors],
+            "lifetimes": self.lifetimes.to_plain(),
+        }
+
+
+def basin_fractions(
+    case: Case,
+    parameter: str | None = None,
+    values: Sequence[float] = (),
+    *,
+    starts: int = FRACTION_STARTS,
+    options: SettleOptions | None = None,
+    reach: float | None = None,
+    match_tolerance: float = MATCH_TOL,
+    burn_in: float = BURN_IN,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: RunProgress | None = None,
+) -> Iterator[BasinPoint]:
+    """Yield the share of random initial states that ends on each attractor, at one point or along a parameter.
+
+    At each value after the first, further runs begin on the attractors of the value before and say which attractor continues which; they do not
+    count for shares. An attractor has the label of the one that leads to it, or else of the nearest earlier one, if the features of both differ
+    by ``match_tolerance`` at most (see `attractors.feature_distance`).
+
+    Parameters
+    ----------
+    case
+        Structure, absorber, force and frequency.
+    parameter
+        One of "frequency" (over the first resonance), "force", "gap", "restitution", "friction-limit" and "mass-ratio"; None: only the case.
+    values
+        Values of the parameter, in SI units, in the order in which attractors are followed.
+    starts
+        Number of random initial states at each value (see `draw_start`), the same ones at all values.
+    options
+        How long runs are.
+    reach
+        How far initial states reach, in m. None: 1.5 times the gap.
+    match_tolerance
+        Largest difference of the features of one attractor at neighbouring values.
+    burn_in
+        Periods at the start of each run that are left out of lifetimes.
+    seed
+        Of the random states.
+    threads
+        Number of threads; the result does not depend on it. None: all cores.
+    progress
+        Called with the number of finished runs and of all runs at a value.
+
+    Yields
+    ------
+    BasinPoint
+        Attractors with their shares, and lifetimes.
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, modal_model
+    >>> from impact_env.periodic import Case, basin_fractions
+    >>> model = modal_model(Beam(modes=1))
+    >>> case = Case(model, 0.95 * float(model.omega[0]), 0.1, gap=1e-3)
+    >>> (point,) = basin_fractions(case, starts=4)
+    >>> [(attractor.motion.name, attractor.share.value) for attractor in point.attractors]
+    [('no impacts', 1.0)]
+    """
+    options = SettleOptions() if options is None else options
+    starts = count("starts", starts, 1)
+    seed = count("seed", seed, 0)
+    match_tolerance = positive("match_tolerance", match_tolerance)
+    if reach is not None:
+        reach = positive("reach", reach)
+    if parameter is None:
+        cases = [case]
+        require(len(values) == 0, "values", values, "none without a parameter")
+    else:
+        require(len(values) > 0, "values", values, "one or more numbers")
+        cases = [change_parameter(case, parameter, float(value)) for value in values]
+    latest: dict[int, SettledMotion] = {}
+    current: list[int] = []
+    for here in cases:
+        random = [
+            (
+                here,
+                *draw_start(
+                    here, reach or START_REACH * here.gap, np.random.default_rng([seed, k])
+                ),
+            )
+            for k in range(starts)
+        ]
+        led = [(here, latest[label].state, 0.0) for label in current]
+        found = settle_runs(
+            [*random, *led], options, with_exponent=False, threads=threads, progress=progress
+        )
+        motions = [motion for motion in found if motion is not None]
+        if len(motions) < len(found):
+            raise KeyboardInterrupt
+        groups = _judged_groups(motions, options)
+        leads = {label: starts + k for k, label in enumerate(current)}
+        labels = _match_groups(groups, motions, latest, leads, match_tolerance)
+        attractors = [
+            Attractor(
+                label,
+                motions[group[0]],
+                Share(sum(k < starts for k in group), starts),
+                motions[group[0]].orbit(),
+            )
+            for label, group in zip(labels, groups, strict=True)
+        ]
+        attractors.sort(key=lambda attractor: (-attractor.share.ended, attractor.label))
+        latest |= {attractor.label: attractor.motion for attractor in attractors}
+        current = sorted(attractor.label for attractor in attractors)
+        value = None if parameter is None else parameter_of(here, parameter)
+        lifetimes = _lifetimes_of(motions[:starts], burn_in)
+        yield BasinPoint(here, parameter, value, tuple(attractors), lifetimes, starts)
+
+
+def _judged_groups(motions: list[SettledMotion], options: SettleOptions) -> list[list[int]]:
+    """Return the groups of motions; the first motion of each is replaced by the one that its exponent was computed of.
+
+    Groups whose first motions turn out to be of one kind are one.
+    """
+    groups = list(group_motions(motions))
+    for group in groups:
+        motions[group[0]] = judge_motion(motions[group[0]], options)
+    judged = group_motions([motions[group[0]] for group in groups])
+    return [[k for number in numbers for k in groups[number]] for numbers in judged]
+
+
+def _match_groups(
+    groups: Sequence[Sequence[int]],
+    motions: Sequence[SettledMotion],
+    latest: dict[int, SettledMotion],
+    leads: dict[int, int],
+    tolerance: float,
+) -> list[int]:
+    """Return a label for each group: of the earlier attractor whose run ended in it, else of the nearest one, else a new one; each once."""
+    pairs = []
+    for number, group in enumerate(groups):
+        motion = motions[group[0]]
+        for label, earlier in latest.items():
+            silent = MotionKind.NO_IMPACTS in (motion.kind, earlier.kind)
+            if silent and motion.kind is not earlier.kind:
+                continue
+            distance = feature_distance(motion, earlier)
+            if distance <= tolerance:
+                pairs.append((leads.get(label) not in group, distance, number, label))
+    labels: dict[int, int] = {}
+    for _, _, number, label in sorted(pairs):
+        if number not in labels and label not in labels.values():
+            labels[number] = label
+    free = max(latest, default=0)
+    for number in range(len(groups)):
+        if number not in labels:
+            free += 1
+            labels[number] = free
+    return [labels[number] for number in range(len(groups))]
+
+
+def _lifetimes_of(motions: Sequence[SettledMotion], burn_in: float) -> Lifetimes:
+    """Return the lifetimes of runs; quasi-periodic ones, whose capture has no time, are left out."""
+    durations: list[float] = []
+    ended: list[bool] = []
+    for motion in motions:
+        if motion.captured is not None:
+            durations.append(float(motion.captured))
+            ended.append(True)
+        elif motion.kind is not MotionKind.QUASI_PERIODIC:
+            durations.append(float(motion.periods))
+            ended.append(False)
+    return fit_lifetimes(durations, ended, burn_in)
+
+
+@dataclass(frozen=True, eq=False)
+class AttractorMap:
+    """What one run ends on at each point of two parameters.
+
+    ``names``: the parameters. ``first`` (n,), ``second`` (m,): their values. ``motions``: n rows of m motions, None where an interrupt came first.
+    """
+
+    names: tuple[str, str]
+    first: Array
+    second: Array
+    motions: tuple[tuple[SettledMotion | None, ...], ...]
+
+    @property
+    def complete(self) -> bool:
+        """Whether all runs were made."""
+        return all(motion is not None for row in self.motions for motion in row)
+
+    def cells(self) -> Iterator[tuple[float, float, SettledMotion]]:
+        """Yield both values and the motion of each run that was made."""
+        for value, row in zip(self.first, self.motions, strict=True):
+            for other, motion in zip(self.second, row, strict=True):
+                if motion is not None:
+                    yield float(value), float(other), motion
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return numbers and strings; keys with their units."""
+        names = [name.replace("-", "_") for name in self.names]
+        return {
+            "parameters": list(self.names),
+            "complete": self.complete,
+            "cells": [
+                {names[0]: value, names[1]: other} | motion.to_plain()
+                for value, other, motion in self.cells()
+            ],
+        }
+
+
+def attractor_map(
+    case: Case,
+    names: tuple[str, str],
+    first: Sequence[float],
+    second: Sequence[float],
+    *,
+    random_start: int | None = None,
+    options: SettleOptions | None = None,
+    threads: int | None = None,
+    progress: RunProgress | None = None,
+) -> AttractorMap:
+    """Return what a run ends on at each point of two parameters.
+
+    Parameters
+    ----------
+    case
+        Structure, absorber, force and frequency.
+    names
+        Two of the parameters of `basin_fractions`.
+    first, second
+        Their values (n,) and (m,), in SI units.
+    random_start
+        Seed of the random initial state, the same at all points (see `draw_start`). None: runs start from rest.
+    options
+        How long runs are.
+    threads
+        Number of threads; the result does not depend on it. None: all cores.
+    progress
+        Called with the number of finished runs and of all runs.
+
+    Returns
+    -------
+    AttractorMap
+        A motion for each point; None where Ctrl-C came first.
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range, or a parameter that is named twice.
+    """
+    require(names[0] != names[1], "names", names, "two different parameters")
+    options = SettleOptions() if options is None else options
+    size = 2 * case.model.modes + 2
+    starts = []
+    for value in first:
+        here = change_parameter(case, names[0], float(value))
+        for other in second:
+            point = change_parameter(here, names[1], float(other))
+            start = (np.zeros(size), 0.0)
+            if random_start is not None:
+                rng = np.random.default_rng([count("random_start", random_start, 0), 0])
+                start = draw_start(point, START_REACH * point.gap, rng)
+            starts.append((point, *start))
+    found = settle_runs(starts, options, threads=threads, progress=progress)
+    width = len(second)
+    rows = tuple(tuple(found[k * width : (k + 1) * width]) for k in range(len(first)))
+    return AttractorMap(names, np.array(first, float), np.array(second, float), rows)

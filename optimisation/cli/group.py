@@ -43,6 +43,9 @@ PERIODIC = {
     "orbits": "orbits",
     "isola": "isola",
     "manifold": "manifold",
+    "basins": "basins",
+    "diagram": "diagram",
+    "section": "section",
 }
 OLDER_NAMES = ("orbits", "isola", "manifold")  # subcommands that are also commands, not listed
 NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)

@@ -220,6 +220,46 @@ manifold --modes 3
     --forces 1,a -> --forces = '1,a'
     --from -1 -> frequency ratio = -1
     --structure {steel} -> --modes does not go with --structure
+basins --modes 1
+    --at 0 -> --at = 0
+    --force -1 -> --force = -1
+    --starts 0 -> starts = 0
+    --seed -1 -> seed = -1
+    --reach 0 -> reach = 0
+    --match 0 -> --match = 0
+    --burn-in -1 -> --burn-in = -1
+    --periods 10 -> periods = 10
+    --window 8 -> window = 8
+    --longest 13 -> most_multiple = 13
+    --over gap 2e-3 1e-3 -> --over = (0.002, 0.001) is not allowed
+    --over gap -1e-3 1e-3 -> gap = -0.001
+    --over frequency 0 1 -> --over frequency = 0
+    --over restitution 0.5 1.5 -> restitution = 1.5
+    --over colour 0 1 -> 'colour' is not one of
+    --over force 1 2 --points 1 -> --points = 1
+    --map force 1 2 -> --map needs --over
+    --random -> --random and --map-points go with --map
+    --over gap 1e-3 2e-3 --map gap 1e-3 2e-3 -> two different parameters
+    --over gap 1e-3 2e-3 --map force 1 2 --starts 3 -> --starts does not go with --map
+    --over gap 1e-3 2e-3 --map force 1 2 --map-points 1 -> --map-points = 1
+    --structure {steel} -> --modes does not go with --structure
+    --friction-limit -1 -> friction limit = -1
+diagram --modes 1 --over force 1 2
+    --points 1 -> --points = 1
+    --starts -1 -> starts = -1
+    --branch-period 0 -> --branch-period = 0
+    --periods 1 -> periods = 1
+    --at -1 -> --at = -1
+    --structure {steel} -> --modes does not go with --structure
+diagram --modes 1
+    --over force 2 2 -> --over = (2.0, 2.0) is not allowed
+    -> Missing option '--over'
+section --modes 1
+    --starts -1 -> --starts = -1
+    --seed -1 -> --seed = -1
+    --window 0 -> window = 0
+    --force 0 -> --force = 0
+    --structure {steel} -> --modes does not go with --structure
 balance_error
     --at 0.9 --force 0.5 -> frequency =
 doctor

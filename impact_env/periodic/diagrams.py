@@ -1,0 +1,431 @@
+"""Bifurcation diagrams by brute force: runs along a parameter, up and down, each from the end of the one before, and exact branches beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.parameters import count, require
+from impact_env.periodic.attractors import (
+    FREQUENCY,
+    PARAMETERS,
+    MotionKind,
+    SettledMotion,
+    SettleOptions,
+    change_parameter,
+    parameter_of,
+    settle_motion,
+    settle_runs,
+)
+from impact_env.periodic.basins import START_REACH, draw_start
+from impact_env.periodic.case import Case
+from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.offspring import descendants
+from impact_env.periodic.orbit import Orbit
+from impact_env.periodic.orbit_branches import (
+    ORBIT_BRANCH_STEPS,
+    OrbitBranch,
+    lies_on,
+    list_places,
+    mirror_places,
+    orbit_branch,
+    orbit_branches,
+)
+from impact_env.periodic.survey import closed_form_orbits
+from impact_env.plain import from_scene
+
+Array = NDArray[np.float64]
+UP = "up"
+DOWN = "down"
+DIRECTIONS = (UP, DOWN)
+RANDOM = "random"
+KEPT_PERIODS = 64  # of the force: drawn of a motion that does not repeat
+FOLLOWED = ("frequency", "force", "gap", "restitution", "friction-limit")  # by branches of orbits
+DIAGRAM_COLUMNS = (
+    "direction",
+    "value",
+    "kind",
+    "period",
+    "symmetric",
+    "level_m",
+    "impacts_per_period",
+    "exponent_per_period",
+    "rotation_number",
+    "quantity",
+    "number",
+    "section",
+)
+PointProgress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class DiagramPoint:
+    """What a run ended on at one value of the parameter, on the way "up" or "down", or from a "random" state."""
+
+    direction: str
+    value: float
+    motion: SettledMotion
+
+    def quantities(self) -> dict[str, Array]:
+        """Return what diagrams show: relative displacement over the gap and tip displacement (m) at phase 0, impact phases (rad), level (m).
+
+        A periodic motion has its points once, and others those of the last periods.
+        """
+        motion = self.motion
+        case = motion.case
+        kept = motion.multiple or (1 if motion.kind is MotionKind.NO_IMPACTS else KEPT_PERIODS)
+        states = motion.section.states[-kept:]
+        n = case.model.modes
+        relative = (states[:, n] - states[:, :n] @ case.model.tip_shape) / case.gap
+        share = kept / len(motion.section.states)
+        impacts = round(share * len(motion.section.impact_phase))
+        return {
+            "relative": relative,
+            "displacement": states[:, :n] @ case.scene.model.level_shape,
+            "impact-phase": motion.section.impact_phase[
+                len(motion.section.impact_phase) - impacts :
+            ],
+            "level": np.array([motion.level]),
+        }
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return numbers and strings; keys with their units."""
+        shown = self.quantities()
+        return {
+            "direction": self.direction,
+            "value": self.value,
+            "relative_over_gap": shown["relative"].tolist(),
+            "displacement_m": shown["displacement"].tolist(),
+            "impact_phase_rad": shown["impact-phase"].tolist(),
+        } | self.motion.to_plain()
+
+    def rows(self) -> Iterator[list[Any]]:
+        """Yield the values of `DIAGRAM_COLUMNS`, a row for each number of each quantity but the level."""
+        plain = self.motion.to_plain()
+        common = [self.direction, self.value]
+        common += [
+            plain[name]
+            for name in (
+                "kind",
+                "period",
+                "symmetric",
+                "level_m",
+                "impacts_per_period",
+                "exponent_per_period",
+                "rotation_number",
+            )
+        ]
+        for name, values in self.quantities().items():
+            if name != "level":
+                for k, value in enumerate(values):
+                    yield [*common, name, k, float(value)]
+
+
+@dataclass(frozen=True, eq=False)
+class BranchPoints:
+    """An exact branch as a diagram shows it: ``values`` (n,) of the parameter, ``stable`` (n,), and quantities as of `DiagramPoint`.
+
+    ``relative`` and ``displacement`` are (n, multiple), ``impact_phase`` is a tuple of rows, since the number of impacts may change; points without
+    an orbit are NaN.
+    """
+
+    multiple: int
+    symmetric: bool
+    values: Array
+    stable: NDArray[np.bool_]
+    relative: Array
+    displacement: Array
+    impact_phase: tuple[Array, ...]
+    level: Array
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return numbers, None for NaN; keys with their units."""
+        rows = {
+            "relative_over_gap": self.relative,
+            "displacement_m": self.displacement,
+            "level_m": self.level,
+        }
+        plain = {
+            name: [
+                [_finite(x) for x in row] if isinstance(row, np.ndarray) else _finite(row)
+                for row in table
+            ]
+            for name, table in rows.items()
+        }
+        return {
+            "period": self.multiple,
+            "symmetric": self.symmetric,
+            "value": self.values.tolist(),
+            "stable": self.stable.tolist(),
+            "impact_phase_rad": [row.tolist() for row in self.impact_phase],
+        } | plain
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Diagram:
+    """A bifurcation diagram: ``points`` of runs along a ``parameter``, and exact ``branches``."""
+
+    case: Case
+    parameter: str
+    points: tuple[DiagramPoint, ...]
+    branches: tuple[BranchPoints, ...] = ()
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return numbers and strings; keys with their units."""
+        return {
+            "scene": from_scene(self.case.scene),
+            "force_N": self.case.force,
+            "omega_ratio": self.case.omega_ratio,
+            "parameter": self.parameter,
+            "points": [point.to_plain() for point in self.points],
+            "branches": [branch.to_plain() for branch in self.branches],
+        }
+
+
+def diagram_points(
+    case: Case,
+    parameter: str,
+    values: Sequence[float],
+    *,
+    directions: Sequence[str] = DIRECTIONS,
+    starts: int = 0,
+    random_start: bool = False,
+    seed: int = 0,
+    options: SettleOptions | None = None,
+    threads: int | None = None,
+    progress: PointProgress | None = None,
+) -> Iterator[DiagramPoint]:
+    """Yield what runs end on along a parameter; each run begins with the state at the end of the one before.
+
+    Parameters
+    ----------
+    case
+        Structure, absorber, force and frequency.
+    parameter
+        One of "frequency" (over the first resonance), "force", "gap", "restitution", "friction-limit" and "mass-ratio".
+    values
+        Values of the parameter, rising, in SI units.
+    directions
+        "up", "down" or both, in this order.
+    starts
+        Number of further runs at each value, from random initial states (see `basins.draw_start`); their direction is "random".
+    random_start
+        Whether the first run of each direction begins at a random state, not at rest.
+    seed
+        Of the random states.
+    options
+        How long runs are.
+    threads
+        Number of threads of the runs from random states. None: all cores.
+    progress
+        Called with the number of finished runs and of all.
+
+    Yields
+    ------
+    DiagramPoint
+        A point for each run.
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range, or values that do not rise.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, modal_model
+    >>> from impact_env.periodic import Case, diagram_points
+    >>> model = modal_model(Beam(modes=1))
+    >>> case = Case(model, 0.95 * float(model.omega[0]), 0.1, gap=1e-3)
+    >>> [point.motion.name for point in diagram_points(case, "force", [0.05, 0.1], directions=["up"])]
+    ['no impacts', 'no impacts']
+    """
+    rising = np.asarray(values, dtype=np.float64)
+    ok = rising.ndim == 1 and len(rising) > 0 and bool(np.all(np.diff(rising) > 0))
+    require(ok, "values", values, "one or more rising numbers")
+    for direction in directions:
+        allowed = "up, down"
+        require(direction in DIRECTIONS, "directions", direction, allowed)
+    options = SettleOptions() if options is None else options
+    starts = count("starts", starts, 0)
+    seed = count("seed", seed, 0)
+    total = (len(directions) + starts) * len(rising)
+    done = 0
+
+    def show(more: int) -> None:
+        if progress is not None:
+            progress(done + more, total)
+
+    for direction in directions:
+        state: Array | None = None
+        phase = 0.0
+        ordered = rising if direction == UP else rising[::-1]
+        if random_start:
+            first = change_parameter(case, parameter, float(ordered[0]))
+            state, phase = _draw(first, seed, 0)
+        for value in ordered:
+            here = change_parameter(case, parameter, float(value))
+            motion = settle_motion(here, state, phase, options)
+            state, phase = motion.state, 0.0
+            yield DiagramPoint(direction, parameter_of(here, parameter), motion)
+            done += 1
+            show(0)
+    for value in rising if starts else ():
+        here = change_parameter(case, parameter, float(value))
+        drawn = [(here, *_draw(here, seed, k)) for k in range(starts)]
+        found = settle_runs(drawn, options, threads=threads, progress=lambda more, _all: show(more))
+        for motion_or_none in found:
+            if motion_or_none is None:
+                raise KeyboardInterrupt
+            yield DiagramPoint(RANDOM, parameter_of(here, parameter), motion_or_none)
+        done += starts
+
+
+def _draw(case: Case, seed: int, number: int) -> tuple[Array, float]:
+    return draw_start(case, START_REACH * case.gap, np.random.default_rng([seed, number]))
+
+
+def diagram_branches(
+    case: Case,
+    parameter: str,
+    limits: tuple[float, float],
+    points: Sequence[DiagramPoint] = (),
+    *,
+    longest: int = 2,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[BranchPoints]:
+    """Yield exact branches over a parameter: symmetric orbits with two impacts a period, what leaves them, and those through the orbits of runs.
+
+    Over the frequency these are all symmetric ones between the limits, and branches that leave them where the symmetry breaks or the period doubles.
+    Over another parameter they are those through the orbits at the case's own value. Branches through orbits on which runs ended are added, unless
+    they lie on a known branch.
+
+    Parameters
+    ----------
+    case
+        Structure, absorber, force and frequency.
+    parameter
+        One of "frequency" (over the first resonance), "force", "gap", "restitution" and "friction-limit".
+    limits
+        Least and largest value of the parameter.
+    points
+        Points of a diagram.
+    longest
+        The longest period, in periods of the force.
+    progress
+        Called with the number of points of the branch that is followed.
+
+    Yields
+    ------
+    BranchPoints
+        Branch by branch.
+
+    Raises
+    ------
+    ParameterError
+        For a parameter that branches are not followed over, or limits that do not rise.
+    """
+    require(parameter in FOLLOWED, "parameter", parameter, f"one of {', '.join(FOLLOWED)}")
+    require(limits[0] < limits[1], "limits", limits, "two rising numbers")
+    longest = count("longest", longest, 1)
+    field = PARAMETERS[parameter]
+    factor = float(case.model.omega[0]) if parameter == FREQUENCY else 1.0
+    inside = (factor * limits[0], factor * limits[1])
+
+    def show(*given: Any) -> None:
+        if progress is not None:
+            progress(int(given[-2]))
+
+    known: list[Array] = []
+    if parameter == FREQUENCY:
+        branches = list(orbit_branches(case, *inside, progress=show))
+        for branch in branches:
+            known.append(list_places(branch))
+            yield from _points_of(branch, factor)
+        for found in descendants(branches, inside, longest=longest):
+            if isinstance(found, OrbitBranch):
+                known.append(list_places(found))
+                yield from _points_of(found, factor)
+    else:
+        for orbit in closed_form_orbits(case).orbits:
+            if not any(lies_on(places, orbit.solution) for places in known):
+                branch = orbit_branch(orbit.solution, field, inside, ORBIT_BRANCH_STEPS, show)
+                known.append(list_places(branch))
+                yield from _points_of(branch, factor)
+    for point in _middles_of_stretches(points):
+        multiple = point.motion.multiple
+        found_orbit = point.motion.orbit() if 0 < multiple <= longest else None
+        if found_orbit is None or not found_orbit.schedule.flies:
+            continue
+        solution = found_orbit.solution
+        if any(lies_on(places, solution) or mirror_places(places, solution) for places in known):
+            continue
+        branch = orbit_branch(solution, field, inside, ORBIT_BRANCH_STEPS, show)
+        known.append(list_places(branch))
+        yield from _points_of(branch, factor)
+
+
+def _middles_of_stretches(points: Sequence[DiagramPoint]) -> Iterator[DiagramPoint]:
+    """Yield the middle point of each stretch of neighbouring points with one kind of motion."""
+    start = 0
+    for k in range(1, len(points) + 1):
+        ended = k == len(points) or (
+            (points[k].direction, points[k].motion.name)
+            != (points[start].direction, points[start].motion.name)
+        )
+        if ended:
+            yield points[(start + k - 1) // 2]
+            start = k
+
+
+def _points_of(branch: OrbitBranch, factor: float) -> Iterator[BranchPoints]:
+    """Yield a branch as a diagram shows it, and its mirror image where it has another one."""
+    orbits = list(branch.orbits())
+    values = np.asarray(branch.branch.parameters) / factor
+    yield _section_points(orbits, values, branch, mirrored=False)
+    if not branch.schedules[0].symmetric:
+        yield _section_points(orbits, values, branch, mirrored=True)
+
+
+def _section_points(
+    orbits: Sequence[Orbit | NoOrbit], values: Array, branch: OrbitBranch, mirrored: bool
+) -> BranchPoints:
+    schedule = branch.schedules[0]
+    multiple = schedule.period_multiple
+    n = branch.case.model.modes
+    shape = branch.case.model.tip_shape
+    level_shape = branch.case.scene.model.level_shape
+    side = -1.0 if mirrored else 1.0
+    shift = np.pi if mirrored else 0.0
+    count_of = len(orbits)
+    relative = np.full((count_of, multiple), np.nan)
+    displacement = np.full((count_of, multiple), np.nan)
+    level = np.full(count_of, np.nan)
+    stable = np.zeros(count_of, dtype=np.bool_)
+    phases = [np.zeros(0) for _ in orbits]
+    for k, orbit in enumerate(orbits):
+        if not isinstance(orbit, Orbit):
+            continue
+        states = side * orbit.motion.states(shift + 2 * np.pi * np.arange(multiple))
+        relative[k] = (states[:, n] - states[:, :n] @ shape) / orbit.case.gap
+        displacement[k] = states[:, :n] @ level_shape
+        phases[k] = np.array([(impact.phase + shift) % (2 * np.pi) for impact in orbit.impacts])
+        level[k] = orbit.motion.tip_rms
+        stable[k] = orbit.stability.stable
+    return BranchPoints(
+        multiple,
+        schedule.symmetric,
+        values,
+        stable,
+        relative,
+        displacement,
+        tuple(phases),
+        level,
+    )

@@ -1,0 +1,285 @@
+"""Shares of random initial states by attractor, lifetimes, and maps of what runs end on."""
+
+from typing import Any
+
+import click
+
+from impact_env.parameters import count, non_negative, positive
+from impact_env.periodic.basins import (
+    BURN_IN,
+    FRACTION_STARTS,
+    MATCH_TOL,
+    AttractorMap,
+    BasinPoint,
+    attractor_map,
+    basin_fractions,
+)
+from impact_env.periodic.case import Case
+from optimisation.cli import common
+from optimisation.cli.attractor_options import (
+    case_from,
+    case_options,
+    range_option,
+    ratio_text,
+    settle_options,
+    settling_from,
+    values_of,
+)
+from optimisation.cli.scene_options import is_given
+from optimisation.files import write_files
+from optimisation.page import markdown
+from optimisation.progress import runs_bar
+from optimisation.report.attractor_figures import map_class, save_attractor_map, save_basins
+
+BASIN_COLUMNS = (
+    "parameter",
+    "value",
+    "runs",
+    "attractor",
+    "ended",
+    "share",
+    "low",
+    "high",
+    "stable",
+    "kind",
+    "period",
+    "symmetric",
+    "level_m",
+    "impacts_per_period",
+    "offset_over_gap",
+    "exponent_per_period",
+    "exponent_low",
+    "exponent_high",
+    "rotation_number",
+)
+
+
+def basin_rows(points: list[BasinPoint]) -> list[list[Any]]:
+    """Return the values of `BASIN_COLUMNS`, a row for each attractor at each point."""
+    rows = []
+    for point in points:
+        own = {"parameter": point.parameter, "value": point.value, "runs": point.runs}
+        for attractor in point.attractors:
+            plain = own | attractor.to_plain()
+            rows.append([plain[name] for name in BASIN_COLUMNS])
+    return rows
+
+
+def basin_table(points: list[BasinPoint]) -> str:
+    """Return a line for each attractor at each point."""
+    parameter = points[0].parameter
+    rows = []
+    for point in points:
+        for attractor in point.attractors:
+            motion = attractor.motion
+            share = attractor.share
+            details = ""
+            if motion.exponent is not None:
+                details = f"exponent {motion.exponent.value:.3f} ({motion.exponent.low:.3f} to {motion.exponent.high:.3f})"
+            if motion.rotation is not None and motion.exponent and not motion.exponent.chaotic:
+                details += f", rotation {motion.rotation.value:.5f}"
+            rows.append(
+                (
+                    *(() if parameter is None else (f"{point.value:.6g}",)),
+                    str(attractor.label),
+                    motion.name,
+                    f"{100 * share.value:.0f}",
+                    f"{100 * share.low:.0f} to {100 * share.high:.0f}",
+                    f"{1e3 * motion.level:.4f}",
+                    f"{motion.impacts_per_period:.3f}",
+                    details,
+                )
+            )
+    header = ("attractor", "motion", "share, %", "95 %", "level, mm", "impacts/period", "")
+    return markdown(header if parameter is None else (parameter, *header), rows)
+
+
+def lifetime_lines(points: list[BasinPoint]) -> list[str]:
+    """Return a line for each point at which runs left a transient after the burn-in."""
+    lines = []
+    for point in points:
+        life = point.lifetimes
+        if life.ended == 0:
+            continue
+        low, high = life.interval
+        place = "" if point.value is None else f"{point.parameter} {point.value:.6g}: "
+        uneven = "" if life.constant > 0.05 else "; the rate is not constant"
+        lines.append(
+            f"{place}mean lifetime beyond {life.burn_in:g} periods {life.mean:.0f} periods ({low:.0f} to {high:.0f}), "
+            f"{life.ended} runs captured, {life.censored} not{uneven}"
+        )
+    return lines
+
+
+def map_text(found: AttractorMap) -> str:
+    """Return how many points of a map have each kind of motion."""
+    counted: dict[str, int] = {}
+    for _, _, motion in found.cells():
+        counted[map_class(motion)] = counted.get(map_class(motion), 0) + 1
+    rows = [(name, str(number)) for name, number in sorted(counted.items(), key=lambda x: -x[1])]
+    return markdown(("motion", "points"), rows)
+
+
+def map_rows(found: AttractorMap) -> tuple[list[str], list[list[Any]]]:
+    """Return header and rows of a map."""
+    plain = found.to_plain()["cells"]
+    names = [name for name in plain[0] if name != "state"] if plain else []
+    return names, [[cell[name] for name in names] for cell in plain]
+
+
+@common.command()
+@case_options
+@range_option("--over", "Parameter along which shares are followed, and its range in SI units")
+@range_option("--map", "With --over: second parameter of a map of what one run ends on")
+@click.option(
+    "--points", type=int, default=11, show_default=True, help="Values of the parameter of --over."
+)
+@click.option(
+    "--map-points",
+    type=int,
+    default=11,
+    show_default=True,
+    help="Values of the parameter of --map.",
+)
+@click.option(
+    "--starts",
+    type=int,
+    default=FRACTION_STARTS,
+    show_default=True,
+    help="Random initial states at each point.",
+)
+@click.option(
+    "--random",
+    is_flag=True,
+    help="With --map: runs begin at one random state, not at rest.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the random states.")
+@click.option(
+    "--reach",
+    type=float,
+    help="How far initial states reach, in m.  [default: 1.5 times the gap]",
+)
+@click.option(
+    "--match",
+    "match_tolerance",
+    type=float,
+    default=MATCH_TOL,
+    show_default=True,
+    help="Largest difference of the features of one attractor at neighbouring values.",
+)
+@click.option(
+    "--burn-in",
+    type=float,
+    default=BURN_IN,
+    show_default=True,
+    help="Periods at the start of runs that are left out of lifetimes.",
+)
+@settle_options
+@common.threads_option
+@common.json_option("Write attractors, shares and lifetimes, or the map, in SI units.")
+@common.file_option(
+    "--csv", "Write a row for each attractor and value, or for each point of a map."
+)
+@common.plot_option
+def main(**given: Any) -> None:
+    """Find the attractors that runs from random initial states end on, and the share of each with its 95 % interval.
+
+    At one frequency and force, or over a parameter (--over), along which an attractor has one number. A mirror image counts as the same
+    attractor. Where runs leave an irregular motion for a periodic one, or lose their impacts, their mean lifetime is printed.
+
+    --over with --map draws what one run ends on at each point of two parameters.
+
+    Example: periodic basins --modes 1 --restitution 0.75 --at 0.93 --over frequency 0.92 0.94 --points 5
+    """
+    with common.plain_errors():
+        common.check_targets(given)
+        if given["map"] is not None and given["over"] is None:
+            raise common.BadInput("--map needs --over, the first parameter")
+        if given["map"] is None and (given["random"] or is_given("map_points")):
+            raise common.BadInput("--random and --map-points go with --map")
+        if given["map"] is not None and is_given("starts"):
+            raise common.BadInput("--starts does not go with --map: one run at each point")
+        case = case_from(given)
+        complete = shares(given, case) if given["map"] is None else mapped(given, case)
+    common.end_early(complete)
+
+
+def shares(given: dict[str, Any], case: Case) -> bool:
+    """Print and write basin fractions; return whether all were computed."""
+    options = settling_from(given)
+    count("--starts", given["starts"], 1)
+    positive("--match", given["match_tolerance"])
+    non_negative("--burn-in", given["burn_in"])
+    over = given["over"]
+    parameter = None if over is None else over[0]
+    values = [] if over is None else values_of("--over", over, given["points"], case).tolist()
+    complete = [True]
+    points: list[BasinPoint] = []
+    with common.stoppable(complete), runs_bar("basins") as show:
+        total = max(len(values), 1)
+
+        def progress(done: int, _here: int) -> None:
+            show(
+                len(points) * given["starts"] + min(done, given["starts"]), total * given["starts"]
+            )
+
+        for point in basin_fractions(
+            case,
+            parameter,
+            values,
+            starts=given["starts"],
+            options=options,
+            reach=given["reach"],
+            match_tolerance=given["match_tolerance"],
+            burn_in=given["burn_in"],
+            seed=given["seed"],
+            threads=given["threads"],
+            progress=progress,
+        ):
+            points.append(point)  # noqa: PERF402 - an interrupt leaves those that are finished
+    if points:
+        click.echo(f"{points[0].runs} random initial states, {ratio_text(points[0].case)}\n")
+        click.echo(basin_table(points))
+        for line in lifetime_lines(points):
+            click.echo(f"\n{line}")
+    files = write_files(
+        {
+            given["json"]: {
+                "complete": complete[0],
+                "points": [point.to_plain() for point in points],
+            },
+            given["csv"]: (list(BASIN_COLUMNS), basin_rows(points)),
+        }
+        | ({given["plot"]: lambda path: save_basins(path, points)} if points else {})
+    )
+    common.name_files(files)
+    return complete[0]
+
+
+def mapped(given: dict[str, Any], case: Case) -> bool:
+    """Print and write the map of two parameters; return whether all was computed."""
+    options = settling_from(given)
+    first = values_of("--over", given["over"], given["points"], case)
+    second = values_of("--map", given["map"], count("--map-points", given["map_points"], 2), case)
+    with runs_bar("map") as show:
+        found = attractor_map(
+            case,
+            (given["over"][0], given["map"][0]),
+            first.tolist(),
+            second.tolist(),
+            random_start=given["seed"] if given["random"] else None,
+            options=options,
+            threads=given["threads"],
+            progress=show,
+        )
+    click.echo(map_text(found))
+    names, rows = map_rows(found)
+    files = write_files(
+        {
+            given["json"]: found.to_plain(),
+            given["csv"]: (names, rows),
+            given["plot"]: lambda path: save_attractor_map(path, found),
+        }
+    )
+    common.name_files(files)
+    return found.complete

@@ -1,0 +1,189 @@
+"""Bifurcation diagrams by runs up and down a parameter, with exact branches over them."""
+
+from collections import Counter
+from typing import Any
+
+import click
+
+from impact_env.parameters import count
+from impact_env.periodic.diagrams import (
+    DIAGRAM_COLUMNS,
+    DIRECTIONS,
+    FOLLOWED,
+    RANDOM,
+    BranchPoints,
+    Diagram,
+    DiagramPoint,
+    diagram_branches,
+    diagram_points,
+)
+from impact_env.periodic.validation import validation_alongside
+from optimisation.cli import common
+from optimisation.cli.attractor_options import (
+    case_from,
+    case_options,
+    range_option,
+    settle_options,
+    settling_from,
+    values_of,
+)
+from optimisation.files import write_files
+from optimisation.page import markdown
+from optimisation.progress import stages_bar
+from optimisation.report.attractor_figures import QUANTITY_LABELS, save_diagram
+
+
+def diagram_table(points: list[DiagramPoint]) -> str:
+    """Return a line for each stretch of neighbouring points with one kind of motion."""
+    rows: list[list[str]] = []
+    random = [point for point in points if point.direction == RANDOM]
+    points = [point for point in points if point.direction != RANDOM]
+    start: DiagramPoint | None = None
+    number = 0
+    for k, point in enumerate(points):
+        if start is None:
+            start = point
+            number = 0
+        number += 1
+        following = points[k + 1] if k + 1 < len(points) else None
+        if (
+            following is None
+            or following.direction != point.direction
+            or following.motion.name != point.motion.name
+        ):
+            rows.append(
+                [
+                    point.direction,
+                    f"{start.value:.6g}",
+                    f"{point.value:.6g}",
+                    point.motion.name,
+                    str(number),
+                ]
+            )
+            start = None
+    for name, number in Counter(point.motion.name for point in random).items():
+        values = [point.value for point in random if point.motion.name == name]
+        rows.append([RANDOM, f"{min(values):.6g}", f"{max(values):.6g}", name, str(number)])
+    return markdown(("direction", "from", "to", "motion", "points"), rows)
+
+
+def diagram_rows(points: list[DiagramPoint]) -> list[list[Any]]:
+    """Return the values of `DIAGRAM_COLUMNS` of all points."""
+    return [row for point in points for row in point.rows()]
+
+
+@common.command()
+@case_options
+@range_option("--over", "Parameter and its range in SI units", required=True)
+@click.option("--points", type=int, default=101, show_default=True, help="Values of the parameter.")
+@click.option(
+    "--direction",
+    type=click.Choice((*DIRECTIONS, "both")),
+    default="both",
+    show_default=True,
+    help="Whether the parameter rises or falls.",
+)
+@click.option(
+    "--random",
+    is_flag=True,
+    help="The first run of each direction begins at a random state, not at rest.",
+)
+@click.option(
+    "--starts",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Further runs at each value, from random initial states.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the random states.")
+@click.option(
+    "--quantity",
+    type=click.Choice(tuple(QUANTITY_LABELS)),
+    default="relative",
+    show_default=True,
+    help="What the figure shows; files have all.",
+)
+@click.option(
+    "--branches/--no-branches",
+    default=True,
+    show_default=True,
+    help="Exact branches over the runs; not for the mass ratio.",
+)
+@click.option(
+    "--branch-period",
+    type=int,
+    default=2,
+    show_default=True,
+    help="Longest period of branches, in periods of the force.",
+)
+@settle_options
+@common.threads_option
+@common.json_option("Write points and branches, in SI units.")
+@common.file_option("--csv", "Write a row for each number of each section.")
+@common.plot_option
+def main(**given: Any) -> None:
+    """Compute a bifurcation diagram over a parameter by runs, up and down, each from the last state of the one before.
+
+    Points are the stroboscopic section (relative displacement or displacement at phase 0), the phases of impacts, or the response level. Runs from
+    random states may be added at each value (--starts). Exact branches of symmetric orbits, of what leaves them, and of orbits that runs end on are
+    drawn over them, stable ones solid, unstable ones dashed.
+
+    Example: periodic diagram --modes 1 --restitution 0.8 --over frequency 0.928 0.938 --points 41 --random --plot diagram.png
+    """
+    with common.plain_errors():
+        common.check_targets(given)
+        options = settling_from(given)
+        longest = count("--branch-period", given["branch_period"], 1)
+        case = case_from(given)
+        parameter, low, high = given["over"]
+        values = values_of("--over", given["over"], given["points"], case)
+        directions = DIRECTIONS if given["direction"] == "both" else (given["direction"],)
+        complete = [True]
+        points: list[DiagramPoint] = []
+        branches: list[BranchPoints] = []
+        with (
+            common.stoppable(complete),
+            validation_alongside(case),
+            stages_bar("diagram", leave=False) as show,
+        ):
+            for point in diagram_points(
+                case,
+                parameter,
+                values.tolist(),
+                directions=directions,
+                starts=given["starts"],
+                random_start=given["random"],
+                seed=given["seed"],
+                options=options,
+                threads=given["threads"],
+                progress=lambda done, total: show("runs", done, total),
+            ):
+                points.append(point)  # noqa: PERF402 - an interrupt leaves those that are finished
+            if given["branches"] and parameter in FOLLOWED:
+                for branch in diagram_branches(
+                    case,
+                    parameter,
+                    (low, high),
+                    points,
+                    longest=longest,
+                    progress=lambda number: show(f"branch {len(branches) + 1}, points", number, 0),
+                ):
+                    branches.append(branch)  # noqa: PERF402 - as above
+        found = Diagram(case, parameter, tuple(points), tuple(branches))
+        click.echo(diagram_table(points))
+        if branches:
+            kinds = Counter(
+                f"period {branch.multiple}{', symmetric' if branch.symmetric else ''}"
+                for branch in branches
+            )
+            words = "; ".join(f"{number} of {name}" for name, number in kinds.items())
+            click.echo(f"\n{len(branches)} exact branches: {words}")
+        files = write_files(
+            {
+                given["json"]: found.to_plain() | {"complete": complete[0]},
+                given["csv"]: (list(DIAGRAM_COLUMNS), diagram_rows(points)),
+                given["plot"]: lambda path: save_diagram(path, found, given["quantity"]),
+            }
+        )
+    common.name_files(files)
+    common.end_early(complete[0])
