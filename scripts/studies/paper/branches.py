@@ -73,9 +73,9 @@ def _digits(value: float) -> float | None:
 
 
 KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers only, stable; its look and words
-    (STYLES[1].colour, (0, (1.5, 1.2)), 1.4, "exact orbit, unstable"),
-    (STYLES[0].colour, (0, (5, 1.2)), 1.8, "exact orbit, unstable by fast multipliers only"),
-    (STYLES[0].colour, "-", 2.6, "exact orbit, stable"),
+    (STYLES[1].colour, (0, (1.5, 1.2)), 1.4, "exact, unstable"),
+    (STYLES[0].colour, (0, (5, 1.2)), 1.8, "exact, fast multipliers unstable"),
+    (STYLES[0].colour, "-", 2.6, "exact, stable"),
 )
 
 
@@ -89,7 +89,7 @@ def draw_linear(axes: Axes, ratio: Any, linear: Json, width: float) -> None:
 
 
 def draw_responses(axes: Axes, part: Json) -> None:
-    """Draw what `responses.responses` returns, heights in mm. Stretches of one stability share the point between."""
+    """Draw what `compute_responses` returns, heights in mm. Stretches of one stability share the point between."""
     draw_linear(axes, part["linear"]["omega_ratio"], part["linear"], 0.9)
     for number, curve in enumerate(part["balance"]):
         label = None if number else "harmonic balance, 20 harmonics"
@@ -101,6 +101,7 @@ def draw_responses(axes: Axes, part: Json) -> None:
             label=label,
         )
     visible: set[int] = set()
+    folds = [fold for curve in part["exact"] for fold in curve["folds"]]
     for curve in part["exact"]:
         x = np.array(curve["omega_ratio"])
         y = MM * np.array(curve["tip_max"], dtype=float)
@@ -119,5 +120,7 @@ def draw_responses(axes: Axes, part: Json) -> None:
                 label=None if kind in visible else label,
             )
             visible.add(kind)
-        for ratio, height in curve["folds"]:
-            axes.plot(ratio, MM * height, "o", ms=3.5, mfc="white", mec="black", mew=0.7, zorder=5)
+    if folds:
+        ratio, height = np.array(folds).T
+        look: dict[str, Any] = {"ms": 3.5, "mfc": "white", "mec": "black", "mew": 0.7, "zorder": 5}
+        axes.plot(ratio, MM * height, "o", label="fold (saddle node)", **look)

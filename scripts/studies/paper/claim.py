@@ -1,9 +1,10 @@
-"""A statement of the paper beside what was computed of it: what its words allow, by one rule, and how members' values are judged and told.
+"""Statements of the paper and their verdicts: the range that the words of a statement allow, and how computed values compare with it.
 
 The statements are in claims.toml.
 """
 
 import tomllib
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -17,7 +18,7 @@ from impact_env.curve import BAND, quantiles
 from impact_env.parameters import require
 from studies.study import Array
 
-# the one rule of tolerances: what the words of a statement allow, in numbers, the same for all claims; the page prints it
+# the rule of tolerances: what the words of a statement allow, in numbers, the same for all claims; the page prints it
 INFINITY = float("inf")
 ABOUT = 0.25
 SAME = 0.05
@@ -29,6 +30,7 @@ PLACE = 0.01
 OFTEN = 0.95
 RARE = 0.05
 EVEN = (1 + ABOUT) / (1 - ABOUT)
+MAJORITY = 0.5
 
 RULE = (
     (
@@ -37,11 +39,11 @@ RULE = (
     ),
     (
         "*the same*, *virtually*, *closely*, *saturates*, *enough*",
-        f"{100 * SAME:g} % either way, of a level or of no absorber",
+        f"{100 * SAME:g} % either way of the value that it is compared with",
     ),
     (
-        "*almost*, *hardly*, *slightly*, *robust*, *no considerable influence*",
-        f"{100 * LITTLE:g} % either way",
+        "*almost*, *hardly*, *slightly*, *robust*, *insensitive*, *no considerable influence*",
+        f"{100 * LITTLE:g} % either way of the value that it is compared with",
     ),
     (
         "*much*, *considerably*, *effective*, *well below*",
@@ -56,7 +58,13 @@ RULE = (
         f"the largest {EVEN:.2f} times the smallest, or less: {100 * ABOUT:g} % either way of their middle",
     ),
     ("*a wide range* of forces", f"its ends have a ratio of {WIDE:g} or more"),
+    ("*mainly*, a *large* basin", f"a share of {MAJORITY:g} or more"),
+    ("*strong*", f"more than what is slight, {100 * LITTLE:g} %"),
     ("more, less, better, worse, grows, falls", "the 5 to 95 % of the members are on that side"),
+    (
+        "several cases (forces, frequencies, modes)",
+        "holds or does not hold where each case does, else within spread",
+    ),
     (
         "something happens, in one run",
         f"in {100 * OFTEN:g} % of the runs or more it holds, in {100 * RARE:g} % or fewer it does not",
@@ -69,12 +77,12 @@ def range_about(number: float, to: float | None = None) -> tuple[float, float]:
     return (1 - ABOUT) * number, (1 + ABOUT) * (number if to is None else to)
 
 
-def range_within(share: float) -> tuple[float, float]:
-    """Return the allowed range of a ratio that a statement says to be 1."""
-    return 1 - share, 1 + share
+def range_within(share: float, middle: float = 1.0) -> tuple[float, float]:
+    """Return the range from a share below a number to that share above it."""
+    return (1 - share) * middle, (1 + share) * middle
 
 
-ALLOWED = {  # by the words of claims.toml, of a number or a ratio
+ALLOWED = {  # ranges of a number or a ratio, by the words of claims.toml
     "the same": range_within(SAME),
     "almost the same": range_within(LITTLE),
     "no difference": (-SAME, SAME),
@@ -86,7 +94,16 @@ ALLOWED = {  # by the words of claims.toml, of a number or a ratio
     "even": (1.0, EVEN),
     "wide": (WIDE, INFINITY),
 }
-RULED = {"same": SAME, "much": MUCH, "left": LEFT, "wide": WIDE}  # what texts may name
+RULE_NUMBERS = {"same": SAME, "much": MUCH, "left": LEFT, "wide": WIDE}  # that texts may name
+REASONS = {  # why a statement does not simply hold, by the key "reason" of claims.toml
+    "chance": "One run. In the impact regimes levels, phase lags, jumps and energies are random; one run shows one sample.",
+    "range": "A part of the range. It is true of some forces, frequencies, modes or friction limits, and not of others.",
+    "contacts": "More contacts. With several modes the absorber strikes a wall more than once at a visit.",
+    "truncation": "Truncation. Too few modes or harmonics are kept.",
+    "step": "The step. At 20 steps per period of the highest mode impacts and reversals of slip come late.",
+    "tuning": "Mistuning. The tuned absorber's stiffness follows from a modal mass of 1 kg, not from the effective one at the tip.",
+    "degree": "Degree. The computed number is beyond what the word allows.",
+}
 STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
     Path(__file__).with_name("claims.toml").read_text(encoding="utf-8")
 )
@@ -118,7 +135,9 @@ class Claim:
     """A statement in short words of our own, the ``section`` of the paper, what was ``computed`` (with its interval), and the ``figure``.
 
     ``definitional``: it follows from the definition of the model, or from the structure without contact, by arithmetic.
-    ``why``: for a verdict other than "holds", a paragraph on the reason with its evidence; the page leaves it out where the statement holds.
+    ``why``: for a verdict other than "holds", a paragraph on the cause with its evidence; the page leaves it out where the statement holds.
+    ``reason``: its kind, a key of `REASONS`. ``value``, ``low``, ``high``: median and 5 to 95 % of the computed values, which the statement allows
+    from ``least`` to ``most``; None where several numbers decide.
     """
 
     name: str
@@ -129,6 +148,12 @@ class Claim:
     figure: str
     why: str = ""
     definitional: bool = False
+    reason: str = ""
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    least: float | None = None
+    most: float | None = None
 
     def __post_init__(self) -> None:
         for field in ("name", "statement", "section", "computed", "figure"):
@@ -144,13 +169,17 @@ class Claim:
             self.why,
             f"a reason where a claim {self.verdict}",
         )
+        require(
+            self.verdict is ClaimVerdict.HOLDS or self.reason in REASONS,
+            f"reason of {self.name}",
+            self.reason,
+            f"one of {', '.join(REASONS)} where a claim {self.verdict}",
+        )
 
     def to_plain(self) -> dict[str, Any]:
-        """Return a dict of strings; ``why`` is empty where the statement holds."""
-        return asdict(self) | {
-            "verdict": self.verdict.value,
-            "why": "" if self.verdict is ClaimVerdict.HOLDS else self.why,
-        }
+        """Return a dict of strings and numbers; ``why`` and ``reason`` are empty where the statement holds."""
+        plain = asdict(self) | {"verdict": self.verdict.value}
+        return plain | {"why": "", "reason": ""} if self.verdict is ClaimVerdict.HOLDS else plain
 
 
 def from_plain(plain: dict[str, Any]) -> Claim:
@@ -169,6 +198,12 @@ def judge_interval(low: float, high: float, least: float, most: float) -> ClaimV
     if least <= low and high <= most:
         return ClaimVerdict.HOLDS
     return ClaimVerdict.SPREAD if low <= most and least <= high else ClaimVerdict.NOT
+
+
+def judge_cases(cases: Iterable[ClaimVerdict]) -> ClaimVerdict:
+    """Return the verdict of a statement on several cases: holds or does not hold where each case does, else within spread."""
+    verdicts = set(cases)
+    return verdicts.pop() if len(verdicts) == 1 else ClaimVerdict.SPREAD
 
 
 def judge_share(low: float, high: float) -> ClaimVerdict:
@@ -230,10 +265,10 @@ def judge_values(
 
 
 class ClaimFormatter(Formatter):
-    """Fills the braces of claims.toml: values of members as `format_spread` says them, and in per cent where the form ends in %."""
+    """Fills the braces of claims.toml: members' values by `format_spread`, in per cent where the form ends in %."""
 
     def format_field(self, value: Any, format_spec: str) -> Any:
-        """Return a value in words."""
+        """Return a value as text."""
         if isinstance(value, str):
             return value
         form = format_spec
@@ -243,11 +278,9 @@ class ClaimFormatter(Formatter):
             form = form[:-1] + ("f" if form[-2].isdigit() else "")
             factor = 100
             unit = " %"
-        return (
-            f"{factor * value:{form}}"
-            if np.ndim(value) == 0
-            else format_spread(value, f"{{:{form}}}", factor)
-        ) + unit
+        if np.ndim(value) == 0:
+            return f"{factor * value:{form}}{unit}"
+        return format_spread(value, f"{{:{form}}}", factor) + unit
 
 
 def make_claim(
@@ -260,41 +293,46 @@ def make_claim(
     at_step: float | None = None,
     **text_values: Any,
 ) -> Claim:
-    """Return a claim of claims.toml: a verdict, whether it holds, or values of members, judged by their 5 to 95 %.
+    """Return a claim of claims.toml from a verdict, from whether it holds, or from members' values, judged by their 5 to 95 %.
 
-    ``allowed`` where claims.toml does not say it; ``text_values`` fills the braces, as do the values, as {value}.
+    ``allowed`` where claims.toml does not state it; ``text_values`` fills the braces, as do the values, as {value}.
     ``at_step``: the number by the paper's scheme and step, in one run.
     """
     own = STATED[figure][name]
-    text_values = {**RULED, "value": result, **text_values}
+    text_values = {**RULE_NUMBERS, "value": result, **text_values}
 
-    def claim_for(text: str) -> str:
+    def fill(text: str) -> str:
         return ClaimFormatter().vformat(text, (), text_values)
 
+    numbers: dict[str, float | None] = {}
     if isinstance(result, bool | np.bool_):
-        result = ClaimVerdict.HOLDS if result else ClaimVerdict.NOT
-    judgement = (
-        result
-        if isinstance(result, ClaimVerdict)
-        else judge_values(
-            *compute_band(result), *(allowed or parse_allowed(own["allowed"])), at_step
-        )
-    )
+        verdict = ClaimVerdict.HOLDS if result else ClaimVerdict.NOT
+    elif isinstance(result, ClaimVerdict):
+        verdict = result
+    else:
+        low, middle, high = (float(x) for x in compute_bands(np.ravel(result)))
+        least, most = allowed or parse_allowed(own["allowed"])
+        verdict = judge_values(low, high, least, most, at_step)
+        numbers = {"value": middle, "low": low, "high": high, "least": least, "most": most}
+        numbers = {
+            key: x if x is not None and np.isfinite(x) else None for key, x in numbers.items()
+        }
     if "about" in own:
         form = f"{{:{own.get('form', '.2f')}}}"
         unit = own.get("unit", "")
-        computed = claim_for(own["about"]) + format_spread(text_values["value"], form, unit=unit)
+        computed = fill(own["about"]) + format_spread(text_values["value"], form, unit=unit)
         computed += "" if at_step is None else f"; {form.format(at_step)}{unit} at the paper's step"
     else:
-        computed = claim_for(own["computed"])
-    why = claim_for(own.get("why", ""))
+        computed = fill(own["computed"])
     return Claim(
-        claim_for(name),
-        claim_for(own["statement"]),
+        fill(name),
+        fill(own["statement"]),
         own["section"],
         computed,
-        judgement,
+        verdict,
         figure,
-        why,
+        fill(own.get("why", "")),
         own.get("definitional", False),
+        own.get("reason", "range"),
+        **numbers,
     )

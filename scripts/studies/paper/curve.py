@@ -28,7 +28,7 @@ from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.response import DEFAULT_SAMPLES, Record
 from optimisation.report.figures import force_axis
 from studies.paper.claim import compute_bands, format_spread
-from studies.paper.frame import MM, LineStyle, PaperSettings, draw_band, draw_unit_level
+from studies.paper.frame import MM, SMALL, LineStyle, PaperSettings, draw_band, draw_unit_level
 from studies.study import Array, Json
 
 FULL_RECORD = Record(events=True, series=True, energy=True)
@@ -380,9 +380,10 @@ def draw_inset(
         small.fill_between(own.forces, low, high, color=style.colour, alpha=0.18, lw=0)
         small.plot(own.forces, middle, color=style.colour, ls=style.dashes, lw=1.0)
     draw_unit_level(small)
-    small.set(xscale="log", xlim=(none.forces[0], none.forces[-1]), ylim=(0, 1.15))
-    small.set_title("level over no absorber", fontsize=6.5, pad=2)
-    small.set_xlabel("force in N", fontsize=6, labelpad=1)
+    small.set(xscale="log", xlim=(none.forces[0], none.forces[-1]))
+    small.set(ylim=(0, 1.15), yticks=(0, 0.5, 1))
+    small.set_title("level over no absorber", fontsize=SMALL, pad=2)
+    small.set_xlabel("force in N", fontsize=SMALL, labelpad=1)
     force_axis(small.xaxis)
-    small.tick_params(labelsize=6)
+    small.tick_params(labelsize=SMALL)
     return small

@@ -16,8 +16,12 @@ from optimisation.page import markdown
 from studies.paper import curve as performance
 from studies.paper.claim import (
     LITTLE,
+    MUCH,
+    SAME,
     Claim,
+    ClaimVerdict,
     format_spread,
+    judge_cases,
     judge_interval,
     make_claim,
     range_within,
@@ -54,6 +58,7 @@ ALL = "friction, scattering and e = 0.7"
 # N: well inside of the ranges without friction, whose border is the paper's 3.5 N
 PRIMARY = (1.0, 3.0)
 SECONDARY = (4.0, 8.0)
+APART_TOL = 1e-3  # of a level: curves that differ by less are one
 ENVELOPE_PERIODS = 8  # pseudo periods of an envelope
 
 
@@ -204,17 +209,58 @@ def _dampers(values: Json) -> list[Claim]:
         [find_first_impacts(read[name]) for name in (CONSERVATIVE, *map(name_impacting, LIMITS))]
     )
     forces, begins = (", ".join(f"{np.median(row):.2g}" for row in rows) for rows in (best, first))
-    claim_for = partial(make_claim, LABEL, small=small, large=large)
+    judge = partial(make_claim, LABEL, small=small, large=large)
     return [
-        claim_for("dissinf_damper_ends", ends, low=none.forces[0], high=none.forces[-1]),
-        claim_for("dissinf_damper_best", least),
-        claim_for("dissinf_damper_moves", (best[1:] / best[:-1]).ravel(), forces=forces),
-        claim_for("dissinf_first_impacts", (first[1:] / first[:-1]).ravel(), forces=begins),
-        claim_for(
+        judge("dissinf_damper_ends", ends, low=none.forces[0], high=none.forces[-1]),
+        judge("dissinf_damper_best", least),
+        judge("dissinf_damper_moves", (best[1:] / best[:-1]).ravel(), forces=forces),
+        judge("dissinf_first_impacts", (first[1:] / first[:-1]).ravel(), forces=begins),
+        _judge_departure(read),
+        judge(
             "dissinf_damper_before",
             best[0] / performance.find_best_forces(read[name_impacting(small)], none),
         ),
     ]
+
+
+def _judge_departure(read: dict[str, LevelCurve]) -> Claim:
+    """Judge for each friction limit whether the curve with impacts leaves that of friction alone at the first impacts."""
+    cases = []
+    before = []
+    words = []
+    for limit in LIMITS:
+        own = read[name_impacting(limit)]
+        off = np.abs(np.median(own.level / read[name_sliding(limit)].level, axis=1) - 1)
+        first = float(np.median(find_first_impacts(own)))
+        at = float(off[own.nearest(first)])
+        before.append(float(np.max(off[own.forces < first])))
+        apart = before[-1] < APART_TOL < at
+        cases.append(ClaimVerdict.HOLDS if apart else ClaimVerdict.NOT)
+        words.append(f"{at:.1%} at {first:.2f} N ({limit:g} N)")
+    return make_claim(
+        LABEL,
+        "dissinf_departs",
+        judge_cases(cases),
+        before=max(before),
+        each=", ".join(words),
+    )
+
+
+def _judge_shapes(values: Json) -> Claim:
+    """Judge whether absorber and damper have a linear range, a minimum and a rise after it."""
+    none = performance.read_curve(values[NONE])
+    cases = []
+    words = []
+    for name, own_name in (("absorber", DISSIPATIVE), ("damper", name_sliding(SWEPT_LIMIT))):
+        relative = np.median(performance.read_curve(values[own_name]).relative(none), axis=1)
+        first, best, last = (float(x) for x in (relative[0], np.min(relative), relative[-1]))
+        cases += [
+            judge_interval(first, first, *range_within(SAME)),
+            judge_interval(best, best, 0.0, MUCH),
+            judge_interval(best / last, best / last, 0.0, MUCH),
+        ]
+        words.append(f"{first:.2f}, {best:.2f}, {last:.2f} ({name})")
+    return make_claim(LABEL, "dissinf_similar", judge_cases(cases), each="; ".join(words))
 
 
 def _absorbers(values: Json) -> list[Claim]:
@@ -229,6 +275,10 @@ def _absorbers(values: Json) -> list[Claim]:
     first, last = (f"{low:g} to {high:g} N" for low, high in (PRIMARY, SECONDARY))
     every = (PRIMARY[0], SECONDARY[1])
     text_values = Json(first=first, last=last, small=LIMITS[0], large=LIMITS[-1])
+    larger = ", ".join(
+        f"{format_spread(_within(read[name_impacting(limit)], read[CONSERVATIVE], every))} with {limit:g} N"
+        for limit in LIMITS[1:]
+    )
 
     def over(
         name: str,
@@ -265,18 +315,7 @@ def _absorbers(values: Json) -> list[Claim]:
         ),
         over("restitution_secondary", DISSIPATIVE, few, SECONDARY),
         over("restitution_primary", DISSIPATIVE, few, PRIMARY),
-        over("robust_small", few, CONSERVATIVE, every, low=every[0], high=every[1]),
-        *(
-            over(
-                "robust_{limit:g}",
-                name_impacting(limit),
-                CONSERVATIVE,
-                PRIMARY,
-                stepped=False,
-                limit=limit,
-            )
-            for limit in LIMITS[1:]
-        ),
+        over("robust", few, CONSERVATIVE, every, low=every[0], high=every[1], larger=larger),
         _neither(read),
     ]
 
@@ -291,14 +330,14 @@ def _neither(read: dict[str, LevelCurve]) -> Claim:
     low, high = (
         float(each(quantiles(row, BAND)[k] for row in over)) for k, each in ((0, min), (1, max))
     )
-    claim_for = ", ".join(
+    each = ", ".join(
         f"{format_spread(row)} at {limit:g} N" for row, limit in zip(over, LIMITS, strict=True)
     )
     return make_claim(
         LABEL,
         "dissinf_neither",
         judge_interval(low, high, *range_within(LITTLE)),
-        each=claim_for,
+        each=each,
         small=LIMITS[0],
     )
 
@@ -316,37 +355,45 @@ def _swept(values: Json) -> list[Claim]:
 
 def _draw(values: Json) -> Figure:
     """Draw the curves, and the sweeps below them."""
-    figure, grid = make_panels(2, 1, 7.6)
+    figure, grid = make_panels(2, 1, 8.0)
     _curves(grid[0, 0], values)
     _sweeps(grid[1, 0], values)
     return figure
 
 
 def _curves(axes: Axes, values: Json) -> None:
+    """Draw the curves with impacts, in one colour with those of friction alone, which are dashed."""
     read = {name: performance.read_curve(values[name]) for name in _scenes()}
     none = read[NONE]
     draw_line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)
-    styles = (
-        STYLES[5],
-        *(
-            LineStyle(style.colour, "-", style.marker)
-            for style in (*STYLES[: len(LIMITS)], STYLES[4])
+    colours = [style.colour for style in STYLES[: len(LIMITS)]]
+    impacting = {
+        LineStyle(STYLES[5].colour, "-", "x"): (CONSERVATIVE, r"$\mu N$ = 0, $e$ = 1"),
+        **{
+            LineStyle(colour, "-", style.marker): (
+                name_impacting(limit),
+                rf"$\mu N$ = {limit:g} N, $e$ = 1",
+            )
+            for limit, colour, style in zip(LIMITS, colours, STYLES, strict=False)
+        },
+        LineStyle(STYLES[4].colour, "-", STYLES[4].marker): (
+            DISSIPATIVE,
+            rf"$\mu N$ = {LIMITS[0]:g} N, $e$ = {RESTITUTION:g}",
         ),
-    )
+    }
     drawn = {}
-    for name, style in zip(
-        (CONSERVATIVE, *map(name_impacting, LIMITS), DISSIPATIVE), styles, strict=True
-    ):
+    for style, (name, label) in impacting.items():
         drawn[style] = read[name]
-        performance.draw_curve(axes, read[name], style, name, marked=name != CONSERVATIVE)
-    for limit, own in zip(LIMITS, STYLES, strict=False):
-        name = name_sliding(limit)
-        style = LineStyle(own.colour, (0, (4, 2)))
-        drawn[style] = read[name]
-        draw_signal(axes, read[name].forces, MM * read[name].median, style, name, 1.0)
-    performance.draw_inset(axes, (0.05, 0.57, 0.4, 0.36), none, drawn)
+        performance.draw_curve(axes, read[name], style, label)
+    for limit, colour in zip(LIMITS, colours, strict=True):
+        style = LineStyle(colour, (0, (4, 2)))
+        own = read[name_sliding(limit)]
+        drawn[style] = own
+        label = "without impacts, same colour" if limit == LIMITS[0] else None
+        draw_signal(axes, own.forces, MM * own.median, style, label, 1.0)
+    performance.draw_inset(axes, (0.06, 0.58, 0.4, 0.34), none, drawn)
     performance.set_level_axes(axes, none, SECONDARY[1])
-    axes.legend(fontsize=7, frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12))
+    axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.12))
 
 
 def _sweeps(axes: Axes, values: Json) -> None:
@@ -372,7 +419,7 @@ def _sweeps(axes: Axes, values: Json) -> None:
         xlabel="frequency over $\\omega_1$",
         ylabel=f"|tip displacement| in mm, down at {SWEPT:g} N",
     )
-    axes.legend(fontsize=7, frameon=False)
+    axes.legend()
 
 
 FIGURE = PaperFigure(
@@ -381,7 +428,12 @@ FIGURE = PaperFigure(
     measure=_measure,
     words=_words,
     draw=_draw,
-    claims=lambda values: [*_dampers(values), *_absorbers(values), *_swept(values)],
+    claims=lambda values: [
+        *_dampers(values),
+        *_absorbers(values),
+        *_swept(values),
+        _judge_shapes(values),
+    ],
     sizes=(  # swept: members of the sweeps
         Size(forces=performance.make_force_grid(0.1, 20.0, 28, (3.5, SWEPT)), members=12, swept=16),
         Size(forces=(0.1, 0.4, 0.8, 1.2, 2.0, 2.8, 3.5, 4.2, SWEPT, 8.0, 20.0), members=2, swept=2),

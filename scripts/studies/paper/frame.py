@@ -185,10 +185,8 @@ def describe_amounts(conditions: Json) -> str:
         for name, row in lists.items()
         if all(isinstance(x, int | float) for x in row)
     ]
-    claim_for = "; ".join(
-        [*members, *([f"number of points: {', '.join(points)}"] if points else [])]
-    )
-    return f"{claim_for[0].upper()}{claim_for[1:]}. " if claim_for else ""
+    text = "; ".join([*members, *([f"number of points: {', '.join(points)}"] if points else [])])
+    return f"{text[0].upper()}{text[1:]}. " if text else ""
 
 
 def measure_groups(groups: Mapping[str, Callable[[], object]], earlier: Json) -> Steps:
@@ -206,12 +204,13 @@ def measure_groups(groups: Mapping[str, Callable[[], object]], earlier: Json) ->
 # in inches the width of a page's text
 WIDTH = 7.2
 DPI = 180
+SMALL = 7.5  # points: the smallest letters, of legends, insets and labels beside points
 MM = 1e3
 RC: Any = {
     "font.size": 8.5,
     "axes.titlesize": 8.5,
     "axes.labelsize": 8.5,
-    "legend.fontsize": 7.5,
+    "legend.fontsize": SMALL,
     "legend.frameon": False,
     "axes.grid": True,
     "axes.axisbelow": True,

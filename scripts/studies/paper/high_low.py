@@ -6,23 +6,18 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 
 from impact_env import (
     Beam,
     CurveCase,
-    Drive,
-    InitialState,
     Record,
     Scene,
     beam_scene,
-    constant_frequency,
     impact_absorber,
     modal_model,
     simulate,
 )
 from impact_env.ensemble import Lane, draw_members
-from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.periodic.case import case_of
 from impact_env.periodic.green import NoOrbit
@@ -39,13 +34,13 @@ from studies.paper.claim import (
     format_interval,
     format_range,
     judge_interval,
-    judge_share,
     make_claim,
 )
 from studies.paper.curve import compute_exponent
 from studies.paper.frame import (
     FAINT,
     MM,
+    SMALL,
     PaperFigure,
     PaperSettings,
     Size,
@@ -140,44 +135,6 @@ def _stationary(settings: PaperSettings, size: Size) -> Json:
     return result
 
 
-def _kind_from(lane: Lane) -> str:
-    """Return the kind of what a lane with a state of its own settles to."""
-    return classify_run(lane.scene, lane.drive, WINDOW, initial=lane.initial).found.kind.value
-
-
-def _basin(settings: PaperSettings, size: Size) -> Json:
-    """Return how many of runs from random states settle to each kind at the resonance under the medium force.
-
-    The first mode begins anywhere within the ellipse of its own resonance without absorber, the absorber anywhere in its cavity at the tip's speed.
-    """
-    own = make_scene()
-    number = size.starts
-    omega = own.model.resonance_omega(1)
-    generator = np.random.default_rng([settings.seed, 29])
-    most = (
-        FORCES["medium"]
-        * float(np.abs(tip_response(own.model, None, np.array([omega])))[0])
-        / abs(own.model.tip_shape[0])
-    )
-    lanes = []
-    for size, angle, place, phase in generator.uniform(
-        (0, 0, -1, 0), (1, 2 * np.pi, 1, 2 * np.pi), (number, 4)
-    ):
-        q, v = (
-            np.eye(MODES)[0] * most * np.sqrt(size) * x
-            for x in (np.cos(angle), omega * np.sin(angle))
-        )
-        tip = float(own.model.tip_shape @ q)
-        speed = float(own.model.tip_shape @ v)
-        drive = Drive(
-            FORCES["medium"], constant_frequency(omega, 1.0, SETTLING_PERIODS), float(phase)
-        )
-        state = InitialState(q, v, tip + GAP * float(place), speed)
-        lanes.append(Lane(own, drive, initial=state))
-    kinds = settings.each(f"{LABEL}: basin", lanes, _kind_from)
-    return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
-
-
 def _exponents(settings: PaperSettings, size: Size) -> Json:
     """Return the largest Lyapunov exponent at each of the places, from the paper's own phase."""
     own = make_scene()
@@ -219,7 +176,6 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
         "stationary": partial(_stationary, settings, size),
         "levels": partial(_levels, settings, size),
         "exponents": partial(_exponents, settings, size),
-        "basin": partial(_basin, settings, size),
     }
     return measure_groups(groups, earlier)
 
@@ -227,14 +183,14 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 def _words(values: Json) -> str:
     lines = []
     for name in FORCES:
-        for method, claim_for in (("exact", "exact orbits"), ("balance", "harmonic balance")):
+        for method, label in (("exact", "exact orbits"), ("balance", "harmonic balance")):
             for curve in (curve for curve in values[name][method] if curve["peak"] is not None):
                 (at, peak), form = curve["peak"], "closed" if curve["closed"] else "open"
                 folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
                 lines.append(
                     (
                         f"{values[name]['force_n']:g}",
-                        claim_for,
+                        label,
                         form,
                         f"{1e3 * peak:.3f}",
                         f"{at:.4f}",
@@ -303,17 +259,17 @@ def _draw(values: Json) -> Figure:
         own.set_title(f"{part['force_n']:g} N")
         own.axhline(1.0, color=FAINT, lw=0.5)
         for letter, (ratio, height) in NAMED[name].items():
-            own.text(ratio, height, f"({letter})", ha="center", va="center", fontsize=7.5)
+            own.text(ratio, height, f"({letter})", ha="center", va="center", fontsize=SMALL)
     axes[0, 0].set_ylabel("largest tip displacement in mm")
     inset = axes[0, 1].inset_axes((0.75, 0.52, 0.24, 0.44))
     draw_responses(inset, values["high"])
-    inset.set(xlim=(1.02, 1.19), ylim=(0, 1.2), xticks=(1.05, 1.1, 1.15), yticks=(0.5, 1.0))
-    inset.tick_params(labelsize=6)
+    inset.set(xlim=(1.02, 1.19), ylim=(0, 1.2), xticks=(1.05, 1.15), yticks=(0.5, 1.0))
+    inset.tick_params(labelsize=SMALL)
     draw_legend_below(figure, axes, 3)
     return figure
 
 
-said = partial(make_claim, LABEL)
+judge = partial(make_claim, LABEL)
 
 
 def _claims(values: Json) -> list[Claim]:
@@ -325,7 +281,7 @@ def _claims(values: Json) -> list[Claim]:
         *_branches(values),
         *_regimes(values),
         _method(values),
-        said("near the optimum", best, least=relative.min(axis=0)),
+        judge("near the optimum", best, least=relative.min(axis=0)),
     ]
 
 
@@ -341,10 +297,10 @@ def _linear(values: Json) -> list[Claim]:
     ratio, height = _sliding(medium)
     off = np.abs(height / _interpolated(medium, "alone", ratio) - 1)
     return [
-        said("third frequency", float(omega[2] / omega[0])),
-        said("stuck resonance", medium["stuck_peak"]),
-        said("sliding follows linear", float(off.max()), median=float(np.median(off))),
-        said("sharp bends", height.max() / GAP, mm=1e3 * height.max()),
+        judge("third frequency", float(omega[2] / omega[0])),
+        judge("stuck resonance", medium["stuck_peak"]),
+        judge("sliding follows linear", float(off.max()), median=float(np.median(off))),
+        judge("sharp bends", height.max() / GAP, mm=1e3 * height.max()),
     ]
 
 
@@ -403,19 +359,19 @@ def _branches(values: Json) -> list[Claim]:
     outer = [fold[0] for fold in isola["folds"]] if isola else []
     alone = float(np.max(_interpolated(high, "alone", np.linspace(0.98, 1.02, 401))))
     return [
-        said(
+        judge(
             "number of responses", float(np.mean([1 <= n <= 3 for n in counts])), most=max(counts)
         ),
-        said(
+        judge(
             "isola",
             bool(outer and max(outer) < 1),
             isola=f"closed, from {min(outer):.5f} to {max(outer):.5f} of omega_1"
             if outer
             else "none",
         ),
-        said("merger", any(1.5 < force < 3.0 for force in mergers), thresholds=thresholds),
-        said("far fold", max((fold[0] for fold in top["folds"]), default=0.0)),
-        said("merely shifted", 1 - top["peak"][1] / alone, peak=top["peak"][0]),
+        judge("merger", any(1.5 < force < 3.0 for force in mergers), thresholds=thresholds),
+        judge("far fold", max((fold[0] for fold in top["folds"]), default=0.0)),
+        judge("merely shifted", 1 - top["peak"][1] / alone, peak=top["peak"][0]),
     ]
 
 
@@ -435,9 +391,7 @@ def _regimes(values: Json) -> list[Claim]:
     result = values["stationary"]
     here = _near(medium["exact"], 1.0) or _near(medium["exact"], 1.0, 0.01)
     unstable = sum(kind < 2 for _, kind in here)
-    basin = values["basin"]
     peaks = [_highest(part)["peak"][0] for part in (medium, high)]
-    runs = sum(basin.values())
     upper = [kind for y, kind in _near(high["exact"], 0.945, 0.02) if y > 1.2 * GAP]
     stable, slow = (float(np.mean([kind >= least for kind in upper])) for least in (2, 1))
     at = result["at resonance, 1.5 N"]
@@ -445,15 +399,12 @@ def _regimes(values: Json) -> list[Claim]:
     exponent = values["exponents"]["high branch"]
     impacts, visits = np.array(top["rhythm Exact"]).T
     modulated = float(np.mean([kind == ResponseKind.MODULATED.value for kind in at["kinds"]]))
-    wilson = binomtest(basin.get(ResponseKind.MODULATED.value, 0), runs).proportion_ci(
-        method="wilson"
-    )
     return [
-        said(
+        judge(
             "low at resonance",
             float(np.median([y for y, _ in here])) / float(_interpolated(medium, "alone", 1.0)),
         ),
-        said(
+        judge(
             "unstable at resonance",
             unstable == len(here) and modulated >= OFTEN,
             unstable=unstable,
@@ -461,28 +412,24 @@ def _regimes(values: Json) -> list[Claim]:
             modulated=modulated,
             depth=at["depth"],
         ),
-        said("sustained", visits),
-        said(
+        judge("sustained", visits),
+        judge(
             "two impacts",
             impacts,
             steps=np.array(top["rhythm Moreau"])[:, 0],
             stable=stable,
             slow=slow,
         ),
-        said("weakly modulated", top["depth"], depth=at["depth"]),
-        said("chaotic", judge_interval(exponent[1], exponent[2], 0.0, INFINITY), exponent=exponent),
-        said(
+        judge("weakly modulated", top["depth"], depth=at["depth"]),
+        judge(
+            "chaotic", judge_interval(exponent[1], exponent[2], 0.0, INFINITY), exponent=exponent
+        ),
+        judge(
             "lower frequency",
             judge_interval(min(peaks), max(peaks), 0.0, 0.999),
             medium=peaks[0],
             high=peaks[1],
             stuck=medium["stuck_peak"],
-        ),
-        said(
-            "basin",
-            judge_share(wilson.low, wilson.high),
-            kinds=", ".join(f"{kind} {count}" for kind, count in basin.items()),
-            runs=runs,
         ),
     ]
 
@@ -507,7 +454,7 @@ def _method(values: Json) -> Claim:
         if rows[0]["peak"] and bare["peak"]
         else np.nan
     )
-    return said(
+    return judge(
         "twenty harmonics",
         abs(error),
         error=error,
@@ -525,20 +472,18 @@ FIGURE = PaperFigure(
     words=_words,
     draw=_draw,
     claims=_claims,
-    sizes=(  # harmonics; forces over which the best is looked for; periods of a Lyapunov exponent; runs from random states
+    sizes=(  # harmonics; forces over which the best is looked for; periods of a Lyapunov exponent
         Size(
             harmonics=(HARMONICS, 40),
             forces=np.geomspace(0.9, 4.0, 12).round(3).tolist(),
             members=16,
             periods=2000,
-            starts=200,
         ),
         Size(
             harmonics=(HARMONICS,),
             forces=np.geomspace(0.9, 4.0, 4).round(3).tolist(),
             members=2,
             periods=200,
-            starts=4,
         ),
     ),
 )

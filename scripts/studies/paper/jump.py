@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ from studies.paper.claim import (
     compute_bands,
     format_interval,
     format_spread,
+    judge_cases,
     judge_interval,
     judge_share,
     make_claim,
@@ -50,6 +52,7 @@ from studies.paper.claim import (
 from studies.paper.curve import compute_level_value
 from studies.paper.frame import (
     MM,
+    SMALL,
     STYLES,
     LineStyle,
     PaperFigure,
@@ -356,45 +359,39 @@ def _words(values: Json) -> str:
     return "\n\n".join(blocks)
 
 
-SHOWN: dict[
-    str, dict[str, tuple[LineStyle, str]]
-] = {  # of the panels above: sweeps with their looks and words
-    "medium": {
-        "down": (STYLES[2], "down, 725 periods a percent"),
-        "down, half the rate": (STYLES[4], "down, 1450"),
-        "down, paper's step": (STYLES[3], "down, 725, paper's step"),
-    },
-    "high": {
-        "high force, down": (STYLES[2], "down, 725 periods a percent"),
-        "high force, up": (STYLES[5], "up, 725"),
-    },
-}
+PANELS = (  # sweeps over the responses of a force: its name, the sweep, style, title
+    ("medium", "down", STYLES[2], "1.5 N, down, 725 periods per 1 %"),
+    ("medium", "down, half the rate", STYLES[2], "1.5 N, down, 1450"),
+    ("medium", "down, paper's step", STYLES[3], "1.5 N, down, 725, paper's step"),
+    ("high", "high force, down", STYLES[2], "3 N, 725"),
+)
 
 
 def _draw(values: Json) -> Figure:
     """Draw the sweeps over the periodic responses, rates of leaving, and the share of sweeps that jump over their slowness."""
-    figure, axes = make_panels(2, 2, 6.6)
-    middles = 0.5 * (EDGES[1:] + EDGES[:-1])
-    for own, (name, sweeps) in zip(axes[0], SHOWN.items(), strict=True):
+    figure, axes = make_panels(3, 2, 8.2)
+    for own, (name, sweep, style, title) in zip(axes.flat, PANELS, strict=False):
         draw_responses(own, values[name])
-        for sweep, (style, label) in sweeps.items():
-            low, high, nominal = (
-                MM * np.array(values["sweeps"][sweep][key])
-                for key in ("low_m", "high_m", "nominal_m")
-            )
-            own.fill_between(middles, low, high, color=style.colour, alpha=0.3, lw=0)
-            own.plot(
-                middles, nominal, color=style.colour, lw=0.8, drawstyle="steps-mid", label=label
-            )
-        top = 1.2 * MM * max(curve["peak"][1] for curve in values[name]["exact"])
-        own.set(xlim=EDGES[[0, -1]], ylim=(0, top), xlabel=r"frequency $\Omega/\omega_1$")
-        own.set_title(f"{FORCES[name]:g} N")
-    axes[0, 0].set_ylabel("largest tip displacement in mm")
-    _draw_rates(axes[1, 0], values["rates"])
-    _shares(axes[1, 1], values)
-    draw_legend_below(figure, axes[0], 3)
-    draw_legends(axes[1])
+        _draw_sweep(own, values["sweeps"][sweep], style, "sweep: 5 to 95 %, phase 0")
+        own.set_title(title, fontsize=SMALL, loc="right")
+    _draw_sweep(axes[1, 1], values["sweeps"]["high force, up"], STYLES[4], "sweep up")
+    for own in axes[:2].flat:
+        own.set(xlim=EDGES[[0, -1]], xlabel=r"frequency $\Omega/\omega_1$")
+        own.set_ylabel("largest tip displacement in mm")
+    for own, (name, *_) in zip(axes.flat, PANELS, strict=False):
+        own.set_ylim(0, 1.2 * MM * max(curve["peak"][1] for curve in values[name]["exact"]))
+    _draw_rates(axes[2, 0], values["rates"])
+    _shares(axes[2, 1], values)
+    draw_legend_below(figure, axes[:2], 3)
+    draw_legends(axes[2])
     return figure
+
+
+def _draw_sweep(axes: Axes, sweep: Json, style: LineStyle, label: str) -> None:
+    middles = 0.5 * (EDGES[1:] + EDGES[:-1])
+    low, high, nominal = (MM * np.array(sweep[key]) for key in ("low_m", "high_m", "nominal_m"))
+    axes.fill_between(middles, low, high, color=style.colour, alpha=0.3, lw=0)
+    axes.plot(middles, nominal, color=style.colour, lw=0.8, drawstyle="steps-mid", label=label)
 
 
 def _draw_rates(axes: Axes, rates: Sequence[Json]) -> None:
@@ -452,7 +449,7 @@ def _shares(axes: Axes, values: Json) -> None:
     )
 
 
-said = partial(make_claim, LABEL)
+judge = partial(make_claim, LABEL)
 
 
 def _jump_claims(values: Json) -> list[Claim]:
@@ -487,7 +484,7 @@ def _jump_claims(values: Json) -> list[Claim]:
         f"{1 - row['share']:.2f} at {row['periods_per_percent']:g}" for row in (first, last)
     )
     return [
-        said(
+        judge(
             "jump",
             judge_share(*pair),
             exact=both,
@@ -501,14 +498,16 @@ def _jump_claims(values: Json) -> list[Claim]:
             drift=drift,
             runs=sum(row["runs"] for row in step.values()),
         ),
-        said(
+        judge(
             "slower jumps less",
             judge_interval(slow["low"], slow["high"], 0.0, fast["low"]),
             slow=_share(slow),
             fast=_share(fast),
         ),
-        said("slow sweeps find the sliding response", first["low"] > last["high"], dropped=dropped),
-        said(
+        judge(
+            "slow sweeps find the sliding response", first["low"] > last["high"], dropped=dropped
+        ),
+        judge(
             "conservative rate",
             judge_interval(first["low"], first["high"], fast["high"], 1.0),
             first=_share(first),
@@ -549,16 +548,31 @@ def _claims(values: Json) -> list[Claim]:
     worst = slowness[int(np.argmax(middles))]
     return [
         *_jump_claims(values),
-        said(
+        judge(
             "modulation beyond sliding",
             judge_interval(stay, stay, PAPER_PERIODS, INFINITY),
             stay=stay,
             begin=begin,
             end=end,
         ),
-        said("fast may be worse", over, shown=visible, first=slowness[0], worst=worst),
+        _judge_faster(values, worst),
+        judge("fast may be worse", over, visible=visible, first=slowness[0], worst=worst),
         *_sweep_claims(values),
     ]
+
+
+def _judge_faster(values: Json, worst: float) -> Claim:
+    """Judge whether from rate to rate up to the worst one more of the faster sweeps reach the high response."""
+    rows = sorted(
+        (row for row in values["jumps, exact"] if row["periods_per_percent"] >= worst),
+        key=lambda row: -row["periods_per_percent"],
+    )
+    cases = [
+        judge_interval(fast["low"], fast["high"], slow["high"], 1.0)
+        for slow, fast in pairwise(rows)
+    ]
+    shares = ", ".join(f"{_share(row)} at {row['periods_per_percent']:g}" for row in rows)
+    return judge("faster is worse", judge_cases(cases), shares=shares)
 
 
 def _sweep_claims(values: Json) -> list[Claim]:
@@ -566,18 +580,12 @@ def _sweep_claims(values: Json) -> list[Claim]:
     medium = values["medium"]
     alone = float(np.max(medium["linear"]["alone"]))
     smr = np.array(sweeps["down"]["at_resonance_m"])
-    points = {
-        name: [
-            pair
-            for curve in values[name]["exact"]
-            for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)
-        ]
-        for name in ("medium", "high")
-    }
-    orbit = max(y for x, y in points["medium"] if y and 0.995 < x < 1.005)
-    branch = float(
-        np.median([y for x, y in points["high"] if y and 0.935 < x < 0.945 and y > 1e-3])
-    )  # of the high branch
+    points = [
+        pair
+        for curve in medium["exact"]
+        for pair in zip(curve["omega_ratio"], curve["tip_max"], strict=True)
+    ]
+    orbit = max(y for x, y in points if y and AT_RESONANCE[0] < x < AT_RESONANCE[1])
     down, up = (np.array(sweeps[f"high force, {way}"]["on_branch_m"]) for way in ("down", "up"))
     nominal, low = (
         {way: max(sweeps[f"high force, {way}"][key]) for way in ("down", "up")}
@@ -585,21 +593,20 @@ def _sweep_claims(values: Json) -> list[Claim]:
     )
     least = min(*nominal.values(), *low.values())
     return [
-        said("sweeps follow branches", down / branch),
-        said(
+        judge(
             "modulated maxima",
             judge_interval(*compute_band(smr), orbit, MUCH * alone),
             value=1e3 * smr,
             orbit=1e3 * orbit,
             alone=1e3 * alone,
         ),
-        said(
+        judge(
             "high force reaches it",
             judge_interval(least, least, HIGH_BRANCH, 10e-3),
             down=1e3 * low["down"],
             up=1e3 * low["up"],
         ),
-        said("hysteresis", np.median(up) < MUCH * np.median(down), down=1e3 * down, up=1e3 * up),
+        judge("hysteresis", np.median(up) < MUCH * np.median(down), down=1e3 * down, up=1e3 * up),
     ]
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from impact_env import CurveCase, Moreau, Scene, beam_scene, modal_model
+from impact_env.drive import PAPER_LIMITS
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_damper
 from optimisation.bounds import resonance_limit
 from optimisation.comparison import (
@@ -26,7 +27,21 @@ from optimisation.comparison import (
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from optimisation.report.design_figures import ORDINALS
-from studies.paper.claim import MUCH, Claim, format_spread, make_claim
+from optimisation.tuned import highest_amplitude
+from studies.paper.claim import (
+    INFINITY,
+    LITTLE,
+    MAJORITY,
+    MUCH,
+    WIDE,
+    Claim,
+    ClaimVerdict,
+    format_spread,
+    judge_cases,
+    judge_interval,
+    make_claim,
+    range_within,
+)
 from studies.paper.curve import (
     LevelCurve,
     compute_curves,
@@ -41,8 +56,8 @@ from studies.paper.curve import (
 from studies.paper.frame import (
     MM,
     REFERENCE,
+    SMALL,
     STYLES,
-    LineStyle,
     PaperFigure,
     PaperSettings,
     Size,
@@ -56,6 +71,7 @@ from studies.study import Array, CsvTable, Json, Steps
 LABEL = "m12"
 PAPERS_BEST = {1: 3.5, 2: 35.0}  # N, by resonance
 PAPER_LIMIT = 0.5  # N, the paper's friction damper
+SAME_LEVEL_TOL = 0.01  # of a level: curves that differ by less would be drawn on one another
 
 
 def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
@@ -261,19 +277,19 @@ def _first(values: Json) -> list[Claim]:
     level = np.array(tried["level"])
     own = np.array(tried["limit"])[np.argmin(level, axis=0)]
     paper = level[tried["limit"].index(PAPER_LIMIT)] / np.min(level, axis=0)
-    claim_for = partial(make_claim, LABEL)
+    judge = partial(make_claim, LABEL)
     return [
-        claim_for("m12_ltva_first", (ltva.level / others)[touched].ravel()),
-        claim_for("m12_ltva_tuned", (tuned.level / others)[touched].ravel()),
-        claim_for(
+        judge("m12_ltva_first", (ltva.level / others)[touched].ravel()),
+        judge("m12_ltva_tuned", (tuned.level / others)[touched].ravel()),
+        judge(
             "m12_almost_ltva",
             impact.level[at] / ltva.level[at],
             force=none.forces[at],
             tuned=impact.level[at] / tuned.level[at],
         ),
-        claim_for("m12_optimum_first", best, at_step=at_step),
-        claim_for("m12_best_friction", own, tried=len(tried["limit"]), paper=paper),
-        claim_for("m12_wide_first", [_much_better(result)]),
+        judge("m12_optimum_first", best, at_step=at_step),
+        judge("m12_best_friction", own, tried=len(tried["limit"]), paper=paper),
+        judge("m12_wide_first", [_much_better(result)]),
     ]
 
 
@@ -297,9 +313,9 @@ def _second(values: Json) -> list[Claim]:
     at = low[NONE].nearest(float(np.median(damper)))
     other = np.minimum(low[IMPACT].level[at], low[LTVA_PAPER].level[at])
     level = result[IMPACT].relative(none)[near]
-    claim_for = partial(make_claim, LABEL)
+    judge = partial(make_claim, LABEL)
     return [
-        claim_for(
+        judge(
             "m12_optimum_second",
             best,
             force=none.forces[near],
@@ -307,8 +323,8 @@ def _second(values: Json) -> list[Claim]:
             rule=part["design_force"],
             at_step=at_step,
         ),
-        claim_for("m12_wide_second", [_much_better(result)]),
-        claim_for(
+        judge("m12_wide_second", [_much_better(result)]),
+        judge(
             "m12_damper_below_ltva",
             [
                 compute_longest_span(
@@ -316,8 +332,8 @@ def _second(values: Json) -> list[Claim]:
                 )
             ],
         ),
-        claim_for("m12_damper_low", damper / np.median(best), force=np.median(damper)),
-        claim_for("m12_damper_beats", low[FRICTION].level[at] / other),
+        judge("m12_damper_low", damper / np.median(best), force=np.median(damper)),
+        judge("m12_damper_beats", low[FRICTION].level[at] / other),
     ]
 
 
@@ -329,24 +345,61 @@ def _both(values: Json) -> list[Claim]:
     )
     first, second = (_best(values[f"around {r}"])[0] for r in RESONANCES)
     at = low[NONE].nearest(PAPERS_BEST[1])
-    claim_for = partial(make_claim, LABEL)
+    judge = partial(make_claim, LABEL)
     return [
-        claim_for("m12_both", best),
-        claim_for(
-            "m12_not_at_once", low[IMPACT].relative(low[NONE])[at], force=low[NONE].forces[at]
-        ),
-        claim_for("m12_ten_times", second / np.median(first)),
+        judge("m12_both", best),
+        judge("m12_not_at_once", low[IMPACT].relative(low[NONE])[at], force=low[NONE].forces[at]),
+        judge("m12_ten_times", second / np.median(first)),
+        _judge_reason(values, second / np.median(first)),
+        _judge_range(values),
     ]
+
+
+def _judge_reason(values: Json, ratios: Array) -> Claim:
+    """Judge the ratio of the members' best forces, (M,), against that of the forces at which the free tip fills the gap."""
+    model = modal_model(Beam())
+    one, two = (
+        values[f"resonance {r}"]["gap"] / highest_amplitude(model, None, r, *PAPER_LIMITS)[0]
+        for r in RESONANCES
+    )
+    forces = [values[f"resonance {r}"]["design_force"] for r in RESONANCES]
+    return make_claim(
+        LABEL,
+        "m12_reason",
+        ratios,
+        range_within(LITTLE, two / one),
+        one=one,
+        two=two,
+        later=two / one,
+        rule=forces[1] / forces[0],
+    )
+
+
+def _judge_range(values: Json) -> Claim:
+    """Judge at both resonances the longest range of forces with impacts in which the absorber has much less than the level without it."""
+    cases = []
+    words = []
+    for r in RESONANCES:
+        result = read_curves(values[f"resonance {r}"])
+        impact = result[IMPACT]
+        relative = np.median(impact.relative(result[NONE]), axis=1)
+        effective = (relative < MUCH) & (impact.impacting > MAJORITY)
+        span = compute_longest_span(impact.forces, effective)
+        at = impact.forces[effective]
+        ends = bool(effective.any()) and not effective[0] and not effective[-1]
+        cases += [
+            judge_interval(span, span, WIDE, INFINITY),
+            ClaimVerdict.HOLDS if ends else ClaimVerdict.NOT,
+        ]
+        words.append(f"{at.min():.3g} and {at.max():.3g} N ({ORDINALS[r].lower()} resonance)")
+    return make_claim(LABEL, "m12_limited", judge_cases(cases), each=", ".join(words))
 
 
 DRAWN = {
     FRICTION: (STYLES[1], "friction damper, 0.5 N"),
-    LTVA_PAPER: (LineStyle(STYLES[4].colour, STYLES[4].dashes), "LTVA, the paper's"),
-    LTVA_PAPER_WIDE: (LineStyle(STYLES[4].colour, ":"), "LTVA, the paper's, wide sweep"),
-    LTVA_TUNED_WIDE: (
-        LineStyle(STYLES[2].colour, STYLES[2].dashes),
-        "LTVA, well tuned, wide sweep",
-    ),
+    LTVA_PAPER: (STYLES[4], "LTVA, the paper's"),
+    LTVA_PAPER_WIDE: (STYLES[3], "LTVA, the paper's, wide sweep"),
+    LTVA_TUNED_WIDE: (STYLES[2], "LTVA, well tuned, wide sweep"),
     IMPACT: (STYLES[0], "impact absorber"),
 }
 
@@ -387,20 +440,28 @@ def _draw(values: Json) -> Figure:
     low = read_curves(values["low"])
     draw_inset(
         grid[0, 1],
-        (0.09, 0.62, 0.38, 0.3),
+        (0.12, 0.6, 0.38, 0.3),
         low[NONE],
         {DRAWN[key][0]: low[key] for key in (FRICTION, LTVA_PAPER, IMPACT)},
     )
     handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7, frameon=False)
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=3, fontsize=SMALL, frameon=False
+    )
     return figure
+
+
+def _is_same(result: dict[str, LevelCurve]) -> bool:
+    """Return whether a wide sweep shows the same levels of the paper's tuned absorber as the paper's sweep."""
+    wide, own = (result[key].median for key in (LTVA_PAPER_WIDE, LTVA_PAPER))
+    return bool(np.allclose(wide, own, rtol=SAME_LEVEL_TOL))
 
 
 def _curves(axes: Axes, result: dict[str, LevelCurve], most: float) -> None:
     none = result[NONE]
     draw_line(axes, none.forces, MM * none.median, REFERENCE, "no absorber", marked=False)
     for key, (style, label) in DRAWN.items():
-        if key in result:
+        if key in result and not (key == LTVA_PAPER_WIDE and _is_same(result)):
             draw_curve(axes, result[key], style, label)
     axes.axvline(none.forces[result[IMPACT].best(none)], color="0.55", lw=0.8, ls=":")
     set_level_axes(axes, none, most)

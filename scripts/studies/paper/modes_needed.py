@@ -10,9 +10,9 @@ from optimisation.page import markdown
 from studies.paper.claim import (
     SAME,
     Claim,
-    ClaimVerdict,
     compute_bands,
     format_interval,
+    judge_interval,
     make_claim,
 )
 from studies.paper.frame import (
@@ -95,43 +95,30 @@ def _cell(row: Row) -> str:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Judge what ten modes are worth at either resonance by the force at which they are farthest from the most modes that were computed."""
-    claims = []
+    """Judge ten modes at the first resonance by the medians at all forces over those with the most modes that were computed."""
     rows = read_rows(values)
     most = max(map(int, values))
-    for resonance, name in NAMES.items():
-        off = _off(values, PAPER_MODES, resonance)
-        force = max(off, key=lambda f: abs(off[f]))
-        apart = _apart(rows[PAPER_MODES, resonance, force], rows[most, resonance, force])
-        result = (
-            ClaimVerdict.HOLDS
-            if abs(off[force]) < SAME
-            else ClaimVerdict.NOT
-            if apart
-            else ClaimVerdict.SPREAD
+    off = _off(values, PAPER_MODES, 1)
+    force = max(off, key=lambda f: abs(off[f]))
+    apart = _apart(rows[PAPER_MODES, 1, force], rows[most, 1, force])
+    cells = "; ".join(
+        f"{_cell(rows[PAPER_MODES, 1, f])} with {PAPER_MODES}, {_cell(rows[most, 1, f])} with {most} at {f:g} N"
+        for f in dict.fromkeys((OPTIMUM[1], force))
+    )
+    return [
+        make_claim(
+            LABEL,
+            "modes_needed_first",
+            judge_interval(min(off.values()), max(off.values()), -SAME, SAME),
+            cells=cells,
+            ten=PAPER_MODES,
+            most=most,
+            force=force,
+            least=100 * min(off.values()),
+            greatest=max(off.values()),
+            bands="are apart" if apart else "overlap",
         )
-        cells = "; ".join(
-            f"{_cell(rows[PAPER_MODES, resonance, f])} with {PAPER_MODES}, {_cell(rows[most, resonance, f])} with {most} at {f:g} N"
-            for f in dict.fromkeys((OPTIMUM[resonance], force))
-        )
-        text_values: Json = {
-            "least": 100 * min(off.values()),
-            "greatest": max(off.values()),
-            "bands": "are apart" if apart else "overlap",
-        }
-        claims.append(
-            make_claim(
-                LABEL,
-                f"modes_needed_{name}",
-                result,
-                cells=cells,
-                ten=PAPER_MODES,
-                most=most,
-                force=force,
-                **text_values,
-            )
-        )
-    return claims
+    ]
 
 
 def _off(values: Json, modes: int, resonance: int) -> dict[float, float]:
@@ -182,7 +169,7 @@ def _draw(values: Json) -> Figure:
     rows = read_rows(values)
     drawn = [
         (own, r, OPTIMUM[r], style, f"{NAMES[r]} resonance, {OPTIMUM[r]:g} N")
-        for r, style in ((1, STYLES[1]), (2, STYLES[0]))
+        for r, style in ((1, STYLES[5]), (2, STYLES[find_forces(values, 2).index(OPTIMUM[2])]))
     ]
     drawn += [
         (forces, 2, force, style, f"{force:g} N")

@@ -34,6 +34,7 @@ from impact_env.periodic.stationary import cut_window
 from studies.paper.claim import Claim, format_interval, make_claim
 from studies.paper.curve import FULL_RECORD, compute_exponent
 from studies.paper.frame import (
+    SMALL,
     STYLES,
     PaperFigure,
     PaperSettings,
@@ -208,16 +209,16 @@ def _table(values: Json) -> CsvTable:
 
 def _begun(values: Json) -> str:
     """Say how the exponent begins above the first impacts."""
-    claim_for = []
+    text = []
     for modes in dict.fromkeys(row["modes"] for row in values["begins"]):
         own = [
             format_interval(*row["exponent"]) for row in values["begins"] if row["modes"] == modes
         ]
-        claim_for.append(f"{', '.join(own)} with {modes} mode{'s' if modes > 1 else ''}")
+        text.append(f"{', '.join(own)} with {modes} mode{'s' if modes > 1 else ''}")
     shares = ", ".join(
         f"{over:g}" for over in dict.fromkeys(row["over"] for row in values["begins"])
     )
-    return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(claim_for)}."
+    return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(text)}."
 
 
 def _interval(result: list[float], scale: float = 1.0, digits: int = 2) -> str:
@@ -267,7 +268,7 @@ def _answer(values: Json) -> str:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Return the paper's statement on the modulation, of which it leaves the reason open."""
+    """Return the paper's statements on the modulation over the number of modes."""
     few, many = (values["modes"][k] for k in (0, -1))
     text_values = {
         "few": _interval(few["depth"]),
@@ -275,8 +276,16 @@ def _claims(values: Json) -> list[Claim]:
         "many": _interval(many["depth"]),
         "most": many["modes"],
     }
+    depth = np.array(many["depth"][1:3]) / few["depth"][0]
     return [
-        make_claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **text_values)
+        make_claim(LABEL, "modulation_fades", many["depth"][2] < few["depth"][1], **text_values),
+        make_claim(
+            LABEL,
+            "modulation_insensitive",
+            depth,
+            level=many["rms_m"][0] / few["rms_m"][0],
+            **text_values,
+        ),
     ]
 
 
@@ -331,7 +340,7 @@ def _draw(values: Json) -> Figure:
             (e, height),
             xytext=neighbour,
             textcoords="offset points",
-            fontsize=6.5,
+            fontsize=SMALL,
             color="0.35",
         )
     depth.set(ylabel="depth of the modulation", ylim=(0, 0.95))
@@ -343,7 +352,7 @@ def _draw(values: Json) -> Figure:
         ylim=(0, None),
     )
     depth.legend(loc="upper right")
-    over.legend(loc="lower right", fontsize=6.5)
+    over.legend(loc="lower right", fontsize=SMALL)
     draw_legends(axes)
     return figure
 

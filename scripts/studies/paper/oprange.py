@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from impact_env import Beam, Moreau, StuckAbsorber, beam_scene, impact_absorber
 from optimisation.page import markdown
-from studies.paper.claim import SAME, Claim, compute_bands, format_spread, make_claim
+from studies.paper.claim import Claim, format_spread, make_claim
 from studies.paper.curve import (
     LevelCurve,
     Ranges,
@@ -28,6 +28,7 @@ from studies.paper.curve import (
 from studies.paper.frame import (
     MM,
     REFERENCE,
+    SMALL,
     STUCK,
     STYLES,
     PaperFigure,
@@ -117,52 +118,26 @@ def _claims(values: Json) -> list[Claim]:
     straight = _straightness(own, secondary & (own.forces <= QUASI_LINEAR))
     relative = own.relative(none)
     grid = last.high / last.low
-    claim_for = partial(make_claim, LABEL)
+    judge = partial(make_claim, LABEL)
     return [
-        claim_for("oprange_linear_range", relative[linear], low=first.low),
-        claim_for(
+        judge("oprange_linear_range", relative[linear], low=first.low),
+        judge(
             "oprange_saturation",
             compute_slopes(own, primary),
             first=first.high,
             last=last.low,
             at_step=float(compute_slopes(step, primary)[0]),
         ),
-        claim_for("oprange_quasi_linear", straight, low=last.high, high=QUASI_LINEAR),
-        claim_for("oprange_sustained", own.rate[secondary]),
-        claim_for("oprange_linear_limit", own.relative(stuck)[-1], force=own.forces[-1]),
-        claim_for(
+        judge("oprange_quasi_linear", straight, low=last.high, high=QUASI_LINEAR),
+        judge("oprange_sustained", own.rate[secondary]),
+        judge("oprange_linear_limit", own.relative(stuck)[-1], force=own.forces[-1]),
+        judge(
             "oprange_optimum",
             own.forces[np.argmin(relative, axis=0)],
             (last.low / grid, last.high * grid),
             **last._asdict(),
         ),
-        _steps(own, none, step),
     ]
-
-
-def _steps(own: LevelCurve, none: LevelCurve, step: LevelCurve) -> Claim:
-    """Judge the single run at the paper's step, force by force, by the members' band and what it is widened by; the weakest force decides."""
-    (low, _, high), stepped = compute_bands(own.level), step.level[:, 0]
-    off = stepped / own.median - 1
-    worst = int(np.argmax(np.abs(off)))
-    neighbour = (stepped < (1 - SAME) * low) | (stepped > (1 + SAME) * high)
-    best, best_stepped = (
-        own.forces[np.argmin(curve / none.median)] for curve in (own.median, stepped)
-    )
-    return make_claim(
-        LABEL,
-        "oprange_step",
-        not neighbour.any(),
-        least=100 * off.min(),
-        most=off.max(),
-        worst=own.forces[worst],
-        best=best,
-        best_stepped=best_stepped,
-        stepped=stepped[worst] / none.median[worst],
-        exact=own.median[worst] / none.median[worst],
-        beside=np.count_nonzero(neighbour),
-        forces=len(off),
-    )
 
 
 def _straightness(own: LevelCurve, inside: np.ndarray) -> np.ndarray:
@@ -204,7 +179,7 @@ def _draw(values: Json) -> Figure:
     axes.legend(loc="upper left")
     small = draw_inset(axes, (0.62, 0.12, 0.36, 0.27), none, {STYLES[0]: own, STUCK: stuck})
     small.legend(
-        small.lines[1:2], ["absorber stuck"], fontsize=6.5, loc="lower right", frameon=False
+        small.lines[1:2], ["absorber stuck"], fontsize=SMALL, loc="lower right", frameon=False
     )
     draw_legends(grid)
     return figure

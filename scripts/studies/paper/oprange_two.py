@@ -193,34 +193,37 @@ def _claims(values: Json) -> list[Claim]:
     down = np.where(read[ONE].down[at] > 0, read[ONE].at[at], np.nan)
     near = _near(values, ONE)
     one, three = (values[f"orbits, {name}"] for name in (ONE, THREE))
-    claim_for, (first, last) = (
-        partial(make_claim, LABEL, star=values["force_n"], near=NEAR),
-        performance.find_ranges(read[ONE]),
-    )
+    judge = partial(make_claim, LABEL, star=values["force_n"], near=NEAR)
+    first, last = performance.find_ranges(read[ONE])
     borders = " and ".join(
         str(border or "not found") for border in (first, last)
     )  # of the linear and the primary range
     return [
-        claim_for("oprangeTWO_noneffective", relative[ONE][read[ONE].impacting > 0.5]),
-        claim_for("oprangeTWO_maximum_at", down, at_step=float(step[ONE].at[at, 0])),
-        claim_for("oprangeTWO_resonance_itself", near),
-        claim_for(
+        judge("oprangeTWO_noneffective", relative[ONE][read[ONE].impacting > 0.5]),
+        judge("oprangeTWO_maximum_at", down, at_step=float(step[ONE].at[at, 0])),
+        judge("oprangeTWO_resonance_itself", near),
+        judge(
             "oprangeTWO_lossy_not_high",
             relative[LOSSY][at],
             sustained=read[LOSSY].sustained[at],
             at_step=stepped[LOSSY],
         ),
-        claim_for("oprangeTWO_lossy_first_impacts", read[LOSSY].tip[at] / RigidWalls.gap),
-        claim_for(
+        judge(
+            "oprangeTWO_ceased",
+            [_highest(values[f"orbits, {LOSSY}"]) / RigidWalls.gap],
+            conservative=_highest(one) / RigidWalls.gap,
+        ),
+        judge("oprangeTWO_lossy_first_impacts", read[LOSSY].tip[at] / RigidWalls.gap),
+        judge(
             "oprangeTWO_scattering",
             relative[THREE][at],
             sustained=read[THREE].sustained[at],
             at_step=stepped[THREE],
         ),
-        claim_for("oprangeTWO_isola", [describe_isola_gap(three)]),
-        claim_for("oprangeTWO_reduced_branch", [_highest(three) / _highest(one)]),
-        claim_for("oprangeTWO_single_frequency", near / relative[ONE][at].mean()),
-        claim_for(
+        judge("oprangeTWO_isola", [describe_isola_gap(three)]),
+        judge("oprangeTWO_reduced_branch", [_highest(three) / _highest(one)]),
+        judge("oprangeTWO_single_frequency", near / relative[ONE][at].mean()),
+        judge(
             "oprangeTWO_no_primary",
             first is not None and last is not None and last.low <= first.high,
             borders=borders,
@@ -245,7 +248,11 @@ def _draw(values: Json) -> Figure:
     for axes, name, style in zip(grid.flat[1:], SWEPT, STYLES, strict=False):
         _draw_sweeps(axes, values, name, style)
         axes.set_ylim(0, top)
-    draw_legend_below(figure, [grid[1, 1]], 5)
+    for axes in grid.flat[1:]:  # each panel has its own colour
+        down = axes.get_lines()[0]
+        axes.legend(handles=[down], loc="upper left")
+        down.set_label("_nolegend_")
+    draw_legend_below(figure, [grid[1, 1]], 4)
     draw_legends([grid[0, 0]])
     return figure
 

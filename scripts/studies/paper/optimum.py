@@ -125,7 +125,7 @@ def _table(values: Json) -> CsvTable:
 def _summary(rows: list[Json]) -> str:
     """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
     masses, restitutions = (sorted({row[name] for row in rows}) for name in ("mass", "restitution"))
-    claim_for = [
+    text = [
         f"{format_range([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %"
         for mass in masses
     ]
@@ -133,7 +133,7 @@ def _summary(rows: list[Json]) -> str:
         _power([row for row in rows if row["restitution"] == e], "best_n") for e in restitutions
     ]
     return (
-        f"Best force over the rule's, all restitutions: {', '.join(claim_for)}. The rule's force grows with the mass to the power "
+        f"Best force over the rule's, all restitutions: {', '.join(text)}. The rule's force grows with the mass to the power "
         f"{_power(rows, 'rule_n'):.2f}, the best one to {format_range(powers, '{:.2f}')}."
     )
 

@@ -18,6 +18,7 @@ from studies.paper.claim import LEFT, MUCH, Claim, format_spread, make_claim
 from studies.paper.curve import FULL_RECORD, compute_curves, read_curve
 from studies.paper.frame import (
     MM,
+    SMALL,
     STYLES,
     PaperFigure,
     PaperSettings,
@@ -244,29 +245,29 @@ def _claims(values: Json) -> list[Claim]:
         else f"no mode of {accounts[-1]} is left with less"
     )
     influence = np.array([np.median(near[n]) for n in modes]) / np.median(near[1])
-    claim_for = partial(make_claim, LABEL, modes=accounts[0])
+    judge = partial(make_claim, LABEL, modes=accounts[0])
     ends = Json(first=many[0], last=many[-1])
     return [
-        claim_for("scat_one_mode", relative[1], at_step=step[1]),
-        claim_for("scat_reduction", gain, **ends, median=np.median(gain), at_step=stepped),
-        claim_for(
+        judge("scat_one_mode", relative[1], at_step=step[1]),
+        judge("scat_reduction", gain, **ends, median=np.median(gain), at_step=stepped),
+        judge(
             "scat_stabilises",
-            [np.median(relative[many[0]]) - np.median(relative[many[-1]])],
+            [np.median(relative[many[-1]]) / np.median(relative[many[0]])],
             **ends,
         ),
-        claim_for("scat_resonant_most", shares[:, 0] / np.max(shares[:, 1:], axis=1)),
-        claim_for("scat_sum", 100 * (1 - shares[:, 0]), (100 * (1 - MUCH), 100)),
-        claim_for(
+        judge("scat_resonant_most", shares[:, 0] / np.max(shares[:, 1:], axis=1)),
+        judge("scat_sum", 100 * (1 - shares[:, 0]), (100 * (1 - MUCH), 100)),
+        judge(
             "scat_sixth",
             left[:, SIXTH],
             decayed=compute_decay(own["omega"][SIXTH]),
             contacts=np.median(own["contacts"]),
             less=less,
         ),
-        claim_for("scat_uniform", uneven, accounts=" and ".join(map(str, accounts))),
-        claim_for("scat_passed", _unevenness(passed)),
-        claim_for("scat_near_one", near[1], periods=NEAR_PERIODS, burst=values["level, 1"]["near"]),
-        claim_for(
+        judge("scat_uniform", uneven, accounts=" and ".join(map(str, accounts))),
+        judge("scat_passed", _unevenness(passed)),
+        judge("scat_near_one", near[1], periods=NEAR_PERIODS, burst=values["level, 1"]["near"]),
+        judge(
             "scat_near_all",
             influence,
             first=modes[0],
@@ -274,7 +275,7 @@ def _claims(values: Json) -> list[Claim]:
             least=np.min(influence),
             most=np.max(influence),
         ),
-        claim_for("scat_off_resonant", np.max(tip[:, 1:], axis=1)),
+        judge("scat_off_resonant", np.max(tip[:, 1:], axis=1)),
     ]
 
 
@@ -348,8 +349,8 @@ def _losses(axes: Axes, values: Json) -> None:
     axes.legend(loc="center right", bbox_to_anchor=(1, 0.31), ncols=2)
     axes.set(ylim=(0, None), xlabel="mode", ylabel="dissipated, % of all modes")
     small.set(yscale="log", ylim=(0.03, 150))
-    small.set_title("left before the next contact, %", fontsize=6.5, pad=2)
-    small.tick_params(labelsize=6)
+    small.set_title("left before the next contact, %", fontsize=SMALL, pad=2)
+    small.tick_params(labelsize=SMALL)
 
 
 FIGURE = PaperFigure(

@@ -120,11 +120,9 @@ def _words(values: Json) -> str:
     for choice in CHOICES[1:]:
         ratios = _ratios(values, choice, 1)
         top = max(_ratios(values, choice, 2))
-        claim_for = " to ".join(
-            "{:.2f} ({}, {:g} N)".format(*x) for x in (min(ratios), max(ratios))
-        )
+        text = " to ".join("{:.2f} ({}, {:g} N)".format(*x) for x in (min(ratios), max(ratios)))
         blocks.append(
-            f"Random {choice}: medians {claim_for} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
+            f"Random {choice}: medians {text} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
         )
     return "\n\n".join(blocks)
 
@@ -150,8 +148,8 @@ def _claims(values: Json) -> list[Claim]:
 
 def _answer(values: Json) -> str:
     """Say in a line what a start that nobody chose does."""
-    claim_for = format_range([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
-    return f"Starts that nobody chose: place and frequency at random give {claim_for} times the median level of the paper's start."
+    text = format_range([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
+    return f"Starts that nobody chose: place and frequency at random give {text} times the median level of the paper's start."
 
 
 def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, float]]:

@@ -12,11 +12,15 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from impact_env.kernels.compiling.cache import hash_sources
 from studies.paper import (
     basics,
     conv,
     dissinf,
+    further,
     high_low,
     jump,
     m12,
@@ -30,9 +34,19 @@ from studies.paper import (
     smr,
     starts,
 )
-from studies.paper.claim import RULE, Claim, ClaimVerdict, from_plain
-from studies.paper.frame import NAME, PaperFigure, PaperSettings, format_details, marker
+from studies.paper.claim import REASONS, RULE, Claim, ClaimVerdict, from_plain
+from studies.paper.frame import (
+    NAME,
+    SMALL,
+    PaperFigure,
+    PaperSettings,
+    format_details,
+    make_panels,
+    make_saver,
+    marker,
+)
 from studies.study import (
+    CsvTable,
     Json,
     Measurement,
     OutputPaths,
@@ -49,6 +63,7 @@ FIGURES: tuple[
     basics.FIGURE,
     high_low.FIGURE,
     jump.FIGURE,
+    further.FIGURE,
     smr.FIGURE,
     oprange.FIGURE,
     oprange_two.FIGURE,
@@ -71,7 +86,39 @@ QUICK_OUT = Path("results/paper/quick")
 CLAIMED = "claims"
 SUMMARY = "summary"
 REFUTED = "refuted"
+REASONED = "reasons"
 HEADER = ("the paper says", "section", "computed", "verdict", "figure")
+CSV_COLUMNS = (
+    "statement",
+    "section",
+    "verdict",
+    "value",
+    "low",
+    "high",
+    "least",
+    "most",
+    "computed",
+    "reason",
+    "definitional",
+    "figure",
+    "name",
+)
+SECTIONS = {
+    "1": "1 introduction",
+    "2": "2 model",
+    "3": "3 regimes, ranges",
+    "4": "4 modes",
+    "5": "5 dissipation",
+    "6": "6 comparison",
+    "7": "7 conclusions",
+    "A": "A compliant contact",
+}
+VERDICT_LOOK = {  # colour and hatch of a bar
+    ClaimVerdict.HOLDS: ("#0b3c6f", ""),
+    ClaimVerdict.SPREAD: ("#e9a23b", ""),
+    ClaimVerdict.STEP: ("0.7", ".."),
+    ClaimVerdict.NOT: ("#c1440e", "///"),
+}
 
 
 def make_paths(out: Path) -> OutputPaths:
@@ -120,8 +167,10 @@ def make_claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
         CLAIMED,
         "what the paper says, and what was computed",
         measure=partial(_collected, figures=figures),
-        markers=tuple(map(marker, (SUMMARY, REFUTED, CLAIMED))),
+        markers=tuple(map(marker, (SUMMARY, REFUTED, REASONED, CLAIMED))),
         sections=_sections,
+        figures=lambda measured: {CLAIMED: make_saver(lambda: draw_verdicts(_read(measured)))},
+        tables=lambda measured: (make_claims_table(_read(measured)),),
     )
 
 
@@ -145,33 +194,107 @@ def _collected(settings: PaperSettings, _earlier: Json, figures: Sequence[PaperF
     yield {"claims": [claim.to_plain() for claim in result], "answers": answers, "missing": missing}
 
 
+def _read(measured: Measurement) -> list[Claim]:
+    return [from_plain(plain) for plain in measured.values["claims"]]
+
+
 def _sections(measured: Measurement) -> dict[str, str]:
-    """Return the summary, the section of what does not simply hold, with its reasons, and the folded one of the rest with the rule of tolerances."""
-    claims = [from_plain(plain) for plain in measured.values["claims"]]
+    """Return the summary, the statements that do not simply hold with their causes, the kinds of cause, and the rule of tolerances."""
+    claims = _read(measured)
     left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
-    rest = [claim for claim in claims if claim.verdict is ClaimVerdict.HOLDS]
     rule = "\n".join(
         f"| {words} | {allowed} |"
         for words, allowed in (("words", "allowed"), ("---", "---"), *RULE)
     )
+    path = f"{NAME}/{CLAIMED}.csv"
+    table = (
+        f"All {len(claims)} statements with their numbers: [{CLAIMED}.csv]({path}). Its columns `low` to `high` are the 5 to 95 % of the "
+        "members, `least` to `most` what the statement allows; they are empty where several numbers decide."
+    )
     return {
         marker(SUMMARY): format_summary(claims, measured.values.get("answers", {})),
         marker(REFUTED): f"{format_claims(left)}{format_reasons(left)}",
-        marker(
-            CLAIMED
-        ): f"{format_details(f'{len(rest)} statements that hold', format_claims(rest))}\n\n{format_details('The rule of tolerances', rule)}",
+        marker(REASONED): format_reason_kinds(left),
+        marker(CLAIMED): f"{table}\n\n{format_details('The rule of tolerances', rule)}",
     }
+
+
+def make_claims_table(claims: Sequence[Claim]) -> CsvTable:
+    """Return a row for each claim, numbers with five digits."""
+
+    def cell(value: object) -> object:
+        if isinstance(value, float):
+            return f"{value:.5g}"
+        return "" if value is None else value
+
+    rows = [[cell(claim.to_plain()[column]) for column in CSV_COLUMNS] for claim in claims]
+    return CsvTable(CLAIMED, CSV_COLUMNS, rows)
+
+
+def draw_verdicts(claims: Sequence[Claim]) -> Figure:
+    """Draw for each section of the paper how many substantive statements have each verdict."""
+    figure, axes = make_panels(1, 1, 2.5)
+    own = axes[0, 0]
+    counted = [claim for claim in claims if not claim.definitional]
+    sections = [name for name in SECTIONS if any(claim.section[0] == name for claim in counted)]
+    left = np.zeros(len(sections))
+    for verdict, (colour, hatch) in VERDICT_LOOK.items():
+        counts = [
+            sum(claim.section[0] == name and claim.verdict is verdict for claim in counted)
+            for name in sections
+        ]
+        if not any(counts):
+            continue
+        label = f"{_plural(verdict)} ({sum(counts)})"
+        bars = own.barh(
+            range(len(sections)),
+            counts,
+            left=left,
+            color=colour,
+            hatch=hatch,
+            ec="white",
+            label=label,
+        )
+        dark = verdict in (ClaimVerdict.HOLDS, ClaimVerdict.NOT)
+        own.bar_label(
+            bars,
+            [f"{n}" if n else "" for n in counts],
+            label_type="center",
+            color="white" if dark else "black",
+            fontsize=SMALL,
+            fontweight="bold",
+        )
+        left += counts
+    own.set_yticks(range(len(sections)), [SECTIONS[name] for name in sections])
+    own.invert_yaxis()
+    own.grid(visible=False, axis="y")
+    own.set(xlabel="substantive statements of the paper's section")
+    own.legend(loc="lower right")
+    return figure
+
+
+def _plural(verdict: ClaimVerdict) -> str:
+    return verdict.value.replace("holds", "hold").replace("does not", "do not")
+
+
+def format_reason_kinds(claims: Sequence[Claim]) -> str:
+    """Return a line for each kind of cause with the statements that it explains."""
+    lines = []
+    for key, text in REASONS.items():
+        own = [claim for claim in claims if claim.reason == key]
+        if own:
+            name, _, rest = text.partition(". ")
+            lines.append(
+                f"- **{name}** ({len(own)}). {rest} {'; '.join(claim.statement for claim in own)}."
+            )
+    return "\n".join(lines)
 
 
 def _counted(claims: Sequence[Claim]) -> str:
     """Return how many there are of each verdict, in words."""
     counts = Counter(claim.verdict for claim in claims)
-    many = {
-        verdict: verdict.value.replace("holds", "hold").replace("does not", "do not")
-        for verdict in ClaimVerdict
-    }
     return ", ".join(
-        f"{counts[verdict]} {verdict.value if counts[verdict] == 1 else many[verdict]}"
+        f"{counts[verdict]} {verdict.value if counts[verdict] == 1 else _plural(verdict)}"
         for verdict in ClaimVerdict
         if counts[verdict]
     )
