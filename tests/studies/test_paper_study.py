@@ -21,7 +21,7 @@ from studies.paper.study import (
     CLAIMED,
     REFUTED,
     SUMMARY,
-    format_claims,
+    draw_verdicts,
     format_reasons,
     format_summary,
     make_claims_part,
@@ -61,6 +61,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
                 verdict,
                 label,
                 "It was another.",
+                reason="degree",
             )
         ]
 
@@ -129,28 +130,37 @@ def test_finished_groups_and_figures_are_reused_until_their_parameters_change(
 def test_summary_counts_substantive_and_definitional_claims_apart() -> None:
     claims = [
         Claim("a", "x grows", "3", "1", ClaimVerdict.HOLDS, "one"),
-        Claim("b", "y falls", "3", "2", ClaimVerdict.NOT, "one", "It grows."),
+        Claim("b", "y falls", "3", "2", ClaimVerdict.NOT, "one", "It grows.", reason="degree"),
         Claim("c", "z is 3", "2", "3", ClaimVerdict.HOLDS, "one", definitional=True),
     ]
     lines = format_summary(claims, {"one": "What z is: three."}).splitlines()
-    assert lines[0] == "1. **2 substantive statements** were tested: 1 holds, 1 does not hold."
-    assert lines[1].endswith("linear structure: 1 holds.")
-    assert lines[2] == "3. **What does not hold:** y falls."
-    assert lines[-1] == "5. **What z is:** three."
+    assert lines[0].startswith(
+        "**2 substantive statements** were tested: 1 holds, 1 does not hold. 1 more"
+    )
+    assert lines[0].endswith("linear structure: 1 holds.")
+    assert "- y falls (section 3)" in lines
+    assert lines[-1] == "- **What z is:** three."
+    figure = draw_verdicts(claims)
+    widths = [bar.get_width() for bar in figure.axes[0].patches]
+    assert sorted(widths) == [1, 1]
 
 
 def test_a_claim_that_does_not_hold_says_why() -> None:
     with pytest.raises(ParameterError, match="why of peak"):
         Claim("peak", "the peak is low", "3", "high", ClaimVerdict.NOT, "one")
+    with pytest.raises(ParameterError, match="reason of peak = 'luck'"):
+        Claim("peak", "low", "3", "high", ClaimVerdict.NOT, "one", "It is.", reason="luck")
     with pytest.raises(ParameterError, match="claim's computed"):
         Claim("peak", "the peak is low", "3", " ", ClaimVerdict.HOLDS, "one")
     claims = [
         Claim("a", "x | y", "3", "1", ClaimVerdict.HOLDS, "one", "hidden"),
-        Claim("b", "z", "3", "2", ClaimVerdict.STEP, "one", "The step errs."),
+        Claim("b", "z", "3", "2", ClaimVerdict.STEP, "one", "The step errs.", reason="step"),
     ]
     assert [from_plain(claim.to_plain()) for claim in claims] == [
         replace(claims[0], why=""),
         claims[1],
     ]
-    assert "x \\| y" in format_claims(claims)
-    assert format_reasons(claims) == "\n\n**Z: holds only at the paper's step.** The step errs."
+    assert format_reasons(claims) == (
+        "### The step\n\nAt 20 steps per period of the highest mode impacts and reversals of slip come late.\n\n"
+        "- *Z* (section 3; [one](paper/one.png)): **holds only at the paper's step**. Computed: 2. The step errs."
+    )

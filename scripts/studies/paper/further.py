@@ -456,13 +456,17 @@ def _judge_limits(rows: list[Json]) -> Claim:
 
 
 def _judge_folds(rows: list[Json]) -> Claim:
-    """Judge the turning points by the distance of their critical multiplier from one."""
-    distances = [abs(complex(*multiplier) - 1) for row in rows for multiplier in row["multipliers"]]
-    single = all(len(row["multipliers"]) == 1 for row in rows)
-    verdict = judge_interval(0.0, max(distances, default=np.inf), 0.0, FOLD_TOL)
+    """Judge each turning point by whether one multiplier is critical, and by its distance from one."""
+    cases = []
+    distances = []
+    for row in rows:
+        distances += [abs(complex(*multiplier) - 1) for multiplier in row["multipliers"]]
+        single = len(row["multipliers"]) == 1
+        saddle_node = single and distances[-1] < FOLD_TOL
+        cases.append(ClaimVerdict.HOLDS if saddle_node else ClaimVerdict.NOT)
     return judge(
         "folds",
-        verdict if single else ClaimVerdict.NOT,
+        judge_cases(cases),
         number=len(rows),
         off=max(distances, default=np.nan),
         where=", ".join(f"{row['omega_ratio']:.5f} at {row['force_n']:g} N" for row in rows),

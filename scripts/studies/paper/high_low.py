@@ -352,7 +352,7 @@ def _branches(values: Json) -> list[Claim]:
         for kind in ("birth", "merger")
     )
     thresholds = (
-        f"born at {format_range(births, '{:.3f}')} N, merged at {format_range(mergers, '{:.3f}')} N"
+        f"isola centre at {format_range(births, '{:.3f}')} N, merger at {format_range(mergers, '{:.3f}')} N"
         if mergers and births
         else "no threshold"
     )

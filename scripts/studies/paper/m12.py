@@ -36,6 +36,7 @@ from studies.paper.claim import (
     WIDE,
     Claim,
     ClaimVerdict,
+    format_range,
     format_spread,
     judge_cases,
     judge_interval,
@@ -385,13 +386,13 @@ def _judge_range(values: Json) -> Claim:
         relative = np.median(impact.relative(result[NONE]), axis=1)
         effective = (relative < MUCH) & (impact.impacting > MAJORITY)
         span = compute_longest_span(impact.forces, effective)
-        at = impact.forces[effective]
         ends = bool(effective.any()) and not effective[0] and not effective[-1]
         cases += [
             judge_interval(span, span, WIDE, INFINITY),
             ClaimVerdict.HOLDS if ends else ClaimVerdict.NOT,
         ]
-        words.append(f"{at.min():.3g} and {at.max():.3g} N ({ORDINALS[r].lower()} resonance)")
+        ends_at = format_range(impact.forces[effective]) if effective.any() else "no force"
+        words.append(f"{ends_at} N ({ORDINALS[r].lower()} resonance)")
     return make_claim(LABEL, "m12_limited", judge_cases(cases), each=", ".join(words))
 
 

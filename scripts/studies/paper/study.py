@@ -86,8 +86,6 @@ QUICK_OUT = Path("results/paper/quick")
 CLAIMED = "claims"
 SUMMARY = "summary"
 REFUTED = "refuted"
-REASONED = "reasons"
-HEADER = ("the paper says", "section", "computed", "verdict", "figure")
 CSV_COLUMNS = (
     "statement",
     "section",
@@ -113,11 +111,11 @@ SECTIONS = {
     "7": "7 conclusions",
     "A": "A compliant contact",
 }
-VERDICT_LOOK = {  # colour and hatch of a bar
-    ClaimVerdict.HOLDS: ("#0b3c6f", ""),
-    ClaimVerdict.SPREAD: ("#e9a23b", ""),
-    ClaimVerdict.STEP: ("0.7", ".."),
-    ClaimVerdict.NOT: ("#c1440e", "///"),
+VERDICT_COLOURS = {  # which differ in lightness, for print in grey
+    ClaimVerdict.HOLDS: "#0b3c6f",
+    ClaimVerdict.SPREAD: "#f2c57c",
+    ClaimVerdict.STEP: "0.85",
+    ClaimVerdict.NOT: "#c1440e",
 }
 
 
@@ -167,7 +165,7 @@ def make_claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
         CLAIMED,
         "what the paper says, and what was computed",
         measure=partial(_collected, figures=figures),
-        markers=tuple(map(marker, (SUMMARY, REFUTED, REASONED, CLAIMED))),
+        markers=tuple(map(marker, (SUMMARY, REFUTED, CLAIMED))),
         sections=_sections,
         figures=lambda measured: {CLAIMED: make_saver(lambda: draw_verdicts(_read(measured)))},
         tables=lambda measured: (make_claims_table(_read(measured)),),
@@ -199,9 +197,8 @@ def _read(measured: Measurement) -> list[Claim]:
 
 
 def _sections(measured: Measurement) -> dict[str, str]:
-    """Return the summary, the statements that do not simply hold with their causes, the kinds of cause, and the rule of tolerances."""
+    """Return the summary, the statements that do not simply hold by their causes, and the rule of tolerances."""
     claims = _read(measured)
-    left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
     rule = "\n".join(
         f"| {words} | {allowed} |"
         for words, allowed in (("words", "allowed"), ("---", "---"), *RULE)
@@ -213,8 +210,7 @@ def _sections(measured: Measurement) -> dict[str, str]:
     )
     return {
         marker(SUMMARY): format_summary(claims, measured.values.get("answers", {})),
-        marker(REFUTED): f"{format_claims(left)}{format_reasons(left)}",
-        marker(REASONED): format_reason_kinds(left),
+        marker(REFUTED): format_reasons(claims),
         marker(CLAIMED): f"{table}\n\n{format_details('The rule of tolerances', rule)}",
     }
 
@@ -238,7 +234,7 @@ def draw_verdicts(claims: Sequence[Claim]) -> Figure:
     counted = [claim for claim in claims if not claim.definitional]
     sections = [name for name in SECTIONS if any(claim.section[0] == name for claim in counted)]
     left = np.zeros(len(sections))
-    for verdict, (colour, hatch) in VERDICT_LOOK.items():
+    for verdict, colour in VERDICT_COLOURS.items():
         counts = [
             sum(claim.section[0] == name and claim.verdict is verdict for claim in counted)
             for name in sections
@@ -251,7 +247,6 @@ def draw_verdicts(claims: Sequence[Claim]) -> Figure:
             counts,
             left=left,
             color=colour,
-            hatch=hatch,
             ec="white",
             label=label,
         )
@@ -277,19 +272,6 @@ def _plural(verdict: ClaimVerdict) -> str:
     return verdict.value.replace("holds", "hold").replace("does not", "do not")
 
 
-def format_reason_kinds(claims: Sequence[Claim]) -> str:
-    """Return a line for each kind of cause with the statements that it explains."""
-    lines = []
-    for key, text in REASONS.items():
-        own = [claim for claim in claims if claim.reason == key]
-        if own:
-            name, _, rest = text.partition(". ")
-            lines.append(
-                f"- **{name}** ({len(own)}). {rest} {'; '.join(claim.statement for claim in own)}."
-            )
-    return "\n".join(lines)
-
-
 def _counted(claims: Sequence[Claim]) -> str:
     """Return how many there are of each verdict, in words."""
     counts = Counter(claim.verdict for claim in claims)
@@ -301,46 +283,45 @@ def _counted(claims: Sequence[Claim]) -> str:
 
 
 def format_summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
-    """Return the page's first lines: counts, the substantive statements that do not hold, and the answer to each open question."""
-    own, settings = (
-        [claim for claim in claims if claim.definitional is definitional]
-        for definitional in (False, True)
+    """Return the page's answer: counts of verdicts, the substantive statements that do not hold, and answers to the open questions."""
+    own, definitional = (
+        [claim for claim in claims if claim.definitional is wanted] for wanted in (False, True)
     )
-    failed = "; ".join(claim.statement for claim in own if claim.verdict is ClaimVerdict.NOT)
-    lines = [
-        f"**{len(own)} substantive statements** were tested: {_counted(own)}.",
-        f"{len(settings)} more follow from definitions or from the linear structure: {_counted(settings)}."
-        if settings
-        else "",
-        f"**What does not hold:** {failed}." if failed else "",
-        "**In single runs much is chance:** what holds within spread only is true of some members and not of others.",
-        *(
-            f"**{answer.partition(': ')[0]}:** {answer.partition(': ')[2]}"
-            for answer in answers.values()
-        ),
-    ]
-    return "\n".join(f"{number}. {line}" for number, line in enumerate(filter(None, lines), 1))
-
-
-def format_claims(claims: Sequence[Claim]) -> str:
-    """Return a row for each claim."""
-    rows = [
-        (claim.statement, claim.section, claim.computed, f"**{claim.verdict.value}**", claim.figure)
-        for claim in claims
-    ]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
-        for row in (HEADER, ("---",) * len(HEADER), *rows)
-    )
+    failed = [claim for claim in own if claim.verdict is ClaimVerdict.NOT]
+    count = f"**{len(own)} substantive statements** were tested: {_counted(own)}."
+    if definitional:
+        count += f" {len(definitional)} more follow from definitions or from the linear structure: {_counted(definitional)}."
+    blocks = [count]
+    if failed:
+        lines = [f"- {claim.statement} (section {claim.section})" for claim in failed]
+        blocks.append("These [do not hold](#what-does-not-hold):\n\n" + "\n".join(lines))
+    if answers:
+        split = (answer.partition(": ") for answer in answers.values())
+        lines = [f"- **{question}:** {answer}" for question, _, answer in split]
+        blocks.append("Beyond the paper:\n\n" + "\n".join(lines))
+    return "\n\n".join(blocks)
 
 
 def format_reasons(claims: Sequence[Claim]) -> str:
-    """Return a paragraph for each claim that does not simply hold."""
+    """Return the claims that do not simply hold by their kind of cause, those that do not hold first."""
     left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
-    return "".join(
-        f"\n\n**{claim.statement[0].upper()}{claim.statement[1:]}: {claim.verdict.value}.** {claim.why}"
-        for claim in left
-    )
+    blocks = []
+    for key, text in REASONS.items():
+        own = sorted(
+            (claim for claim in left if claim.reason == key),
+            key=lambda claim: claim.verdict is not ClaimVerdict.NOT,
+        )
+        if own:
+            name, _, rest = text.partition(". ")
+            blocks.append(f"### {name}\n\n{rest}\n\n" + "\n".join(map(_format_left, own)))
+    return "\n\n".join(blocks)
+
+
+def _format_left(claim: Claim) -> str:
+    """Return a line on a claim: statement, place, verdict, numbers and cause."""
+    place = f"(section {claim.section}; [{claim.figure}]({NAME}/{claim.figure}.png))"
+    head = f"{claim.statement[0].upper()}{claim.statement[1:]}"
+    return f"- *{head}* {place}: **{claim.verdict.value}**. Computed: {claim.computed}. {claim.why}"
 
 
 STUDY: Study[PaperSettings] = Study(
