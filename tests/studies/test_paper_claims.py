@@ -269,7 +269,9 @@ def test_the_depth_of_a_modulation_is_that_of_its_envelope() -> None:
 
 # Statements on published numbers: what they say today, and that another number refutes them.
 
-HOLDS, SPREAD, NOT = ClaimVerdict.HOLDS, ClaimVerdict.SPREAD, ClaimVerdict.NOT
+HOLDS = ClaimVerdict.HOLDS
+SPREAD = ClaimVerdict.SPREAD
+NOT = ClaimVerdict.NOT
 
 
 def published(label: str) -> Json:
@@ -480,15 +482,16 @@ def test_numbers_of_a_claim_stand_in_its_row_and_decide_it() -> None:
         if row["least"] == "" and row["most"] == "":
             continue
         counted += 1
-        low, high = float(row["low"]), float(row["high"])
+        low = float(row["low"])
+        high = float(row["high"])
         least = float(row["least"]) if row["least"] != "" else -np.inf
         most = float(row["most"]) if row["most"] != "" else np.inf
         slack = 1e-4 * max(abs(low), abs(high), 1.0)
         inside = least - slack <= low and high <= most + slack
-        beside = high < least - slack or low > most + slack
+        outside = high < least - slack or low > most + slack
         if not inside:
             assert row["verdict"] != "holds", row["name"]
-        if beside:
+        if outside:
             assert row["verdict"] in ("does not hold", "holds only at the paper's step")
     assert counted > 70
 

@@ -389,8 +389,15 @@ def _curves(axes: Axes, values: Json) -> None:
         style = LineStyle(colour, (0, (4, 2)))
         own = read[name_sliding(limit)]
         drawn[style] = own
-        label = "without impacts, same colour" if limit == LIMITS[0] else None
-        draw_signal(axes, own.forces, MM * own.median, style, label, 1.0)
+        first = limit == LIMITS[0]
+        draw_signal(
+            axes,
+            own.forces,
+            MM * own.median,
+            style,
+            "without impacts, same colour" if first else None,
+            1.0,
+        )
     performance.draw_inset(axes, (0.06, 0.58, 0.4, 0.34), none, drawn)
     performance.set_level_axes(axes, none, SECONDARY[1])
     axes.legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.12))
