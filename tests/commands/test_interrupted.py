@@ -309,8 +309,6 @@ COMPILING = {
     "sweep": CONSOLE,
     "sweep --members 2": CONSOLE,
     "compare_absorbers --quick": CONSOLE,
-    "design_gap --force 3.5": CONSOLE,
-    "mass_ratios": CONSOLE,
     "orbits --at 0.95": CONSOLE,
     "optimise_design --quick": CONSOLE,
     "judge --task GapChoice-v1": CONSOLE,

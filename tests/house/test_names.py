@@ -1,4 +1,4 @@
-"""The lint of names: what it finds, and that numbers of what is not converted only become smaller."""
+"""The lint of names: what it reports, and that numbers of what is not converted only become smaller; scripts/lint runs it on the sources."""
 
 from pathlib import Path
 from typing import Any
@@ -74,9 +74,3 @@ def test_numbers_of_files_that_are_not_converted_only_become_smaller(tmp_path: P
     ]
     written = lint.write_known(known, {"impact_env/level.py": 2})
     assert '"impact_env/level.py" = 1' in written
-
-
-def test_the_sources_have_no_more_findings_than_are_known() -> None:
-    known = lint.tomllib.loads(lint.NOT_CONVERTED.read_text())
-    lines = lint.check_names(ROOT, known)[0]
-    assert [line for line in lines if not line.endswith(lint.SMALLER)] == []

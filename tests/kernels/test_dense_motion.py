@@ -33,7 +33,7 @@ DEPTH = 1e-9  # of the gap
 STILL = 1e-9  # of the largest velocity
 LOOSE = 1e-6  # of the friction limit
 # samples in a period of the fastest mode, pseudo periods of a run, scenes
-RUNS = {2: (64, 60.0, 120), 5: (64, 20.0, 120), 10: (64, 8.0, 80), 30: (16, 3.0, 16)}
+RUNS = {2: (64, 60.0, 60), 5: (64, 20.0, 60), 10: (64, 8.0, 40), 30: (16, 3.0, 12)}
 
 
 @dataclass(frozen=True)

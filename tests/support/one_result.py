@@ -1,10 +1,11 @@
-"""Run as a process of its own: prints a hash of what one scene gives, after the scenes that the arguments name.
+"""Run as a process of its own: prints as JSON a hash of what one scene gives, after the scenes that the arguments name.
 
-``threads N``: the scene is a lane among lanes of other kinds on N threads. ``child``: it runs in a process that this one starts. ``dask``: on a
-worker.
+``child``: also in a process that this one starts. ``worker``: also on a worker of dask. ``threads``: instead, its level as a
+lane among lanes of other kinds, on one thread and on four.
 """
 
 import hashlib
+import json
 import multiprocessing
 import sys
 from collections.abc import Callable
@@ -81,17 +82,20 @@ def on_a_worker() -> str:
         return str(client.submit(digest).result())
 
 
-def main(words: list[str]) -> str:
-    if words[:1] == ["threads"]:
-        return level_in_a_batch(int(words[1]))
+def main(words: list[str]) -> dict[str, str]:
+    if words == ["threads"]:
+        return {str(threads): level_in_a_batch(threads) for threads in (1, 4)}
     for word in words:
-        if word not in ("child", "dask"):
+        if word not in ("child", "worker"):
             before(word)
+    results = {"here": digest()}
     if "child" in words:
         with multiprocessing.get_context("spawn").Pool(1) as pool:
-            return pool.apply(digest)
-    return on_a_worker() if "dask" in words else digest()
+            results["child"] = pool.apply(digest)
+    if "worker" in words:
+        results["worker"] = on_a_worker()
+    return results
 
 
 if __name__ == "__main__":
-    print(main(sys.argv[1:]))
+    print(json.dumps(main(sys.argv[1:])))
