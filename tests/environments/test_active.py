@@ -363,7 +363,7 @@ def test_mass_gap_and_time_are_the_units_of_friction() -> None:
 @pytest.mark.plain
 def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
     """RMS of the last period, of an absorber that weighs nothing; a disturbance changes it."""
-    model = modal_model(Beam(modes=2, damping_ratio=0.05))
+    model = modal_model(Beam(modes=2, damping_ratio=0.1))
     slots = (
         model.omega**2
         - model.omega[0] ** 2
@@ -376,9 +376,9 @@ def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
         "friction_range": (1e-9, 1e-8),
     }
     arguments = light | {
-        "beam": {"damping_ratio": 0.05},
+        "beam": {"damping_ratio": 0.1},
         "frequency_ratio": 1.0,
-        "time_budget": 21.0,
+        "time_budget": 11.0,
         "force": 1.0,
         "moves_base": True,
     }
@@ -387,7 +387,7 @@ def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
         env.reset(seed=0)
         amplitudes.append(
             np.sqrt(
-                np.mean([env.step(np.zeros(1, np.float32))[4]["rms"] ** 2 for _ in range(80)][-4:])
+                np.mean([env.step(np.zeros(1, np.float32))[4]["rms"] ** 2 for _ in range(40)][-4:])
             )
             / expected
         )

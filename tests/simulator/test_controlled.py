@@ -100,8 +100,9 @@ def test_intervals_make_the_run_that_a_single_call_makes(
 
 
 @pytest.mark.plain
-@pytest.mark.parametrize("absorber", [None, impact_absorber(5e-5, 0.7, 0.1)])
-@pytest.mark.parametrize("moves_base", [False, True])
+@pytest.mark.parametrize(
+    ("absorber", "moves_base"), [(None, False), (impact_absorber(5e-5, 0.7, 0.1), True)]
+)
 def test_a_record_added_to_the_force_makes_the_run_of_both_loads(
     absorber: SlidingAbsorber | None, moves_base: bool
 ) -> None:
