@@ -50,7 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     config.addinivalue_line(
         "markers",
-        "slow: takes long for its file; left out by --quick, and by .ci/run with the arithmetic of older processors",
+        "slow: takes long for its file; left out by --quick, and by .ci/run with the arithmetic of an old processor",
     )
     if config.getoption("--rounding") is not None:
         round_models(config.getoption("--rounding"))

@@ -426,12 +426,12 @@ def test_friction_of_runge_kutta_s_scheme_brakes_by_its_limit() -> None:
     speed = 0.05
     rate = np.sqrt(stiffness)
     first = np.arcsin(limit / (stiffness * speed / rate)) / rate
-    left = speed * np.cos(rate * first) - limit * (1.5 - first)
+    left = speed * np.cos(rate * first) - limit * (0.5 - first)
     response = run(
         Scene(
             steady_base(), SlidingAbsorber(1.0, friction=ElasticCoulombFriction(limit, stiffness))
         ),
-        still(1.5),
+        still(0.5),
         RungeKutta(100, 2000),
         InitialState(absorber_velocity=speed),
     )

@@ -46,7 +46,7 @@ _LONGEST_FIRST = """
 """
 LONGEST_FIRST = tuple("{}/test_{}.py".format(*word.split("/")) for word in _LONGEST_FIRST.split())
 
-# lean on the arithmetic of BLAS or torch: .ci/run runs them as on two older processors, too
+# depend on the arithmetic of BLAS or torch: .ci/run runs them as on an old processor, too
 LEANING = _files(
     {
         "environments": "suite training",
