@@ -43,6 +43,17 @@ if TYPE_CHECKING:
     )
     from impact_env.periodic.green import NoOrbit
     from impact_env.periodic.harmonic_balance import hill_multipliers
+    from impact_env.periodic.hybrid_branches import HybridBranch, hybrid_branch
+    from impact_env.periodic.hybrid_case import HybridCase
+    from impact_env.periodic.hybrid_orbit import (
+        HybridOrbit,
+        NoHybridOrbit,
+        find_hybrid_orbits,
+        hybrid_orbit_of,
+        hybrid_orbit_of_simulation,
+        plain_hybrid_orbit,
+        shoot_hybrid,
+    )
     from impact_env.periodic.offspring import descendants
     from impact_env.periodic.orbit import (
         Orbit,
@@ -135,6 +146,18 @@ __all__ += [
     "rotation_number",
     "settle_motion",
 ]
+__all__ += [
+    "HybridBranch",
+    "HybridCase",
+    "HybridOrbit",
+    "NoHybridOrbit",
+    "find_hybrid_orbits",
+    "hybrid_branch",
+    "hybrid_orbit_of",
+    "hybrid_orbit_of_simulation",
+    "plain_hybrid_orbit",
+    "shoot_hybrid",
+]
 _MODULES = {
     "attractors": ("MotionKind", "SettledMotion", "SettleOptions", "settle_motion"),
     "basins": (
@@ -161,6 +184,17 @@ _MODULES = {
     ),
     "green": ("NoOrbit",),
     "harmonic_balance": ("hill_multipliers",),
+    "hybrid_branches": ("HybridBranch", "hybrid_branch"),
+    "hybrid_case": ("HybridCase",),
+    "hybrid_orbit": (
+        "HybridOrbit",
+        "NoHybridOrbit",
+        "find_hybrid_orbits",
+        "hybrid_orbit_of",
+        "hybrid_orbit_of_simulation",
+        "plain_hybrid_orbit",
+        "shoot_hybrid",
+    ),
     "offspring": ("descendants",),
     "orbit": ("Orbit", "confirmed", "orbit_of", "plain_orbit", "shot_orbit", "unpacked"),
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),

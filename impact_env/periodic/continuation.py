@@ -90,7 +90,8 @@ Recentre = Callable[
 class ContinuationProblem:
     """What is continued. ``scale`` (n,) or one number: the size of the unknowns; ``parameter_scale``: the parameter's change that counts as much.
 
-    ``limits`` of the parameter; ``monitors`` whose zeros are located; ``recentre`` is asked after every point whether the unknowns change.
+    ``limits`` of the parameter; ``monitors`` whose zeros are located; ``recentre`` is asked after every point whether the unknowns change, and
+    ``closes`` after every step, with both its points, whether it goes over the first point where that has other unknowns.
     """
 
     residual: Residual
@@ -100,6 +101,7 @@ class ContinuationProblem:
     limits: tuple[float, float] = (-np.inf, np.inf)
     monitors: tuple[Monitor, ...] = ()
     recentre: Recentre | None = None
+    closes: Callable[[Real, float, Real, float], bool] | None = None
 
     def __post_init__(self) -> None:
         low, high = self.limits
@@ -244,6 +246,13 @@ def _end_step(
         message = (
             "back at its first point" if gate.index == 0 else f"back at its point {gate.index + 1}"
         )
+    elif (
+        index >= 2
+        and problem.closes is not None
+        and problem.closes(*system.plain(state.x), *system.plain(next_state.x))
+    ):
+        ended = CLOSED
+        message = "back at its first point"
     bounded = _stop_at_limit(problem, system, state, next_state)
     if bounded is not None:
         next_state = bounded

@@ -38,6 +38,8 @@ POINTS, WEIGHTS = (
 )
 Complex = NDArray[np.complex128]
 States = Callable[[Array], Array]  # times (S,) in s -> states (S, 2 N_m + 2)
+# times (K,) in s -> displacements (K,) in m and velocities (K,) in m/s where the response is read
+Response = Callable[[Array], tuple[Array, Array]]
 TINY = np.finfo(float).tiny
 
 
@@ -286,44 +288,52 @@ AnyMotion = Motion | ShotMotion
 
 def level_of(case: Case, pieces: Sequence[tuple[States, float]]) -> tuple[float, float]:
     """Return the largest |displacement| and the RMS (m) where the response is read, over pieces: their states by the time, and lengths in s."""
-    each = [_extremes(case, states, length) for states, length in pieces if length > 0]
+    shape = case.model.level_shape
+    n = case.model.modes
+    fastest = max(float(np.max(np.abs(case.structure.s))), case.omega)
+
+    def response(states_of: States) -> Response:
+        def at(dts: Array) -> tuple[Array, Array]:
+            states = states_of(dts)
+            return states[:, :n] @ shape, states[:, n + 1 : -1] @ shape
+
+        return at
+
+    each = [piece_extremes(response(s), length, fastest) for s, length in pieces if length > 0]
     return max(peak for peak, _ in each), float(
         np.sqrt(sum(area for _, area in each) / sum(length for _, length in pieces))
     )
 
 
-def _extremes(case: Case, states_of: States, length: float) -> tuple[float, float]:
-    """Return the largest |displacement| (m) in a piece of a ``length`` in s, and the integral of its square (m^2 s)."""
-    shape = case.model.level_shape
-    n = case.model.modes
-    fastest = max(float(np.max(np.abs(case.structure.s))), case.omega)
+def piece_extremes(response: Response, length: float, fastest: float) -> tuple[float, float]:
+    """Return the largest |displacement| (m) in a piece of a ``length`` in s, and the integral of its square (m^2 s).
+
+    ``response``: displacement (m) and velocity (m/s) by times (K,) in s; ``fastest`` (1/s): of the exponentials in it.
+    """
     panels = max(1, int(np.ceil(length * fastest / PANEL)))
     step = length / panels
     dts = np.concatenate([[0.0], (step * (np.arange(panels)[:, None] + POINTS)).ravel(), [length]])
-    states = states_of(dts)
-    place = states[:, :n] @ shape
-    rate = states[:, n + 1 : -1] @ shape
+    place, rate = response(dts)
     area = step * float(np.sum(np.tile(WEIGHTS, panels) * place[1:-1] ** 2))
     k = int(np.argmax(np.abs(place)))
     peak = float(abs(place[k]))
     for j in (k - 1, k):  # between two nodes
         if 0 <= j < len(dts) - 1 and rate[j] * rate[j + 1] < 0:
-            peak = max(peak, _peak(states_of, float(dts[j]), float(dts[j + 1]), shape))
+            peak = max(peak, _peak(response, float(dts[j]), float(dts[j + 1])))
     return peak, area
 
 
-def _peak(states_of: States, low: float, high: float, shape: Array) -> float:
+def _peak(response: Response, low: float, high: float) -> float:
     """Return |displacement| (m) where the velocity turns between two times (s), by the secant method."""
-    n = len(shape)
     ends = [low, high]
-    rates = [float(states_of(np.array([dt]))[0, n + 1 : -1] @ shape) for dt in ends]
+    rates = [float(response(np.array([dt]))[1][0]) for dt in ends]
     for _ in range(8):
         if rates[0] == rates[1]:
             break
         dt = min(max(ends[1] - rates[1] * (ends[1] - ends[0]) / (rates[1] - rates[0]), low), high)
         ends = [ends[1], dt]
-        rates = [rates[1], float(states_of(np.array([dt]))[0, n + 1 : -1] @ shape)]
-    return abs(float(states_of(np.array([ends[1]]))[0, :n] @ shape))
+        rates = [rates[1], float(response(np.array([dt]))[1][0])]
+    return abs(float(response(np.array([ends[1]]))[0][0]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,6 +57,9 @@ SearchProgress = Callable[
     [str, int, int], None
 ]  # what is done, how many frequencies or branches of how many (0: not known)
 MOST_EVENTS_OF_BRANCH = 100  # on a branch: Newton's method takes the third power of them
+# of a branch in a search for orbits, in a row: solutions at which friction would do something else; the
+# frequencies at which branches begin lie closer to each other than these reach
+MOST_WRONG_POINTS = 30
 MOST_BRANCHES = 30  # in a range: without losses they leave one another without end
 DESCENDANT_STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
 RANGE_MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
@@ -138,11 +141,13 @@ def descendants(
     limits: tuple[float, float],
     longest: int = MOST_MULTIPLE,
     most: int = MOST_BRANCHES,
+    most_wrong: int | None = None,
 ) -> Iterator[OrbitBranch | NoOrbit]:
     """Yield the branches in frequency, within limits in rad/s, that leave ``branches`` by broken symmetry or doubled periods, and so on.
 
     ``longest``: the largest multiple of the force's period. Of two branches that mirror each other one is followed, and none with more than
     `MOST_EVENTS_OF_BRANCH`, nor more than ``most`` in all: for those what comes is the reason. The last one has ended as `INTERRUPTED` after Ctrl-C.
+    ``most_wrong`` as of `orbit_branch`.
     """
     queue = list(branches)
     known: list[tuple[OrbitBranch, Array]] = []
@@ -162,9 +167,8 @@ def descendants(
                     reason = f"there are more branches that leave others than the {MOST_BRANCHES} that are followed in a range"
                     yield NoOrbit(solution.case, solution.schedule, reason, solution.phases)
                     return
-                result = follow_descendants(
-                    solution, limits, -1.0 if kind == SYMMETRY_BREAKING else 1.0
-                )
+                side = -1.0 if kind == SYMMETRY_BREAKING else 1.0
+                result = follow_descendants(solution, limits, side, most_wrong)
                 if isinstance(result, NoOrbit):
                     yield result
                     continue
@@ -176,7 +180,10 @@ def descendants(
 
 
 def follow_descendants(
-    solution: Solution, limits: tuple[float, float], side: float | None = None
+    solution: Solution,
+    limits: tuple[float, float],
+    side: float | None = None,
+    most_wrong: int | None = None,
 ) -> OrbitBranch | NoOrbit:
     """Return the branch in frequency through a solution, or why it is not followed.
 
@@ -198,7 +205,7 @@ def follow_descendants(
             solution.phases,
         )
     try:
-        result = orbit_branch(solution, "omega", limits, DESCENDANT_STEPS)
+        result = orbit_branch(solution, "omega", limits, DESCENDANT_STEPS, most_wrong=most_wrong)
     except NoConvergenceError as error:
         return NoOrbit(solution.case, solution.schedule, str(error), solution.phases)
     return result if side is None else _cut_at_return(result, side)
@@ -298,7 +305,11 @@ class _DescendantSearch:
         )
         self._join(
             orbit_branches(
-                self.case, *self.limits, self.ratios * float(self.case.model.omega[0]), COARSE_STEPS
+                self.case,
+                *self.limits,
+                self.ratios * float(self.case.model.omega[0]),
+                COARSE_STEPS,
+                most_wrong=MOST_WRONG_POINTS,
             )
         )
 
@@ -306,7 +317,11 @@ class _DescendantSearch:
         """Follow what leaves some branches, and what leaves that."""
         self._join(
             descendants(
-                branches, self.limits, self.longest, max(0, MOST_BRANCHES - len(self.branches))
+                branches,
+                self.limits,
+                self.longest,
+                max(0, MOST_BRANCHES - len(self.branches)),
+                MOST_WRONG_POINTS,
             )
         )
 
@@ -361,6 +376,6 @@ class _DescendantSearch:
             return
         self.groups[k] = replace(group, orbits=tuple(orbits))
         if result.schedule.flies:
-            branch = follow_descendants(result.solution, self.limits)
+            branch = follow_descendants(result.solution, self.limits, most_wrong=MOST_WRONG_POINTS)
             self._join([branch])
             self.leave([] if isinstance(branch, NoOrbit) else [branch])

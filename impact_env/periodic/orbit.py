@@ -402,7 +402,13 @@ def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
 
 def packed(orbits: Sequence[Orbit | NoOrbit]) -> dict[str, Any]:
     """Return the orbits of a branch or curve: ``common`` what all of them share, ``points`` the rest of each, None where there is no orbit."""
-    plain = [plain_orbit(orbit) if isinstance(orbit, Orbit) else None for orbit in orbits]
+    return packed_plain(
+        [plain_orbit(orbit) if isinstance(orbit, Orbit) else None for orbit in orbits]
+    )
+
+
+def packed_plain(plain: Sequence[dict[str, Any] | None]) -> dict[str, Any]:
+    """Return orbits as plain values, None where there is none, as `packed` does."""
     known = [one for one in plain if one is not None]
     common = {
         name: value

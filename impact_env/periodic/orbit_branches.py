@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from impact_env.periodic.branch import (
     KINK,
     Branch,
     Monitor,
+    NoConvergenceError,
     Residual,
     SpecialPoint,
 )
@@ -64,6 +66,7 @@ from impact_env.periodic.schedule import EventSchedule
 from impact_env.periodic.symmetric import closed_folds, closed_form, symmetric_schedule
 
 Array = NDArray[np.float64]
+Kind = TypeVar("Kind")
 GRAZING = "grazing"
 PULLING = "pulling"
 CHECKED_KINDS = (FOLD, BRANCH_POINT, SYMMETRY_BREAKING, PERIOD_DOUBLING, TORUS)  # by a multiplier
@@ -288,6 +291,8 @@ class OrbitContinuation:
     parameter: str
     schedule: EventSchedule
     passed: list[EventSchedule] = field(default_factory=list)
+    most_wrong: int | None = None
+    wrong: int = 0
     last: tuple[tuple[EventSchedule, float, bytes], Motion] | None = None
     heading: Array | None = (
         # of phases and impulses at impacts, and of the rest but the reversals, at the last orbit
@@ -328,11 +333,21 @@ class OrbitContinuation:
 
     def _on_circle(self, z: Array, value: float) -> float:
         """Return a monitor that is zero where the product of two multipliers is 1."""
-        return torus_test(self.motion(z, value))
+        motion = self.motion(z, value)
+        return np.nan if self._is_left_out(motion) else torus_test(motion)
 
     def _turning_back(self, z: Array, value: float) -> float:
         """Return a monitor that is zero where a multiplier is -1."""
-        return minus_one_test(self.motion(z, value))
+        motion = self.motion(z, value)
+        return np.nan if self._is_left_out(motion) else minus_one_test(motion)
+
+    def _is_left_out(self, motion: Motion) -> bool:
+        """Return whether no bifurcation is sought at a motion: in a search for orbits, where friction would do something else."""
+        return (
+            self.most_wrong is not None
+            and motion.solution.case.friction_limit > 0
+            and not shows_schedule(motion)
+        )
 
     def weakest(self, z: Array, _value: float) -> float:
         """Return the least of the impulses, above 0 where all walls push."""
@@ -352,7 +367,11 @@ class OrbitContinuation:
             return None
         motion = self.motion(z, value)
         if self.right(motion, along):
+            self.wrong = 0
             return None
+        self.wrong += 1
+        if self.most_wrong is not None and self.wrong > self.most_wrong:
+            raise NoConvergenceError(f"no orbit at the last {self.wrong} points")
         result = reorder_events(motion.solution.case, self.schedule, read_unknowns(motion.solution))
         if (
             isinstance(result, NoOrbit)
@@ -364,7 +383,7 @@ class OrbitContinuation:
 
     def right(self, motion: Motion, along: Array) -> bool:
         """Return whether the schedule is the motion's; the way ``along`` the branch is remembered then."""
-        right = is_consistent(motion) and not has_held_phase(motion)
+        right = shows_schedule(motion)
         hits = self.schedule.order.wall != 0
         if self.heading is None or right:
             self.heading = np.concatenate([along[: len(hits)][hits], along[len(hits) :]])
@@ -398,15 +417,21 @@ class OrbitContinuation:
         )
 
 
+def shows_schedule(motion: Motion) -> bool:
+    """Return whether a motion has the reversals of its schedule, and friction holds the absorber at none."""
+    return is_consistent(motion) and not has_held_phase(motion)
+
+
 def _follow_one_way(
     solution: Solution,
     parameter: str,
     limits: tuple[float, float],
     steps: Steps,
     progress: PointProgress | None,
+    most_wrong: int | None,
     direction: float,
 ) -> tuple[Branch, list[EventSchedule]]:
-    walk = OrbitContinuation(solution.case, parameter, solution.schedule)
+    walk = OrbitContinuation(solution.case, parameter, solution.schedule, most_wrong=most_wrong)
     value = getattr(solution.case, parameter)
     problem = ContinuationProblem(
         walk.residual(),
@@ -434,26 +459,31 @@ def orbit_branch(
     limits: tuple[float, float],
     steps: Steps = COARSE_STEPS,
     progress: PointProgress | None = None,
+    most_wrong: int | None = None,
 ) -> OrbitBranch:
     """Return the branch through a solution, to both sides, in a parameter of `PARAMETERS` (SI units) within ``limits``.
 
     It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where
     it is back at its start; Ctrl-C ends it with what is known so far. Bifurcations are located on
-    the way, and confirmed in the end.
+    the way, and confirmed in the end. ``most_wrong``: with friction it ends behind so many points in
+    a row whose motion has other reversals than its events, or is held, and no bifurcation is sought
+    at those.
     """
     result = OrbitBranch(
         solution.case,
         *follow_to_both_sides(
-            partial(_follow_one_way, solution, parameter, limits, steps, progress)
+            partial(_follow_one_way, solution, parameter, limits, steps, progress, most_wrong)
         ),
     )
     return confirmed_places(result)
 
 
 def follow_to_both_sides(
-    one_way: Callable[[float], tuple[Branch, list[EventSchedule]]],
-) -> tuple[Branch, tuple[EventSchedule, ...], tuple[EventSchedule, ...]]:
-    """Return the branch from what is found towards larger values (1) and smaller ones (-1), with its schedules and those of what is located.
+    one_way: Callable[[float], tuple[Branch, list[Kind]]],
+) -> tuple[Branch, tuple[Kind, ...], tuple[Kind, ...]]:
+    """Return the branch from what is found towards larger values (1) and smaller ones (-1).
+
+    With it the kind of unknowns (such as a schedule) of each of its points, and of what is located.
 
     A branch that closes, or is stopped, on its way to larger values is not followed to the other
     side.
@@ -469,9 +499,7 @@ def follow_to_both_sides(
     return forward.joined(backward), (*others[:0:-1], *schedules), located
 
 
-def located_schedules(
-    located: tuple[SpecialPoint, ...], schedules: list[EventSchedule]
-) -> tuple[EventSchedule, ...]:
+def located_schedules(located: tuple[SpecialPoint, ...], schedules: list[Kind]) -> tuple[Kind, ...]:
     """Return the schedule of each place located, from those of the points."""
     return tuple(schedules[min(event.after + 1, len(schedules) - 1)] for event in located)
 
@@ -483,14 +511,15 @@ def orbit_branches(
     also: Iterable[float] = (),
     steps: Steps = ORBIT_BRANCH_STEPS,
     progress: Callable[[str, int, float], None] | None = None,
+    most_wrong: int | None = None,
 ) -> Iterator[OrbitBranch]:
     """Yield the branches of symmetric two-impact orbits between two frequencies in rad/s, from the closed form's orbits at frequencies between.
 
     They are begun at `SEED_FREQUENCIES` frequencies, beside the closed form's folds, and at
     frequencies given ``also``; what lies on a known branch is not followed again. ``steps``:
     `COARSE_STEPS` where only the orbits at some frequencies are wanted. ``progress`` is told what
-    is followed, points, and frequency. The last one has ended as `INTERRUPTED` after Ctrl-C. Raises
-    ParameterError for a bad range.
+    is followed, points, and frequency. The last one has ended as `INTERRUPTED` after Ctrl-C.
+    ``most_wrong`` as of `orbit_branch`. Raises ParameterError for a bad range.
     """
     require(
         0 < low < high,
@@ -520,7 +549,7 @@ def orbit_branches(
             ):
                 continue
             show = None if progress is None else partial(progress, f"orbits {len(known) + 1}")
-            branch = orbit_branch(motion.solution, "omega", (low, high), steps, show)
+            branch = orbit_branch(motion.solution, "omega", (low, high), steps, show, most_wrong)
             known.append(list_places(branch))
             yield branch
             if branch.branch.ended == INTERRUPTED:

@@ -18,12 +18,24 @@ from orbit_cases import (
 from periodic_truth import matched
 
 from impact_env import InitialState, ModalModel
+from impact_env.periodic.bifurcations import SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.green import NoOrbit, read_unknowns
-from impact_env.periodic.motion import Motion, ShotMotion
-from impact_env.periodic.orbit import Orbit, find_orbit_at, mirror_orbit, settle_order, shot_orbit
-from impact_env.periodic.orbit_branches import GRAZING, orbit_branch
+from impact_env.periodic.motion import Motion, ShotMotion, motion_of
+from impact_env.periodic.orbit import (
+    Orbit,
+    find_orbit_at,
+    mirror_orbit,
+    reorder_events,
+    settle_order,
+    shot_orbit,
+)
+from impact_env.periodic.orbit_branches import (
+    GRAZING,
+    orbit_branch,
+    shows_schedule,
+)
 from impact_env.periodic.passage import RECORD, follow_trajectory
 from impact_env.periodic.schedule import Regime
 from impact_env.periodic.shooting import shoot, shoot_from
@@ -413,3 +425,38 @@ def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
     beyond = settle_order(behind.case, at.schedule, read_unknowns(at))
     assert isinstance(beyond, Motion)
     assert "impacts instead of" in validate(beyond).reason
+
+
+def test_a_search_leaves_a_branch_after_so_many_points_that_are_no_orbits() -> None:
+    """With much friction the closed form's branch leads on over solutions that friction would hold; nothing is located between those."""
+    case = paper_case(8, 0.97, 3.5, 0.7, 0.3)
+    first = float(case.model.omega[0])
+    starts = [start for start in closed_form(case) if start.pushes]
+    motions = [reorder_events(case, symmetric_schedule(True), [start.phase]) for start in starts]
+    (motion,) = (motion for motion in motions if isinstance(motion, Motion))
+
+    def follow(most_wrong: int | None) -> tuple[list[bool], set[float]]:
+        """Return which points are orbits, and the places located next to one that is."""
+        branch = orbit_branch(
+            motion.solution, "omega", (0.96 * first, 0.98 * first), most_wrong=most_wrong
+        )
+        points = range(len(branch.schedules))
+        right = [shows_schedule(motion_of(branch.solution(k))) for k in points]
+        kinds = (TORUS, SYMMETRY_BREAKING)
+        located = [event for event in branch.branch.located if event.kind in kinds]
+        places = {round(event.parameter, 6) for event in located}
+        if most_wrong is not None:
+            assert all(any(right[event.after : event.after + 2]) for event in located)
+        return right, places
+
+    whole, places = follow(None)
+    assert longest_run(whole) > 12
+    part, fewer = follow(3)
+    assert 3 < longest_run(part) <= 4
+    assert part == whole[-len(part) :]
+    assert fewer <= places
+
+
+def longest_run(right: list[bool]) -> int:
+    """Return the largest number of False in a row."""
+    return max(len(run) for run in "".join("x" if each else " " for each in right).split("x"))

@@ -92,13 +92,19 @@ def _named(word: str, sign: int) -> str:
 class Automaton:
     """The regimes of one absorber (or of none): gap (m), restitution, limit (N) and stiffnesses (N/m) are None where there is no such thing."""
 
-    def __init__(self, absorber: Absorber | None) -> None:
+    def __init__(self, absorber: Absorber | None, mobility: float = 0.0) -> None:
         sliding = absorber if isinstance(absorber, SlidingAbsorber) else None
         walls, friction = (None, None) if sliding is None else (sliding.walls, sliding.friction)
         self.absorber = absorber
         self.gap = None if walls is None else walls.gap
         self.restitution = walls.restitution if isinstance(walls, RigidWalls) else None
         self.wall_stiffness = walls.stiffness if isinstance(walls, CompliantWalls) else None
+        self.wall_damper = 0.0
+        if isinstance(walls, CompliantWalls) and walls.restitution < 1:
+            # a mass on a spring and a damper leaves with e = exp(-pi D/sqrt(1 - D^2)) of its velocity after half a period
+            loss = np.log(walls.restitution) / np.pi
+            ratio = -loss / np.sqrt(1 + loss**2)
+            self.wall_damper = float(2 * ratio * np.sqrt(walls.stiffness / mobility))
         self.limit = None if friction is None else friction.limit
         self.slider = friction.stiffness if isinstance(friction, ElasticCoulombFriction) else None
         self.bonded = (
@@ -159,18 +165,33 @@ class Automaton:
             if self.wall_stiffness is not None and (side or self.bonded)
             else 0.0
         )
+        damping = self.wall_damper if side or self.bonded else 0.0
         rest = 0.0 if self.gap is None else side * self.gap
         guards = self._walls(side)
         words = [_named("contact", side)]
         if self.slider is None:
-            return Regime(words[0] or "free", guards, stiffness=stiffness, rest=rest, side=side)
+            return Regime(
+                words[0] or "free",
+                guards,
+                stiffness=stiffness,
+                rest=rest,
+                side=side,
+                damping=damping,
+            )
         assert self.limit is not None
         words.insert(0, _named("slip", sliding) or "hold")
         name = ", ".join(word for word in words if word)
         if sliding:
             guards = (*guards, Guard(HOLD, 0.0, gamma_weight=sliding))
             return Regime(
-                name, guards, -sliding * self.limit, stiffness, rest, side=side, sliding=sliding
+                name,
+                guards,
+                -sliding * self.limit,
+                stiffness,
+                rest,
+                side=side,
+                sliding=sliding,
+                damping=damping,
             )
         guards = (
             *guards,
@@ -187,6 +208,7 @@ class Automaton:
             slider=self.slider,
             slider_rest=slider_rest,
             side=side,
+            damping=damping,
         )
 
     def _walls(self, touched: int = 0) -> tuple[Guard, ...]:
@@ -201,10 +223,11 @@ class Automaton:
 def automata_of(scene: Scene) -> list[Automaton]:
     """Return the automaton of each absorber; one without regimes where there is none."""
     absorber = scene.absorber
-    return [
-        Automaton(one)
-        for one in (absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,))
-    ]
+    if isinstance(absorber, SeveralAbsorbers):
+        return [Automaton(one) for one in absorber.absorbers]
+    mass = scene.absorber_mass
+    mobility = 0.0 if mass is None else 1 / mass + float(np.sum(scene.model.tip_shape**2))
+    return [Automaton(absorber, mobility)]
 
 
 class Motion(Protocol):
