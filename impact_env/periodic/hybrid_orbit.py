@@ -415,7 +415,8 @@ def _find_unloaded_slider(trajectory: HybridTrajectory) -> float:
         crossings = np.flatnonzero(values[:-1] * values[1:] < 0)
         if len(crossings) == 0:
             continue
-        low, high = dts[crossings[-1]], dts[crossings[-1] + 1]
+        low = dts[crossings[-1]]
+        high = dts[crossings[-1] + 1]
         sign = np.sign(float(piece.states(np.array([low]))[0] @ row))
         for _ in range(60):
             middle = 0.5 * (low + high)
@@ -622,7 +623,8 @@ def plain_hybrid_orbit(orbit: HybridOrbit) -> dict[str, Any]:
     half = n + case.scene.places
     state = orbit.state
     single = case.scene.places == 1
-    places, speeds = state[n:half], state[half + n :]
+    places = state[n:half]
+    speeds = state[half + n :]
     whole = 2 * np.pi * orbit.period_multiple
 
     def phase_of(event: HybridEvent) -> float:

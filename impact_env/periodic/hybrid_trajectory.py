@@ -222,7 +222,8 @@ class _RigidBuilder(_Builder):
         rows: list[tuple[float, float, int]] = []
         for k in np.flatnonzero(phases.absorber == absorber):
             wall = HOLDING_WALLS[int(phases.kind[k])]
-            begin, end = float(phases.start[k]), float(phases.end[k])
+            begin = float(phases.start[k])
+            end = float(phases.end[k])
             if rows and begin <= rows[-1][1]:
                 rows[-1] = (rows[-1][0], end, wall)
             elif end > begin:

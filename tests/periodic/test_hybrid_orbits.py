@@ -90,7 +90,8 @@ def run_reference(case: HybridCase, phase: float, state: Array, span: float) -> 
     """Return where the dense reference takes a state over a span (s)."""
     n = case.scene.model.modes
     half = n + case.scene.places
-    places, speeds = state[n:half], state[half + n :]
+    places = state[n:half]
+    speeds = state[half + n :]
     if case.scene.places == 1:
         initial = InitialState(state[:n], state[half : half + n], places[0], speeds[0])
     else:
@@ -154,8 +155,8 @@ def test_derivatives_by_force_and_frequency_are_those_of_other_runs(name: str) -
             for side in (1, -1)
         )
         difference = (ahead - back) / (2 * step)
-        found = orbit.trajectory.columns[: len(difference), column]
-        assert found / case.units == pytest.approx(difference / case.units, rel=1e-4, abs=1e-6)
+        column_of = orbit.trajectory.columns[: len(difference), column]
+        assert column_of / case.units == pytest.approx(difference / case.units, rel=1e-4, abs=1e-6)
 
 
 def test_an_absorber_out_of_reach_leaves_the_orbit_of_the_other() -> None:
@@ -231,7 +232,7 @@ def test_a_mirror_image_is_an_orbit_half_a_period_later() -> None:
 
 
 @pytest.mark.parametrize("name", ["two with friction", "slider"])
-def test_an_orbit_of_a_file_is_found_again(name: str) -> None:
+def test_an_orbit_of_a_file_is_computed_again(name: str) -> None:
     orbit = settled(name)
     again = hybrid_orbit_of(plain_hybrid_orbit(orbit))
     assert isinstance(again, HybridOrbit), again.reason
