@@ -6,7 +6,6 @@ The names below are the public interface; everything is in SI units.
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from impact_env.budget import Stop
 from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes, performance_curve
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.envs import register_environments
@@ -29,13 +28,13 @@ from impact_env.parameters import (
     YieldingWalls,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
 )
 from impact_env.plain import StructureWarning, load_structure
 from impact_env.prepare import Preparation, is_ready, prepare
-from impact_env.response import Record, Response, Window
+from impact_env.results import Record, Response, Window
 from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.shared_mass import impact_absorbers
-from impact_env.sweep import IntegrationError, Stopped, simulate
+from impact_env.sweep import IntegrationError, Stop, Stopped, simulate
 
 __all__ = [
     "Beam",

@@ -6,6 +6,7 @@ A lane's run is that of `simulate` with the same schedule; see `impact_env.kerne
 import math
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -13,10 +14,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
-from impact_env.crew import WorkerPool
 from impact_env.ensemble import available_cores
-from impact_env.families import find_solver
-from impact_env.families.family import build_base_motion
 from impact_env.first_use import compiling_for
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.kernels.control.interval import (
@@ -27,13 +25,23 @@ from impact_env.kernels.control.interval import (
     LaneSettings,
     new_lanes,
 )
-from impact_env.kernels.control.work_queue import new_work_queue
+from impact_env.kernels.control.work_queue import (
+    PARTS_DONE,
+    PARTS_LEFT,
+    WorkQueue,
+    new_work_queue,
+)
 from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED
 from impact_env.laws import SceneKind
-from impact_env.level import HALF_WINDOW_PERIODS, LEAST_SAMPLES_PER_CYCLE, require_samples
-from impact_env.level_sampling import require_spectrum, response_spectrum
+from impact_env.level import (
+    HALF_WINDOW_PERIODS,
+    LEAST_SAMPLES_PER_CYCLE,
+    require_samples,
+    require_spectrum,
+    response_spectrum,
+)
 from impact_env.loads import BASE_QUANTITY, Samples
-from impact_env.methods import Exact, Method, check_general
+from impact_env.methods import Exact, Method
 from impact_env.parameters import (
     CoulombFriction,
     SlidingAbsorber,
@@ -43,11 +51,17 @@ from impact_env.parameters import (
     require_weightless,
 )
 from impact_env.scene import Scene
+from impact_env.solvers import build_base_motion, check_general, find_solver
 from impact_env.sweep import FAILURE_REASONS, IntegrationError
 
 Array = NDArray[np.float64]
 LANES_PER_THREAD = 64  # lanes a thread must have to be worth its start
 ABSENT_RECORD_STEP = 10.0  # intervals: the step of a record that is not there
+# between calls: threads stay for the next call where calls follow one another as quickly as this
+QUICK_S = 2e-4
+# looks at the queue before a helper leaves: some 0.3 ms, and just long enough to meet the call that woke it
+SPINS_BEFORE_SLEEP = 1 << 16
+SPINS_BETWEEN_CHECKS = 1 << 9
 SAMPLES_TOL = 1e-9  # of an interval's samples: rounding of a product, and of a quotient that gave the interval
 # what orders can change in some scenes only, and where
 CHANGED_ORDERS = {
@@ -78,6 +92,58 @@ def _build_disturbance(
     step = ABSENT_RECORD_STEP * interval if record is None else record.duration / len(values)
     moves = np.array([moves_base, record is not None and record.quantity == BASE_QUANTITY])
     return Disturbance(values, step, moves, build_base_motion(scene) if base else None)
+
+
+class WorkerPool:
+    """A calling thread and its helpers. ``take`` (a kernel of `impact_env.kernels.control.lanes`) takes parts from the board and does them."""
+
+    def __init__(self, take: Callable[[int, int], bool], queue: WorkQueue) -> None:
+        self.take = take
+        self._queue = queue
+        self._pool: ThreadPoolExecutor | None = None
+        self._helpers: list[Future[bool]] = []
+        self._ended = 0.0
+
+    def work(self, parts: NDArray[np.int64], helpers: int) -> None:
+        """Do all parts, lanes [low, high) in rows (P, 2), with so many helpers beside the calling thread, and return when they are done.
+
+        No part waits for a helper: what it has not taken when the caller gets there, the caller does.
+        """
+        number = len(parts)
+        self._queue.cuts[:number] = parts
+        try:
+            self._call(helpers)
+            done = self.take(number, 0)
+            while not done:  # a helper has been put off its core in the midst of a part
+                for helper in self._helpers:
+                    if helper.done():
+                        helper.result()  # raises what went wrong there
+                time.sleep(0)
+                done = self._queue.words[PARTS_DONE] == number
+        except BaseException:  # Ctrl-C, or no room: a part that is left or under way must not be taken for one of the next call
+            self._queue.words[PARTS_LEFT] = 0
+            self.close()
+            raise
+        self._ended = time.perf_counter()
+
+    def _call(self, helpers: int) -> None:
+        """Start helpers in the place of those that have left."""
+        quick = time.perf_counter() - self._ended < QUICK_S
+        standing_by = [helper for helper in self._helpers if not helper.done()]
+        if self._pool is None and helpers:
+            self._pool = ThreadPoolExecutor(helpers)
+        self._helpers = standing_by + [
+            self._pool.submit(self.take, 0, SPINS_BEFORE_SLEEP if quick else SPINS_BETWEEN_CHECKS)
+            for _ in range(helpers - len(standing_by))
+            if self._pool is not None
+        ]
+
+    def close(self) -> None:
+        """End the threads; they start again when they are needed."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+            self._helpers = []
 
 
 class ControlledRuns:

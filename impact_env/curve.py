@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.budget import Stop
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import (
     MOST_MEMBERS,
@@ -48,13 +47,12 @@ from impact_env.parameters import (
     row_of,
     two,
 )
-from impact_env.plots import html_table, plot_curve
-from impact_env.response import DEFAULT_SAMPLES, Record
+from impact_env.results import DEFAULT_SAMPLES, Record, html_table
 from impact_env.scene import Scene
-from impact_env.sweep import Stopped
+from impact_env.sweep import Stop, Stopped
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from impact_env.plots import Axes
 
 Array = NDArray[np.float64]
 DEFAULT_MEMBERS = 16
@@ -224,7 +222,9 @@ class PerformanceCurve:
 
     def plot(self, axes: Axes | None = None, label: str | None = None, **options: Any) -> Axes:
         """Draw the median level over the force with its band; return matplotlib's axes, for other curves too. ``options`` go to its loglog."""
-        return plot_curve(self, axes, label, options)
+        from impact_env.plots import plot_curve
+
+        return plot_curve(self.forces, self.median, self.band, axes, label, options)
 
     def relative_to(self, reference: PerformanceCurve) -> Array:
         """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and members agree."""

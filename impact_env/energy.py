@@ -1,56 +1,16 @@
 """Energy of a state, and the balance of a run (paper, Eqs. Einst and edmi)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.laws import compute_spring_energy
 from impact_env.parameters import find_largest_gravity
+from impact_env.results import History
 from impact_env.scene import Scene
 
-if TYPE_CHECKING:
-    from impact_env.response import History
-
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class EnergyAccount:
-    """Work of the force, losses and stored energy in J over a run (paper, Eqs. Einst and edmi); ``modal_loss`` (N_m,)."""
-
-    work: float
-    modal_loss: Array
-    friction_loss: float
-    impact_loss: float
-    absorber_damping: float
-    stored_at_start: float
-    stored_at_end: float
-
-    @property
-    def balance_error(self) -> float:
-        """Work less losses less gain of stored energy, in J."""
-        losses = (
-            float(np.sum(self.modal_loss))
-            + self.friction_loss
-            + self.impact_loss
-            + self.absorber_damping
-        )
-        return self.work - losses - (self.stored_at_end - self.stored_at_start)
-
-    @property
-    def relative_error(self) -> float:
-        """Balance error relative to the largest term of the balance."""
-        scale = max(
-            abs(self.work),
-            float(np.sum(self.modal_loss)),
-            abs(self.stored_at_start),
-            abs(self.stored_at_end),
-        )
-        return abs(self.balance_error) / scale if scale > 0 else abs(self.balance_error)
 
 
 def stored_energy(scene: Scene, state: Array) -> float:

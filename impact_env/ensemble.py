@@ -16,9 +16,7 @@ from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.families import kernel_key
 from impact_env.kernels.compiling.parts import abandon_compilations
 from impact_env.loads import AnyDrive, Member, describe_amplitude, select_member
 from impact_env.methods import Exact, Method
@@ -35,10 +33,11 @@ from impact_env.parameters import (
     require,
     row_of,
 )
-from impact_env.response import DEFAULT_SAMPLES, Record
+from impact_env.results import DEFAULT_SAMPLES, Record
 from impact_env.scene import InitialState, Scene
+from impact_env.solvers import kernel_key
 from impact_env.steady_start import find_steady_start
-from impact_env.sweep import IntegrationError, Stopped, simulate
+from impact_env.sweep import IntegrationError, Stop, Stopped, simulate
 
 Array = NDArray[np.float64]
 PERTURBATION = 1e-6  # of the force: far above rounding and far below what a force is known to

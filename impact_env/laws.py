@@ -1,7 +1,7 @@
 """The table of absorbers and contact laws: one entry for each, and nothing else in the simulator asks which of them it has.
 
 An entry says by which plain names a law is given (options of commands, keys of files, arguments of environments and design variables are these
-names, in SI units), what kind of scene it makes, what it stores, what its compiled code takes, and how people are told of it. A law that is not in
+names, in SI units), what kind of scene it makes, what it stores, and how people are told of it. A law that is not in
 the table is an error. CONTRIBUTING.md says how to add one.
 """
 
@@ -62,17 +62,14 @@ class Key:
 class Law:
     """A law of walls or of friction, or an absorber that has none.
 
-    ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the group's usual law. ``kernel``: what compiled code
-    takes, the name of a tuple of `impact_env.kernels` whose fields are attributes of the law (None where it has none), or of one attribute; it is
-    named, not imported, so that reading a scene loads no kernels (`families.family.load_law`). ``stored``: its energy in J at a relative
-    displacement in m. ``words``: its values for people.
+    ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the group's usual law. ``stored``: its energy in J
+    at a relative displacement in m. ``words``: its values for people.
     """
 
     of: type
     kind: SceneKind
     keys: Mapping[str, Key]
     words: Callable[[Any], str]
-    kernel: str | None
     mark: str | None = None
     stored: Callable[[Any, float], float] = lambda _law, _displacement: 0.0
 
@@ -116,7 +113,6 @@ WALL_LAWS = (
         SceneKind.RIGID,
         {"gap": GAP_KEY, "restitution": RESTITUTION_KEY},
         lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g}",
-        "exact.rigid_contact.Walls",
     ),
     Law(
         YieldingWalls,
@@ -133,7 +129,6 @@ WALL_LAWS = (
         lambda w: (
             f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above {w.yield_velocity:g} m/s"
         ),
-        "exact.rigid_contact.Walls",
         mark="yield_velocity",
     ),
     Law(
@@ -148,7 +143,6 @@ WALL_LAWS = (
             f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m"
             + (f", restitution {w.restitution:g}" if w.restitution < 1 else "")
         ),
-        "stepping.feedback.ElasticStops",
         mark="contact_stiffness",
         stored=lambda w, y: 0.5 * w.stiffness * max(abs(y) - w.gap, 0.0) ** 2,
     ),
@@ -166,7 +160,6 @@ FRICTION_LAWS = (
             f"friction limit {f.limit:g} N"
             + (f", static {f.static_ratio:g} times that" if f.static_ratio > 1 else "")
         ),
-        "limit",
     ),
     Law(
         ElasticCoulombFriction,
@@ -178,12 +171,11 @@ FRICTION_LAWS = (
             ),
         },
         lambda f: f"friction limit {f.limit:g} N, friction stiffness {f.stiffness:g} N/m",
-        "stepping.feedback.ElasticSlider",
         mark="friction_stiffness",
     ),
 )
 FRICTION_NAMES = {key.attribute: name for law in FRICTION_LAWS for name, key in law.keys.items()}
-STUCK_LAW = Law(StuckAbsorber, SceneKind.LINEAR, MASS_KEYS, lambda _: "", None)
+STUCK_LAW = Law(StuckAbsorber, SceneKind.LINEAR, MASS_KEYS, lambda _: "")
 TUNED_LAW = Law(
     TunedAbsorber,
     SceneKind.LINEAR,
@@ -193,7 +185,6 @@ TUNED_LAW = Law(
         "damping": Key("damping", "Damper of the absorber", "N s/m"),
     },
     lambda a: f"stiffness {a.stiffness:g} N/m, damping {a.damping:g} N s/m",
-    "stepping.moreau_law.Spring",
     stored=lambda a, y: 0.5 * a.stiffness * y**2,
 )
 SINK_LAW = Law(
@@ -207,7 +198,6 @@ SINK_LAW = Law(
         "damping": Key("damping", "Damper of the absorber", "N s/m"),
     },
     lambda a: f"cubic stiffness {a.cubic_stiffness:g} N/m^3, damping {a.damping:g} N s/m",
-    "stepping.feedback.CubicSpring",
     stored=lambda a, y: 0.25 * a.cubic_stiffness * y**4,
 )
 WHOLE_ABSORBERS = {

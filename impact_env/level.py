@@ -1,33 +1,38 @@
-"""The paper's resonant response level: windowed RMS of the tip displacement around its maximum (paper, Eqs. tmax and barqtip)."""
+"""The paper's resonant response level: windowed RMS of the tip displacement around its maximum (paper, Eqs. tmax and barqtip).
 
-from dataclasses import dataclass
+It needs four samples a cycle of a force that lasts, or of the motion that a record, shock or strike causes.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.drive import Drive
 from impact_env.kernels.motion.level import LevelObserver, compute_level, new_level, push_samples
-from impact_env.loads import AnyDrive
+from impact_env.loads import (
+    BASE_QUANTITY,
+    AnyDrive,
+    Loads,
+    Random,
+    Samples,
+    Shock,
+    Strike,
+    find_highest_omega,
+    find_highest_omega_of_pieces,
+    find_initial_state,
+)
+from impact_env.modes import ModalModel
 from impact_env.parameters import count, require, row
+from impact_env.results import MOST_SAMPLES_PER_PERIOD, ResponseLevel
+from impact_env.scene import InitialState, Scene
+from impact_env.turning_loads import Load
 
+Array = NDArray[np.float64]
 HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
-MOST_SAMPLES_PER_PERIOD = 100_000  # a pseudo period: the level keeps those of twenty
 # samples of the force's fastest cycle: the mean square of a cosine is right from three on, its peak
 # at most 3/10 too low with four
 LEAST_SAMPLES_PER_CYCLE = 4
-
-
-@dataclass(frozen=True)
-class ResponseLevel:
-    """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest |q_tip| in m.
-
-    The tip is the absorber's place on the beam (`Beam.absorber_position`), or the place where the
-    level is read (`Beam.response_position`).
-    """
-
-    value: float
-    time: float
-    frequency_ratio: float
-    max_tip: float
+SHARE_ABOVE = 0.05  # of the mean square of the displacement: the level is at most 2.5 % off
+LOAD_NAMES = {Samples: "a record", Random: "a random load", Shock: "a shock", Strike: "a strike"}
 
 
 def require_samples(samples_per_period: int, ratio: float) -> None:
@@ -82,3 +87,133 @@ def read_level(
     at = min(float(sample) * interval, float(drive.schedule.times[-1]))
     ratio = float(drive.schedule.omega_at(at)) / drive.schedule.reference
     return ResponseLevel(float(value), at, ratio, float(largest))
+
+
+def _name_load(load: Load) -> str:
+    """Return what a load is in words, also of a class that is derived from one of the library's."""
+    return next(words for kind, words in LOAD_NAMES.items() if isinstance(load, kind))
+
+
+def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, start: Array) -> None:
+    """Raise ParameterError where a level, or an envelope, has too few samples a pseudo period for what acts.
+
+    A harmonic force, tones, orders, an unbalance and a shaken base need `LEAST_SAMPLES_PER_CYCLE`
+    samples of their fastest cycle. Under a record, a random load, a shock or a strike at most
+    `SHARE_ABOVE` of the mean square of the displacement where the level is read, of the structure
+    without absorber, may lie above the frequency that has so many samples a cycle. ``start`` (2 N_m
+    + 2 n,): the state at time 0, strikes included.
+    """
+    reference = drive.schedule.reference
+    require_samples(samples_per_period, highest_tone(drive) / reference)
+    for part in drive.parts if isinstance(drive, Loads) else ():
+        if isinstance(part, Strike):
+            result = _free_motion(scene, start)
+        elif isinstance(part, Samples | Random | Shock):
+            result = response_spectrum(scene.model, part)
+        else:
+            continue
+        require_spectrum(samples_per_period, reference, part, *result)
+
+
+def require_sampled(
+    scene: Scene, drive: AnyDrive, samples_per_period: int, initial: InitialState | None = None
+) -> None:
+    """Raise ParameterError as `require_sampling` does, for a run from a state, None: from the start of its loads."""
+    start = find_initial_state(scene, drive, initial).vector(scene)
+    require_sampling(scene, drive, samples_per_period, start)
+
+
+def highest_tone(drive: AnyDrive) -> float:
+    """Return the highest frequency (rad/s) of a drive's harmonic parts, 0 without any; records, random loads, shocks and strikes have none."""
+    if isinstance(drive, Drive):
+        return find_highest_omega(drive)
+    lasting = (part for part in drive.parts if not isinstance(part, Samples | Random | Shock))
+    return max(
+        (find_highest_omega_of_pieces(piece) for part in lasting for piece in part.pieces()),
+        default=0.0,
+    )
+
+
+def require_spectrum(
+    samples_per_period: int, reference: float, load: Load, omega: Array, square: Array
+) -> None:
+    """Raise ParameterError where a load moves the level's place too much above the frequency that has four samples a cycle.
+
+    ``reference`` (rad/s) defines the pseudo period; ``square`` (L,): parts of the displacement's
+    mean square at ``omega`` (L,) in rad/s, rising.
+    """
+    above = np.cumsum(square[::-1])[::-1]
+    if len(above) == 0 or not above[0] > 0:
+        return
+    highest = float(omega[np.flatnonzero(above > SHARE_ABOVE * above[0])[-1]])
+    needed = LEAST_SAMPLES_PER_CYCLE * highest / reference * (1 - 1e-9)
+    allowed = (
+        f"{int(np.ceil(needed))} or more for the level under {_name_load(load)}: "
+        f"{100 * SHARE_ABOVE:g} % of the displacement's mean square lies at {highest / (2 * np.pi):.4g} Hz or above, "
+        f"and needs {LEAST_SAMPLES_PER_CYCLE} samples a cycle"
+    )
+    require(samples_per_period >= needed, "samples_per_period", samples_per_period, allowed)
+
+
+def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tuple[Array, Array]:
+    """Return frequencies (L,) in rad/s, rising, and parts (L,) of the mean square of the displacement where the level is read, in any unit.
+
+    The structure is alone. Of a record and a random load it is the stationary response to each
+    line; of a shock the free motion after it.
+    """
+    weight = _modal_displacements(model, load.quantity == BASE_QUANTITY)
+    if isinstance(load, Shock):
+        order = np.argsort(model.omega)
+        omega = np.maximum(model.omega[order], 1e-300)
+        size = weight[order] * _pulse_spectrum(load, omega) / omega
+        return omega, np.asarray(size**2)
+    if isinstance(load, Samples):
+        lines = np.arange(len(load.values) // 2 + 1)
+        length = len(load.values) * float(load.times[1])
+        power = np.abs(np.fft.rfft(load.values)) ** 2
+    else:
+        lines = load.lines
+        length = load.length
+        power = load.density
+    omega = np.asarray(2 * np.pi / length * lines, dtype=np.float64)
+    return omega, np.asarray(power) * _squared_receptance(model, weight, omega, length)
+
+
+def _modal_displacements(model: ModalModel, base: bool) -> Array:
+    """Return each mode's part of the displacement where the level is read, under a unit force or base acceleration, (N_m,)."""
+    drives = model.base_participation if base else model.force_shape
+    return np.asarray(model.level_shape * (0.0 if drives is None else drives))
+
+
+def _squared_receptance(model: ModalModel, weight: Array, omega: Array, length: float) -> Array:
+    """Return |displacement/load|^2 (L,); a mode is at least as broad as a line of a record of ``length`` s."""
+    total = np.zeros(len(omega), complex)
+    for own, damping, size in zip(model.omega, model.damping_ratio, weight, strict=True):
+        width = 2 * max(damping * own, 1 / length)
+        total += size / (own**2 - omega**2 + 1j * width * np.maximum(omega, 1 / length))
+    return np.asarray(np.abs(total) ** 2)
+
+
+def _pulse_spectrum(load: Shock, omega: Array) -> Array:
+    """Return the Fourier integral's absolute value of a pulse of unit peak at frequencies (L,) in rad/s, in s."""
+    if load.pulse == "half-sine":
+        own = np.pi / load.width
+        apart = (own - omega) * (own + omega)
+        near = np.abs(own - omega) < 1e-6 * own
+        value = 2 * own * np.cos(omega * load.width / 2) / np.where(near, 1.0, apart)
+        return np.where(near, load.width / 2, np.abs(value))
+    rise = load.width / 2 if load.rise is None else load.rise
+    flat = load.width - rise  # a trapezoid is a box of this width, smoothed over the rise
+    return np.abs(flat * np.sinc(omega * flat / (2 * np.pi)) * np.sinc(omega * rise / (2 * np.pi)))
+
+
+def _free_motion(scene: Scene, start: Array) -> tuple[Array, Array]:
+    """Return frequencies and parts of the mean square, as `response_spectrum`, of the structure's free motion from a state."""
+    model = scene.model
+    n = model.modes
+    half = len(start) // 2
+    order = np.argsort(model.omega)
+    omega = np.maximum(model.omega[order], 1e-300)
+    q = start[:n][order]
+    v = start[half : half + n][order]
+    return omega, np.asarray(model.level_shape[order] ** 2 * (q**2 + (v / omega) ** 2))

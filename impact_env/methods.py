@@ -1,23 +1,19 @@
-"""The integration methods and what each of them can do."""
+"""The integration methods, and the time steps of those that have one."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from impact_env.drive import Drive
-from impact_env.laws import SceneKind, list_laws
-from impact_env.loads import BASE_QUANTITY, AnyDrive, Samples, find_highest_omega
+from impact_env.laws import list_laws
+from impact_env.loads import AnyDrive, find_highest_omega
 from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
     CompliantWalls,
-    CoulombFriction,
     ElasticCoulombFriction,
     NonlinearSink,
     StuckAbsorber,
     TunedAbsorber,
     count_from,
-    find_largest_gravity,
-    instance,
     keep_checked,
     require,
 )
@@ -146,104 +142,6 @@ METHODS: dict[str, type[Method]] = {
     "moreau": Moreau,
     "runge-kutta": RungeKutta,
 }  # by their plain names
-
-
-_REFUSED: dict[tuple[SceneKind, type[Method]], str] = {
-    (SceneKind.SEVERAL, Moreau): "Exact for several absorbers",
-    (SceneKind.SEVERAL, RungeKutta): "Exact for several absorbers",
-    (SceneKind.SMOOTH, Exact): "RungeKutta for a nonlinear spring, which has no linear regimes",
-    (SceneKind.SMOOTH, Moreau): "RungeKutta for a nonlinear spring",
-    (
-        SceneKind.COMPLIANT,
-        Moreau,
-    ): "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws",
-    (
-        SceneKind.RIGID,
-        RungeKutta,
-    ): "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the "
-    "state",
-}
-
-
-def method_class(method: Method) -> type[Method]:
-    """Return which of the methods this is, also for one that is derived from it."""
-    return next(known for known in METHODS.values() if isinstance(method, known))
-
-
-METHODS_FOR_LOADS = {
-    (SceneKind.LINEAR, Exact),
-    (SceneKind.RIGID, Exact),
-}  # what a base that moves is for, and gravity
-SUPPORTED_SCENES = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
-
-
-def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
-    """Raise ParameterError if a scene or a method cannot do a drive: a base that moves."""
-    if not isinstance(drive, Drive) and drive.moves_base:
-        _check_general(scene, method, [type(part).__name__ for part in drive.parts], True)
-
-
-def check_general(
-    scene: Scene, method: Method, record: Samples | None, *, moves_base: bool
-) -> bool:
-    """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
-    shaken = bool(moves_base) or (record is not None and record.quantity == BASE_QUANTITY)
-    if shaken or record is not None:
-        _check_general(
-            scene,
-            method,
-            ["a record"] * (record is not None) + ["a base that moves"] * shaken,
-            shaken,
-        )
-    return shaken
-
-
-def _check_general(scene: Scene, method: Method, loads: list[str], moves_base: bool) -> None:
-    pair = scene.kind, method_class(method)
-    require(
-        pair in METHODS_FOR_LOADS,
-        "loads",
-        loads,
-        f"forces with {method} and {scene.kind.value}; {SUPPORTED_SCENES}",
-    )
-    allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
-    require(
-        not moves_base or scene.model.base_participation is not None,
-        "base_participation",
-        None,
-        allowed,
-    )
-
-
-def check_supported(scene: Scene, method: Method) -> None:
-    """Raise ParameterError if a method cannot do a scene."""
-    scene = instance("scene", scene, Scene)
-    method = instance("method", method, Method)
-    pair = scene.kind, method_class(method)
-    if (heavy := find_largest_gravity(scene.absorber)) != 0:
-        require(
-            pair in METHODS_FOR_LOADS,
-            "gravity",
-            heavy,
-            f"0 with {method} and {scene.kind.value}; {SUPPORTED_SCENES}",
-        )
-    require(pair not in _REFUSED, "method", method, _REFUSED.get(pair, ""))
-    friction = getattr(scene.absorber, "friction", None)
-    if isinstance(friction, CoulombFriction):
-        require(
-            friction.static_ratio == 1 or isinstance(method, Exact),
-            "method",
-            method,
-            "Exact for static friction above sliding friction: Moreau's law has one limit",
-        )
-    walls = getattr(scene.absorber, "walls", None)
-    damped = isinstance(walls, CompliantWalls) and walls.restitution < 1
-    require(
-        not damped or isinstance(method, Exact),
-        "method",
-        method,
-        "Exact for compliant walls with a restitution below 1: their damper's force jumps at the touch",
-    )
 
 
 def check_mass(scene: Scene) -> None:

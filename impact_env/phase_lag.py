@@ -5,7 +5,7 @@ import scipy
 from numpy.typing import NDArray
 
 from impact_env.parameters import require
-from impact_env.response import History
+from impact_env.results import History
 
 Array = NDArray[np.float64]
 

@@ -14,16 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.forms import (
-    NUMBER_CODEC,
-    ROW_CODEC,
-    WHOLE_CODEC,
-    Codec,
-    Keys,
-    dataclass_codec,
-    optional_codec,
-    require_keys,
-)
 from impact_env.laws import CONCEPTS, GRAVITY_KEY, HEAVY, concept, make, values
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
 from impact_env.modes import Structure, modal_model
@@ -38,13 +28,23 @@ from impact_env.parameters import (
     instance,
     one_of,
     require,
+    shared_masses,
     suspension_frequencies,
     text,
 )
-from impact_env.plain_files import read_plain
+from impact_env.plain_files import (
+    NUMBER_CODEC,
+    ROW_CODEC,
+    WHOLE_CODEC,
+    Codec,
+    Keys,
+    dataclass_codec,
+    optional_codec,
+    read_plain,
+    require_keys,
+)
 from impact_env.plain_structures import BEAM_CODEC, MODEL_CODEC, STRUCTURES
 from impact_env.scene import Scene, beam_scene
-from impact_env.shared_mass import shared_masses
 from impact_env.structures.checks import StructureWarning as StructureWarning
 from impact_env.structures.checks import list_warnings
 from impact_env.structures.modal import order_by_frequency, require_modes_once

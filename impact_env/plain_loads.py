@@ -9,17 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.forms import (
-    NUMBER_CODEC,
-    ROW_CODEC,
-    ROWS_CODEC,
-    WHOLE_CODEC,
-    Codec,
-    Keys,
-    dataclass_codec,
-    list_codec,
-    require_keys,
-)
 from impact_env.loads import (
     BASE_QUANTITY,
     FORCE_QUANTITY,
@@ -41,7 +30,19 @@ from impact_env.loads import (
 )
 from impact_env.parameters import ParameterError, finite, flag, instance, one_of, positive, require
 from impact_env.plain import SCHEDULE_CODEC
-from impact_env.plain_files import find_unreadable, read_plain
+from impact_env.plain_files import (
+    NUMBER_CODEC,
+    ROW_CODEC,
+    ROWS_CODEC,
+    WHOLE_CODEC,
+    Codec,
+    Keys,
+    dataclass_codec,
+    find_unreadable,
+    list_codec,
+    read_plain,
+    require_keys,
+)
 from impact_env.records import RECORD_READERS, RecordOptions, read_record
 from impact_env.records.reading import DIMENSIONS
 from impact_env.records.units import (

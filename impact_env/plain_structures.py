@@ -14,15 +14,6 @@ from typing import Any
 import numpy as np
 
 from impact_env.checks import describe_error
-from impact_env.forms import (
-    NUMBER_CODEC,
-    ROW_CODEC,
-    WHOLE_CODEC,
-    Codec,
-    Keys,
-    dataclass_codec,
-    list_codec,
-)
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     Beam,
@@ -37,7 +28,16 @@ from impact_env.parameters import (
     row,
     word_of,
 )
-from impact_env.plain_files import require_readable
+from impact_env.plain_files import (
+    NUMBER_CODEC,
+    ROW_CODEC,
+    WHOLE_CODEC,
+    Codec,
+    Keys,
+    dataclass_codec,
+    list_codec,
+    require_readable,
+)
 from impact_env.structures import ansys, nastran, universal
 from impact_env.structures.checks import StructureWarning, list_matrix_warnings
 from impact_env.structures.matrices import (

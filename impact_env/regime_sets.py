@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impact_env.eigenvalues import solve_eigenproblem
 from impact_env.kernels.exact.sets import Sets
 from impact_env.kernels.motion.modal_system import REST, TIP
 from impact_env.modes import ModalModel, with_masses
@@ -18,6 +17,7 @@ from impact_env.regimes import (
     require_complete,
     slot_rows,
     slot_tables,
+    solve_eigenproblem,
     solve_own_modes,
     split_modes,
     split_re_im,

@@ -1,22 +1,29 @@
-"""Scene, drive and method to a response: the one place where a run is made. Only what is asked for is computed and stored."""
+"""Scene, drive and method to a response: the one place where a run is made. Only what is asked for is computed and stored.
 
+Here are also what goes with a run: its budget, its progress, its lists of events, and how another thread stops it.
+"""
+
+import ctypes
+import threading
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
-from functools import partial
-from typing import cast
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager, nullcontext
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop, Watcher, new_run_counters, run_in_thread
-from impact_env.energy import EnergyAccount, stored_energy
-from impact_env.event_lists import EventRecorder
-from impact_env.families import find_solver
+from impact_env.energy import stored_energy
 from impact_env.first_use import compiling_for
+from impact_env.kernels.compiling.parts import abandon_compilations
+from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
 from impact_env.kernels.motion import observers
 from impact_env.kernels.motion.level import LevelObserver, new_envelope, new_level
 from impact_env.kernels.motion.observers import (
+    IMPACT_RECORD,
+    PHASE_RECORD,
+    REVERSAL_RECORD,
     CheckObserver,
     Counters,
     EnergyTotals,
@@ -24,14 +31,15 @@ from impact_env.kernels.motion.observers import (
     StateSeries,
     new_check,
     new_clock,
+    new_counters,
     new_energy,
+    new_events,
     new_series,
 )
 from impact_env.laws import SceneKind
-from impact_env.level import HALF_WINDOW_PERIODS, read_level
-from impact_env.level_sampling import require_sampling
+from impact_env.level import HALF_WINDOW_PERIODS, read_level, require_sampling
 from impact_env.loads import AnyDrive, find_initial_state
-from impact_env.methods import Exact, Method, check_load, check_mass, check_step
+from impact_env.methods import Exact, Method, check_mass, check_step
 from impact_env.parameters import (
     CompliantWalls,
     SeveralAbsorbers,
@@ -40,18 +48,73 @@ from impact_env.parameters import (
     instance,
     require,
 )
-from impact_env.response import (
+from impact_env.results import (
+    ContactPhases,
+    EnergyAccount,
     Envelope,
     History,
+    Impacts,
     Record,
     Response,
+    Reversals,
     SearchCheck,
     Window,
 )
 from impact_env.scene import InitialState, Scene
+from impact_env.solvers import check_load, find_solver
 
+T = TypeVar("T")
 Array = NDArray[np.float64]
+Watcher = Callable[[float, float], None]  # takes the time reached and the end time in s
+POLL_S = 0.1  # between two calls of a watcher
+EVENTS_PER_CHUNK = 8192  # records of a kind between two calls of `EventRecorder.empty`
+_FUNCTION = ctypes.CFUNCTYPE(None)
 MOST_EVENTS_ALLOWED = 10**15  # of a budget: more than a run of a year has
+
+
+class Stop:
+    """Order to end runs, from any thread.
+
+    Runs under way end at their next event or window, within microseconds; later runs end at once. Many
+    runs and threads may share one order. An order that was given cannot be taken back.
+
+    Examples
+    --------
+    >>> from impact_env import Stop
+    >>> stop = Stop()
+    >>> stop.give()
+    >>> stop.given
+    True
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._given = False
+        self._running: list[Counters] = []
+
+    def give(self) -> None:
+        """End all runs that share it."""
+        with self._lock:
+            self._given = True
+            for counters in self._running:
+                counters.counts["stop"] = True
+
+    @property
+    def given(self) -> bool:
+        """Whether it was given."""
+        return self._given
+
+    @contextmanager
+    def reaching(self, counters: Counters) -> Iterator[None]:
+        """While this is entered, the order reaches the kernel that counts there."""
+        with self._lock:
+            counters.counts["stop"] = self._given
+            self._running.append(counters)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._running[:] = [other for other in self._running if other is not counters]
 
 
 class IntegrationError(RuntimeError):
@@ -93,12 +156,110 @@ FAILURE_ADVICE = {
 }
 
 
-def integrate(
-    scene: Scene, drive: AnyDrive, method: Method, state: Array, observe: Observers
-) -> int:
-    """Run the method's kernel on ``state`` (2 N_m + 2 n,) in place and return its status code."""
-    with compiling_for(scene, method):
-        return find_solver(scene, method).run(scene, drive, method, state, observe)
+class EventRecorder:
+    """The events of one run: ``events`` is what its kernel fills, `found` returns what it has filled.
+
+    A kernel that has used all places of a list calls `empty`, with Python's lock. What goes wrong there, or a KeyboardInterrupt that arrives there,
+    ends the run and is raised by `close`.
+    """
+
+    def __init__(self, contacts: bool, reversals: bool, counters: Counters) -> None:
+        self._counters = counters
+        self._contacts = contacts
+        self._reversals = reversals
+        self._function = _FUNCTION(self._call)  # as long as a kernel may call it
+        address = ctypes.cast(self._function, ctypes.c_void_p).value or 0
+        self.events = new_events(EVENTS_PER_CHUNK * contacts, EVENTS_PER_CHUNK * reversals, address)
+        self._chunks: dict[str, list[NDArray[np.void]]] = {
+            "impacts": [np.zeros(0, IMPACT_RECORD)],
+            "phases": [np.zeros(0, PHASE_RECORD)],
+            "reversals": [np.zeros(0, REVERSAL_RECORD)],
+        }
+        self._error: BaseException | None = None
+
+    def _call(self) -> None:
+        try:
+            self.empty()
+        except BaseException as error:  # a function that compiled code calls cannot raise
+            self._error = error
+            self._counters.counts["stop"] = True
+            for name in self._chunks:
+                self.events.counts[name] = 0
+
+    def empty(self) -> None:
+        """Take the records out of all lists."""
+        for name, chunks in self._chunks.items():
+            used = self.events.counts[name]
+            chunks.append(getattr(self.events, name)[:used].copy())
+            self.events.counts[name] = 0
+
+    def close(self) -> None:
+        """Take the last records, and raise what has gone wrong in `empty`; no kernel may run any more."""
+        if self._error is not None:
+            raise self._error
+        self.empty()
+
+    def found(self) -> tuple[Impacts | None, ContactPhases | None, Reversals | None]:
+        """Return impacts, contact phases and reversals, None where they were not listed."""
+        impacts, phases, reversals = map(np.concatenate, self._chunks.values())
+        return (
+            Impacts(
+                *(
+                    impacts[name].copy()
+                    for name in ("time", "relative_velocity", "impulse", "loss", "absorber")
+                )
+            )
+            if self._contacts
+            else None,
+            ContactPhases(*(phases[name].copy() for name in ("start", "end", "kind", "absorber")))
+            if self._contacts
+            else None,
+            Reversals(reversals["time"].copy(), reversals["absorber"].copy())
+            if self._reversals
+            else None,
+        )
+
+
+def new_run_counters(
+    drive: AnyDrive, most_events: int | None, check: CheckObserver | None = None
+) -> Counters:
+    """Return a run's counters with its budget; None is the default, which grows with the time reached.
+
+    Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each pseudo period that has passed, too.
+    """
+    events = FIRST_EVENTS
+    per_period = EVENTS_PER_PERIOD
+    evaluations_per_period = EVALUATIONS_PER_EVENT * EVENTS_PER_PERIOD
+    if most_events is not None:
+        events = most_events
+        per_period = 0
+        evaluations_per_period = EVALUATIONS_PER_EVENT
+    period = drive.schedule.pseudo_period
+    return new_counters(
+        events,
+        per_period / period,
+        EVALUATIONS_PER_EVENT * events,
+        evaluations_per_period / period,
+        check,
+    )
+
+
+def run_in_thread(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
+    """Do ``work`` in a thread and call ``progress`` ten times a second with the time reached.
+
+    A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on; one that is being compiled is left behind.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            running = pool.submit(work)
+            while wait([running], POLL_S).not_done:
+                progress(float(counters.counts["reached"]), end)
+        except BaseException:
+            counters.counts["stop"] = True
+            with abandon_compilations():
+                pool.shutdown()
+            raise
+    return running.result()
 
 
 def needs_energy(scene: Scene, record: Record) -> bool:
@@ -257,7 +418,7 @@ def simulate(
     check_load(scene, drive, method)
     if record.level or record.envelope is not None:
         require_sampling(scene, drive, record.samples_per_period, start)
-    find_solver(scene, method)  # refuses what the method cannot do
+    solver = find_solver(scene, method)
     if record.reversals:
         allowed = isinstance(method, Exact) and scene.kind in {SceneKind.RIGID, SceneKind.SEVERAL}
         require(
@@ -271,45 +432,28 @@ def simulate(
     budget = (
         None if most_events is None else count("most_events", most_events, 1, MOST_EVENTS_ALLOWED)
     )
-    return _run(
-        scene,
-        drive,
-        method,
-        start,
-        record,
-        budget,
-        progress,
-        stop,
-    )
 
-
-def _run(
-    scene: Scene,
-    drive: AnyDrive,
-    method: Method,
-    start: Array,
-    record: Record,
-    budget: int | None,
-    tell: Watcher | None,
-    stop: Stop | None,
-) -> Response:
-    """Run from a state (2 N_m + 2 n,); errors as `simulate`."""
-    interval = drive.schedule.pseudo_period / record.samples_per_period
-    searched = find_solver(scene, method).searched
     end = float(drive.schedule.times[-1])
-    check = new_check(record.check and searched) if _balanced(scene, record) else None
+    interval = drive.schedule.pseudo_period / record.samples_per_period
+    check = new_check(record.check and solver.searched) if _balanced(scene, record) else None
     counters = new_run_counters(drive, budget, check)
     lists = EventRecorder(record.events or record.reversals, record.reversals, counters)
     observe = _observers(scene, drive, record, interval, lists, counters)
     state = start.copy()
-    work = partial(integrate, scene, drive, method, state, observe)
+
+    def work() -> int:
+        with compiling_for(scene, method):
+            return solver.run(scene, drive, method, state, observe)
+
     began = time.perf_counter()
     with nullcontext() if stop is None else stop.reaching(counters):
-        status = work() if tell is None else run_in_thread(work, counters, end, tell)
+        status = work() if progress is None else run_in_thread(work, counters, end, progress)
     wall_time = time.perf_counter() - began
     lists.close()
-    if tell is not None and status == observers.DONE:
-        tell(end, end)
+
+    complete = status == observers.DONE
+    if progress is not None and complete:
+        progress(end, end)
     response = _response(
         scene,
         drive,
@@ -320,9 +464,9 @@ def _run(
         observe,
         lists,
         wall_time=wall_time,
-        complete=status == observers.DONE,
+        complete=complete,
     )
-    if status != observers.DONE:
+    if not complete:
         raise _failure(response, counters, status)
     return response
 

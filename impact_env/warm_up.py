@@ -21,7 +21,7 @@ from impact_env.kernels.compiling.cache import cache_folder
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.parameters import Absorber, Beam, impact_absorber
 from impact_env.prepare import short_run
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import beam_scene
 
 Jobs = list[tuple[str, Callable[[], None]]]

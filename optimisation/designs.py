@@ -22,6 +22,7 @@ from impact_env.parameters import (
     finite,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
     instance,
     keep_checked,
     kind_of,
@@ -33,7 +34,6 @@ from impact_env.parameters import (
     two,
 )
 from impact_env.scene import Scene
-from impact_env.shared_mass import impact_absorbers
 from optimisation.extremes import usable_mass_ratio
 from optimisation.mounting import scene_on
 from optimisation.variables import (

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.ensemble import Executor, Members, Threads
-from impact_env.families import kernel_key
 from impact_env.methods import Exact
 from impact_env.parameters import ParameterError, require
+from impact_env.solvers import kernel_key
 from optimisation.designs import Design
 from optimisation.measures import Chunk, measure
 from optimisation.statistics import standard_error

@@ -19,7 +19,7 @@ from impact_env.parameters import (
     require,
     text,
 )
-from impact_env.response import Record, Response, require_recorded
+from impact_env.results import Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.baselines import Baselines, simulate_baselines

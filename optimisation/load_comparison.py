@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, drives_of, each_lane
 from impact_env.frequency import receptance
 from impact_env.loads import BASE_QUANTITY, AnyDrive, Loads, Member, Random
-from impact_env.methods import Exact, check_load
+from impact_env.methods import Exact
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -33,8 +33,9 @@ from impact_env.parameters import (
     positive,
     require,
 )
-from impact_env.response import require_recorded
+from impact_env.results import require_recorded
 from impact_env.scene import Scene
+from impact_env.solvers import check_load
 from impact_env.sweep import simulate
 from impact_env.turning_loads import Force
 from optimisation.bounds import design_gap, reach

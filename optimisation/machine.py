@@ -20,7 +20,7 @@ from impact_env.ensemble import available_cores
 from impact_env.kernels.compiling.cache import hash_sources
 from impact_env.loads import AnyDrive
 from impact_env.methods import Method
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 

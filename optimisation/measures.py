@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
-from impact_env.level_sampling import require_sampled
+from impact_env.level import require_sampled
 from impact_env.loads import AnyDrive, Loads, Shock, Strike, find_schedule
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
-from impact_env.response import Record, Response, require_recorded
+from impact_env.results import Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate
 

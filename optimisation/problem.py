@@ -12,7 +12,7 @@ from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import default_rate, linear_sweep
 from impact_env.ensemble import Lane, Members, draw_members
 from impact_env.loads import Loads, Member
-from impact_env.methods import Exact, check_load
+from impact_env.methods import Exact
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -26,6 +26,7 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
+from impact_env.solvers import check_load
 from optimisation.bounds import design_force
 from optimisation.designs import Design, DesignSpace
 from optimisation.evaluation import evaluate_arrays

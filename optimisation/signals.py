@@ -29,12 +29,17 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Lane
 from impact_env.kernels.motion.level import compute_level
-from impact_env.level import HALF_WINDOW_PERIODS, LEAST_SAMPLES_PER_CYCLE, level_of
-from impact_env.level_sampling import highest_tone, require_sampled
+from impact_env.level import (
+    HALF_WINDOW_PERIODS,
+    LEAST_SAMPLES_PER_CYCLE,
+    highest_tone,
+    level_of,
+    require_sampled,
+)
 from impact_env.loads import Loads, Tones
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
-from impact_env.response import Record, Response, require_recorded
+from impact_env.results import Record, Response, require_recorded
 from impact_env.sweep import simulate
 from optimisation.measures import (
     DECAY,

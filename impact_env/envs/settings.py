@@ -11,9 +11,8 @@ import numpy as np
 
 from impact_env.envs.observation import FEATURE_LIMIT
 from impact_env.laws import CONCEPTS, make
-from impact_env.level import MOST_SAMPLES_PER_PERIOD
 from impact_env.loads import Random, Samples
-from impact_env.methods import METHODS, Exact, Method, check_general, check_supported
+from impact_env.methods import METHODS, Exact, Method
 from impact_env.modes import Structure, modal_model
 from impact_env.parameters import (
     MOST_ELEMENTS,
@@ -36,8 +35,9 @@ from impact_env.parameters import (
 )
 from impact_env.plain import from_scene, load_structure, to_beam, to_scene
 from impact_env.plain_loads import to_loads
-from impact_env.response import DEFAULT_SAMPLES
+from impact_env.results import DEFAULT_SAMPLES, MOST_SAMPLES_PER_PERIOD
 from impact_env.scene import Scene, beam_scene
+from impact_env.solvers import check_general, find_solver
 
 Range = tuple[float, float]
 SWEEP_OBJECTIVES = ("level", "fatigue")
@@ -263,7 +263,7 @@ class TaskSettings:
                 self.beam,
                 "left out beside a structure, whose file says what it is",
             )
-        check_supported(self.scene, self.integrator)
+        find_solver(self.scene, self.integrator)
         model = self.scene.model
         keep_checked(self, resonance=lambda _name, value: model.check_resonance(value))
         low, high = self.forces

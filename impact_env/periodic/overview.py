@@ -32,7 +32,7 @@ from impact_env.periodic.orbit_branches import (
 )
 from impact_env.periodic.response_curve import ResponseCurve, balance_curve, orbit_curve
 from impact_env.periodic.stationary import StationaryPoint, StationaryRuns
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 

@@ -18,7 +18,7 @@ from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import Event, Regime
 from impact_env.regimes import RegimeModes, checked_modes, solve_own_modes
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
 

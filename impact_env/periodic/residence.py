@@ -31,7 +31,7 @@ from impact_env.parameters import (
     positive,
     require,
 )
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 

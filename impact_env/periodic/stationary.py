@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, constant_frequency
-from impact_env.energy import EnergyAccount, mechanical_energy
+from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, each_lane
 from impact_env.parameters import (
     count,
@@ -28,7 +28,7 @@ from impact_env.parameters import (
     positive,
 )
 from impact_env.periodic.residence import Approach, drop_unfinished, hold
-from impact_env.response import History, Record, Response
+from impact_env.results import EnergyAccount, History, Record, Response
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 

@@ -15,7 +15,7 @@ from impact_env.periodic.motion import AnyMotion
 from impact_env.periodic.passage import RECORD
 from impact_env.periodic.schedule import Regime
 from impact_env.prepare import run_alongside
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
 

@@ -13,12 +13,12 @@ import click
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.laws import describe_absorber
-from impact_env.level import MOST_SAMPLES_PER_PERIOD
 from impact_env.loads import AnyDrive
-from impact_env.methods import PAPER_STEPS, Exact, Method, check_load, check_supported
+from impact_env.methods import PAPER_STEPS, Exact, Method
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
-from impact_env.response import Record, Response
+from impact_env.results import MOST_SAMPLES_PER_PERIOD, Record, Response
 from impact_env.scene import Scene
+from impact_env.solvers import check_load, find_solver
 from impact_env.sweep import simulate
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
@@ -228,7 +228,7 @@ def run(options: scenes.Options) -> None:
     check_target("--json", options["json"])
     check_target("--plot", options["plot"], FIGURES)
     (scene, beam), method = scenes.make_scene(options), scenes.make_method(options)
-    check_supported(scene, method)
+    find_solver(scene, method)
     first = make_drive(options, scene)
     schedule = first.schedule
     check_load(scene, first, method)

@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop
 from impact_env.curve import CurveCase, Measure
 from impact_env.drive import LEAST_DAMPING, Drive, FrequencySchedule
 from impact_env.ensemble import Lane
@@ -22,16 +21,16 @@ from impact_env.parameters import (
     count,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
     number,
     one_of,
     require,
 )
 from impact_env.plain import Plain, from_scene
 from impact_env.plain_loads import to_loads
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import Scene
-from impact_env.shared_mass import impact_absorbers
-from impact_env.sweep import simulate
+from impact_env.sweep import Stop, simulate
 from optimisation.bounds import design_force, design_gap
 from optimisation.measures import SAMPLES, START, read
 from optimisation.mounting import scene_on

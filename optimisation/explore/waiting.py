@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.budget import Stop
 from impact_env.curve import CurveCase
 from impact_env.kernels.compiling.parts import NotCached, only_cached
 from impact_env.loads import Loads
@@ -20,6 +19,7 @@ from impact_env.periodic.orbit_branches import orbit_branches
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.prepare import Preparation
 from impact_env.scene import Scene
+from impact_env.sweep import Stop
 from optimisation.explore.settings import ControlValues, Loading
 from optimisation.friction_rule import best_friction
 from optimisation.gap_advice import advise

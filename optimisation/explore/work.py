@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.budget import Stop
 from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Lane
-from impact_env.families import kernel_key
 from impact_env.frequency import tip_response
 from impact_env.laws import describe_absorber
 from impact_env.level import HALF_WINDOW_PERIODS
@@ -34,9 +32,10 @@ from impact_env.parameters import (
     friction_damper,
 )
 from impact_env.prepare import is_ready, prepare
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import Scene
-from impact_env.sweep import simulate
+from impact_env.solvers import kernel_key
+from impact_env.sweep import Stop, simulate
 from optimisation.bounds import design_gap, reach, resonance_limit, share_reached
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import (

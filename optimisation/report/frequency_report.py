@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import SlidingAbsorber
-from impact_env.response import require_recorded
+from impact_env.results import require_recorded
 from optimisation.files import numbers, replacing, write_csv
 from optimisation.frequency_levels import NO_ABSORBER, ResonanceCurves, WorstRun
 from optimisation.report.card import Chart, Curve

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.energy import EnergyAccount, mechanical_energy
+from impact_env.energy import mechanical_energy
 from impact_env.ensemble import LaneLevels
 from impact_env.laws import describe_absorber, describe_modes
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import LOAD_STARTS, Loads, describe_amplitude
 from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.plain import from_scene
-from impact_env.response import History, Response, require_recorded
+from impact_env.results import EnergyAccount, History, Response, require_recorded
 from optimisation.extremes import LEAST_RATIO
 from optimisation.report.figures import MM, figure_of, write_figure
 from optimisation.statistics import prediction_interval

@@ -15,7 +15,7 @@ from impact_env.ensemble import draw_members, drives_of
 from impact_env.loads import BASE_QUANTITY, FORCE_QUANTITY, Loads, Random, Shock
 from impact_env.modes import ModalModel
 from impact_env.parameters import TunedAbsorber, impact_absorber
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli.group import imported

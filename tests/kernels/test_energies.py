@@ -20,11 +20,11 @@ from impact_env import (
     friction_damper,
     impact_absorber,
     impact_absorbers,
+    solvers,
 )
-from impact_env.families import exact as families
-from impact_env.families.family import compute_window_length
 from impact_env.parameters import Absorber
-from impact_env.response import Response
+from impact_env.results import Response
+from impact_env.solvers import compute_window_length
 
 DEGREE = 5
 SAMPLES = 40_000  # in a pseudo period: where friction changes there is a kink, which costs a spline the square of the distance
@@ -204,7 +204,7 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
     drive = drive_of(3.5, 0.97, 1.03, periods=40)
     start = InitialState(modal_velocity=np.array([0.1, 0.0, 0.0]))
     exact = run(scene, drive, initial=start).energy
-    regime, reach = families.linear_regime(scene, compute_window_length(drive))
+    regime, reach = solvers.linear_regime(scene, compute_window_length(drive))
     assert exact.relative_error < 1e-13
     system = regime.system
     table = system.table.copy()
@@ -213,7 +213,7 @@ def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch
     rows[4:6] *= 1 + 1e-8  # DRIVE
     for spoiled in (system._replace(table=table), system._replace(rows=rows)):
         monkeypatch.setattr(
-            families,
+            solvers,
             "linear_regime",
             lambda *_, spoiled=spoiled: (regime._replace(system=spoiled), reach),
         )

@@ -12,8 +12,8 @@ from core import EVERYTHING
 from load_cases import PARTICIPATION, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
+from impact_env import solvers
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.families import exact
 from impact_env.laws import SceneKind
 from impact_env.loads import (
     Force,
@@ -44,7 +44,7 @@ from impact_env.parameters import (
     YieldingWalls,
     friction_damper,
 )
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 from reference.dense import Inputs, follow
@@ -485,7 +485,7 @@ def test_runs_in_two_threads_may_share_what_a_load_is_for_the_kernels(
     record: Callable[[Array], Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its expansion in the current window belongs to each run: threads in different windows of one load write none of the other's."""
-    monkeypatch.setattr(exact, "build_schedule", lru_cache(exact.build_schedule))
+    monkeypatch.setattr(solvers, "build_schedule", lru_cache(solvers.build_schedule))
     scene = Scene(cantilever(), BOTH)
     part = ShakenBase(SWEEP, displacement=2e-4) if record is shaken else Samples(CLOCK, NOISE)
     loads = Loads((part,), W1)

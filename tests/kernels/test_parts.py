@@ -17,7 +17,7 @@ from places import fresh as process
 from impact_env.kernels.compiling import numba_check
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
 from impact_env.kernels.exact.linear import linear_lane
-from impact_env.response import Record, Window
+from impact_env.results import Record, Window
 from impact_env.sweep import simulate
 
 

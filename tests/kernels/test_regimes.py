@@ -7,13 +7,6 @@ import scipy.optimize
 from core import Array
 
 from impact_env import Beam, ModalModel, ParameterError, Scene
-from impact_env.families.exact import linear_regime
-from impact_env.families.regime_cache import (
-    MOST_BYTES_CACHED,
-    RegimeCache,
-    cache_regimes,
-    count_bytes,
-)
 from impact_env.kernels.events import starts
 from impact_env.kernels.events.search import SCAN_NOISE
 from impact_env.kernels.exact import rigid_contact
@@ -30,6 +23,13 @@ from impact_env.regimes import (
     joined_regime,
     padded_size,
     sprung_regime,
+)
+from impact_env.solvers import (
+    MOST_BYTES_CACHED,
+    RegimeCache,
+    cache_regimes,
+    count_bytes,
+    linear_regime,
 )
 
 pytest.importorskip("mpmath")

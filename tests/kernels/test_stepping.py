@@ -46,7 +46,7 @@ from impact_env.kernels.stepping.grid import BeamModes, DriveForce
 from impact_env.level import response_level
 from impact_env.methods import LEAST_STEPS_PER_PERIOD, Method, check_mass, check_step
 from impact_env.parameters import Absorber
-from impact_env.response import Response
+from impact_env.results import Response
 
 LINEAR = [None, StuckAbsorber(), TunedAbsorber()]
 RIGID = [

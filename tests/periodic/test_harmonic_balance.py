@@ -38,7 +38,7 @@ from impact_env.periodic.harmonic_balance import (
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.periodic.symmetric import closed_form
 from impact_env.periodic.trigonometric import basis, find_roots, negative, share, values, window
-from impact_env.response import Window
+from impact_env.results import Window
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import simulate
 

@@ -30,8 +30,7 @@ from impact_env import (
     impact_absorber,
     simulate,
 )
-from impact_env.controlled import ControlledRuns, bind_kernel
-from impact_env.crew import WorkerPool
+from impact_env.controlled import ControlledRuns, WorkerPool, bind_kernel
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.control.work_queue import (
     new_work_queue,

@@ -21,7 +21,7 @@ from impact_env.frequency import (
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
 from impact_env.phase_lag import phase_lag
-from impact_env.response import History
+from impact_env.results import History
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,6 @@ from impact_env import (
 )
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive, constant_frequency
-from impact_env.families import SOLVERS, find_solver, kernel_key
 from impact_env.kernels.motion.observers import DONE
 from impact_env.laws import SceneKind
 from impact_env.loads import BASE_QUANTITY, AnyDrive, Force, Loads, Samples
@@ -39,9 +38,10 @@ from impact_env.parameters import (
     StuckAbsorber,
     TunedAbsorber,
     YieldingWalls,
+    impact_absorbers,
 )
 from impact_env.scene import Scene, beam_scene
-from impact_env.shared_mass import impact_absorbers
+from impact_env.solvers import CAPABILITIES, find_solver, kernel_key
 from impact_env.sweep import simulate
 
 INF = math.inf
@@ -229,10 +229,12 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
         calls.append((name, *map(numba.typeof, arguments)))
         return DONE
 
-    for pair, own in SOLVERS.items():
-        monkeypatch.setitem(SOLVERS, pair, replace(own, lane=partial(record_call, own.name)))
+    for pair, own in CAPABILITIES.items():
+        if (solver := own.solver) is not None:
+            recorded = replace(solver, lane=partial(record_call, solver.name))
+            monkeypatch.setitem(CAPABILITIES, pair, replace(own, solver=recorded))
     for name, present in every_scene().items():
-        if (present.kind, type(method)) not in SOLVERS:
+        if CAPABILITIES[present.kind, type(method)].solver is None:
             with pytest.raises(ParameterError, match=r"(method|gravity) = .* is not allowed"):
                 simulate(present, drive(present), method)
             continue
@@ -242,7 +244,7 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
                 assert refused in {"gravity", "loads", "method"}
                 assert name not in ABSORBERS or isinstance(load, Loads)
                 continue
-            assert SOLVERS[present.kind, type(method)] is find_solver(present, method)
+            assert CAPABILITIES[present.kind, type(method)].solver is find_solver(present, method)
             assert (find_solver(present, method).lanes is None) == (
                 present.kind is SceneKind.SEVERAL
             )
@@ -254,7 +256,9 @@ def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_s
 
 def test_every_kind_of_scene_is_in_the_table_and_linear_ones_go_with_the_force() -> None:
     assert (
-        {scene(name).kind for name in ABSORBERS} == set(SceneKind) == {kind for kind, _ in SOLVERS}
+        {scene(name).kind for name in ABSORBERS}
+        == set(SceneKind)
+        == {kind for kind, _ in CAPABILITIES}
     )
     for name in ABSORBERS:
         present = scene(name)

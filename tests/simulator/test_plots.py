@@ -19,9 +19,7 @@ from impact_env import (
     linear_sweep,
 )
 from impact_env.ensemble import LaneLevels, draw_members
-from impact_env.level import ResponseLevel
-from impact_env.plots import html_table
-from impact_env.response import Envelope, History
+from impact_env.results import Envelope, History, ResponseLevel, html_table
 
 SCENE = beam_scene(Beam(modes=2))
 OMEGA = SCENE.model.resonance_omega(1)

@@ -21,7 +21,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.parameters import Absorber, TunedAbsorber
-from impact_env.response import RECORDING
+from impact_env.results import RECORDING
 
 BEAM = Beam(modes=3)
 OMEGA = beam_scene(BEAM).model.resonance_omega(1)

@@ -25,9 +25,7 @@ from impact_env.controlled import ControlledRuns
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.event_lists import EventRecorder
-from impact_env.level import response_level
-from impact_env.level_sampling import require_sampled, response_spectrum
+from impact_env.level import require_sampled, response_level, response_spectrum
 from impact_env.loads import (
     BASE_QUANTITY,
     FORCE_QUANTITY,
@@ -46,8 +44,8 @@ from impact_env.loads import (
 )
 from impact_env.methods import Method, Moreau, RungeKutta
 from impact_env.parameters import CompliantWalls, SlidingAbsorber
-from impact_env.plots import draw_columns
-from impact_env.response import Window
+from impact_env.results import Window
+from impact_env.sweep import EventRecorder
 from optimisation.measures import RMS, Chunk, measure, measured
 
 MODEL = cantilever()
@@ -316,7 +314,9 @@ def test_a_window_holds_its_samples_ends_included(method: Method) -> None:
             np.testing.assert_array_equal(
                 getattr(response.history, name), getattr(whole, name)[inside]
             )
-        assert [len(row) for row in draw_columns(response)] == [min(600, np.sum(inside))] * 3
+        assert [len(row) for row in response.displacement_columns()] == [
+            min(600, np.sum(inside))
+        ] * 3
 
 
 @pytest.mark.parametrize(
@@ -358,17 +358,17 @@ def bouncing(impacts: int) -> tuple[Scene, Drive, InitialState]:
 def test_more_events_than_a_list_holds_are_all_listed_by_one_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from impact_env import event_lists, sweep
+    from impact_env import solvers, sweep
 
     calls = list[int]()
-    integrate = sweep.integrate
+    build_schedule: Callable[..., object] = solvers.build_schedule
 
-    def counted(*arguments: object) -> int:
+    def counted(*arguments: object) -> object:
         calls.append(1)
-        return integrate(*arguments)
+        return build_schedule(*arguments)
 
-    monkeypatch.setattr(sweep, "integrate", counted)
-    monkeypatch.setattr(event_lists, "EVENTS_PER_CHUNK", 16)
+    monkeypatch.setattr(solvers, "build_schedule", counted)
+    monkeypatch.setattr(sweep, "EVENTS_PER_CHUNK", 16)
     scene, drive, start = bouncing(200)
     response = simulate(
         scene, drive, initial=start, record=Record(level=False, events=True, reversals=True)
@@ -382,13 +382,13 @@ def test_more_events_than_a_list_holds_are_all_listed_by_one_run(
 
 @pytest.mark.parametrize("method", [Exact(), Moreau(200)], ids=str)
 def test_lists_in_chunks_are_those_in_one(method: Method, monkeypatch: pytest.MonkeyPatch) -> None:
-    from impact_env import event_lists
+    from impact_env import sweep
 
     scene = scene_of(impact_absorber(5e-4, 0.3, 0.1), modes=2)
     drive = drive_of(6.0, 0.98, 1.02, periods=20)
     record = Record(events=True, reversals=isinstance(method, Exact))
     whole = simulate(scene, drive, method, record=record)
-    monkeypatch.setattr(event_lists, "EVENTS_PER_CHUNK", 3)
+    monkeypatch.setattr(sweep, "EVENTS_PER_CHUNK", 3)
     parts = simulate(scene, drive, method, record=record)
     assert len(whole.impacts.time) > 20
     assert len(whole.phases.start) > 3
@@ -409,9 +409,9 @@ def failing(error: BaseException) -> Callable[[EventRecorder], None]:
 def test_what_goes_wrong_while_a_list_is_emptied_ends_the_run(
     error: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from impact_env import event_lists
+    from impact_env import sweep
 
-    monkeypatch.setattr(event_lists, "EVENTS_PER_CHUNK", 4)
+    monkeypatch.setattr(sweep, "EVENTS_PER_CHUNK", 4)
     monkeypatch.setattr(EventRecorder, "empty", failing(error))
     scene, drive, start = bouncing(10**7)  # minutes
     with pytest.raises(type(error)):

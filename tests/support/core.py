@@ -21,7 +21,7 @@ from impact_env.parameters import (
     SlidingAbsorber,
     impact_absorber,
 )
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 

@@ -26,11 +26,11 @@ from impact_env.parameters import (
     YieldingWalls,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
 )
 from impact_env.periodic.survey import closed_form_orbits
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import Scene, beam_scene
-from impact_env.shared_mass import impact_absorbers
 from impact_env.sweep import simulate
 
 # Scenes of every kind of contact, for comparisons with the references.

@@ -55,7 +55,7 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.response import Record, Window
+from impact_env.results import Record, Window
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 

@@ -33,10 +33,10 @@ from impact_env.parameters import (
     TunedAbsorber,
     friction_damper,
     impact_absorber,
+    impact_absorbers,
 )
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.shared_mass import impact_absorbers
 from impact_env.sweep import IntegrationError, simulate
 
 BEAM = Beam(modes=2)

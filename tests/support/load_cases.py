@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from impact_env.drive import FrequencySchedule
 from impact_env.laws import SceneKind
 from impact_env.modes import ModalModel
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]

@@ -71,6 +71,8 @@ from impact_env.parameters import (
     friction_damper,
     friction_law,
     impact_absorber,
+    impact_absorbers,
+    shared_masses,
 )
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.contact import CompliantContact, RigidContact
@@ -81,9 +83,8 @@ from impact_env.periodic.schedule import flying_schedule
 from impact_env.periodic.stationary import Criteria, StationaryRuns
 from impact_env.plain import from_drive, from_scene, to_drive, to_method, to_scene, to_structure
 from impact_env.plain_loads import to_loads
-from impact_env.response import Record, Window
+from impact_env.results import Record, Window
 from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.shared_mass import impact_absorbers, shared_masses
 from impact_env.turning_loads import Force, ShakenBase, Shock, Strike, Tone, Tones, Unbalance
 from optimisation.bounds import (
     common_gap,

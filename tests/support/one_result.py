@@ -23,7 +23,7 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import simulate
 

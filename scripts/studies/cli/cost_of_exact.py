@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-from impact_env.families.exact import rigid_regimes
-from impact_env.families.family import WINDOW_PERIODS
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.events.signals import (
     EventFunction,
@@ -36,6 +34,7 @@ from impact_env.kernels.motion.search_block import (
     start_orders,
 )
 from impact_env.methods import Exact
+from impact_env.solvers import WINDOW_PERIODS, rigid_regimes
 from optimisation.cli.common import command
 from optimisation.machine import Timed
 from optimisation.page import markdown

@@ -27,7 +27,7 @@ from impact_env.level import HALF_WINDOW_PERIODS, response_level
 from impact_env.methods import PAPER_STEPS, Exact, Method, Moreau
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER
 from impact_env.periodic.residence import Approach, passage_schedule
-from impact_env.response import DEFAULT_SAMPLES, Record
+from impact_env.results import DEFAULT_SAMPLES, Record
 from optimisation.bounds import design_force
 from optimisation.extremes import sweep_ratio
 from optimisation.page import markdown

@@ -20,12 +20,12 @@ from impact_env import Scene, simulate
 from impact_env.curve import DOWN, CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
-from impact_env.level import HALF_WINDOW_PERIODS, ResponseLevel
+from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Method
 from impact_env.parameters import require
 from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
-from impact_env.response import DEFAULT_SAMPLES, Record
+from impact_env.results import DEFAULT_SAMPLES, Record, ResponseLevel
 from optimisation.report.figures import force_axis
 from studies.paper.claim import compute_bands, format_spread
 from studies.paper.frame import MM, SMALL, LineStyle, PaperSettings, draw_band, draw_unit_level

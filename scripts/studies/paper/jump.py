@@ -32,7 +32,7 @@ from impact_env.periodic.residence import (
     jumps,
     stays,
 )
-from impact_env.response import DEFAULT_SAMPLES, Record
+from impact_env.results import DEFAULT_SAMPLES, Record
 from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from studies.paper.branches import compute_responses, draw_responses

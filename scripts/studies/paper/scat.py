@@ -12,7 +12,7 @@ from impact_env.drive import PAPER_LIMITS, PAPER_RATE, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import response_level
 from impact_env.methods import Method, Moreau
-from impact_env.response import DEFAULT_SAMPLES
+from impact_env.results import DEFAULT_SAMPLES
 from studies.paper.account import find_critical, make_lanes, make_scene, measure_energy_shares
 from studies.paper.claim import LEFT, MUCH, Claim, format_spread, make_claim
 from studies.paper.curve import FULL_RECORD, compute_curves, read_curve

@@ -25,7 +25,7 @@ from impact_env.frequency import tip_response
 from impact_env.methods import Exact, Method, Moreau
 from impact_env.periodic.stationary import modulation_depth
 from impact_env.phase_lag import phase_lag
-from impact_env.response import DEFAULT_SAMPLES
+from impact_env.results import DEFAULT_SAMPLES
 from optimisation.page import markdown
 from studies.paper.claim import (
     LEFT,

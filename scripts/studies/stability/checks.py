@@ -16,7 +16,7 @@ from impact_env import (
 )
 from impact_env.drive import Drive, linear_sweep
 from impact_env.parameters import Absorber
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import Scene, beam_scene
 from impact_env.sweep import IntegrationError, simulate
 from studies.study import Json

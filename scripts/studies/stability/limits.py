@@ -17,7 +17,6 @@ from impact_env import (
     TunedAbsorber,
     beam_scene,
 )
-from impact_env.families import find_solver
 from impact_env.frequency import joint_matrices
 from impact_env.kernels.motion.observers import (
     DONE,
@@ -27,6 +26,7 @@ from impact_env.kernels.motion.observers import (
     new_counters,
 )
 from impact_env.methods import Method, Moreau, RungeKutta
+from impact_env.solvers import find_solver
 from studies.study import Array, Json
 
 MOREAU = "moreau"

@@ -1,0 +1,780 @@
+"""From a scene and a method to kernels: the solvers, and the one table of which scenes each method can simulate (`CAPABILITIES`).
+
+No other module asks which method can do which kind of scene.
+"""
+
+import math
+import threading
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial, wraps
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.kernels.control.interval import Batch
+from impact_env.kernels.control.lanes import (
+    compliant_lanes,
+    linear_lanes,
+    moreau_lanes,
+    rigid_lanes,
+    runge_kutta_lanes,
+)
+from impact_env.kernels.control.work_queue import WorkQueue
+from impact_env.kernels.exact.compliant import CompliantScene, compliant_lane
+from impact_env.kernels.exact.compliant_contact import ContactStiffness
+from impact_env.kernels.exact.linear import Linear, linear_lane
+from impact_env.kernels.exact.rigid import rigid_lane
+from impact_env.kernels.exact.rigid_contact import ContactLaw, Walls
+from impact_env.kernels.exact.sets import Absorbers, Sets
+from impact_env.kernels.exact.several import Several, several_lane
+from impact_env.kernels.exact.stick_slip import Rigid
+from impact_env.kernels.motion import loads
+from impact_env.kernels.motion.observers import Observers
+from impact_env.kernels.motion.segments import LinearRegime, Losses, Schedule
+from impact_env.kernels.stepping import feedback, moreau
+from impact_env.kernels.stepping.feedback import (
+    CompliantLaws,
+    CubicSpring,
+    ElasticSlider,
+    ElasticStops,
+)
+from impact_env.kernels.stepping.grid import BeamModes, DriveForce, TimeStep
+from impact_env.kernels.stepping.moreau import moreau_lane
+from impact_env.kernels.stepping.moreau_law import RigidLaws, Spring
+from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
+from impact_env.laws import SceneKind
+from impact_env.loads import BASE_QUANTITY, AnyDrive, Loads, Samples
+from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    NonlinearSink,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    StuckAbsorber,
+    TunedAbsorber,
+    find_largest_gravity,
+    instance,
+    require,
+)
+from impact_env.regime_sets import regime_sets
+from impact_env.regimes import (
+    find_fastest,
+    free_regime,
+    joined_regime,
+    padded_size,
+    sprung_regime,
+    table_reach,
+)
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+P = ParamSpec("P")
+R = TypeVar("R")
+Part = TypeVar("Part")
+# a scene as its kernels take it, and the reach of its regimes' tables in s
+KernelArguments = tuple[Any, float]
+WINDOW_PERIODS = 3.2  # wanted length of a window of the chirp, in pseudo periods
+# of all regimes that are cached: those of some 450 scenes of 10 modes, or of 28 of 60 modes
+MOST_BYTES_CACHED = 64 * 2**20
+
+
+def variant_key(law: object) -> object:
+    """Return whether a law is absent; of one that has parts which may be, which of them are."""
+    return tuple(map(variant_key, law)) if isinstance(law, tuple) else law is None
+
+
+@dataclass(frozen=True)
+class Solver(ABC):
+    """Kernels for some kinds of scenes: ``lane`` makes a single run, ``lanes`` advances many under control (None: there is no such kernel).
+
+    ``laws``: parts of a scene without which the kernels are others, None where absent. ``searched``: whether its events are searched for.
+    """
+
+    name: str
+    lane: Callable[..., int]
+    lanes: Callable[..., bool] | None
+    laws: Callable[[Scene], tuple[Any, ...]]
+    searched: bool
+
+    def key(self, scene: Scene, drive: AnyDrive | None = None) -> tuple[object, ...]:
+        """Return a key, equal exactly for runs with one record that the same compiled kernels simulate (``drive`` None: one force).
+
+        It holds all that is None or not in the kernels' arguments: laws, gravity, loads, a base that moves.
+        """
+        loads = (drive.moves_base,) if isinstance(drive, Loads) else None
+        return (
+            self.name,
+            variant_key(self.laws(scene)),
+            find_gravity(scene, drive) is None,
+            loads,
+        )
+
+    @abstractmethod
+    def run(
+        self, scene: Scene, drive: AnyDrive, method: Any, state: Array, observe: Observers
+    ) -> int:
+        """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
+
+        ``state`` (2 N_m + 2 n,) is the start and becomes the end. ``observe``, with a new clock, is filled. A slider of elastic friction starts
+        without force.
+        """
+
+    @abstractmethod
+    def control(
+        self, scene: Scene, method: Any, pseudo_period: float, batch: Batch
+    ) -> Callable[[WorkQueue, int, int], bool]:
+        """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s."""
+
+    def slots(self, scene: Scene, pseudo_period: float) -> int:
+        """Return the number of slots that a lane under control keeps between intervals; 1 where it keeps nothing but its state."""
+        return 1
+
+
+def fill_tuple(kind: Callable[..., Part], law: object) -> Part | None:
+    """Return the kernels' tuple of a law, whose fields are the law's attributes of the same names (None where it lacks one); None for no law."""
+    if law is None:
+        return None
+    return kind(*(getattr(law, field, None) for field in kind._fields))  # type: ignore[attr-defined]
+
+
+def compute_window_length(drive: AnyDrive) -> float:
+    """Return the wanted length of a window in s."""
+    return WINDOW_PERIODS * drive.schedule.pseudo_period
+
+
+def build_schedule(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
+    """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
+    if isinstance(drive, Loads):
+        times, pieces, which, moves_base = drive.on_one_clock()
+        load = loads.LoadPieces(
+            pieces, which, moves_base, build_base_motion(scene) if moves_base.any() else None
+        )
+        return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
+    breaks = drive.schedule
+    phases = breaks.phase_at(breaks.times) + drive.phase
+    return Schedule(
+        np.array(breaks.times),
+        np.array(breaks.omegas),
+        np.asarray(phases),
+        drive.amplitude,
+        reach,
+        None,
+    )
+
+
+def build_base_motion(scene: Scene) -> loads.BaseParticipation:
+    """Return the participations of a scene's modes and absorber in a base that moves."""
+    model = scene.model
+    mass = scene.absorber_mass or 0.0
+    assert model.base_participation is not None
+    return loads.BaseParticipation(
+        np.array(model.base_participation),
+        model.base_at_absorber,
+        mass * model.base_at_absorber,
+    )
+
+
+def find_gravity(scene: Scene, drive: AnyDrive | None = None) -> float | None:
+    """Return the gravity (m/s^2) along a single absorber's motion, None without; under loads 0 in place of None, so that one kernel does for both."""
+    return (
+        find_largest_gravity(scene.absorber)
+        if isinstance(drive, Loads)
+        else find_largest_gravity(scene.absorber) or None
+    )
+
+
+def build_losses(scene: Scene) -> Losses:
+    """Return the losses of a scene: shapes at force and tip, the modes' damping, and a tuned absorber's damper."""
+    model = scene.model
+    absorber = scene.absorber
+    damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
+    return Losses(
+        np.array(model.force_shape),
+        np.array(model.tip_shape),
+        2 * model.damping_ratio * model.omega,
+        damper,
+    )
+
+
+def build_contact(
+    scene: Scene,
+    walls: Walls | None = None,
+    limit: float | None = None,
+    drive: AnyDrive | None = None,
+) -> ContactLaw:
+    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `find_gravity`."""
+    mass = scene.absorber_mass
+    tip_shape = np.array(scene.model.tip_shape)
+    friction = getattr(scene.absorber, "friction", None)
+    assert mass is not None
+    return ContactLaw(
+        mass,
+        1 / mass + float(np.sum(tip_shape**2)),
+        tip_shape,
+        walls,
+        limit,
+        find_gravity(scene, drive),
+        friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0,
+    )
+
+
+def build_spring(scene: Scene) -> Spring | None:
+    """Return spring and damper of a tuned absorber, None without."""
+    return fill_tuple(Spring, scene.absorber) if isinstance(scene.absorber, TunedAbsorber) else None
+
+
+def count_bytes(value: Any) -> int:
+    """Return the size of all arrays in nested tuples."""
+    if isinstance(value, tuple):
+        return sum(map(count_bytes, value))
+    return value.nbytes if isinstance(value, np.ndarray) else 0
+
+
+class RegimeCache:
+    """Results of functions by their arguments; those used least recently go where all together have more than ``most_bytes``."""
+
+    def __init__(self, most_bytes: int) -> None:
+        self.most_bytes = most_bytes
+        self._values: OrderedDict[Any, tuple[Any, int]] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    @property
+    def bytes(self) -> int:
+        """Size of all results that are held."""
+        return self._bytes
+
+    def __call__(self, function: Callable[P, R]) -> Callable[P, R]:
+        """Return the function, with its results held."""
+
+        @wraps(function)
+        def cached(*args: P.args, **kwargs: P.kwargs) -> R:
+            key = (function, args, tuple(sorted(kwargs.items())))
+            with self._lock:
+                if key in self._values:
+                    self._values.move_to_end(key)
+                    return self._values[key][0]
+            value = function(*args, **kwargs)
+            with self._lock:
+                if key not in self._values:
+                    self._hold(key, value)
+                return self._values[key][0]
+
+        return cached
+
+    def _hold(self, key: Any, value: Any) -> None:
+        size = count_bytes(value)
+        self._values[key] = value, size
+        self._bytes += size
+        while self._bytes > self.most_bytes and len(self._values) > 1:
+            _, (_, dropped) = self._values.popitem(last=False)
+            self._bytes -= dropped
+
+
+cache_regimes = RegimeCache(MOST_BYTES_CACHED)
+
+
+@dataclass(frozen=True)
+class ExactSolver(Solver):
+    """``take`` makes of a scene, the wanted reach in s, whether the base moves, and the drive (None: under control) what the kernels take.
+
+    ``regime``: the one of it whose slots a lane under control keeps.
+    """
+
+    take: Callable[[Scene, float, bool, AnyDrive | None], KernelArguments]
+    regime: Callable[[Any], LinearRegime]
+
+    def run(
+        self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, observe: Observers
+    ) -> int:
+        """Integrate over the whole schedule, see `Solver.run`."""
+        taken, reach = self.take(
+            scene,
+            compute_window_length(drive),
+            isinstance(drive, Loads) and drive.moves_base,
+            drive,
+        )
+        return int(self.lane(taken, build_schedule(scene, drive, reach), state, observe))
+
+    def control(
+        self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch
+    ) -> Callable[[WorkQueue, int, int], bool]:
+        """Return the kernel that advances lanes, see `Solver.control`."""
+        assert self.lanes is not None
+        moves = (
+            batch.settings.disturbance is not None and batch.settings.disturbance.base is not None
+        )
+        return partial(
+            self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, moves, None), batch
+        )
+
+    def slots(self, scene: Scene, pseudo_period: float) -> int:
+        """Return the slots of the regime."""
+        return self.regime(
+            self.take(scene, WINDOW_PERIODS * pseudo_period, False, None)[0]
+        ).system.rows.shape[1]
+
+
+# Exact, one absorber with rigid walls, rigid friction or both: free or sliding, and joined.
+
+
+DISTANT_WALLS = Walls(1e300, 1.0, None)
+
+
+@cache_regimes
+def rigid_regimes(
+    scene: Scene, wanted: float, moves: bool = False
+) -> tuple[LinearRegime, LinearRegime, float]:
+    """Return the free and the joined regime, and the reach of their tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+    assert scene.absorber_mass is not None
+    bounds = (find_fastest(scene.model), find_fastest(scene.model, scene.absorber_mass))
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    joined = joined_regime(
+        scene.model,
+        scene.absorber_mass,
+        size,
+        reach,
+        moves=moves,
+        heavy=find_gravity(scene) is not None,
+    )
+    return free_regime(scene.model, size, reach, moves=moves), joined, reach
+
+
+def rigid_laws(scene: Scene) -> tuple[Walls | None, float | None]:
+    """Return rigid walls and friction limit (N), None where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    limit = None if absorber.friction is None else absorber.friction.limit
+    return fill_tuple(Walls, absorber.walls), limit
+
+
+def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
+    """Return walls and friction limit (N, None where absent); walls that are absent are out of reach.
+
+    A friction damper with such walls runs as fast as one without, to the same digits, and needs no kernels of its own.
+    """
+    walls, limit = rigid_laws(scene)
+    return DISTANT_WALLS if walls is None else walls, limit
+
+
+def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+    free, joined, reach = rigid_regimes(scene, wanted, moves)
+    laws = rigid_laws(scene) if drive is None else _laws_rigid(scene)
+    return Rigid(free, joined, build_contact(scene, *laws, drive), build_losses(scene)), reach
+
+
+RIGID_SOLVER = ExactSolver(
+    "rigid",
+    rigid_lane,
+    rigid_lanes,
+    _laws_rigid,
+    searched=True,
+    take=_rigid,
+    regime=lambda rigid: rigid.free,
+)
+
+
+# Exact, one absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction.
+
+
+def _springs(scene: Scene) -> ContactStiffness:
+    """Return wall and friction stiffness in N/m, 0 where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    wall = fill_tuple(ElasticStops, absorber.walls)
+    slider = fill_tuple(ElasticSlider, absorber.friction)
+    return ContactStiffness(
+        0.0 if wall is None else wall.stiffness, 0.0 if slider is None else slider.stiffness
+    )
+
+
+def wall_damper(scene: Scene) -> float:
+    """Return the damper beside the spring of compliant walls in N s/m, from their coefficient of restitution.
+
+    Two bodies that meet freely on a spring k and a damper c separate with e = exp(-pi zeta / sqrt(1 - zeta^2)) of their
+    velocity, where c = 2 zeta sqrt(k m) and 1/m = 1/m_a + sum phi_i^2 (Brogliato, Nonsmooth Mechanics, 2016, section 2.1).
+    """
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    walls = absorber.walls
+    if not isinstance(walls, CompliantWalls):
+        return 0.0
+    return 2 * walls.damping_ratio * math.sqrt(walls.stiffness / build_contact(scene).compliance)
+
+
+@cache_regimes
+def compliant_regimes(
+    scene: Scene, wanted: float
+) -> tuple[tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime], float]:
+    """Return the free regime and those with the wall's spring, with the friction's, and with both, and the reach of their tables in s.
+
+    An absent spring's regime repeats another.
+    """
+    model = scene.model
+    mass = scene.absorber_mass
+    assert mass is not None
+    wall, friction = _springs(scene)
+    damper = wall_damper(scene)
+    springs = [
+        (wall, damper) if wall else (friction, 0.0),
+        (friction, 0.0) if friction else (wall, damper),
+        (wall + friction, damper),
+    ]
+    bounds = [find_fastest(model), *(find_fastest(model, mass, k, c) for k, c in springs)]
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    first, second, third = (sprung_regime(model, mass, k, c, size, reach) for k, c in springs)
+    return (free_regime(model, size, reach), first, second, third), reach
+
+
+def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
+    """Return gap (m) and friction limit (N), None where absent."""
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    return (
+        None if absorber.walls is None else absorber.walls.gap,
+        None if absorber.friction is None else absorber.friction.limit,
+    )
+
+
+def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+    regimes, reach = compliant_regimes(scene, wanted)
+    losses = build_losses(scene)
+    return CompliantScene(
+        regimes,
+        build_contact(scene),
+        _springs(scene),
+        *_laws_compliant(scene),
+        losses,
+        losses._replace(damper=wall_damper(scene)),
+    ), reach
+
+
+COMPLIANT_SOLVER = ExactSolver(
+    "compliant",
+    compliant_lane,
+    compliant_lanes,
+    _laws_compliant,
+    searched=True,
+    take=_sprung,
+    regime=lambda sprung: sprung.regimes[0],
+)
+
+
+# Exact, scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a closed form, without events.
+
+
+@cache_regimes
+def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[LinearRegime, float]:
+    """Return the regime and the reach of its tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+    model = scene.model
+    mass = scene.absorber_mass
+    spring = build_spring(scene)
+    speed, slots = find_fastest(model, mass, *(spring or (None, 0.0)))
+    size = padded_size(slots)
+    reach = table_reach(speed, wanted)
+    if mass is None:
+        return free_regime(model, size, reach, moves=moves), reach
+    heavy = find_gravity(scene) is not None
+    if spring is None:
+        return joined_regime(model, mass, size, reach, moves=moves, heavy=heavy), reach
+    return sprung_regime(
+        model, mass, spring.stiffness, spring.damping, size, reach, moves=moves, heavy=heavy
+    ), reach
+
+
+def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+    regime, reach = linear_regime(scene, wanted, moves)
+    return Linear(regime, build_losses(scene), find_gravity(scene, drive)), reach
+
+
+LINEAR_SOLVER = ExactSolver(
+    "linear",
+    linear_lane,
+    linear_lanes,
+    lambda _: (),
+    searched=False,
+    take=_linear,
+    regime=lambda linear: linear.regime,
+)
+
+
+# Exact, several absorbers with rigid contact at places of their own: one regime for each set of joined ones.
+#
+# The lane does a single absorber as well, which serves as a check: that has a family of its own, with other kernels.
+
+
+@cache_regimes
+def _sets(scene: Scene, wanted: float) -> tuple[Sets, float]:
+    return regime_sets(scene.model, scene.absorber_shapes, scene.absorber_masses, wanted)
+
+
+def _absorbers(scene: Scene) -> Absorbers:
+    """Return the kernels' arguments for the absorbers; one without walls has them infinitely far away."""
+    every = (
+        scene.absorber.absorbers
+        if isinstance(scene.absorber, SeveralAbsorbers)
+        else (scene.absorber,)
+    )
+    walls = [scene.cavity(a) or RigidWalls(np.inf) for a in range(len(every))]
+    gap = np.array([w.gap for w in walls])
+    restitution = np.array([w.restitution for w in walls])
+    limit = np.array(
+        [
+            one.friction.limit
+            if isinstance(one, SlidingAbsorber) and one.friction is not None
+            else 0.0
+            for one in every
+        ]
+    )
+    shapes = np.array(scene.absorber_shapes)
+    tip = np.array(scene.model.tip_shape)
+    return Absorbers(
+        scene.absorber_masses, gap, restitution, limit, shapes, tip, scene.model.omega**2
+    )
+
+
+def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+    sets, reach = _sets(scene, wanted)
+    return Several(sets, _absorbers(scene), build_losses(scene)), reach
+
+
+SEVERAL_SOLVER = ExactSolver(
+    "several",
+    several_lane,
+    None,
+    lambda _: (),
+    searched=True,
+    take=_several,
+    regime=lambda several: several.sets,
+)
+
+
+# The stepping methods: Moreau's scheme for rigid contact, Runge-Kutta's for linear scenes and compliant contact.
+
+
+def _writable(row: Array) -> Array:
+    """Return a copy: kernels are compiled for writable arrays only, so that no second variant of them is built."""
+    return np.array(row, dtype=np.float64, order="C")
+
+
+def _modes(scene: Scene) -> BeamModes:
+    model = scene.model
+    return BeamModes(
+        _writable(model.omega),
+        _writable(model.damping_ratio),
+        _writable(model.force_shape),
+        _writable(model.tip_shape),
+    )
+
+
+def _force(scene: Scene, drive: AnyDrive) -> DriveForce:
+    if isinstance(drive, Loads):
+        taken = build_schedule(scene, drive, 1.0)
+        return DriveForce(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
+    schedule = drive.schedule
+    phases = schedule.phase_at(schedule.times)
+    return DriveForce(
+        _writable(schedule.times),
+        _writable(schedule.omegas),
+        _writable(phases),
+        drive.amplitude,
+        drive.phase,
+        None,
+    )
+
+
+def _wide(lanes: int, stride: int) -> int | None:
+    padded = 4 * -(-lanes // 4)
+    return padded if padded > stride else None
+
+
+def _moreau_laws(scene: Scene) -> tuple[RigidLaws, int | None]:
+    """Return the absorber's laws and the padded width of the table; a stuck absorber is one whose friction has no limit."""
+    walls = None
+    limit = np.inf if isinstance(scene.absorber, StuckAbsorber) else None
+    if isinstance(scene.absorber, SlidingAbsorber):
+        walls, limit = rigid_laws(scene)
+    return RigidLaws(scene.absorber_mass, walls, limit, build_spring(scene)), _wide(
+        scene.model.modes, moreau.STRIDE
+    )
+
+
+def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
+    """Return the absorber's laws, one that is stuck as a mass added to the tip, and the padded width of the table."""
+    absorber = scene.absorber
+    mass = scene.absorber_mass
+    stops = slider = None
+    if isinstance(absorber, SlidingAbsorber):
+        stops = fill_tuple(ElasticStops, absorber.walls)
+        slider = fill_tuple(ElasticSlider, absorber.friction)
+    free_mass, added_mass = (None, mass) if isinstance(absorber, StuckAbsorber) else (mass, None)
+    cubic = fill_tuple(CubicSpring, absorber) if isinstance(absorber, NonlinearSink) else None
+    return CompliantLaws(free_mass, added_mass, stops, slider, build_spring(scene), cubic), _wide(
+        scene.model.modes + 1, feedback.STRIDE
+    )
+
+
+@dataclass(frozen=True)
+class SteppingSolver(Solver):
+    """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table."""
+
+    def run(
+        self,
+        scene: Scene,
+        drive: AnyDrive,
+        method: Moreau | RungeKutta,
+        state: Array,
+        observe: Observers,
+    ) -> int:
+        """Integrate over the whole schedule, see `Solver.run`."""
+        laws, wide = self.laws(scene)
+        return int(
+            self.lane(
+                _modes(scene),
+                laws,
+                _force(scene, drive),
+                state,
+                TimeStep(method.step(scene), wide),
+                observe,
+            )
+        )
+
+    def control(
+        self, scene: Scene, method: Moreau | RungeKutta, pseudo_period: float, batch: Batch
+    ) -> Callable[[WorkQueue, int, int], bool]:
+        """Return the kernel that advances lanes, see `Solver.control`."""
+        assert self.lanes is not None
+        laws, wide = self.laws(scene)
+        # a state of steps does not hold the slider
+        require(
+            getattr(laws, "slider", None) is None,
+            "method",
+            method,
+            "Exact for elastic friction that is controlled in intervals",
+        )
+        return partial(self.lanes, _modes(scene), laws, TimeStep(method.step(scene), wide), batch)
+
+
+MOREAU_SOLVER = SteppingSolver("moreau", moreau_lane, moreau_lanes, _moreau_laws, searched=False)
+RUNGE_KUTTA_SOLVER = SteppingSolver(
+    "runge_kutta", runge_kutta_lane, runge_kutta_lanes, _runge_kutta_laws, searched=False
+)
+
+
+# Which method can simulate which kind of scene.
+
+
+@dataclass(frozen=True)
+class Capability:
+    """What a method does with a kind of scene: its ``solver``, or None and what to take instead (``refusal``).
+
+    ``moves_base``: whether it can do gravity and a base that moves.
+    """
+
+    solver: Solver | None
+    refusal: str = ""
+    moves_base: bool = False
+
+
+CAPABILITIES: dict[tuple[SceneKind, type[Method]], Capability] = {
+    (SceneKind.LINEAR, Exact): Capability(LINEAR_SOLVER, moves_base=True),
+    (SceneKind.LINEAR, Moreau): Capability(MOREAU_SOLVER),
+    (SceneKind.LINEAR, RungeKutta): Capability(RUNGE_KUTTA_SOLVER),
+    (SceneKind.RIGID, Exact): Capability(RIGID_SOLVER, moves_base=True),
+    (SceneKind.RIGID, Moreau): Capability(MOREAU_SOLVER),
+    (SceneKind.RIGID, RungeKutta): Capability(
+        None,
+        "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the state",
+    ),
+    (SceneKind.COMPLIANT, Exact): Capability(COMPLIANT_SOLVER),
+    (SceneKind.COMPLIANT, Moreau): Capability(
+        None, "for compliant contact Exact or RungeKutta, since the Moreau scheme is for rigid laws"
+    ),
+    (SceneKind.COMPLIANT, RungeKutta): Capability(RUNGE_KUTTA_SOLVER),
+    (SceneKind.SMOOTH, Exact): Capability(
+        None, "RungeKutta for a nonlinear spring, which has no linear regimes"
+    ),
+    (SceneKind.SMOOTH, Moreau): Capability(None, "RungeKutta for a nonlinear spring"),
+    (SceneKind.SMOOTH, RungeKutta): Capability(RUNGE_KUTTA_SOLVER),
+    (SceneKind.SEVERAL, Exact): Capability(SEVERAL_SOLVER),
+    (SceneKind.SEVERAL, Moreau): Capability(None, "Exact for several absorbers"),
+    (SceneKind.SEVERAL, RungeKutta): Capability(None, "Exact for several absorbers"),
+}
+MOVES_BASE = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
+
+
+def find_capability(scene: Scene, method: Method) -> Capability:
+    """Return what a method does with a scene's kind; of a method that is derived from one of the library's, what that does."""
+    known = next(known for known in METHODS.values() if isinstance(method, known))
+    return CAPABILITIES[scene.kind, known]
+
+
+def find_solver(scene: Scene, method: Method) -> Solver:
+    """Return what simulates a scene with a method; raises ParameterError if the method cannot do the scene."""
+    scene = instance("scene", scene, Scene)
+    method = instance("method", method, Method)
+    able = find_capability(scene, method)
+    if (heavy := find_largest_gravity(scene.absorber)) != 0:
+        allowed = f"0 with {method} and {scene.kind.value}; {MOVES_BASE}"
+        require(able.moves_base, "gravity", heavy, allowed)
+    require(able.solver is not None, "method", method, able.refusal)
+    friction = getattr(scene.absorber, "friction", None)
+    static = isinstance(friction, CoulombFriction) and friction.static_ratio != 1
+    require(
+        not static or isinstance(method, Exact),
+        "method",
+        method,
+        "Exact for static friction above sliding friction: Moreau's law has one limit",
+    )
+    walls = getattr(scene.absorber, "walls", None)
+    damped = isinstance(walls, CompliantWalls) and walls.restitution < 1
+    require(
+        not damped or isinstance(method, Exact),
+        "method",
+        method,
+        "Exact for compliant walls with a restitution below 1: their damper's force jumps at the touch",
+    )
+    assert able.solver is not None
+    return able.solver
+
+
+def kernel_key(scene: Scene, method: Method, drive: AnyDrive | None = None) -> tuple[object, ...]:
+    """Return the key of a run's kernels, see `Solver.key`; raises ParameterError as `find_solver` does."""
+    return find_solver(scene, method).key(scene, drive)
+
+
+def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
+    """Raise ParameterError if a scene or a method cannot do a drive: a base that moves."""
+    if isinstance(drive, Loads) and drive.moves_base:
+        _check_base(scene, method, [type(part).__name__ for part in drive.parts], True)
+
+
+def check_general(
+    scene: Scene, method: Method, record: Samples | None, *, moves_base: bool
+) -> bool:
+    """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
+    shaken = bool(moves_base) or (record is not None and record.quantity == BASE_QUANTITY)
+    if shaken or record is not None:
+        loads = ["a record"] * (record is not None) + ["a base that moves"] * shaken
+        _check_base(scene, method, loads, shaken)
+    return shaken
+
+
+def _check_base(scene: Scene, method: Method, loads: list[str], moves_base: bool) -> None:
+    able = find_capability(scene, method).moves_base
+    require(able, "loads", loads, f"forces with {method} and {scene.kind.value}; {MOVES_BASE}")
+    allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
+    require(
+        not moves_base or scene.model.base_participation is not None,
+        "base_participation",
+        None,
+        allowed,
+    )
