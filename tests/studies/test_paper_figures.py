@@ -237,7 +237,7 @@ def test_claims_of_the_operating_ranges(monkeypatch: pytest.MonkeyPatch, tmp_pat
         line(panel, "no absorber")[1], 1e3 * np.median(none.level, axis=1)[in_range]
     )
     np.testing.assert_allclose(line(panel, "one run at")[1], 1e3 * step.level[in_range, 0])
-    assert "first impacts between 0.7 and 1 N" in oprange.FIGURE.words(claims)
+    assert "first impacts between 0.7 and 1 N" in oprange.FIGURE.describe(claims)
 
 
 def test_claims_of_the_second_modes_damping() -> None:

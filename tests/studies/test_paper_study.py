@@ -47,7 +47,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
             known,
         )
 
-    def words(values: Json) -> str:
+    def describe(values: Json) -> str:
         return f"{label}: {values}"
 
     def claims(values: Json) -> list[Claim]:
@@ -71,7 +71,7 @@ def figure_of(label: str, points: int, begin: Callable[[str], None]) -> PaperFig
         label,
         sizes=sizes,
         measure=measure,
-        words=words,
+        describe=describe,
         draw=lambda _: Figure(),
         claims=claims,
     )

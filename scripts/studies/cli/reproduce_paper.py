@@ -1,4 +1,4 @@
-"""The paper made again: each of its figures with bands, and a table of what it says beside what was computed; docs/paper.md."""
+"""Reproduction of the paper: its figures with bands, and a verdict on each of its statements; docs/paper.md."""
 
 import sys
 from pathlib import Path
@@ -23,7 +23,7 @@ from studies.study import run
 @click.option(
     "--quick",
     is_flag=True,
-    help=f"A look: few points and members, into {QUICK_OUT} unless told otherwise.",
+    help=f"Few points and members, by default into {QUICK_OUT}.",
 )
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the members."
@@ -55,10 +55,10 @@ def main(
     anew: bool,
     out: Path | None,
 ) -> None:
-    """Compute the figures of the paper, judge what it says by them, and write both as a page with files.
+    """Compute the figures of the paper, judge its statements by them, and write both as a page with files.
 
-    A figure that is finished is kept as long as what it depends on is the same, so that a command that was stopped goes on where it was. The claims
-    are read from all figures in the folder, those of earlier commands too.
+    A finished figure is kept as long as its parameters and the simulator are the same; a stopped command goes on where it was. Statements are judged
+    by all figures in the folder, those of earlier commands too.
     """
     where = make_paths(out or (QUICK_OUT if quick else OUT))
     assert where.folder is not None

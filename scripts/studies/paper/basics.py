@@ -387,7 +387,7 @@ def _damped_levels(settings: PaperSettings, runs: int) -> list[Json]:
     return rows
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     tunings = values["tuned"]["tunings"].items()
     damper = values["damper"]
     tables: dict[tuple[str, ...], list[tuple[str, ...]]] = {
@@ -489,9 +489,9 @@ def _draw(values: Json) -> Figure:
         )
     step.set_xticks(
         range(len(rows)),
-        [f"{row['case'].split()[0]}, {row['force']:g}" for row in rows],
+        [f"{row['case'].split()[0]}\n{row['force']:g}" for row in rows],
     )
-    step.set(xlabel="modes, force in N", ylabel="level in % of the exact median")
+    step.set(xlabel="modes, and force in N", ylabel="level in % of the exact median")
     step.margins(y=0.25)
     draw_legends(axes)
     return figure
@@ -680,7 +680,7 @@ FIGURE = PaperFigure(
     "basics",
     "beam, tuned absorber, sweeps, window, step and scaling",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=claims,
     sizes=(

@@ -72,7 +72,7 @@ def _digits(value: float) -> float | None:
     return float(f"{value:.7g}") if np.isfinite(value) else None
 
 
-KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers only, stable; its look and words
+KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers only, stable; its style and label
     (STYLES[1].colour, (0, (1.5, 1.2)), 1.4, "exact, unstable"),
     (STYLES[0].colour, (0, (5, 1.2)), 1.8, "exact, fast multipliers unstable"),
     (STYLES[0].colour, "-", 2.6, "exact, stable"),
@@ -122,5 +122,5 @@ def draw_responses(axes: Axes, part: Json) -> None:
             visible.add(kind)
     if folds:
         ratio, height = np.array(folds).T
-        look: dict[str, Any] = {"ms": 3.5, "mfc": "white", "mec": "black", "mew": 0.7, "zorder": 5}
-        axes.plot(ratio, MM * height, "o", label="fold (saddle node)", **look)
+        style: dict[str, Any] = {"ms": 3.5, "mfc": "white", "mec": "black", "mew": 0.7, "zorder": 5}
+        axes.plot(ratio, MM * height, "o", label="fold (saddle node)", **style)

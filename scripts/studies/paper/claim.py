@@ -82,7 +82,7 @@ def range_within(share: float, middle: float = 1.0) -> tuple[float, float]:
     return (1 - share) * middle, (1 + share) * middle
 
 
-ALLOWED = {  # ranges of a number or a ratio, by the words of claims.toml
+RELATIONS = {  # ranges of a number or a ratio, by the words of claims.toml
     "the same": range_within(SAME),
     "almost the same": range_within(LITTLE),
     "no difference": (-SAME, SAME),
@@ -109,16 +109,14 @@ STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
 )
 
 
-def parse_allowed(words: Any) -> tuple[float, float]:
-    """Return least and most of the key ``allowed`` of claims.toml."""
-    if isinstance(words, str):
-        return (
-            range_about(float(words.removeprefix("about ")))
-            if words.startswith("about ")
-            else ALLOWED[words]
-        )
-    least, most = words
-    return least, most
+def parse_relation(relation: Any) -> tuple[float, float]:
+    """Return the least and the most that a relation of claims.toml allows."""
+    if not isinstance(relation, str):
+        least, most = relation
+        return least, most
+    if relation.startswith("about "):
+        return range_about(float(relation.removeprefix("about ")))
+    return RELATIONS[relation]
 
 
 class ClaimVerdict(StrEnum):
@@ -295,7 +293,7 @@ def make_claim(
 ) -> Claim:
     """Return a claim of claims.toml from a verdict, from whether it holds, or from members' values, judged by their 5 to 95 %.
 
-    ``allowed`` where claims.toml does not state it; ``text_values`` fills the braces, as do the values, as {value}.
+    ``allowed``, least and most, where claims.toml has no relation; ``text_values`` fills the braces, as do the values, as {value}.
     ``at_step``: the number by the paper's scheme and step, in one run.
     """
     own = STATED[figure][name]
@@ -311,7 +309,7 @@ def make_claim(
         verdict = result
     else:
         low, middle, high = (float(x) for x in compute_bands(np.ravel(result)))
-        least, most = allowed or parse_allowed(own["allowed"])
+        least, most = allowed or parse_relation(own["relation"])
         verdict = judge_values(low, high, least, most, at_step)
         numbers = {"value": middle, "low": low, "high": high, "least": least, "most": most}
         numbers = {

@@ -56,7 +56,7 @@ CONTACTS = ((WALLS, "k_n", "walls"), (FRICTION, "k_t", "friction damper"))
 # stiffnesses of the performance curves, over the beam's static stiffness
 LOW = 3.0
 HIGH = 300.0
-said = partial(make_claim, LABEL)
+judge = partial(make_claim, LABEL)
 STEPPED = 1e4  # stiffest contact that the paper's own method is tried with: its step follows the contact's duration
 
 
@@ -228,7 +228,7 @@ def _converges(part: Json, text_values: Json) -> Claim:
     low, high = compute_band(part["rigid_m"])
     width = (high - low) / (2 * float(np.median(part["rigid_m"])))
     most = max(SAME, width)
-    return said(
+    return judge(
         "convergence, {kind}",
         worst,
         (0.0, most),
@@ -257,7 +257,7 @@ def _curves_claims(curves: Json, text_values: Json) -> Claim:
         if inside > 0.9
         else ClaimVerdict.NOT
     )
-    return said(
+    return judge(
         "curves, {kind}",
         result,
         median=np.median(off),
@@ -292,7 +292,7 @@ def _claims(values: Json) -> list[Claim]:
         apart += np.abs(stepped / exact[: len(stepped)] - 1).tolist()
     return [
         *(_converges(values[kind], own) for kind, own in text_values.items()),
-        said(
+        judge(
             "alike",
             abs(float(np.log10(walls / friction))),
             (0.0, float(np.log10(1 + LITTLE))),
@@ -300,7 +300,7 @@ def _claims(values: Json) -> list[Claim]:
             friction=friction,
         ),
         *(_curves_claims(values[f"{kind}, curves"], own) for kind, own in text_values.items()),
-        said(
+        judge(
             "same optimum",
             ClaimVerdict.HOLDS
             if close
@@ -309,7 +309,7 @@ def _claims(values: Json) -> list[Claim]:
             else ClaimVerdict.NOT,
             **best,
         ),
-        said("twenty samples", max(apart), median=np.median(apart)),
+        judge("twenty samples", max(apart), median=np.median(apart)),
     ]
 
 
@@ -321,5 +321,5 @@ FIGURE = PaperFigure(
     draw=_draw,
     claims=_claims,
     tables=lambda values: (_table(values),),
-    words=lambda values: shorten_table(_table(values)),
+    describe=lambda values: shorten_table(_table(values)),
 )

@@ -1,4 +1,4 @@
-"""Performance curves of this study as plain values, what is seen of each of their sweeps, and the operating ranges that follow.
+"""Performance curves of this study as plain values, with contacts and envelopes of their sweeps, and the operating ranges that follow.
 
 Contacts around the maximum, envelopes and passages are read from one set of observers, so that each kernel is compiled once. Of a curve, that is kept
 of the critical direction. Ranges are marked by what the contacts do (paper, table of operating ranges): linear, no impacts; primary, impacts and
@@ -145,7 +145,7 @@ class LevelCurve:
     """Forces (F,) in N and, for each member, (F, M): level in m, the larger of up and down, and of that direction what follows.
 
     ``at``: frequency ratio of the maximum; ``down``: 1 where it is the sweep down. ``impacts``: the larger number of both directions. The rest is NaN
-    where the contacts were not looked at: largest |q_tip| in m, impacts per pseudo period and longest pause in the level's window.
+    where the contacts were not measured: largest |q_tip| in m, impacts per pseudo period and longest pause in the level's window.
     """
 
     forces: Array
@@ -214,7 +214,7 @@ def read_curve(plain: Json) -> LevelCurve:
 
 
 def to_plain_curve(result: PerformanceCurve) -> Json:
-    """Return a performance curve without a look at its contacts."""
+    """Return the plain form of a performance curve whose contacts were not measured."""
     lanes = result.lanes
     nothing = np.full(result.lanes.level.shape, np.nan)
     values = {
@@ -257,7 +257,7 @@ def compute_curves(
 def compute_contact_curve(
     settings: PaperSettings, label: str, scene: Scene, forces: Sequence[float], members: int
 ) -> Json:
-    """Return the plain performance curve of a scene near its first resonance, with a look at its contacts."""
+    """Return the plain performance curve of a scene near its first resonance, with its contacts."""
     drawn = draw_members(members, settings.seed)
     lanes = [
         Lane(scene, drive)
@@ -336,7 +336,7 @@ def find_operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: Ar
 
 
 def find_ranges(curve: LevelCurve) -> Ranges:
-    """Return the operating ranges of a curve whose contacts were looked at."""
+    """Return the operating ranges of a curve whose contacts were measured."""
     return find_operating_ranges(curve.forces, curve.impacting, curve.sustained)
 
 
@@ -373,7 +373,7 @@ def draw_inset(
     none: LevelCurve,
     drawn: Mapping[LineStyle, LevelCurve],
 ) -> Axes:
-    """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its look."""
+    """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its style."""
     small = axes.inset_axes(bounds)
     for style, own in drawn.items():
         low, middle, high = compute_bands(own.relative(none))

@@ -155,7 +155,7 @@ def find_forces_at(own: LevelCurve, level: float) -> Array:
     return result
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     none = performance.read_curve(values[NONE])
     rows = []
     at = none.nearest(SWEPT)
@@ -227,7 +227,7 @@ def _judge_departure(read: dict[str, LevelCurve]) -> Claim:
     """Judge for each friction limit whether the curve with impacts leaves that of friction alone at the first impacts."""
     cases = []
     before = []
-    words = []
+    texts = []
     for limit in LIMITS:
         own = read[name_impacting(limit)]
         off = np.abs(np.median(own.level / read[name_sliding(limit)].level, axis=1) - 1)
@@ -236,13 +236,13 @@ def _judge_departure(read: dict[str, LevelCurve]) -> Claim:
         before.append(float(np.max(off[own.forces < first])))
         apart = before[-1] < APART_TOL < at
         cases.append(ClaimVerdict.HOLDS if apart else ClaimVerdict.NOT)
-        words.append(f"{at:.1%} at {first:.2f} N ({limit:g} N)")
+        texts.append(f"{at:.1%} at {first:.2f} N ({limit:g} N)")
     return make_claim(
         LABEL,
         "dissinf_departs",
         judge_cases(cases),
         before=max(before),
-        each=", ".join(words),
+        each=", ".join(texts),
     )
 
 
@@ -250,7 +250,7 @@ def _judge_shapes(values: Json) -> Claim:
     """Judge whether absorber and damper have a linear range, a minimum and a rise after it."""
     none = performance.read_curve(values[NONE])
     cases = []
-    words = []
+    texts = []
     for name, own_name in (("absorber", DISSIPATIVE), ("damper", name_sliding(SWEPT_LIMIT))):
         relative = np.median(performance.read_curve(values[own_name]).relative(none), axis=1)
         first, best, last = (float(x) for x in (relative[0], np.min(relative), relative[-1]))
@@ -259,8 +259,8 @@ def _judge_shapes(values: Json) -> Claim:
             judge_interval(best, best, 0.0, MUCH),
             judge_interval(best / last, best / last, 0.0, MUCH),
         ]
-        words.append(f"{first:.2f}, {best:.2f}, {last:.2f} ({name})")
-    return make_claim(LABEL, "dissinf_similar", judge_cases(cases), each="; ".join(words))
+        texts.append(f"{first:.2f}, {best:.2f}, {last:.2f} ({name})")
+    return make_claim(LABEL, "dissinf_similar", judge_cases(cases), each="; ".join(texts))
 
 
 def _absorbers(values: Json) -> list[Claim]:
@@ -433,7 +433,7 @@ FIGURE = PaperFigure(
     LABEL,
     "friction and restitution",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=lambda values: [
         *_dampers(values),

@@ -1,6 +1,6 @@
-"""What each figure of the paper's study is, how much of it is computed where, and the look that all of them have.
+"""The parts of a figure of the paper's study, its sizes in full and in a quick run, and the common style of the drawings.
 
-A module measures in groups of plain values, says them in words, draws them, and reads the paper's claims from them.
+A module measures groups of plain values. From these it writes the text of the page, draws the figure, and judges the paper's statements.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """``folder`` of the numbers; ``quick``: a look with few points and members; runs in ``threads`` (None: all cores), or by an ``executor``.
+    """``folder`` of the numbers; ``quick``: few points and members; runs in ``threads`` (None: all cores), or by an ``executor``.
 
     The numbers depend on ``quick`` and ``seed`` only.
     """
@@ -47,7 +47,7 @@ class PaperSettings:
     executor: Executor | None = None
 
     def size(self, full: T, quick: T) -> T:
-        """Return one of two sizes: that of the whole figure, or that of a look."""
+        """Return the size of the whole figure, or of a quick run."""
         return quick if self.quick else full
 
     def curves(
@@ -98,12 +98,12 @@ class Size(SimpleNamespace):
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """A figure with the paper's ``label``: between its markers stand the drawing, ``words`` of its values, and what they were measured by.
+    """A figure with the paper's ``label``: between its markers stand the drawing, ``describe`` of its values, and what they were measured by.
 
-    ``sizes``: how much is computed in full and in a quick look, which beside the sources is all that the numbers depend on. ``measure(settings, size,
+    ``sizes``: how much is computed in full and in a quick run, which beside the sources is all that the numbers depend on. ``measure(settings, size,
     known)`` yields values as that of a `Part`. Once all are there, ``draw(values)`` returns the drawing and ``claims(values)`` the statements of the
     paper that they decide. ``tables``: those too long for the page, as CSV files, of which `shorten_table` shows some rows.
-    ``answer(values)``: a line on an open question, "what is asked: what was found".
+    ``answer(values)``: a line on an open question, "question: answer".
     """
 
     label: str
@@ -111,7 +111,7 @@ class PaperFigure:
     _: KW_ONLY
     sizes: tuple[Size, Size]
     measure: Callable[[PaperSettings, Any, Json], Steps]
-    words: Callable[[Json], str]
+    describe: Callable[[Json], str]
     draw: Callable[[Json], Figure]
     claims: Callable[[Json], list[Claim]]
     tables: Callable[[Json], Sequence[CsvTable]] = lambda _: ()
@@ -142,7 +142,7 @@ class PaperFigure:
         drawn = f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"
         return {
             marker(self.label): "\n\n".join(
-                [drawn, format_details("Numbers", self.words(measured.values)), made]
+                [drawn, format_details("Numbers", self.describe(measured.values)), made]
             )
         }
 
@@ -190,7 +190,7 @@ def describe_amounts(conditions: Json) -> str:
 
 
 def measure_groups(groups: Mapping[str, Callable[[], object]], earlier: Json) -> Steps:
-    """Yield all values that are known after each of the groups, by its name; those of an earlier run are kept."""
+    """Yield all values that are known after each of the groups, by its name; those of an earlier run are taken over."""
     values = {name: earlier[name] for name in groups if name in earlier}
     for name, measure in groups.items():
         if name not in values:
@@ -200,7 +200,7 @@ def measure_groups(groups: Mapping[str, Callable[[], object]], earlier: Json) ->
         yield values
 
 
-# One look for all figures, readable in print and in grey: no two lines differ by their colour alone.
+# One style for all figures, readable in print and in grey: no two lines differ by their colour alone.
 # in inches the width of a page's text
 WIDTH = 7.2
 DPI = 180
@@ -246,7 +246,7 @@ FAINT = "0.55"  # what stands behind: sweeps, guides
 
 
 def make_saver(draw: Callable[[], Figure]) -> Saver:
-    """Return a function that draws a figure in this look and saves it, without a change to others' look; its path's ending chooses the format."""
+    """Return a function that draws a figure in this style and saves it; its path's ending chooses the format."""
 
     def save(path: Path) -> None:
         with rc_context(RC):

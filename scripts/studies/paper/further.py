@@ -335,7 +335,7 @@ def _sliding() -> Json:
 # What the page says.
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     limits = [
         (
             f"{row['force_n']:g}",
@@ -477,14 +477,14 @@ def _judge_basins(rows: list[Json]) -> Claim:
     """Judge the frequencies at which the sliding response competes by the interval of the share of modulated runs."""
     beside = [row for row in rows if row["omega_ratio"] < 1]
     cases = []
-    words = []
+    texts = []
     for row in beside:
         runs = sum(row["kinds"].values())
         ended = row["kinds"][MODULATED]
         wilson = binomtest(ended, runs).proportion_ci(method="wilson")
         cases.append(judge_interval(wilson.low, wilson.high, MAJORITY, 1.0))
-        words.append(f"{ended} of {runs} at {row['omega_ratio']:g}")
-    return judge("basin", judge_cases(cases), each=", ".join(words))
+        texts.append(f"{ended} of {runs} at {row['omega_ratio']:g}")
+    return judge("basin", judge_cases(cases), each=", ".join(texts))
 
 
 def _judge_blows(values: Json) -> Claim:
@@ -581,7 +581,7 @@ FIGURE = PaperFigure(
     LABEL,
     "limits of the sweeps, the high branch, and blows beside the isola",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
     sizes=(  # random starts and their pseudo periods before the window; blows over the velocity amplitude, each at so many phases

@@ -180,7 +180,7 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     return measure_groups(groups, earlier)
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     lines = []
     for name in FORCES:
         for method, label in (("exact", "exact orbits"), ("balance", "harmonic balance")):
@@ -469,10 +469,10 @@ FIGURE = PaperFigure(
     LABEL,
     "frequency responses at a medium and a high force",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
-    sizes=(  # harmonics; forces over which the best is looked for; periods of a Lyapunov exponent
+    sizes=(  # harmonics; forces among which the best is searched; periods of a Lyapunov exponent
         Size(
             harmonics=(HARMONICS, 40),
             forces=np.geomspace(0.9, 4.0, 12).round(3).tolist(),

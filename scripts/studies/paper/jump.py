@@ -311,7 +311,7 @@ def _share(row: Json) -> str:
     return format_interval(row["share"], row["low"], row["high"])
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     blocks = []
     result = hazard_of(values)
     if result is not None:
@@ -614,7 +614,7 @@ FIGURE = PaperFigure(
     LABEL,
     "sweeps through resonance, and the jump",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
     sizes=(  # members of sweeps, of jumps, with ten times finer steps, and of stays, whose periods; numbers of ratios; slownesses of jumps, of levels

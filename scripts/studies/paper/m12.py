@@ -174,7 +174,7 @@ def compute_longest_span(forces: Array, inside: NDArray[np.bool_]) -> float:
     )
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     rows = []
     names = [f"resonance {r}" for r in RESONANCES]
     low = read_curves(values["low"])
@@ -238,7 +238,7 @@ def _limits_table(values: Json) -> CsvTable:
 
 
 def _beside_limit(values: Json, names: list[str]) -> str:
-    words = []
+    texts = []
     model = modal_model(Beam())
     for resonance, name in zip(RESONANCES, names, strict=True):
         own = read_curves(values[name])[IMPACT]
@@ -249,10 +249,10 @@ def _beside_limit(values: Json, names: list[str]) -> str:
         above = limit > 0.1 * gap
         if above.any():
             ratio = own.median[above] / limit[above]
-            words.append(
+            texts.append(
                 f"resonance {resonance}, from {own.forces[above][0]:.3g} N: {np.max(ratio):.2f} falling to {np.min(ratio):.2f}"
             )
-    return f"The impact absorber's median over the stationary limit of its mass and gap: {'; '.join(words)}."
+    return f"The impact absorber's median over the stationary limit of its mass and gap: {'; '.join(texts)}."
 
 
 def _best(part: Json) -> tuple[Array, float]:
@@ -379,7 +379,7 @@ def _judge_reason(values: Json, ratios: Array) -> Claim:
 def _judge_range(values: Json) -> Claim:
     """Judge at both resonances the longest range of forces with impacts in which the absorber has much less than the level without it."""
     cases = []
-    words = []
+    texts = []
     for r in RESONANCES:
         result = read_curves(values[f"resonance {r}"])
         impact = result[IMPACT]
@@ -392,8 +392,8 @@ def _judge_range(values: Json) -> Claim:
             ClaimVerdict.HOLDS if ends else ClaimVerdict.NOT,
         ]
         ends_at = format_range(impact.forces[effective]) if effective.any() else "no force"
-        words.append(f"{ends_at} N ({ORDINALS[r].lower()} resonance)")
-    return make_claim(LABEL, "m12_limited", judge_cases(cases), each=", ".join(words))
+        texts.append(f"{ends_at} N ({ORDINALS[r].lower()} resonance)")
+    return make_claim(LABEL, "m12_limited", judge_cases(cases), each=", ".join(texts))
 
 
 DRAWN = {
@@ -472,7 +472,7 @@ FIGURE = PaperFigure(
     LABEL,
     "the comparison of concepts",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=lambda values: [*_first(values), *_second(values), *_both(values)],
     tables=lambda values: (_limits_table(values),),

@@ -77,7 +77,7 @@ def read_rows(values: Json) -> dict[tuple[int, int, float], Row]:
     }
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     rows = read_rows(values)
     columns = [
         (r, force) for r in OPTIMUM for force in find_forces(values, r) if force >= OPTIMUM[r]
@@ -190,7 +190,7 @@ def _draw(values: Json) -> Figure:
 FIGURE = PaperFigure(
     LABEL,
     "how many modes the second resonance needs",
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
     answer=_answer,

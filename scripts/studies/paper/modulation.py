@@ -48,7 +48,7 @@ from studies.paper.frame import (
 from studies.study import Array, CsvTable, Json, Steps, not_none
 
 LABEL = "modulation"
-Case = tuple[Scene, Json, float]  # a scene under a force in N, and what is said of that
+Case = tuple[Scene, Json, float]  # a scene, columns of its row, and the force in N
 FORCE = 1.5  # N, the paper's for the strongly modulated response
 SETTLING_PERIODS = 200  # pseudo periods before the window
 ENDS = (
@@ -330,15 +330,15 @@ def _draw(values: Json) -> Figure:
         own = [row for row in many if row["restitution"] == e]  # several that are set to 0
         last = own[-1]["modes"]
         height = max(row["depth"][0] for row in own)
-        words, neighbour = (
+        text, offset = (
             (f"{own[0]['modes']} to {last}", (-6, 13))
             if len(own) > 1
             else (f"{last}" if last in NAMED else "", (3, -9))
         )
         over.annotate(
-            words,
+            text,
             (e, height),
-            xytext=neighbour,
+            xytext=offset,
             textcoords="offset points",
             fontsize=SMALL,
             color="0.35",
@@ -369,7 +369,7 @@ FIGURE = PaperFigure(
     draw=_draw,
     claims=_claims,
     answer=_answer,
-    words=lambda values: (
+    describe=lambda values: (
         f"{shorten_table(_table(values))}\n\n{_compared(values)}\n\n{_begun(values)}"
     ),
     tables=lambda values: (_table(values),),

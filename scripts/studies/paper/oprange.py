@@ -44,7 +44,7 @@ from studies.study import Json, Steps, not_none
 
 LABEL = "oprange"
 RESTITUTION = 0.75
-QUASI_LINEAR = 10.0  # N: up to here the secondary range is asked whether it is a straight line
+QUASI_LINEAR = 10.0  # N: up to here a straight line is fitted to the secondary range
 
 
 def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
@@ -74,7 +74,7 @@ def _read(values: Json) -> tuple[LevelCurve, LevelCurve, LevelCurve, Ranges]:
     )
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     own, none, stuck, result = _read(values)
     step = read_curve(values["step"])
     relative = own.relative(none)
@@ -190,8 +190,8 @@ def draw_ranges(axes: Axes, result: Ranges, low: float, high: float) -> None:
     first, last = result
     edges = sorted({low, high, *(border.force for border in result if border is not None)})
     primary = first is not None and (last is None or last.force > first.force)
-    words = ["linear"] + (["primary"] if primary else []) + (["secondary"] if last else [])
-    for name, begin, end, shade in zip(words, edges, edges[1:], SHADES, strict=False):
+    names = ["linear"] + (["primary"] if primary else []) + (["secondary"] if last else [])
+    for name, begin, end, shade in zip(names, edges, edges[1:], SHADES, strict=False):
         axes.axvspan(begin, end, color=shade, lw=0, zorder=0)
         own = axes.get_xaxis_transform()
         place = min((begin + end) / 2, begin + 4.5)
@@ -212,7 +212,7 @@ FIGURE = PaperFigure(
     LABEL,
     "a typical performance curve and its operating ranges",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
     sizes=(

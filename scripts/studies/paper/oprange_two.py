@@ -128,7 +128,7 @@ def _orbits(scene: Scene, force: float) -> Json:
     }
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     none = performance.read_curve(values[NONE])
     force = values["force_n"]
     rows = []
@@ -317,7 +317,7 @@ FIGURE = PaperFigure(
     LABEL,
     "one mode, three modes, and losses at the impacts",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
     sizes=(  # swept: members of the sweeps at f*

@@ -215,7 +215,7 @@ FIGURE = PaperFigure(
     "where the best operating point goes with mass and restitution",
     draw=_draw,
     claims=_claims,
-    words=lambda values: f"{shorten_table(_table(values))}\n\n{_summary(read_rows(values))}",
+    describe=lambda values: f"{shorten_table(_table(values))}\n\n{_summary(read_rows(values))}",
     answer=_answer,
     tables=lambda values: (_table(values),),
     measure=lambda settings, size, earlier: measure_groups(

@@ -49,7 +49,7 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     groups |= {
         f"account, {n}": partial(_account, settings, n, size.members) for n in size.accounted
     }
-    groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.shown}
+    groups |= {f"signal, {n}": partial(_signal, n, settings.seed) for n in size.drawn}
     return measure_groups(groups, earlier)
 
 
@@ -171,7 +171,7 @@ def _levels(values: Json) -> CsvTable:
     )
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     contacts = {
         n: np.median(values[f"account, {n}"]["contacts"])
         for n in find_measured_modes(values, "account")
@@ -357,17 +357,17 @@ FIGURE = PaperFigure(
     LABEL,
     "the number of modes",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
     tables=lambda values: (_levels(values), _energies(values)),
-    sizes=(  # numbers of modes, those whose energies are accounted for, and those whose signals are shown
+    sizes=(  # numbers of modes, those whose energies are accounted for, and those whose signals are drawn
         Size(
             modes=(*range(1, 13), *range(14, 31, 2)),
             accounted=(10, 20),
-            shown=(1, 3, 10, 30),
+            drawn=(1, 3, 10, 30),
             members=16,
         ),
-        Size(modes=(1, 2, 3, 6, 10, 14), accounted=(10,), shown=(1, 3, 10, 14), members=3),
+        Size(modes=(1, 2, 3, 6, 10, 14), accounted=(10,), drawn=(1, 3, 10, 14), members=3),
     ),
 )

@@ -123,7 +123,7 @@ def find_points(values: Json) -> list[float]:
 class ParameterStudy:
     """What is changed of the second mode from point to point, and how it is called.
 
-    ``beam(number)``: the beam of a point; ``shown``: those drawn over time. ``column``, ``axis`` and ``each`` name the number in the table,
+    ``beam(number)``: the beam of a point; ``drawn``: those drawn over time. ``column``, ``axis`` and ``each`` name the number in the table,
     below the figure and above a drawing over time, ``scale`` times as large as it is; ``about`` is the sentence above the table, which ends with the
     number of members. ``numbers`` is the name of the points in the sizes.
     """
@@ -131,7 +131,7 @@ class ParameterStudy:
     label: str
     numbers: str
     beam: Callable[[float], Beam]
-    shown: tuple[float, ...]
+    drawn: tuple[float, ...]
     column: str
     axis: str
     each: str
@@ -139,7 +139,7 @@ class ParameterStudy:
     scale: float = 1.0
 
     def measure(self, settings: PaperSettings, size: Size, earlier: Json) -> Steps:
-        """Yield the results of all points, and the energies in time of those that are shown."""
+        """Yield the results of all points, and the energies in time of those that are drawn."""
         numbers = vars(size)[self.numbers]
         groups: dict[str, Callable[[], object]] = {
             f"{x:g}": partial(_point, settings, self.label, self.beam(x), size.members)
@@ -147,11 +147,11 @@ class ParameterStudy:
         }
         groups |= {
             f"signal, {x:g}": partial(_signal, make_scene(self.beam(x)), settings.seed)
-            for x in self.shown
+            for x in self.drawn
         }
         return measure_groups(groups, earlier)
 
-    def words(self, values: Json) -> str:
+    def describe(self, values: Json) -> str:
         """Return the sentence and some rows of the table."""
         return f"{self.about.format(len(read_row(values, find_points(values)[0], 'relative')))}\n\n{shorten_table(self.table(values))}"
 
@@ -234,7 +234,7 @@ class ParameterStudy:
         )
         passed.set(ylabel="passed to mode 2, % of mode 1", ylim=(-2, 5))
         passed.legend(loc="upper left", fontsize=SMALL, frameon=False)
-        for axes, x in zip(grid[1], self.shown, strict=False):
+        for axes, x in zip(grid[1], self.drawn, strict=False):
             _energies(axes, values[f"signal, {x:g}"], self.each.format(self.scale * x))
         left.set(ylim=(0, 105), ylabel="left of mode 2's energy\nbefore the next contact, %")
         level.legend(loc="upper right", handlelength=1.0)
@@ -255,7 +255,7 @@ class ParameterStudy:
             title,
             sizes=(sizes[0], sizes[1]),
             measure=self.measure,
-            words=self.words,
+            describe=self.describe,
             draw=self.draw,
             claims=claims,
             tables=lambda values: (self.table(values),),
@@ -371,7 +371,7 @@ DAMPING = ParameterStudy(
     "vard",
     "dampings",
     lambda damping: Beam(modes=2, modal_frequency_ratio={2: RATIO}, damping_ratio=(FIRST, damping)),
-    shown=(FIRST, 0.3),
+    drawn=(FIRST, 0.3),
     column="D_2, %",
     axis="damping ratio $D_2$ in %",
     each="$D_2 = {:g}$ %",
@@ -387,7 +387,7 @@ FREQUENCY = ParameterStudy(
     "varom",
     "ratios",
     lambda ratio: Beam(modes=2, modal_frequency_ratio={2: ratio}),
-    shown=DRAWN_POINTS,
+    drawn=DRAWN_POINTS,
     column="omega_2/omega_1",
     axis=r"frequency ratio $\omega_2/\omega_1$",
     each=r"$\omega_2/\omega_1 = {:g}$",

@@ -56,7 +56,7 @@ from studies.study import Array, Json, Steps
 
 LABEL = "SMR"
 FORCE = 1.7  # N
-# pseudo periods: left out, drawn, and in which the largest share is looked for
+# pseudo periods: left out, drawn, and in which the largest share is searched
 SETTLING_PERIODS = 500
 DRAWN_PERIODS = 30
 SHARE_PERIODS = 25
@@ -275,7 +275,7 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
     return measure_groups(groups, earlier)
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     lines = []
     for name in METHODS:
         part = values[name]
@@ -459,10 +459,10 @@ FIGURE = PaperFigure(
     LABEL,
     "the strongly modulated response",
     measure=_measure,
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
-    sizes=(  # pseudo periods of each member that are looked at; elsewhere: members and periods at each of the other resonances
+    sizes=(  # pseudo periods of each member after it has settled; elsewhere: members and periods at each of the other resonances
         Size(members=32, periods=2000, elsewhere=(4, 500)),
         Size(members=4, periods=500, elsewhere=(2, 100)),
     ),

@@ -112,7 +112,7 @@ def _table(values: Json) -> CsvTable:
     return CsvTable(f"{LABEL}_levels", ("absorber", "force, N", *CHOICES), rows)
 
 
-def _words(values: Json) -> str:
+def _describe(values: Json) -> str:
     blocks = [
         "Level over the median of the paper's start, median (5 to 95 %) of the members; what is named is drawn at random."
     ]
@@ -195,7 +195,7 @@ def _draw(values: Json) -> Figure:
 FIGURE = PaperFigure(
     LABEL,
     "starts that nobody chose",
-    words=_words,
+    describe=_describe,
     draw=_draw,
     claims=_claims,
     answer=_answer,

@@ -80,7 +80,7 @@ FIGURES: tuple[
 )
 LABELS = tuple(figure.label for figure in FIGURES)
 PACKAGE = __package__ + "."
-WORDS = (".claim", ".frame", ".study")
+TEXT_MODULES = (".claim", ".frame", ".study")
 OUT = Path("results/paper")
 QUICK_OUT = Path("results/paper/quick")
 CLAIMED = "claims"
@@ -134,7 +134,7 @@ def find_sources(module: ModuleType, earlier: frozenset[str] = frozenset()) -> f
     for name in sorted(
         str(name)
         for name in taken
-        if str(name).startswith(PACKAGE) and not str(name).endswith(WORDS)
+        if str(name).startswith(PACKAGE) and not str(name).endswith(TEXT_MODULES)
     ):
         if name not in earlier:
             earlier |= find_sources(sys.modules[name], earlier)
@@ -148,7 +148,7 @@ def make_key(name: str, settings: PaperSettings) -> Json:
     """
     figure = next(figure for figure in FIGURES if figure.label == name)
     source = hashlib.sha256()
-    for each in sorted(find_sources(sys.modules[figure.words.__module__])):
+    for each in sorted(find_sources(sys.modules[figure.describe.__module__])):
         source.update(Path(sys.modules[each].__file__ or "").read_bytes())
     own = {
         "kernels": hash_sources(),
