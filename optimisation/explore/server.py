@@ -27,6 +27,7 @@ from optimisation.explore.settings import (
     load_file,
     parse_controls,
     scene_file,
+    sweep_range_of,
 )
 from optimisation.explore.waiting import Kernels, Newer, recommended
 from optimisation.explore.work import Message, Work
@@ -210,7 +211,7 @@ class Tab:
                 "number": number,
                 "scene": file,
                 "load": load,
-                "command": command_of(values),
+                "command": command_of(values, self.structure),
             }
         )
         with self._changed:
@@ -300,7 +301,7 @@ class Tab:
             self.outbox.put(message | {"number": number})
 
 
-def command_of(values: ControlValues) -> str:
+def command_of(values: ControlValues, structure: Structure) -> str:
     """Return the command that makes the same run and its numbers from the files of scene and load."""
     words = f"impact-absorber sweep --scene scene.json --resonance {values.resonance} --members {values.members}"
     if values.load != "random":
@@ -309,9 +310,9 @@ def command_of(values: ControlValues) -> str:
         return f"{words} --load load.json --plot sweep.png" + (
             f" --measures {SAMPLES} --json sweep.json" if values.load == "random" else " --energy"
         )
-    return f"{words} --force {values['force']:.17g} --energy --plot sweep.png" + (
-        " --down" if values.direction == "down" else ""
-    )
+    low, high = sweep_range_of(values, structure)
+    words += f" --force {values['force']:.17g} --from {low:.17g} --to {high:.17g}"
+    return f"{words} --energy --plot sweep.png" + (" --down" if values.direction == "down" else "")
 
 
 def make_app(

@@ -34,6 +34,7 @@ from impact_env.sweep import Stop, simulate
 from optimisation.bounds import design_force, design_gap
 from optimisation.measures import SAMPLES, START, read
 from optimisation.mounting import scene_on
+from optimisation.sweep_range import find_common_range
 
 # What acts on the explorer's structure: a force, an unbalance or a base that is swept, or a random force. One table for page, runs and files.
 
@@ -535,6 +536,13 @@ def scene_of(values: ControlValues, structure: Structure) -> Scene:
     return scene_on(structure_of(values, structure), absorber_of(values), *places_of(values))
 
 
+def sweep_range_of(values: ControlValues, structure: Structure) -> tuple[float, float]:
+    """Return the ends of the sweeps over the resonance, those of all commands for absorbers of this mass at these places."""
+    own = structure_of(values, structure)
+    models = [scene_on(own, None, place).model for place in places_of(values)]
+    return find_common_range(models, values["mass_ratio"], values.resonance)
+
+
 def scene_file(values: ControlValues, structure: Structure) -> Plain:
     """Return the scene in the form of `docs/scenes.md`."""
     return from_scene(scene_of(values, structure))
@@ -545,7 +553,8 @@ def load_file(values: ControlValues, structure: Structure) -> Plain | None:
     if values.load == "force":
         return None
     scene = scene_of(values, structure)
-    up, down = CurveCase(scene, np.ones(1), values.resonance).schedules()
+    limits = sweep_range_of(values, structure)
+    up, down = CurveCase(scene, np.ones(1), values.resonance, limits).schedules()
     return Loading(values.load, scene.model, values.resonance).file(
         values.intensity, down if values.direction == "down" else up
     )

@@ -26,7 +26,8 @@ from optimisation.gap_advice import advise
 from optimisation.gap_check import scaled_absorber
 from optimisation.load_comparison import advise_for_loads
 from optimisation.measures import LABELS
-from optimisation.tuned import minimax
+from optimisation.sweep_range import find_sweep_range
+from optimisation.tuned import smallest_amplitude
 
 
 class Newer(Exception):  # noqa: N818 - no error
@@ -140,7 +141,7 @@ _TUNED: dict[tuple[object, ...], TunedAbsorber] = {}
 
 
 def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
-    """Return the linear absorber with the smallest peak; known at once for the same numbers, as it takes seconds."""
+    """Return the linear absorber with the smallest amplitude over the sweep's range; known at once for the same numbers, as it takes seconds."""
     shapes = (
         model.omega,
         model.damping_ratio,
@@ -150,7 +151,8 @@ def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsor
     )
     key = (*(x.tobytes() for x in shapes), mass_ratio, resonance)
     if key not in _TUNED:
-        _TUNED[key] = minimax(model, mass_ratio, resonance)
+        limits = find_sweep_range(model, mass_ratio, resonance)
+        _TUNED[key] = smallest_amplitude(model, mass_ratio, resonance, *limits)
     return _TUNED[key]
 
 
@@ -212,7 +214,9 @@ def _for_loads(
     values: ControlValues, loading: Loading, watch: Callable[[int, int], None]
 ) -> dict[str, Any]:
     """Return the gap that a search under a load recommends, with the friction as it is."""
-    schedule = CurveCase(Scene(loading.model), np.ones(1), loading.resonance).schedules()[0]
+    limits = find_sweep_range(loading.model, values["mass_ratio"], loading.resonance)
+    case = CurveCase(Scene(loading.model), np.ones(1), loading.resonance, limits)
+    schedule = case.schedules()[0]
     loads = loading.act(values.intensity, schedule)
     assert isinstance(loads, Loads)
     mass_ratio, restitution, friction = (

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes
-from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Lane
 from impact_env.frequency import tip_response
 from impact_env.laws import describe_absorber
@@ -47,6 +46,7 @@ from optimisation.explore.settings import (
     places_of,
     scene_of,
     structure_of,
+    sweep_range_of,
 )
 from optimisation.explore.waiting import Kernels, Newer, followed, tuned_to
 from optimisation.files import number
@@ -94,6 +94,7 @@ class Work:
         self.model = self.scene.model
         self.intensity = values.intensity
         self.resonance = values.resonance
+        self.limits = sweep_range_of(values, structure)
         self.loading = Loading(values.load, self.model, self.resonance)
         self.density: tuple[Array, Array] | None = (
             None  # in Hz and m^2/Hz, of a random force after the start, from the sweep on
@@ -157,6 +158,7 @@ class Work:
             self.scene,
             force_grid(self.middle(), FORCES),
             self.resonance,
+            self.limits,
             load=self.loading.act,
             steady_start=True,
         )
@@ -172,9 +174,8 @@ class Work:
     @cached_property
     def loads(self) -> Loads | None:
         """Return the load that kernels are compiled for, None for the one force."""
-        acts = self.loading.act(
-            self.intensity, CurveCase(self.scene, np.ones(1), self.resonance).schedules()[0]
-        )
+        case = CurveCase(self.scene, np.ones(1), self.resonance, self.limits)
+        acts = self.loading.act(self.intensity, case.schedules()[0])
         return acts if isinstance(acts, Loads) else None
 
     def ready(self, scene: Scene, record: Record, what: str, stop: Stop) -> Iterator[Message]:
@@ -420,10 +421,20 @@ class Work:
             numbers["reach"] = reach(self.alone, self.mass, self.resonance) * rule / gap
             if self.values.concept == "impact":
                 numbers["limit"] = float(
-                    resonance_limit(self.model, self.mass, gap, self.intensity, self.resonance)
+                    resonance_limit(
+                        self.model, self.mass, gap, self.intensity, self.resonance, *self.limits
+                    )
                 )
                 numbers["share"] = float(
-                    share_reached(self.model, self.mass, gap, self.intensity, level, self.resonance)
+                    share_reached(
+                        self.model,
+                        self.mass,
+                        gap,
+                        self.intensity,
+                        level,
+                        self.resonance,
+                        *self.limits,
+                    )
                 )
         yield {
             name: None if isinstance(x, float) and not np.isfinite(x) else x
@@ -442,7 +453,9 @@ class Work:
         yield from self._line("none", Scene(_at_level(self.model)), case)
         gap = self.gap()
         if self.values.concept == "impact" and gap is not None and self.values.load == "force":
-            level = rounded(resonance_limit(self.model, self.mass, gap, forces, self.resonance))
+            level = rounded(
+                resonance_limit(self.model, self.mass, gap, forces, self.resonance, *self.limits)
+            )
             yield {"type": "line", "which": "limit", "force": rounded(forces), "level": level}
 
     def _slow_lines(self, case: CurveCase) -> Iterator[Message]:
@@ -484,7 +497,7 @@ class Work:
 
     def responses(self) -> Iterator[Message]:
         """Yield stationary amplitudes over the frequency: without absorber, with it stuck or as the linear one that it is, and periodic branches."""
-        low, high = PAPER_LIMITS if self.loading.swept else BAND
+        low, high = self.limits if self.loading.swept else BAND
         ratios = np.linspace(low, high, POINTS)
         reference = self.model.resonance_omega(self.resonance)
         absorber = self.scene.absorber
