@@ -299,7 +299,7 @@ def compare(
         and gap is None
         and mass_ratio == DEFAULT_MASS_RATIO
     )
-    # the paper's study has the paper's range and start
+    # the paper's study has the paper's range
     ranges = {
         resonance: PAPER_LIMITS if usual else find_sweep_range(model, mass_ratio, resonance)
         for resonance in every
@@ -308,7 +308,7 @@ def compare(
 
     def case_of(absorber: Absorber | None, at: NDArray[np.float64], resonance: int) -> CurveCase:
         return CurveCase(
-            Scene(model, absorber), at, resonance, ranges[resonance], rate, steady_start=not usual
+            Scene(model, absorber), at, resonance, ranges[resonance], rate, steady_start=True
         )
 
     def damper_level(damper: SlidingAbsorber) -> float:

@@ -14,12 +14,13 @@ from commands import done, load, read
 from drawing import line, saved_figures
 from load_cases import KINDS, MASS, OMEGA, chain, tables_of
 
-from impact_env import Beam
-from impact_env.ensemble import Lane, Threads
+from impact_env import Beam, simulate
+from impact_env.ensemble import Lane, Threads, draw_members
 from impact_env.level import response_level
 from impact_env.loads import Loads, Shock
 from impact_env.modes import ModalModel, modal_model
 from impact_env.scene import Scene
+from impact_env.steady_start import find_steady_start
 from optimisation import load_comparison
 from optimisation.cli import compare_absorbers
 from optimisation.cli.group import imported
@@ -114,6 +115,21 @@ def test_study_holds_every_concept_near_both_resonances(study: Comparison) -> No
     assert impact["optimum"]["force_n"] in part["forces_n"]
     assert tuned["optimum"]["force_n"] is None
     assert tuned["at_best_force_of_impact_absorber"]["force_n"] == impact["optimum"]["force_n"]
+
+
+def test_runs_of_the_papers_absorbers_start_in_the_steady_state(study: Comparison) -> None:
+    """One run of the impact absorber by hand, from there and from rest, whose transient is its level at this rate."""
+    part = study.resonances[1]
+    case = part.cases[IMPACT]
+    force = float(part.forces[0])
+    down = case.schedules()[1]
+    (drive,) = draw_members(3, 1)[1:2].drives(force, down)
+    steady, rest = (
+        simulate(case.scene, drive, initial=start).recorded.level.value
+        for start in (find_steady_start(case.scene, drive), None)
+    )
+    assert part.curves[IMPACT].level[0, 1, 1] == pytest.approx(steady, rel=1e-12)
+    assert abs(rest / steady - 1) > 1e-3
 
 
 def test_bands_are_predictions_and_levels_say_where_they_were_read(study: Comparison) -> None:
