@@ -232,8 +232,8 @@ class Service:
     ``measures``: for each of `SERVICE_MEASURES` the median of the members between the ends of the interval that holds 90 % of fresh runs, (3, C),
     in the units of `optimisation.measures.MEASURES`. ``forces`` (2, C) in N: between them it at least halves the level; NaN where it does not at the
     condition's own force. ``single``: for each tolerance the median level in m with the number too small and too large, (2, C). ``joint``
-    (quantiles, C) in m: `QUANTILES` of the level with all of them off. ``level`` (C,) in m: the median with none off. ``lasting`` (C,) in m: the
-    largest RMS of a vibration of constant frequency over the range of the sweep.
+    (quantiles, C) in m: `QUANTILES` of the levels of ``draws`` with all of them off. ``level`` (C,) in m: the median with none off.
+    ``lasting`` (C,) in m: the largest RMS of a vibration of constant frequency over the range of the sweep.
     """
 
     conditions: tuple[Condition, ...]
@@ -243,6 +243,7 @@ class Service:
     joint: Array
     level: Array
     lasting: Array
+    draws: int
 
 
 def _shifted(value: float, kind: str, size: float, at: float) -> float:
@@ -417,4 +418,5 @@ def service(
         np.asarray(joint),
         level,
         lasting,
+        draws,
     )

@@ -60,7 +60,8 @@ class Tolerances:
     Tolerances are half widths: shares of gap and friction limit, differences of restitution. ``alone``: of each quantity while the others are exact;
     ``together``: of all at once, the same share of each one's own. One that equals `WIDEST_TOLERANCES` may be larger: no wider box was tried.
     ``nominal``: share of `NOMINAL_RUNS` runs of the exact device below the limit; where it is below `SURE`, all tolerances are 0. ``checked`` and
-    ``below``: fresh draws within ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0.
+    ``below``: fresh draws within ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0. ``draws``: those from
+    which each of ``alone``, and ``together``, are estimated.
     """
 
     limit: float
@@ -70,6 +71,7 @@ class Tolerances:
     checked: int
     below: int
     runs: int
+    draws: tuple[int, int] = (DRAWS_ALONE, DRAWS_TOGETHER)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -205,6 +207,7 @@ def find_tolerances(
     limit = positive("limit_level", limit)
     alone_draws, together_draws, checked = (count("draws", number, 2) for number in draws)
     others = [one for one in uncertain if one.name not in OF_ABSORBER]
+    used = (alone_draws, together_draws)
     total = 2 * (NOMINAL_RUNS + len(widest) * alone_draws + together_draws + checked)
     runs = _Draws(case, absorber, limit, others, progress, executor, total)
 
@@ -212,7 +215,7 @@ def find_tolerances(
     nominal = 1 - float(np.mean(exact))
     nothing = dict.fromkeys(widest, 0.0)
     if nominal < SURE:
-        return Tolerances(limit, nothing, nothing, nominal, 0, 0, runs.done)
+        return Tolerances(limit, nothing, nothing, nominal, 0, 0, runs.done, used)
 
     alone = {}
     for k, (name, width) in enumerate(widest.items()):
@@ -233,7 +236,7 @@ def find_tolerances(
         below = checked - int(np.sum(above))
     else:
         checked = 0
-    return Tolerances(limit, alone, together, nominal, checked, below, runs.done)
+    return Tolerances(limit, alone, together, nominal, checked, below, runs.done, used)
 
 
 @dataclass(eq=False)

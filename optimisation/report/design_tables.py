@@ -492,6 +492,7 @@ def service_summary(service: Service) -> Json:
             "level_with_one_number_off_m": {
                 name: numbers(values[:, c]) for name, values in service.single.items()
             },
+            "draws_with_all_off": service.draws,
             "level_with_all_off_m": {
                 f"{100 * q:g} %": x
                 for q, x in zip(QUANTILES, numbers(service.joint[:, c]), strict=True)
@@ -523,10 +524,10 @@ def service_pairs(service: Service, c: int) -> Iterator[tuple[str, str]]:
         small, large = (f"{100 * (x / service.level[c] - 1):+.0f} %" for x in values[:, c])
         yield f"{name.replace('_', ' ')} off by {_range_of(name)}: level", f"{small} and {large}"
     parts = ", ".join(
-        f"{1e3 * x:.3g} mm in {100 * q:g} %"
+        f"{100 * q:g} %: {1e3 * x:.3g} mm"
         for q, x in zip(QUANTILES, service.joint[:, c], strict=True)
     )
-    yield "all of them off at once: at most", f"{parts} of the cases"
+    yield f"all of them off at once, quantiles of {service.draws} draws", parts
     over = service.lasting[c] / service.level[c]
     yield (
         "a lasting vibration at the worst frequency:",

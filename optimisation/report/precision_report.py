@@ -41,12 +41,13 @@ def tolerance_lines(tolerances: Tolerances, absorber: SlidingAbsorber) -> list[s
             f"Tolerances for {what}: none are small enough; of {NOMINAL_RUNS} runs of the exact device {below} stay below."
         ]
     alone = _listed(tolerances.alone, absorber)
-    lines = [f"Tolerances for {what}, one at a time: {alone}."]
+    one, every = tolerances.draws
+    lines = [f"Tolerances for {what}, one at a time, estimated from {one} draws each: {alone}."]
     if tolerances.checked == 0:
-        return [*lines, "All together: none are small enough."]
+        return [*lines, f"All together, from {every} draws: none are small enough."]
     low, high = (100 * end for end in tolerances.interval)
     lines.append(
-        f"All together: {_listed(tolerances.together, absorber)}; of {tolerances.checked} fresh draws {tolerances.below} stay below "
+        f"All together, from {every} draws: {_listed(tolerances.together, absorber)}; of {tolerances.checked} fresh draws {tolerances.below} stay below "
         f"({100 * tolerances.below / tolerances.checked:.0f} %, 95 % interval {low:.0f} to {high:.0f} %)."
     )
     return lines

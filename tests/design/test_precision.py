@@ -102,11 +102,14 @@ def test_devices_within_the_tolerances_stay_below_the_limit() -> None:
     text = " ".join(tolerance_lines(tolerances, ABSORBER))
     assert f"gap ±{1e3 * 1.35e-3 * tolerances.together['gap']:.2g} mm" in text
     assert f"{tolerances.below} stay below" in text
+    assert "one at a time, estimated from 48 draws each" in text
+    assert "All together, from 128 draws: gap" in text
 
 
 def test_a_limit_below_the_level_has_no_tolerances() -> None:
     tolerances = find_tolerances(CASE, 0.5e-3, draws=(4, 4, 4))
     assert tolerances.nominal < 0.5
+    assert tolerances.draws == (4, 4)
     assert set(tolerances.together.values()) == set(tolerances.alone.values()) == {0.0}
     assert math.isnan(tolerances.interval[0])
     assert "none are small enough" in tolerance_lines(tolerances, ABSORBER)[0]
