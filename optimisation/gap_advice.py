@@ -38,6 +38,7 @@ from optimisation.bounds import design_gap, free_amplitude, reach
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.gap_check import GapCheck, rigid_walls, scaled_absorber
 from optimisation.gap_search import (
+    CHECK_MEMBERS,
     NARROWEST,
     PAIRS,
     STEP,
@@ -47,7 +48,6 @@ from optimisation.gap_search import (
     find_best,
     level_between,
     search_gaps,
-    worst_level,
 )
 from optimisation.statistics import Prediction, predict
 from optimisation.sweep_range import find_reading_ratios, find_sweep_range
@@ -84,7 +84,7 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A device that was simulated: its absorber, its median ``level`` in m at the force, and the ``worst`` median over the tolerance.
+    """A device that was simulated: its absorber, its median ``level`` in m at the force, and the ``worst`` level over the tolerance of the force.
 
     ``members``: number of runs, each up and down. ``prediction``: of a fresh run's level; None where no gap ran twice. ``frequency_ratio``: where
     the level was read, over the resonance (the median of the runs); NaN under loads. ``impact_speed``: the largest in m/s; None if not recorded.
@@ -153,11 +153,6 @@ class Advice:
         )
 
     @cached_property
-    def curve(self) -> tuple[Array, Array]:
-        """Steps and ln of levels that are known, see `LevelSamples.known`."""
-        return self.samples.known()
-
-    @cached_property
     def band(self) -> Array:
         """Ends in m of the interval that holds 90 % of fresh runs at each gap of ``check``, (2, G); NaN where no gap ran twice."""
         ends = []
@@ -169,8 +164,8 @@ class Advice:
         return np.array(ends).reshape(-1, 2).T
 
     def at_force(self, answer: Answer, factor: float) -> float:
-        """Return the median level in m of a device under ``factor`` times the force, by the scaling law; NaN where no such gap was simulated."""
-        steps, levels = self.curve
+        """Return the level in m of a device under ``factor`` times the force, by means of ln levels and the scaling law; NaN if not known."""
+        steps, levels = self.samples.means()
         at = math.log(answer.gap / self.reference) - math.log(factor)
         return (
             math.nan
@@ -407,12 +402,13 @@ def advise(
         [sweep_range],
     )
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
+    expected = 2 * (1 + pairs + (CHECK_MEMBERS if members > 1 else 0))
 
     def run(lanes: Sequence[Lane], before: int) -> tuple[LaneLevels, Array | None]:
         show = (
             None
             if progress is None
-            else lambda done, _all: progress(before + done, max(2 * pairs + 2, before + len(lanes)))
+            else lambda done, _all: progress(before + done, max(expected, before + len(lanes)))
         )
         return run_with_speeds(lanes, limits.impact_speed is not None, threads, show, executor)
 
@@ -534,13 +530,8 @@ def answer_at(
     """Return a device of the samples with its level, or what else is measured."""
     values = samples.levels[step]
     level = float(np.median(values))
-    steps, levels = samples.known()
-    largest = level
-    if tolerance > 0:
-        over = worst_level(STEP * steps, levels, STEP * step, tolerance, samples.power)
-        largest = float(np.maximum(level, over))
     prediction = predict(values, samples.groups_near(step))
-    return Answer(absorber, level, largest, len(values), prediction)
+    return Answer(absorber, level, samples.worst(step, tolerance), len(values), prediction)
 
 
 def _choose_free(

@@ -261,6 +261,31 @@ def meeting_mass(model: ModalModel, absorber_mass: float) -> float:
     )
 
 
+@dataclass(frozen=True)
+class YieldLimit:
+    """A limit on impacts: yield must not begin below the surface where two materials touch.
+
+    ``materials`` as in `material`; ``radius`` in m of the rounder one; ``yield_stress`` in Pa of the softer one, whose peak pressure stays below
+    `YIELD_PRESSURE` times it.
+    """
+
+    materials: tuple[str, str]
+    radius: float
+    yield_stress: float
+
+    def __post_init__(self) -> None:
+        for name in self.materials:
+            material(name)
+        positive("radius of --contact in m", self.radius)
+        positive("constraint yield_stress", self.yield_stress)
+
+    def speed(self, model: ModalModel, absorber_mass: float) -> float:
+        """Return the impact speed in m/s at which yield begins, for an absorber's mass in kg at the place of a model."""
+        mass = meeting_mass(model, absorber_mass)
+        pressure = YIELD_PRESSURE * self.yield_stress
+        return speed_for_pressure(*self.materials, self.radius, mass, pressure)
+
+
 def reaches_beyond(model: ModalModel, contact: Contact) -> bool:
     """Return whether a pulse of this time has much force above the highest mode kept: at frequencies up to one over its time."""
     return bool(np.max(model.omega) / (2 * np.pi) < 1 / contact.time)

@@ -9,6 +9,9 @@ it is in proportion to the gap, and members part by chance, so that a single run
 3. Whichever gap is the best so far runs with one member more, until it has all of them; then the gaps on which the answer for a tolerance of the
    force rests. A gap that one lucky run made the best is so replaced by another before the runs are spent.
 4. The answers are chosen among gaps that ran with all members.
+5. The answer for a tolerance stands beside the cliff: under the largest force its members may part over two branches, and all members of a few may
+   lie on the lower one by chance. So it runs there with `CHECK_MEMBERS` members, and if another gap is then better, that gap is checked as well, at
+   most `CHECKS` of them.
 
 By the scaling law a device under k times the force is the device with a k-th of the gap under the force, k times as large: level(k f, g) = k
 level(f, g/k), with a friction limit in proportion to the gap. So the level over a tolerance of the force is in the samples already. A quantity that
@@ -33,6 +36,14 @@ WIDEST = 32
 SECOND_BASIN = 1.15  # times the lowest level
 # pairs of sweeps, up and down, that a search takes at most: with one without absorber 40 sweeps
 PAIRS = 19
+CHECK_MEMBERS = 8  # of the recommended device under the largest force of the tolerance
+ONE_BRANCH = 0.15  # standard deviation of ln levels: members on one branch differ by less
+CHECKS = 3  # gaps that are checked so at most
+SAME_STEP_TOL = (
+    0.1  # steps: 0.5 % of the gap, far less than the steps between the gaps that are run
+)
+# pairs of sweeps that the checks take at most
+CHECK_PAIRS = CHECKS * CHECK_MEMBERS
 # (step, number of members) -> the members' levels, the first ones of the ensemble
 RunGap = Callable[[float, int], Array]
 
@@ -48,6 +59,11 @@ class LevelSamples:
     power: float = 1.0
     excess: dict[float, float] = field(default_factory=dict)
 
+    @property
+    def runs(self) -> int:
+        """Number of members that ran, over all gaps."""
+        return sum(len(levels) for levels in self.levels.values())
+
     def known(self) -> tuple[Array, Array]:
         """Return (steps, ln of median levels)."""
         steps = np.array(sorted(self.levels))
@@ -56,7 +72,19 @@ class LevelSamples:
     def means(self) -> tuple[Array, Array]:
         """Return (steps, means of ln levels), by which gaps are chosen: one run on a higher branch counts, which a median of three leaves out."""
         steps = np.array(sorted(self.levels))
-        return steps, np.array([float(np.mean(np.log(self.levels[n]))) for n in steps])
+        return steps, np.array([self.mean(n) for n in steps.tolist()])
+
+    def mean(self, step: float) -> float:
+        """Return the mean of ln levels at a gap.
+
+        Where `CHECK_MEMBERS` or more ran, their standard deviation beyond `ONE_BRANCH` is added: members that part over two branches count nearly as
+        the upper one, as few of them do not say which share takes it.
+        """
+        logarithms = np.log(self.levels[step])
+        mean = float(np.mean(logarithms))
+        if len(logarithms) < CHECK_MEMBERS:
+            return mean
+        return mean + max(0.0, float(np.std(logarithms, ddof=1)) - ONE_BRANCH)
 
     def groups_near(self, step: float) -> list[Array]:
         """Return the levels of the gaps whose spread stands for that of a gap: those within `POOLED` steps, or all if these have few runs.
@@ -71,10 +99,22 @@ class LevelSamples:
         """Return whether a gap keeps the limits."""
         return self.excess.get(step, 0.0) <= 0
 
+    def worst(self, step: float, tolerance: float) -> float:
+        """Return the largest level over the tolerance of the force, by means of ln levels (see `means`); at least the median at the force itself.
+
+        A median of few members hides a branch that every other run takes. NaN where a gap that this rests on is not known.
+        """
+        level = float(np.median(self.levels[step]))
+        if tolerance == 0:
+            return level
+        steps, levels = self.means()
+        largest = worst_level(STEP * steps, levels, STEP * step, tolerance, self.power)
+        return float(np.maximum(level, largest))
+
     def cost(self, step: float) -> float:
         """Return the mean ln level of a gap, raised where it breaks a limit."""
         excess = max(0.0, self.excess.get(step, 0.0))
-        return float(np.mean(np.log(self.levels[step]))) + PENALTY * excess
+        return self.mean(step) + PENALTY * excess
 
 
 POOLED = 3.0  # steps
@@ -213,8 +253,9 @@ def search_gaps(
     ends: tuple[int, int] | None = None,
     also: float | None = None,
 ) -> None:
-    """Fill ``samples`` from a step on, see above; ``pairs``: of sweeps, up and down, after which no runs are added.
+    """Fill ``samples`` from a step on, see above.
 
+    ``pairs``: of sweeps, up and down, after which no runs are added but those of the checks, at most `CHECK_PAIRS`.
     ``ends``: steps of the narrowest and the widest gap; ``also``: a further step that competes, that of the design rule's gap, if it lies between.
     """
     narrowest, widest = ends or (start + NARROWEST, start + WIDEST)
@@ -230,17 +271,44 @@ def search_gaps(
     if best > narrowest:
         run_members(best - 1, 1)  # is the foot of the cliff there?
 
-    while True:
-        spent = sum(len(levels) for levels in samples.levels.values())
-        missing = gaps_to_run(samples, tolerance, members)
-        if not missing and any(len(levels) >= members for levels in samples.levels.values()):
-            missing = _neighbours(samples, tolerance, members, (narrowest, widest))
-        if not missing or spent >= pairs:
-            break
-        n = missing[0]
-        run_members(n, len(samples.levels.get(n, ())) + 1)
-    if not any(len(levels) >= members for levels in samples.levels.values()):
+    def has_answer() -> bool:
+        return any(len(levels) >= members for levels in samples.levels.values())
+
+    def add_members(most: int, neighbours: bool) -> None:
+        """Run what the answers lack, one member at a time, until ``most`` members were run in all."""
+        while True:
+            missing = gaps_to_run(samples, tolerance, members)
+            if neighbours and not missing and has_answer():
+                missing = _neighbours(samples, tolerance, members, (narrowest, widest))
+            if not missing or samples.runs >= most:
+                return
+            n = missing[0]
+            run_members(n, len(samples.levels.get(n, ())) + 1)
+
+    add_members(pairs, neighbours=True)
+    if not has_answer():
         run_members(find_best(samples, tolerance)[0], members)
+    if tolerance == 0 or members == 1:
+        return
+
+    checked: set[float] = set()
+    for _ in range(CHECKS):
+        _, robust = find_best(samples, tolerance, members)
+        if robust in checked:
+            return
+        checked.add(robust)
+        run_members(narrower_step(samples, robust, tolerance), max(CHECK_MEMBERS, members))
+        add_members(pairs + CHECK_PAIRS, neighbours=False)
+
+
+def narrower_step(samples: LevelSamples, step: float, tolerance: float) -> float:
+    """Return the step whose level is that of a gap under the largest force of the tolerance, over that force: of a narrower gap.
+
+    A step that was run and differs by less than `SAME_STEP_TOL` takes its place.
+    """
+    narrower = step - math.log1p(tolerance) / STEP
+    nearest = min(samples.levels, key=lambda n: abs(n - narrower))
+    return nearest if abs(nearest - narrower) <= SAME_STEP_TOL else narrower
 
 
 def _neighbours(

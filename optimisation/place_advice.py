@@ -47,8 +47,10 @@ from optimisation.gap_advice import (
     SearchStopped,
     run_with_speeds,
 )
+from optimisation.gap_card import YieldLimit
 from optimisation.gap_check import RESTITUTION, rigid_walls
 from optimisation.gap_search import (
+    CHECK_PAIRS,
     NARROWEST,
     PAIRS,
     STEP,
@@ -57,7 +59,6 @@ from optimisation.gap_search import (
     find_best,
     level_between,
     search_gaps,
-    worst_level,
 )
 from optimisation.place_map import (
     PlaceMap,
@@ -83,7 +84,7 @@ FLAT = 1.1  # times the level at the recommended gap: the range of gaps that lea
 
 @dataclass(frozen=True, eq=False)
 class ResonanceLevel:
-    """A device's level in m near one resonance: median ``level`` at ``force`` (N), largest median ``worst`` over the tolerance of the force.
+    """A device's level in m near one resonance: median ``level`` at ``force`` (N), largest level ``worst`` over the tolerance of the force.
 
     ``without``: level without absorber. ``prediction``: of a further run's level; None where no gap ran twice. ``frequency_ratio``: where the level
     was read, over the resonance. ``sweep_range`` over the resonance, ``rate`` in % per 100 pseudo periods. ``limit``: no device in this cavity comes
@@ -248,6 +249,12 @@ class PlaceAdvice:
             if one.mass_ratio == best.mass_ratio and one.place != best.place
         )
 
+    def keeps_speed(self, device: PlacedDevice) -> bool:
+        """Return whether a device keeps the limit of the impact speed at its place."""
+        model = self.places.model_at(device.place)
+        speed = device.impact_speed
+        return speed is None or speed <= self.study.speed_limit(model, device.mass_ratio)
+
     def map_of(self, device: PlacedDevice) -> PlaceMap:
         """Return the map of a device's mass."""
         return next(one for one in self.maps if one.mass_ratio == device.mass_ratio)
@@ -280,7 +287,8 @@ def probability_lower(first: Prediction, second: Prediction) -> float:
 class PlaceStudy:
     """What is asked of all devices alike: forces in N, sweeps and levels without absorber (m) by resonance, and how gaps are searched.
 
-    ``friction_limit`` in N, None: the paper's by the scaling law, in proportion to the gap.
+    ``friction_limit`` in N, None: the paper's by the scaling law, in proportion to the gap. ``yield_limit`` becomes a limit on the impact speed for
+    each place and mass.
     """
 
     forces: dict[int, float]
@@ -293,6 +301,19 @@ class PlaceStudy:
     members: int
     seed: int
     limits: Limits
+    yield_limit: YieldLimit | None = None
+
+    @property
+    def limits_speed(self) -> bool:
+        """Whether the impact speed has a limit."""
+        return self.limits.impact_speed is not None or self.yield_limit is not None
+
+    def speed_limit(self, model: ModalModel, mass_ratio: float) -> float:
+        """Return the largest impact speed in m/s that is allowed at a model's place; infinite without a limit."""
+        most = math.inf if self.limits.impact_speed is None else self.limits.impact_speed
+        if self.yield_limit is None:
+            return most
+        return min(most, self.yield_limit.speed(model, mass_ratio * model.beam_mass))
 
     def case(self, model: ModalModel, absorber: Absorber | None, resonance: int) -> CurveCase:
         """Return the sweeps with an absorber near a resonance."""
@@ -353,9 +374,11 @@ class JointRuns:
             part.levels(step, number, study.rates[r]) / study.without[r]
             for r, part in self.parts.items()
         ]
-        if study.limits.impact_speed is not None:
+        if study.limits_speed:
             speed = max(part.speeds[step, study.rates[r]] for r, part in self.parts.items())
-            self.samples.excess[step] = math.log(max(speed, 1e-300) / study.limits.impact_speed)
+            first = next(iter(self.parts.values()))
+            most = study.speed_limit(first.model, first.absorber.mass_ratio)
+            self.samples.excess[step] = math.log(max(speed, 1e-300) / most)
         return np.asarray(np.max(relative, axis=0))
 
 
@@ -435,7 +458,7 @@ def describe_device(
                 resonance,
                 runs.force,
                 level,
-                _worst(own, step, study.tolerance, level),
+                float(np.fmax(level, own.worst(step, study.tolerance))),
                 study.without[resonance],
                 predict(values, own.groups_near(step)),
                 float(np.median(ratios)),
@@ -454,7 +477,7 @@ def describe_device(
         first.absorber.mass_ratio,
         first.device(step),
         share,
-        _worst(samples, step, study.tolerance, share),
+        float(np.fmax(share, samples.worst(step, study.tolerance))),
         predict(shares, samples.groups_near(step)),
         tuple(parts),
         len(shares),
@@ -463,15 +486,6 @@ def describe_device(
         {r: part.curves[step, study.rates[r]] for r, part in joint.parts.items()},
         max(known) if known else None,
     )
-
-
-def _worst(samples: LevelSamples, step: float, tolerance: float, level: float) -> float:
-    """Return the largest median over the tolerance of the force, the median itself where a neighbour is not known."""
-    if tolerance == 0:
-        return level
-    steps, levels = samples.known()
-    over = float(worst_level(STEP * steps, levels, STEP * step, tolerance, samples.power))
-    return float(np.fmax(level, over))
 
 
 def _flat_range(
@@ -500,6 +514,7 @@ def advise_place(
     restitution: float = RESTITUTION,
     friction_limit: float | None = None,
     limits: Limits | None = None,
+    yield_limit: YieldLimit | None = None,
     limit_level: float | None = None,
     tolerance: float = TOLERANCE,
     members: int = MEMBERS,
@@ -525,6 +540,8 @@ def advise_place(
         Of the absorber; the limit in N at any gap. None: the paper's 0.1 N by the scaling law, in proportion to the gap.
     limits : Limits, optional
         Limits that the devices keep, if a gap that ran does.
+    yield_limit : YieldLimit, optional
+        Impacts that the devices keep below the beginning of yield, if a gap that ran does.
     limit_level : float, optional
         Level in m below which the recommended device stays with a probability of `SURE`, near every resonance.
     tolerance : float
@@ -610,6 +627,7 @@ def advise_place(
         members,
         seed,
         limits,
+        yield_limit,
     )
     search = _PlaceSearch(study, places, models, maps, chosen, threads, progress, executor)
     if announce is not None:
@@ -681,7 +699,7 @@ class _PlaceSearch:
         """Return what will run at most."""
         trials = sum(len(ks) for ks in self.chosen.values()) * len(TRIAL_FACTORS)
         searches = sum(min(SEARCHED, len(ks)) for ks in self.chosen.values())
-        each = 2 * (1 + trials + (self.pairs + 1) * searches)
+        each = 2 * (1 + trials + (self.pairs + CHECK_PAIRS + 1) * searches)
         heaviest = self.maps[-1]
         place = self.chosen[heaviest.mass_ratio][0] if self.chosen[heaviest.mass_ratio] else None
         scenes = {}
@@ -704,7 +722,7 @@ class _PlaceSearch:
     def _run_lanes(self, lanes: Sequence[Lane], _before: int) -> tuple[LaneLevels, Array | None]:
         pairs = run_with_speeds(
             lanes,
-            self.study.limits.impact_speed is not None,
+            self.study.limits_speed,
             self.threads,
             lambda done, _all: self._show(self.done + done),
             self.executor,

@@ -53,16 +53,15 @@ from optimisation.gap_advice import CANDIDATES, MEMBERS, TOLERANCE, Advice, Answ
 from optimisation.gap_card import (
     ALLOWED,
     YIELD_PRESSURE,
+    YieldLimit,
     case_of,
     change_with_modes,
     material,
-    meeting_mass,
     service_loads,
-    speed_for_pressure,
     uncertain_levels,
 )
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
-from optimisation.gap_search import PAIRS
+from optimisation.gap_search import CHECK_MEMBERS, PAIRS
 from optimisation.load_comparison import LoadAdvice, advise_for_loads
 from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
 from optimisation.mounting import model_with_absorber_at
@@ -111,7 +110,7 @@ from optimisation.tolerances import (
 from optimisation.uncertain import FRICTION, GAP, Distribution, require_parts, spreads
 
 QUICK_MEMBERS = 1
-SWEEPS = 40  # of a search, about
+SWEEPS = 50  # of a search, about
 MEMBERS_HELP = (
     f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
 )
@@ -209,9 +208,8 @@ def limits_of(options: dict[str, Any], model: ModalModel, absorber: SlidingAbsor
                 "--constraint yield_stress needs --contact: materials and radius that touch"
             )
         first, second, radius = options["contact"]
-        mass = meeting_mass(model, absorber.mass_ratio * model.beam_mass)
-        pressure = YIELD_PRESSURE * limits["yield_stress"]
-        speeds.append(speed_for_pressure(first, second, radius, mass, pressure))
+        limit = YieldLimit((first, second), radius, limits["yield_stress"])
+        speeds.append(limit.speed(model, absorber.mass_ratio * model.beam_mass))
     return Limits(limits.get("stroke"), min(speeds, default=None))
 
 
@@ -263,7 +261,8 @@ def refuse_contradictions(options: dict[str, Any], absorber: SlidingAbsorber) ->
         )
     if options["contact"] is None:
         return
-    if options["no_card"]:
+    limits_yield = any(name == "yield_stress" for name, _ in options["constraint"])
+    if options["no_card"] and not limits_yield:
         raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
     first, second, radius = options["contact"]
     for name in (first, second):
@@ -461,7 +460,7 @@ def under_load(options: dict[str, Any]) -> None:
         probe = Scene(
             model, impact_absorber(probe_gap(model, loads), options["restitution"], None, ratio)
         )
-        number = PAIRS if members <= MEMBERS else 10 + 5 * members
+        number = CHECK_MEMBERS + (PAIRS if members <= MEMBERS else 10 + 5 * members)
         long = (
             options["cluster"] is None
             and announce_load_runs(probe, loads, number, options["threads"]) > LONG_S

@@ -13,7 +13,13 @@ from impact_env.parameters import Beam, positive
 from optimisation.baselines import simulate_baselines
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.design_gap import FRICTION_HELP, MEMBERS_HELP
+from optimisation.cli.design_gap import (
+    CONSTRAINT_HELP,
+    CONSTRAINTS,
+    CONTACT_HELP,
+    FRICTION_HELP,
+    MEMBERS_HELP,
+)
 from optimisation.cli.design_options import At
 from optimisation.duration import LONG_S, duration_in_words, seconds_per_period
 from optimisation.executors import cluster_option
@@ -29,7 +35,7 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Limits
-from optimisation.gap_card import impact_loads
+from optimisation.gap_card import YieldLimit, impact_loads, material
 from optimisation.gap_check import RESTITUTION, rigid_walls
 from optimisation.place_advice import (
     MASS_RATIOS,
@@ -54,10 +60,9 @@ from optimisation.report.frequency_report import (
 QUICK_TRIAL_PLACES = 3  # places of each mass
 QUICK_MEMBERS = 1
 DEFAULT_RESONANCES = (1, 1)
-PLACE_CONSTRAINTS = ("stroke", "impact_speed")
-CONSTRAINT_HELP = (
-    "Answer within a limit, in SI units; may be repeated: stroke (m, from the middle of the cavity), impact_speed (m/s, the "
-    "largest)."
+LOAD_WORDS = (
+    "--load is not possible here: places are ranked by the response to a harmonic force near resonances; "
+    "`design_gap --load FILE --position PLACE` searches the gap at one place"
 )
 AT_HELP = "Resonance and force in N; may be repeated. In place of --force and --resonances."
 FORCE_HELP = "Amplitude of the harmonic force in N, the same near each of --resonances."
@@ -143,6 +148,26 @@ def masses_of(options: dict[str, Any], structure_mass: float) -> tuple[float, ..
     )
 
 
+def yield_limit_of(options: dict[str, Any], limits: dict[str, float]) -> YieldLimit | None:
+    """Return the limit that yield sets to impacts, None without one; raises BadInput or ParameterError for options that do not go together."""
+    contact = options["contact"]
+    if contact is None:
+        if "yield_stress" in limits:
+            raise common.BadInput(
+                "--constraint yield_stress needs --contact: materials and radius that touch"
+            )
+        return None
+    first, second, radius = contact
+    for name in (first, second):
+        material(name)
+    positive("radius of --contact in m", radius)
+    if "yield_stress" in limits:
+        return YieldLimit((first, second), radius, limits["yield_stress"])
+    if options["no_card"]:
+        raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
+    return None
+
+
 def announce(plan: SweepPlan, threads: int | None) -> None:
     """Print how long the runs take at most, where that is long."""
     from impact_env.ensemble import available_cores
@@ -210,6 +235,7 @@ def write(
 @common.command(epilog=EXAMPLES)
 @scenes.structure_option
 @scenes.scene_option
+@click.option("--load", hidden=True)
 @click.option("--force", type=float, help=FORCE_HELP)
 @click.option(
     "--resonances",
@@ -250,9 +276,12 @@ def write(
 )
 @click.option("--friction-limit", type=float, help=FRICTION_HELP)
 @click.option(
+    "--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP
+)
+@click.option(
     "--constraint",
     multiple=True,
-    type=(click.Choice(PLACE_CONSTRAINTS), float),
+    type=(click.Choice(CONSTRAINTS), float),
     metavar="NAME LIMIT",
     help=CONSTRAINT_HELP,
 )
@@ -285,11 +314,14 @@ def main(**options: Any) -> None:
     and leaves what is finished.
     """
     with common.plain_errors():
+        if options["load"] is not None:
+            raise common.BadInput(LOAD_WORDS)
         scenes.refuse_with_structure(options["structure"], "modes", "damping")
         forces = forces_of(options)
         places = places_in(options)
         ratios = masses_of(options, places.model.beam_mass)
         limits = {name: positive(f"constraint {name}", x) for name, x in options["constraint"]}
+        yield_limit = yield_limit_of(options, limits)
         if options["limit_level"] is not None:
             options["limit_level"] = positive("limit_level", options["limit_level"])
         forces = {places.model.check_resonance(r): force for r, force in forces.items()}
@@ -307,6 +339,7 @@ def main(**options: Any) -> None:
                     restitution=options["restitution"],
                     friction_limit=options["friction_limit"],
                     limits=Limits(limits.get("stroke"), limits.get("impact_speed")),
+                    yield_limit=yield_limit,
                     limit_level=options["limit_level"],
                     tolerance=options["force_tolerance"],
                     members=members,
@@ -340,7 +373,7 @@ def main(**options: Any) -> None:
                     )
                     for part in best.parts
                 }
-                own = report.card(advice, impacts, baselines, curves)
+                own = report.card(advice, impacts, baselines, curves, options["contact"])
         printed = [*report.answer(advice), "", report.text(advice), ""]
         printed += [f"Warning: {line}." for line in report.warnings(advice)]
         printed += [report.sweeps_line(advice), *([] if own is None else ["", as_text(own)])]

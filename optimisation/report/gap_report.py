@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from impact_env.modes import ModalModel
 from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
@@ -299,21 +300,22 @@ class UncertaintyResult:
         }
 
 
-def _contact(
-    advice: Advice, service: ServiceLoads, contact: tuple[str, str, float]
+CONTACT_HEADING = "Contact, estimated after Hertz, without loss"
+
+
+def contact_rows(
+    model: ModalModel, absorber_mass: float, speed: float, contact: tuple[str, str, float]
 ) -> tuple[tuple[Row, ...], list[str]]:
-    """Return the estimate of an impact at the largest speed, and a warning if it reaches modes that were left out."""
-    model, (first, second, radius) = advice.check.model, contact
-    if not service.impacts.largest > 0:
+    """Return the estimate of an impact at a speed in m/s, and a warning if it reaches modes that were left out."""
+    first, second, radius = contact
+    if not speed > 0:
         return (Row("contact", "no impact"),), []
-    one = estimate(
-        first, second, radius, meeting_mass(model, advice.check.mass), service.impacts.largest
-    )
+    one = estimate(first, second, radius, meeting_mass(model, absorber_mass), speed)
     top = float(model.omega.max()) / (2 * math.pi)
     rows = (
         Row(
             "of",
-            f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {service.impacts.largest:.4g} m/s",
+            f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {speed:.4g} m/s",
         ),
         Row("contact time", 1e3 * one.time, "ms"),
         Row("peak force", one.force, "N"),
@@ -376,13 +378,17 @@ def card(
         Row("sweeps taken", f"{advice.sweeps}, and two with impacts recorded"),
     )
     title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
-    touch, reached = ((), []) if contact is None else _contact(advice, service, contact)
+    touch, reached = (
+        ((), [])
+        if contact is None
+        else contact_rows(model, check.mass, service.impacts.largest, contact)
+    )
     groups = (
         ("Device", device_rows(best.absorber, model)),
         ("Response level", level),
         ("Forces", forces),
         ("What it bears", service_rows(best.gap, service.impacts, best.level)),
-        *((("Contact, estimated after Hertz, without loss", touch),) if touch else ()),
+        *(((CONTACT_HEADING, touch),) if touch else ()),
         ("Assumptions", assumed),
     )
     warning_lines = [

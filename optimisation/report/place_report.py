@@ -47,6 +47,7 @@ from optimisation.report.figures import (
     write_figure,
 )
 from optimisation.report.frequency_report import frequency_charts
+from optimisation.report.gap_report import CONTACT_HEADING, contact_rows
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
@@ -182,8 +183,7 @@ def warnings(advice: PlaceAdvice) -> list[str]:
             lines.append(
                 f"no device that ran stays below {MM * (advice.limit_level or 0):.4g} mm with {100 * SURE:.0f} %"
             )
-        speed = advice.limits.impact_speed
-        if speed is not None and best.impact_speed is not None and best.impact_speed > speed:
+        if not advice.keeps_speed(best):
             lines.append("no gap that ran keeps the impact speed")
     return lines
 
@@ -302,6 +302,7 @@ def summary(advice: PlaceAdvice) -> Json:
                 for name, value in (
                     ("stroke_m", advice.limits.stroke),
                     ("impact_speed_m_s", advice.limits.impact_speed),
+                    ("yield_stress_pa", getattr(advice.study.yield_limit, "yield_stress", None)),
                 )
                 if value is not None
             },
@@ -336,8 +337,9 @@ def card(
     impacts: ImpactLoads,
     baselines: dict[int, Baselines],
     curves: Sequence[ResonanceCurves],
+    contact: tuple[str, str, float] | None = None,
 ) -> Card:
-    """Return the paragraph about the recommended device; ``impacts``: of its worst resonance."""
+    """Return the paragraph about the recommended device; ``impacts``: of its worst resonance; ``contact`` as in `gap_report.card`."""
     best = advice.recommended
     assert best is not None
     model = advice.places.model_at(best.place)
@@ -383,12 +385,17 @@ def card(
         for one in advice.devices
     ]
     worst = max(best.parts, key=lambda part: part.share)
+    mass = best.mass_ratio * model.beam_mass
+    touch, reached = (
+        ((), []) if contact is None else contact_rows(model, mass, impacts.largest, contact)
+    )
     groups += [
         ("Places and masses that were searched, level over no absorber", tuple(by_place)),
         (
             f"What it bears near resonance {worst.resonance}",
             service_rows(best.gap, impacts, worst.level),
         ),
+        *(((CONTACT_HEADING, touch),) if touch else ()),
         (
             "Assumptions",
             (
@@ -410,7 +417,7 @@ def card(
         f"Place, mass and gap of an impact absorber for {where}",
         tuple(groups),
         charts,
-        tuple(warnings(advice)),
+        (*warnings(advice), *reached),
     )
 
 

@@ -47,7 +47,8 @@ def tolerance_lines(tolerances: Tolerances, absorber: SlidingAbsorber) -> list[s
         return [*lines, f"All together, from {every} draws: none are small enough."]
     low, high = (100 * end for end in tolerances.interval)
     lines.append(
-        f"All together, from {every} draws: {_listed(tolerances.together, absorber)}; of {tolerances.checked} fresh draws {tolerances.below} stay below "
+        f"All together, from {every} draws: {_listed(tolerances.together, absorber)}; "
+        f"of {tolerances.checked} fresh draws {tolerances.below} stay below "
         f"({100 * tolerances.below / tolerances.checked:.0f} %, 95 % interval {low:.0f} to {high:.0f} %)."
     )
     return lines

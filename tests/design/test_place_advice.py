@@ -25,6 +25,7 @@ from optimisation.bounds import design_gap, reach, resonance_limit
 from optimisation.extremes import stationary_level
 from optimisation.frequency_levels import find_worst_run
 from optimisation.gap_advice import Limits, advise
+from optimisation.gap_card import YieldLimit
 from optimisation.mounting import model_with_absorber_at
 from optimisation.place_advice import (
     LIGHTEST,
@@ -236,6 +237,45 @@ def test_a_limit_of_the_stroke_cuts_the_gaps() -> None:
     assert 0.4 * most < advice.recommended.gap <= most * (1 + 1e-12)
 
 
+def test_a_yield_stress_limits_the_impact_speed_at_each_place() -> None:
+    """The limit is the speed at which Hertz' closed form has 1.6 times the yield stress, for the mobility of the place."""
+    stress = 12e6
+    limit = YieldLimit(("steel", "pom"), 0.05, stress)
+    advice = advise_place(
+        SMALL,
+        {1: 3.5},
+        mass_ratios=[0.02],
+        trial_places=2,
+        members=1,
+        yield_limit=limit,
+        **FAST,  # type: ignore[arg-type]
+    )
+    best = advice.recommended
+    assert best is not None
+    model = advice.places.model_at(best.place)
+    mass = 1 / (1 / (0.02 * model.beam_mass) + np.sum(model.tip_shape**2))
+    stiff = 1 / ((1 - 0.3**2) / 210e9 + (1 - 0.37**2) / 2.8e9)
+    # p = 3 F/(2 pi a^2), a^2 = R depth, F = 4/3 E* sqrt(R) depth^1.5, and the kinetic energy is 8/15 E* sqrt(R) depth^2.5
+    depth = (1.6 * stress * np.pi / (2 * stiff)) ** 2 * 0.05
+    speed = np.sqrt(2 * 8 / 15 * stiff * np.sqrt(0.05) * depth**2.5 / mass)
+    assert advice.study.speed_limit(model, 0.02) == pytest.approx(speed, rel=1e-3)
+    free = advise_place(
+        SMALL,
+        {1: 3.5},
+        mass_ratios=[0.02],
+        trial_places=2,
+        members=1,
+        limits=Limits(impact_speed=100.0),
+        **FAST,  # type: ignore[arg-type]
+    ).recommended
+    assert free is not None
+    assert free.impact_speed is not None
+    assert free.impact_speed > speed  # the limit is one here
+    assert best.impact_speed is not None
+    assert best.impact_speed < free.impact_speed
+    assert advice.keeps_speed(best) == (best.impact_speed <= advice.study.speed_limit(model, 0.02))
+
+
 def test_probability_that_one_design_is_lower() -> None:
     generator = np.random.default_rng(0)
     first = Prediction(0.0, 0.1, 6)
@@ -302,7 +342,7 @@ def test_command_writes_what_python_says(monkeypatch: pytest.MonkeyPatch, tmp_pa
         *COMMAND,
         *["--mass-ratio", 0.02, "--mass-ratio", 0.04, "--members", 2],
         *["--device", device, "--history", history, "--out", tmp_path / "out"],
-        *["--json", tmp_path / "all.json", "--limit-level", 1.0],
+        *["--json", tmp_path / "all.json", "--limit-level", 1.0, "--contact", "steel", "pom", 0.05],
     )
     assert {file.name for file in (tmp_path / "out").iterdir()} == {
         "summary.json",
@@ -342,6 +382,11 @@ def test_command_writes_what_python_says(monkeypatch: pytest.MonkeyPatch, tmp_pa
     card = json.loads((tmp_path / "out" / "card.json").read_text())
     assert card["groups"]["Device"][0]["value"] == f"{best.name} of the length"
 
+    touch = {
+        row["label"]: row for row in card["groups"]["Contact, estimated after Hertz, without loss"]
+    }
+    assert float(touch["peak pressure"]["value"]) > 0
+
     # the motion is that of the worst run, to the last bit of its level
     with history.open(newline="") as file:
         motion = list(csv.DictReader(file))
@@ -369,6 +414,11 @@ def test_command_writes_what_python_says(monkeypatch: pytest.MonkeyPatch, tmp_pa
         (["--at", "1:3", "--at", "1:4"], "each resonance once"),
         ([], "--force is missing"),
         (["--force", 2, "--position", 2], "position = 2"),
+        (["--load", "base:4"], "--load is not possible here"),
+        (["--force", 2, "--constraint", "yield_stress", 65e6], "needs --contact"),
+        (["--force", 2, "--contact", "steel", "pom", -1], "radius of --contact in m = -1"),
+        (["--force", 2, "--contact", "steel", "cheese", 0.05], "material = 'cheese'"),
+        (["--force", 2, "--contact", "steel", "pom", 0.05, "--no-card"], "with --no-card"),
     ],
 )
 def test_command_refuses(line: list[object], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
