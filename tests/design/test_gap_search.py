@@ -81,7 +81,7 @@ def test_a_second_basin_that_is_nearly_as_low_is_searched_too() -> None:
     assert find_best(samples, 0.0)[0] == pytest.approx(-12, abs=2)
 
 
-def test_a_cliff_that_the_first_members_miss_is_found_by_more_of_them() -> None:
+def test_eight_members_reveal_a_cliff_that_three_miss() -> None:
     """Below the edge five of eight members are twice as high, the first three are not: the answer stands clear of it under 1.1 times the force."""
     edge = -3
 
