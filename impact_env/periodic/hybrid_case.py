@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
-from impact_env.families.exact import wall_damper
 from impact_env.parameters import (
     CompliantWalls,
     ElasticCoulombFriction,
@@ -29,6 +28,7 @@ from impact_env.parameters import (
     require_weightless,
 )
 from impact_env.scene import Scene
+from impact_env.solvers import wall_damper
 
 Array = NDArray[np.float64]
 
