@@ -95,7 +95,7 @@ class SettleOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PoincareSection:
     """Poincare sections of a motion: states (n, 2 N_m + 2) at phase 0 of the force, one for each period, and the impacts between (K,).
 
     ``impact_phase`` in rad, ``impact_velocity``: relative velocity absorber - structure before an impact in m/s, ``wall`` -1 or 1.
@@ -129,7 +129,7 @@ class SettledMotion:
         Mean relative displacement of the absorber over the gap; the mirror image has the opposite sign.
     state : (2 N_m + 2,) ndarray
         State at the end, at phase 0 of the force.
-    section : Section
+    section : PoincareSection
         Sections over the periods that it was judged by.
     periods : int
         Periods of the force that the run was observed for.
@@ -149,7 +149,7 @@ class SettledMotion:
     impacts_per_period: float
     offset: float
     state: Array
-    section: Section
+    section: PoincareSection
     periods: int
     captured: int | None = None
     exponent: Exponent | None = None
@@ -427,7 +427,7 @@ def _settled(
     lead = len(stretch.states) - 1 - window
     inside = stretch.time >= lead * case.period
     phase = (case.omega * stretch.time[inside]) % (2 * np.pi)
-    section = Section(
+    section = PoincareSection(
         stretch.states[lead:-1],
         phase,
         stretch.velocity[inside],

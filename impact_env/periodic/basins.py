@@ -507,10 +507,10 @@ def basin_fractions(
     >>> from impact_env import Beam, modal_model
     >>> from impact_env.periodic import Case, basin_fractions
     >>> model = modal_model(Beam(modes=1))
-    >>> case = Case(model, 0.95 * float(model.omega[0]), 0.1, gap=1e-3)
+    >>> case = Case(model, 0.93 * float(model.omega[0]), 1.5, restitution=0.75)
     >>> (point,) = basin_fractions(case, starts=4)
     >>> [(attractor.motion.name, attractor.share.value) for attractor in point.attractors]
-    [('no impacts', 1.0)]
+    [('period 1', 1.0)]
     """
     options = SettleOptions() if options is None else options
     starts = count("starts", starts, 1)
@@ -537,11 +537,11 @@ def basin_fractions(
             for k in range(starts)
         ]
         led = [(here, latest[label].state, 0.0) for label in current]
-        found = settle_runs(
+        settled = settle_runs(
             [*random, *led], options, with_exponent=False, threads=threads, progress=progress
         )
-        motions = [motion for motion in found if motion is not None]
-        if len(motions) < len(found):
+        motions = [motion for motion in settled if motion is not None]
+        if len(motions) < len(settled):
             raise KeyboardInterrupt
         groups = _judged_groups(motions, options)
         leads = {label: starts + k for k, label in enumerate(current)}
@@ -709,7 +709,7 @@ def attractor_map(
                 rng = np.random.default_rng([count("random_start", random_start, 0), 0])
                 start = draw_start(point, START_REACH * point.gap, rng)
             starts.append((point, *start))
-    found = settle_runs(starts, options, threads=threads, progress=progress)
+    settled = settle_runs(starts, options, threads=threads, progress=progress)
     width = len(second)
-    rows = tuple(tuple(found[k * width : (k + 1) * width]) for k in range(len(first)))
+    rows = tuple(tuple(settled[k * width : (k + 1) * width]) for k in range(len(first)))
     return AttractorMap(names, np.array(first, float), np.array(second, float), rows)

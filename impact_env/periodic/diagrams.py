@@ -43,7 +43,7 @@ UP = "up"
 DOWN = "down"
 DIRECTIONS = (UP, DOWN)
 RANDOM = "random"
-KEPT_PERIODS = 64  # of the force: drawn of a motion that does not repeat
+DRAWN_PERIODS = 64  # of the force: drawn of a motion that does not repeat
 FOLLOWED = ("frequency", "force", "gap", "restitution", "friction-limit")  # by branches of orbits
 DIAGRAM_COLUMNS = (
     "direction",
@@ -77,11 +77,11 @@ class DiagramPoint:
         """
         motion = self.motion
         case = motion.case
-        kept = motion.multiple or (1 if motion.kind is MotionKind.NO_IMPACTS else KEPT_PERIODS)
-        states = motion.section.states[-kept:]
+        periods = motion.multiple or (1 if motion.kind is MotionKind.NO_IMPACTS else DRAWN_PERIODS)
+        states = motion.section.states[-periods:]
         n = case.model.modes
         relative = (states[:, n] - states[:, :n] @ case.model.tip_shape) / case.gap
-        share = kept / len(motion.section.states)
+        share = periods / len(motion.section.states)
         impacts = round(share * len(motion.section.impact_phase))
         return {
             "relative": relative,
@@ -94,13 +94,13 @@ class DiagramPoint:
 
     def to_plain(self) -> dict[str, Any]:
         """Return numbers and strings; keys with their units."""
-        shown = self.quantities()
+        quantities = self.quantities()
         return {
             "direction": self.direction,
             "value": self.value,
-            "relative_over_gap": shown["relative"].tolist(),
-            "displacement_m": shown["displacement"].tolist(),
-            "impact_phase_rad": shown["impact-phase"].tolist(),
+            "relative_over_gap": quantities["relative"].tolist(),
+            "displacement_m": quantities["displacement"].tolist(),
+            "impact_phase_rad": quantities["impact-phase"].tolist(),
         } | self.motion.to_plain()
 
     def rows(self) -> Iterator[list[Any]]:
@@ -273,18 +273,21 @@ def diagram_points(
         for value in ordered:
             here = change_parameter(case, parameter, float(value))
             motion = settle_motion(here, state, phase, options)
-            state, phase = motion.state, 0.0
+            state = motion.state
+            phase = 0.0
             yield DiagramPoint(direction, parameter_of(here, parameter), motion)
             done += 1
             show(0)
     for value in rising if starts else ():
         here = change_parameter(case, parameter, float(value))
         drawn = [(here, *_draw(here, seed, k)) for k in range(starts)]
-        found = settle_runs(drawn, options, threads=threads, progress=lambda more, _all: show(more))
-        for motion_or_none in found:
-            if motion_or_none is None:
+        motions = settle_runs(
+            drawn, options, threads=threads, progress=lambda more, _all: show(more)
+        )
+        for finished in motions:
+            if finished is None:
                 raise KeyboardInterrupt
-            yield DiagramPoint(RANDOM, parameter_of(here, parameter), motion_or_none)
+            yield DiagramPoint(RANDOM, parameter_of(here, parameter), finished)
         done += starts
 
 
@@ -339,9 +342,9 @@ def diagram_branches(
     factor = float(case.model.omega[0]) if parameter == FREQUENCY else 1.0
     inside = (factor * limits[0], factor * limits[1])
 
-    def show(*given: Any) -> None:
+    def show(*arguments: Any) -> None:
         if progress is not None:
-            progress(int(given[-2]))
+            progress(int(arguments[-2]))
 
     known: list[Array] = []
     if parameter == FREQUENCY:
@@ -349,10 +352,10 @@ def diagram_branches(
         for branch in branches:
             known.append(list_places(branch))
             yield from _points_of(branch, factor)
-        for found in descendants(branches, inside, longest=longest):
-            if isinstance(found, OrbitBranch):
-                known.append(list_places(found))
-                yield from _points_of(found, factor)
+        for descendant in descendants(branches, inside, longest=longest):
+            if isinstance(descendant, OrbitBranch):
+                known.append(list_places(descendant))
+                yield from _points_of(descendant, factor)
     else:
         for orbit in closed_form_orbits(case).orbits:
             if not any(lies_on(places, orbit.solution) for places in known):
@@ -361,10 +364,10 @@ def diagram_branches(
                 yield from _points_of(branch, factor)
     for point in _middles_of_stretches(points):
         multiple = point.motion.multiple
-        found_orbit = point.motion.orbit() if 0 < multiple <= longest else None
-        if found_orbit is None or not found_orbit.schedule.flies:
+        settled = point.motion.orbit() if 0 < multiple <= longest else None
+        if settled is None or not settled.schedule.flies:
             continue
-        solution = found_orbit.solution
+        solution = settled.solution
         if any(lies_on(places, solution) or mirror_places(places, solution) for places in known):
             continue
         branch = orbit_branch(solution, field, inside, ORBIT_BRANCH_STEPS, show)
@@ -404,11 +407,11 @@ def _section_points(
     level_shape = branch.case.scene.model.level_shape
     side = -1.0 if mirrored else 1.0
     shift = np.pi if mirrored else 0.0
-    count_of = len(orbits)
-    relative = np.full((count_of, multiple), np.nan)
-    displacement = np.full((count_of, multiple), np.nan)
-    level = np.full(count_of, np.nan)
-    stable = np.zeros(count_of, dtype=np.bool_)
+    orbit_count = len(orbits)
+    relative = np.full((orbit_count, multiple), np.nan)
+    displacement = np.full((orbit_count, multiple), np.nan)
+    level = np.full(orbit_count, np.nan)
+    stable = np.zeros(orbit_count, dtype=np.bool_)
     phases = [np.zeros(0) for _ in orbits]
     for k, orbit in enumerate(orbits):
         if not isinstance(orbit, Orbit):

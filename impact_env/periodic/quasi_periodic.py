@@ -70,8 +70,8 @@ def rotation_number(points: Array, most_circles: int = MOST_CIRCLES) -> Rotation
     >>> import numpy as np
     >>> from impact_env.periodic import rotation_number
     >>> angle = 2 * np.pi * 0.381966 * np.arange(400)
-    >>> found = rotation_number(np.column_stack([3 * np.cos(angle), np.sin(angle)]))
-    >>> round(found.value, 6)
+    >>> rotation = rotation_number(np.column_stack([3 * np.cos(angle), np.sin(angle)]))
+    >>> round(rotation.value, 6)
     0.381966
     """
     points = np.asarray(points, dtype=np.float64)
@@ -81,10 +81,10 @@ def rotation_number(points: Array, most_circles: int = MOST_CIRCLES) -> Rotation
     most_circles = count("most_circles", most_circles, 1)
     circles = 1
     while circles <= most_circles and len(points) // circles >= LEAST_POINTS:
-        found = _rotation_on_circle(points[::circles])
-        if found is None:
+        rotation = _rotation_on_circle(points[::circles])
+        if rotation is None:
             return None
-        value, change = found
+        value, change = rotation
         locked = _locked_denominator(value, most_circles // circles)
         if locked == 1 or (locked is not None and circles * locked > most_circles):
             return None

@@ -38,7 +38,7 @@ def case_options(command: Command) -> Command:
             help="Frequency of the force over the first resonance.",
         ),
     )
-    return common.stacked(options)(command)
+    return common.stack_options(options)(command)
 
 
 def settle_options(command: Command) -> Command:
@@ -66,7 +66,7 @@ def settle_options(command: Command) -> Command:
             help="Longest period of a periodic motion, and most circles of a quasi-periodic one.",
         ),
     )
-    return common.stacked(options)(command)
+    return common.stack_options(options)(command)
 
 
 def range_option(name: str, words: str, **options: Any) -> Callable[[Command], Command]:
@@ -80,21 +80,21 @@ def range_option(name: str, words: str, **options: Any) -> Callable[[Command], C
     )
 
 
-def case_from(given: dict[str, Any]) -> Case:
+def case_from(options: dict[str, Any]) -> Case:
     """Return the case that the options describe; raises BadInput or ParameterError."""
-    given |= dict.fromkeys(
+    options |= dict.fromkeys(
         ("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping")
     )
-    refuse_parts(given)
-    force = positive("--force", given["force"])
-    ratio = positive("--at", given["at"])
-    scene, _ = make_scene(given)
+    refuse_parts(options)
+    force = positive("--force", options["force"])
+    ratio = positive("--at", options["at"])
+    scene, _ = make_scene(options)
     return case_of(scene, force, ratio * float(scene.model.omega[0]))
 
 
-def settling_from(given: dict[str, Any]) -> SettleOptions:
+def settling_from(options: dict[str, Any]) -> SettleOptions:
     """Return the length of runs that the options describe."""
-    return SettleOptions(given["periods"], given["window"], given["longest"])
+    return SettleOptions(options["periods"], options["window"], options["longest"])
 
 
 def values_of(

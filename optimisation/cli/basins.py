@@ -25,7 +25,7 @@ from optimisation.cli.attractor_options import (
     settling_from,
     values_of,
 )
-from optimisation.cli.scene_options import is_given
+from optimisation.cli.scene_options import is_option_set
 from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import runs_bar
@@ -111,18 +111,18 @@ def lifetime_lines(points: list[BasinPoint]) -> list[str]:
     return lines
 
 
-def map_text(found: AttractorMap) -> str:
+def map_text(result: AttractorMap) -> str:
     """Return how many points of a map have each kind of motion."""
     counted: dict[str, int] = {}
-    for _, _, motion in found.cells():
+    for _, _, motion in result.cells():
         counted[map_class(motion)] = counted.get(map_class(motion), 0) + 1
     rows = [(name, str(number)) for name, number in sorted(counted.items(), key=lambda x: -x[1])]
     return markdown(("motion", "points"), rows)
 
 
-def map_rows(found: AttractorMap) -> tuple[list[str], list[list[Any]]]:
+def map_rows(result: AttractorMap) -> tuple[list[str], list[list[Any]]]:
     """Return header and rows of a map."""
-    plain = found.to_plain()["cells"]
+    plain = result.to_plain()["cells"]
     names = [name for name in plain[0] if name != "state"] if plain else []
     return names, [[cell[name] for name in names] for cell in plain]
 
@@ -181,7 +181,7 @@ def map_rows(found: AttractorMap) -> tuple[list[str], list[list[Any]]]:
     "--csv", "Write a row for each attractor and value, or for each point of a map."
 )
 @common.plot_option
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Find the attractors that runs from random initial states end on, and the share of each with its 95 % interval.
 
     At one frequency and force, or over a parameter (--over), along which an attractor has one number. A mirror image counts as the same
@@ -192,48 +192,49 @@ def main(**given: Any) -> None:
     Example: periodic basins --modes 1 --restitution 0.75 --at 0.93 --over frequency 0.92 0.94 --points 5
     """
     with common.plain_errors():
-        common.check_targets(given)
-        if given["map"] is not None and given["over"] is None:
+        common.check_targets(options)
+        if options["map"] is not None and options["over"] is None:
             raise common.BadInput("--map needs --over, the first parameter")
-        if given["map"] is None and (given["random"] or is_given("map_points")):
+        if options["map"] is None and (options["random"] or is_option_set("map_points")):
             raise common.BadInput("--random and --map-points go with --map")
-        if given["map"] is not None and is_given("starts"):
+        if options["map"] is not None and is_option_set("starts"):
             raise common.BadInput("--starts does not go with --map: one run at each point")
-        case = case_from(given)
-        complete = shares(given, case) if given["map"] is None else mapped(given, case)
+        case = case_from(options)
+        complete = shares(options, case) if options["map"] is None else mapped(options, case)
     common.end_early(complete)
 
 
-def shares(given: dict[str, Any], case: Case) -> bool:
+def shares(options: dict[str, Any], case: Case) -> bool:
     """Print and write basin fractions; return whether all were computed."""
-    options = settling_from(given)
-    count("--starts", given["starts"], 1)
-    positive("--match", given["match_tolerance"])
-    non_negative("--burn-in", given["burn_in"])
-    over = given["over"]
+    settling = settling_from(options)
+    count("--starts", options["starts"], 1)
+    positive("--match", options["match_tolerance"])
+    non_negative("--burn-in", options["burn_in"])
+    over = options["over"]
     parameter = None if over is None else over[0]
-    values = [] if over is None else values_of("--over", over, given["points"], case).tolist()
+    values = [] if over is None else values_of("--over", over, options["points"], case).tolist()
     complete = [True]
     points: list[BasinPoint] = []
-    with common.stoppable(complete), runs_bar("basins") as show:
+    with common.stop_on_interrupt(complete), runs_bar("basins") as show:
         total = max(len(values), 1)
 
         def progress(done: int, _here: int) -> None:
             show(
-                len(points) * given["starts"] + min(done, given["starts"]), total * given["starts"]
+                len(points) * options["starts"] + min(done, options["starts"]),
+                total * options["starts"],
             )
 
         for point in basin_fractions(
             case,
             parameter,
             values,
-            starts=given["starts"],
-            options=options,
-            reach=given["reach"],
-            match_tolerance=given["match_tolerance"],
-            burn_in=given["burn_in"],
-            seed=given["seed"],
-            threads=given["threads"],
+            starts=options["starts"],
+            options=settling,
+            reach=options["reach"],
+            match_tolerance=options["match_tolerance"],
+            burn_in=options["burn_in"],
+            seed=options["seed"],
+            threads=options["threads"],
             progress=progress,
         ):
             points.append(point)  # noqa: PERF402 - an interrupt leaves those that are finished
@@ -244,42 +245,44 @@ def shares(given: dict[str, Any], case: Case) -> bool:
             click.echo(f"\n{line}")
     files = write_files(
         {
-            given["json"]: {
+            options["json"]: {
                 "complete": complete[0],
                 "points": [point.to_plain() for point in points],
             },
-            given["csv"]: (list(BASIN_COLUMNS), basin_rows(points)),
+            options["csv"]: (list(BASIN_COLUMNS), basin_rows(points)),
         }
-        | ({given["plot"]: lambda path: save_basins(path, points)} if points else {})
+        | ({options["plot"]: lambda path: save_basins(path, points)} if points else {})
     )
     common.name_files(files)
     return complete[0]
 
 
-def mapped(given: dict[str, Any], case: Case) -> bool:
+def mapped(options: dict[str, Any], case: Case) -> bool:
     """Print and write the map of two parameters; return whether all was computed."""
-    options = settling_from(given)
-    first = values_of("--over", given["over"], given["points"], case)
-    second = values_of("--map", given["map"], count("--map-points", given["map_points"], 2), case)
+    settling = settling_from(options)
+    first = values_of("--over", options["over"], options["points"], case)
+    second = values_of(
+        "--map", options["map"], count("--map-points", options["map_points"], 2), case
+    )
     with runs_bar("map") as show:
-        found = attractor_map(
+        result = attractor_map(
             case,
-            (given["over"][0], given["map"][0]),
+            (options["over"][0], options["map"][0]),
             first.tolist(),
             second.tolist(),
-            random_start=given["seed"] if given["random"] else None,
-            options=options,
-            threads=given["threads"],
+            random_start=options["seed"] if options["random"] else None,
+            options=settling,
+            threads=options["threads"],
             progress=show,
         )
-    click.echo(map_text(found))
-    names, rows = map_rows(found)
+    click.echo(map_text(result))
+    names, rows = map_rows(result)
     files = write_files(
         {
-            given["json"]: found.to_plain(),
-            given["csv"]: (names, rows),
-            given["plot"]: lambda path: save_attractor_map(path, found),
+            options["json"]: result.to_plain(),
+            options["csv"]: (names, rows),
+            options["plot"]: lambda path: save_attractor_map(path, result),
         }
     )
     common.name_files(files)
-    return found.complete
+    return result.complete

@@ -121,7 +121,7 @@ def diagram_rows(points: list[DiagramPoint]) -> list[list[Any]]:
 @common.json_option("Write points and branches, in SI units.")
 @common.file_option("--csv", "Write a row for each number of each section.")
 @common.plot_option
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Compute a bifurcation diagram over a parameter by runs, up and down, each from the last state of the one before.
 
     Points are the stroboscopic section (relative displacement or displacement at phase 0), the phases of impacts, or the response level. Runs from
@@ -131,18 +131,18 @@ def main(**given: Any) -> None:
     Example: periodic diagram --modes 1 --restitution 0.8 --over frequency 0.928 0.938 --points 41 --random --plot diagram.png
     """
     with common.plain_errors():
-        common.check_targets(given)
-        options = settling_from(given)
-        longest = count("--branch-period", given["branch_period"], 1)
-        case = case_from(given)
-        parameter, low, high = given["over"]
-        values = values_of("--over", given["over"], given["points"], case)
-        directions = DIRECTIONS if given["direction"] == "both" else (given["direction"],)
+        common.check_targets(options)
+        settling = settling_from(options)
+        longest = count("--branch-period", options["branch_period"], 1)
+        case = case_from(options)
+        parameter, low, high = options["over"]
+        values = values_of("--over", options["over"], options["points"], case)
+        directions = DIRECTIONS if options["direction"] == "both" else (options["direction"],)
         complete = [True]
         points: list[DiagramPoint] = []
         branches: list[BranchPoints] = []
         with (
-            common.stoppable(complete),
+            common.stop_on_interrupt(complete),
             validation_alongside(case),
             stages_bar("diagram", leave=False) as show,
         ):
@@ -151,15 +151,15 @@ def main(**given: Any) -> None:
                 parameter,
                 values.tolist(),
                 directions=directions,
-                starts=given["starts"],
-                random_start=given["random"],
-                seed=given["seed"],
-                options=options,
-                threads=given["threads"],
+                starts=options["starts"],
+                random_start=options["random"],
+                seed=options["seed"],
+                options=settling,
+                threads=options["threads"],
                 progress=lambda done, total: show("runs", done, total),
             ):
                 points.append(point)  # noqa: PERF402 - an interrupt leaves those that are finished
-            if given["branches"] and parameter in FOLLOWED:
+            if options["branches"] and parameter in FOLLOWED:
                 for branch in diagram_branches(
                     case,
                     parameter,
@@ -169,7 +169,7 @@ def main(**given: Any) -> None:
                     progress=lambda number: show(f"branch {len(branches) + 1}, points", number, 0),
                 ):
                     branches.append(branch)  # noqa: PERF402 - as above
-        found = Diagram(case, parameter, tuple(points), tuple(branches))
+        result = Diagram(case, parameter, tuple(points), tuple(branches))
         click.echo(diagram_table(points))
         if branches:
             kinds = Counter(
@@ -180,9 +180,9 @@ def main(**given: Any) -> None:
             click.echo(f"\n{len(branches)} exact branches: {words}")
         files = write_files(
             {
-                given["json"]: found.to_plain() | {"complete": complete[0]},
-                given["csv"]: (list(DIAGRAM_COLUMNS), diagram_rows(points)),
-                given["plot"]: lambda path: save_diagram(path, found, given["quantity"]),
+                options["json"]: result.to_plain() | {"complete": complete[0]},
+                options["csv"]: (list(DIAGRAM_COLUMNS), diagram_rows(points)),
+                options["plot"]: lambda path: save_diagram(path, result, options["quantity"]),
             }
         )
     common.name_files(files)

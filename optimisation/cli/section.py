@@ -110,7 +110,7 @@ def plain_section(motion: SettledMotion) -> dict[str, Any]:
 @common.json_option("Write states and impacts, in SI units.")
 @common.file_option("--csv", "Write a row for each state and each impact.")
 @common.plot_option
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Draw a Poincare section of a long run, and say whether its motion is periodic, quasi-periodic or chaotic.
 
     Of motions that do not repeat the largest Lyapunov exponent is printed with its 95 % interval, and the rotation number of the invariant circle
@@ -119,11 +119,11 @@ def main(**given: Any) -> None:
     Example: periodic section --modes 1 --restitution 0.838 --force 2.76 --at 0.9315 --section impacts --plot section.png
     """
     with common.plain_errors():
-        common.check_targets(given)
-        options = settling_from(given)
-        starts = count("--starts", given["starts"], 0)
-        seed = count("--seed", given["seed"], 0)
-        case = case_from(given)
+        common.check_targets(options)
+        settling = settling_from(options)
+        starts = count("--starts", options["starts"], 0)
+        seed = count("--seed", options["seed"], 0)
+        case = case_from(options)
         begin = [(case, np.zeros(2 * case.model.modes + 2), 0.0)]
         if starts:
             reach = START_REACH * case.gap
@@ -132,21 +132,21 @@ def main(**given: Any) -> None:
                 for k in range(starts)
             ]
         with runs_bar("section") as show:
-            found = settle_runs(begin, options, threads=given["threads"], progress=show)
-        motions = [motion for motion in found if motion is not None]
-        complete = len(motions) == len(found)
+            result = settle_runs(begin, settling, threads=options["threads"], progress=show)
+        motions = [motion for motion in result if motion is not None]
+        complete = len(motions) == len(result)
         if motions:
             click.echo(f"{ratio_text(case)}\n\n{section_table(motions)}")
         files = write_files(
             {
-                given["json"]: {
+                options["json"]: {
                     "complete": complete,
                     "runs": [plain_section(motion) for motion in motions],
                 },
-                given["csv"]: (list(SECTION_COLUMNS), section_rows(motions)),
+                options["csv"]: (list(SECTION_COLUMNS), section_rows(motions)),
             }
             | (
-                {given["plot"]: lambda path: save_section(path, motions, given["section"])}
+                {options["plot"]: lambda path: save_section(path, motions, options["section"])}
                 if motions
                 else {}
             )

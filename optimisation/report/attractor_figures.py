@@ -110,45 +110,45 @@ def save_basins(path: Path, points: Sequence[BasinPoint]) -> None:
     write_figure(figure, path)
 
 
-def save_attractor_map(path: Path, found: AttractorMap) -> None:
+def save_attractor_map(path: Path, result: AttractorMap) -> None:
     """Draw the kind of motion, and its level, at each point of two parameters."""
     from matplotlib.colors import ListedColormap
 
     figure, panels = figure_of(11.5, 5.2, 1, 2, sharex=True, sharey=True)
     classes = list(KIND_COLOURS)
-    kinds = np.full((len(found.second), len(found.first)), np.nan)
+    kinds = np.full((len(result.second), len(result.first)), np.nan)
     levels = np.full(kinds.shape, np.nan)
-    for i, row in enumerate(found.motions):
+    for i, row in enumerate(result.motions):
         for j, motion in enumerate(row):
             if motion is not None:
                 kinds[j, i] = classes.index(map_class(motion))
                 levels[j, i] = MM * motion.level
     palette = ListedColormap([KIND_COLOURS[name] for name in classes])
-    grid: tuple[Array, Array, Any] = (found.first, found.second, kinds)
+    grid: tuple[Array, Array, Any] = (result.first, result.second, kinds)
     panels[0].pcolormesh(*grid, cmap=palette, vmin=-0.5, vmax=len(classes) - 0.5, shading="nearest")
     shades = panels[1].pcolormesh(
-        found.first, found.second, levels, cmap="viridis", shading="nearest"
+        result.first, result.second, levels, cmap="viridis", shading="nearest"
     )
     figure.colorbar(shades, ax=panels[1], label=QUANTITY_LABELS["level"])
     for k, name in enumerate(classes):
         if np.any(kinds == k):
             panels[0].plot([], [], MAP_SYMBOL, color=KIND_COLOURS[name], label=name)
     for axes in panels:
-        axes.set_xlabel(AXIS_LABELS[found.names[0]])
-    panels[0].set_ylabel(AXIS_LABELS[found.names[1]])
+        axes.set_xlabel(AXIS_LABELS[result.names[0]])
+    panels[0].set_ylabel(AXIS_LABELS[result.names[1]])
     draw_legend(figure, panels[0], 4)
     write_figure(figure, path)
 
 
-def save_diagram(path: Path, found: Diagram, quantity: str) -> None:
+def save_diagram(path: Path, result: Diagram, quantity: str) -> None:
     """Draw a bifurcation diagram: points of runs, stable branches solid, unstable ones dashed."""
     figure, axes = figure_of(8.6, 5.4)
     scale = QUANTITY_SCALES.get(quantity, 1.0)
-    for branch in found.branches:
+    for branch in result.branches:
         _draw_branch(axes, branch, quantity, scale)
     styles = ((RANDOM, "0.6", 3.2), (UP, GREEN, 2.4), (DOWN, PINK, 1.4))
     for direction, colour, size in styles:
-        points = [point for point in found.points if point.direction == direction]
+        points = [point for point in result.points if point.direction == direction]
         if points:
             x, y = _scatter(points, quantity)
             axes.plot(
@@ -160,7 +160,7 @@ def save_diagram(path: Path, found: Diagram, quantity: str) -> None:
                 ls="none",
                 label=DIRECTION_WORDS[direction],
             )
-    axes.set_xlabel(AXIS_LABELS[found.parameter])
+    axes.set_xlabel(AXIS_LABELS[result.parameter])
     axes.set_ylabel(QUANTITY_LABELS[quantity])
     draw_grid(axes)
     if axes.get_legend_handles_labels()[0]:

@@ -244,6 +244,9 @@ basins --modes 1
     --over gap 1e-3 2e-3 --map force 1 2 --map-points 1 -> --map-points = 1
     --structure {steel} -> --modes does not go with --structure
     --friction-limit -1 -> friction limit = -1
+diagram --modes 1
+    --over force 2 2 -> --over = (2.0, 2.0) is not allowed
+    -> Missing option '--over'
 diagram --modes 1 --over force 1 2
     --points 1 -> --points = 1
     --starts -1 -> starts = -1
@@ -251,9 +254,6 @@ diagram --modes 1 --over force 1 2
     --periods 1 -> periods = 1
     --at -1 -> --at = -1
     --structure {steel} -> --modes does not go with --structure
-diagram --modes 1
-    --over force 2 2 -> --over = (2.0, 2.0) is not allowed
-    -> Missing option '--over'
 section --modes 1
     --starts -1 -> --starts = -1
     --seed -1 -> --seed = -1

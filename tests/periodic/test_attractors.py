@@ -150,14 +150,14 @@ def test_a_periodic_motion_has_level_period_and_symmetry_of_its_orbit() -> None:
 def test_chaotic_motions_have_the_exponent_of_the_saltation_derivative() -> None:
     """Intervals of two estimates that share no tangent vectors, over several starts."""
     case = paper_case(2, 0.985, 1.5, 1.0, 0.025)
-    found = [
+    result = [
         settle_motion(case, *draw_start(case, 1.5e-3, np.random.default_rng(k))) for k in range(3)
     ]
-    assert {motion.kind for motion in found} == {MotionKind.CHAOTIC}
+    assert {motion.kind for motion in result} == {MotionKind.CHAOTIC}
     other = largest_exponent(case.scene, case.drive(400 * case.period, 0.0), 240)
-    value = float(np.mean([motion.exponent.value for motion in found]))
+    value = float(np.mean([motion.exponent.value for motion in result]))
     assert value == pytest.approx(other.value, rel=0.2)
-    assert all(motion.rotation is None or motion.rotation.change > 1e-3 for motion in found)
+    assert all(motion.rotation is None or motion.rotation.change > 1e-3 for motion in result)
 
 
 def coexisting() -> Case:
@@ -176,12 +176,12 @@ def test_basin_fractions_are_those_of_plain_runs() -> None:
         multiple = 1 + int(np.argmax(np.array(misses) < 1e-6))
         assert misses[multiple - 1] < 1e-6
         ended[multiple] = ended.get(multiple, 0) + 1
-    found = {
+    result = {
         attractor.motion.multiple: attractor.share.ended
         for attractor in point.attractors
         if attractor.share.ended
     }
-    assert found == ended
+    assert result == ended
     assert len(ended) == 2
     assert sum(attractor.share.value for attractor in point.attractors) == pytest.approx(1)
     for attractor in point.attractors:
@@ -220,14 +220,14 @@ def test_labels_follow_runs_first_and_then_the_nearest_features() -> None:
 
 def test_motions_are_one_attractor_if_kind_period_and_features_agree() -> None:
     orbit = one_sided()
-    found = [
+    result = [
         settle_motion(orbit.case, *draw_start(orbit.case, 1.5e-3, np.random.default_rng(k)))
         for k in range(6)
     ]
-    sides = {float(np.sign(motion.offset)) for motion in found}
+    sides = {float(np.sign(motion.offset)) for motion in result}
     assert sides == {-1.0, 1.0}  # both images
-    assert list(group_motions(found)) == [list(range(6))]
-    assert max(feature_distance(found[0], motion) for motion in found) < 1e-3
+    assert list(group_motions(result)) == [list(range(6))]
+    assert max(feature_distance(result[0], motion) for motion in result) < 1e-3
 
 
 def test_lifetimes_are_those_of_a_maximum_likelihood_fit_of_censored_data() -> None:
@@ -235,11 +235,11 @@ def test_lifetimes_are_those_of_a_maximum_likelihood_fit_of_censored_data() -> N
     true = rng.exponential(400.0, 200)
     durations = np.minimum(true, 700.0)
     ended = true <= 700.0
-    found = fit_lifetimes(durations, ended, burn_in=0.0)
+    result = fit_lifetimes(durations, ended, burn_in=0.0)
     data = scipy.stats.CensoredData.right_censored(durations, ~ended)
     _, mean = scipy.stats.expon.fit(data, floc=0)
-    assert found.mean == pytest.approx(mean, rel=1e-4)
-    assert (found.ended, found.censored) == (int(ended.sum()), int((~ended).sum()))
+    assert result.mean == pytest.approx(mean, rel=1e-4)
+    assert (result.ended, result.censored) == (int(ended.sum()), int((~ended).sum()))
     late = fit_lifetimes(durations, ended, burn_in=100.0)
     assert late.interval[0] < 400 < late.interval[1]
     assert late.ended == int(np.sum(ended & (durations > 100)))
@@ -269,14 +269,14 @@ def test_lifetimes_that_are_not_exponential_are_noticed() -> None:
 
 def test_a_map_has_the_motion_of_each_point() -> None:
     case = coexisting()
-    found = attractor_map(case, ("frequency", "force"), [0.92, 0.95], [0.5, 3.0], threads=1)
-    assert found.complete
-    assert [len(row) for row in found.motions] == [2, 2]
-    for ratio, force, motion in found.cells():
+    result = attractor_map(case, ("frequency", "force"), [0.92, 0.95], [0.5, 3.0], threads=1)
+    assert result.complete
+    assert [len(row) for row in result.motions] == [2, 2]
+    for ratio, force, motion in result.cells():
         here = case.changed(omega=ratio * float(case.model.omega[0]), force=force)
         own = settle_motion(here)
         assert (own.name, own.level) == (motion.name, motion.level)
-    assert found.motions[0][0].kind is MotionKind.NO_IMPACTS
+    assert result.motions[0][0].kind is MotionKind.NO_IMPACTS
     with pytest.raises(ParameterError, match="two different parameters"):
         attractor_map(case, ("force", "force"), [1.0], [2.0])
 
@@ -305,10 +305,13 @@ def test_points_of_a_diagram_are_those_of_plain_runs_and_lie_on_exact_branches()
         unit = here.gap * np.concatenate([np.ones(n + 1), np.full(n + 1, here.omega)])
         states = plain_states(here, start, 0.0, 1200)[-2:]
         relative = states[:, n] - states[:, :n] @ case.model.tip_shape
-        shown = point.quantities()["relative"]
-        assert len(shown) == point.motion.multiple
-        np.testing.assert_allclose(np.sort(np.unique(relative.round(4))), np.sort(shown), atol=2e-4)
-        state, phase = states[-1] * unit, 0.0
+        section = point.quantities()["relative"]
+        assert len(section) == point.motion.multiple
+        np.testing.assert_allclose(
+            np.sort(np.unique(relative.round(4))), np.sort(section), atol=2e-4
+        )
+        state = states[-1] * unit
+        phase = 0.0
     branches = list(diagram_branches(case, "frequency", (0.928, 0.933), points, longest=2))
     assert {branch.multiple for branch in branches} == {1, 2}
     for point in points:
