@@ -218,7 +218,7 @@ def test_between_impacts_a_sliding_absorber_turns_where_a_reversal_is_listed_and
 ) -> None:
     turns = 0
     record = Record(level=False, events=True, series=True, reversals=True, samples_per_period=100)
-    for seed in range(12):
+    for seed in range(12 if make is one_absorber else 5):
         rng = np.random.default_rng([seed, 77])
         scene = make(2, rng)
         sliding = [
@@ -243,4 +243,4 @@ def test_between_impacts_a_sliding_absorber_turns_where_a_reversal_is_listed_and
                 changes[1:], odd[1:]
             )  # at the start it may rest, but for rounding
             turns += np.sum(odd)
-    assert turns >= 10
+    assert turns >= 5
