@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from impact_env.periodic.isolas import IsolaMap, Threshold
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import GRAZING, PULLING
 from impact_env.periodic.overview import Overview
-from impact_env.periodic.response_curve import EXACT, ResponseCurve
+from impact_env.periodic.response_curve import EXACT, CurvePoint, ResponseCurve
 from impact_env.periodic.slow_manifold import ManifoldCheck
 from impact_env.periodic.stationary import QUANTILES
 from impact_env.periodic.survey import OrbitSearch
@@ -67,6 +67,7 @@ MANIFOLD_STYLES: dict[str, dict[str, Any]] = {
 }
 Array = NDArray[np.float64]
 RUNS = YELLOW
+MARK_DISTANCE = 0.02  # of the axes: marks of one kind that are closer are drawn once
 LOOKS = {  # exact orbits: colour, dashes, width, label
     "stable": (STABLE, "-", 2.4, "exact orbit, stable"),
     "fast": (FAST, (0, (6, 1.5)), 2.0, "unstable by fast multipliers only"),
@@ -116,6 +117,7 @@ def save_figure(path: Path, overview: Overview) -> None:
             1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone))),
         ),
     )
+    _draw_marks(axes, overview.curves)
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
     axes.set_ylabel(f"largest displacement {overview.where} in mm")
     axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
@@ -221,10 +223,37 @@ def _exact(axes: Axes, curve: ResponseCurve) -> None:
             lw=thinner * width,
             zorder=order,
         )
-    for mark in curve.located:
+
+
+def _draw_marks(axes: Axes, curves: Iterable[ResponseCurve]) -> None:
+    """Draw the places located on exact orbits, within the limits of the axes."""
+    marks = [mark for curve in curves if curve.method == EXACT for mark in curve.located]
+    size = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()) / MM
+    for mark in thin_marks(marks, *size):
         axes.plot(
             mark.omega_ratio, MM * mark.tip_max, MARKS.get(mark.kind, "x"), **MARKED, zorder=5
         )
+
+
+def thin_marks(marks: Iterable[CurvePoint], width: float, height: float) -> list[CurvePoint]:
+    """Return the marks without those of a kind that would lie on one another.
+
+    Of marks of one kind that are closer than `MARK_DISTANCE` of the axes' ``width`` (frequency ratio) and ``height`` (m), the first is taken.
+    """
+    drawn: list[CurvePoint] = []
+    for mark in marks:
+        near = (
+            np.hypot(
+                (mark.omega_ratio - other.omega_ratio) / width,
+                (mark.tip_max - other.tip_max) / height,
+            )
+            < MARK_DISTANCE
+            for other in drawn
+            if other.kind == mark.kind
+        )
+        if not any(near):
+            drawn.append(mark)
+    return drawn
 
 
 def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:

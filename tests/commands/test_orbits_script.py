@@ -14,9 +14,11 @@ from impact_env.frequency import tip_response
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
 from impact_env.periodic import Orbit, orbit_of, unpacked
+from impact_env.periodic.response_curve import CurvePoint
 from impact_env.plain import to_scene
 from optimisation.cli import orbits
 from optimisation.cli.group import imported
+from optimisation.report.periodic_figures import thin_marks
 
 KEYS = {
     "omega_ratio",
@@ -539,3 +541,14 @@ def test_error_of_harmonic_balance_falls_with_the_harmonics(
     np.testing.assert_allclose(line(error, "weight 100"), expected)
     expected = [[20, 40], [first["first_fold_ratio"], second["first_fold_ratio"]]]
     np.testing.assert_allclose(line(folds, "weight 100"), expected)
+
+
+def test_marks_of_one_kind_that_would_cover_each_other_are_drawn_once() -> None:
+    marks = [
+        CurvePoint("fold", 1.0, 1e-3),
+        CurvePoint("fold", 1.0005, 1e-3),  # 0.005 of the width: covered
+        CurvePoint("torus", 1.0005, 1e-3),  # another kind
+        CurvePoint("fold", 1.01, 1e-3),  # 0.1 of the width
+        CurvePoint("fold", 1.0, 1.1e-3),  # 0.05 of the height
+    ]
+    assert thin_marks(marks, 0.1, 2e-3) == [marks[0], *marks[2:]]

@@ -181,7 +181,7 @@ def describe_amounts(conditions: Json) -> str:
         if isinstance(row, list) and len(row) > POINTS and name.endswith("s")
     }
     points = [
-        f"{name} {len(row)}"
+        f"{name.replace('_', ' ')} {len(row)}"
         for name, row in lists.items()
         if all(isinstance(x, int | float) for x in row)
     ]

@@ -374,7 +374,7 @@ def _describe(values: Json) -> str:
         markdown(("frequency ratio, 1.5 N, random starts", *MOTIONS), basins),
         markdown(
             (
-                "with impacts after a blow, over the velocity amplitude:",
+                "runs with impacts after a blow (over the velocity amplitude)",
                 *(f"{size:g}" for size in sizes),
             ),
             blows,

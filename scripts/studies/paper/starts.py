@@ -1,4 +1,4 @@
-"""How the level changes when nobody chose the start: the absorber anywhere in its cavity, the force beginning at any frequency. Beyond the paper.
+"""The level from random starts: the absorber anywhere in its cavity, the force beginning at any frequency. Beyond the paper.
 
 The paper begins each sweep at one frequency with the absorber in the middle, and calls that conservative.
 """
@@ -147,9 +147,9 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _answer(values: Json) -> str:
-    """Say in a line what a start that nobody chose does."""
+    """Return a line on the level from random starts."""
     text = format_range([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
-    return f"Starts that nobody chose: place and frequency at random give {text} times the median level of the paper's start."
+    return f"Random starts: place and frequency at random give {text} times the median level of the paper's start."
 
 
 def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, float]]:
@@ -194,7 +194,7 @@ def _draw(values: Json) -> Figure:
 
 FIGURE = PaperFigure(
     LABEL,
-    "starts that nobody chose",
+    "random starts",
     describe=_describe,
     draw=_draw,
     claims=_claims,
