@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from drawing import line, saved_figures
 
-from impact_env.curve import performance_curve
+from impact_env.curve import CurveCase, performance_curve
 from impact_env.drive import Drive, constant_frequency, linear_sweep
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members
@@ -21,7 +21,7 @@ from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
 from optimisation.files import read_json
 from optimisation.page import DOCS
-from studies.paper import basics, claim, conv, high_low, jump, oprange, scat, second_mode, smr
+from studies.paper import basics, claim, conv, high_low, jump, m12, oprange, scat, second_mode, smr
 from studies.paper.account import simulate_window
 from studies.paper.claim import ClaimVerdict, judge_interval, judge_values
 from studies.paper.curve import (
@@ -197,6 +197,20 @@ def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None
 
 
 # claims
+
+
+def test_the_comparison_starts_from_rest_as_the_paper_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    cases: list[CurveCase] = []
+
+    def collect(_settings: PaperSettings, _label: str, each: list[CurveCase], *_: object) -> None:
+        cases.extend(each)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PaperSettings, "curves", collect)
+    with pytest.raises(KeyboardInterrupt):
+        next(m12.FIGURE.measure(QUICK, m12.FIGURE.sizes[1], {}))
+    assert len(cases) == 7
+    assert not any(case.steady_start for case in cases)
 
 
 def test_verdicts_of_intervals_and_at_the_papers_step() -> None:

@@ -218,10 +218,9 @@ def _describe(values: Json) -> str:
         "largest exponent a period (95 %)",
     )
     text = markdown(("force, N", "method", "curve", "peak, mm", "at", "folds"), lines)
-    return (
-        text
-        + "\n\n"
-        + markdown(("stationary", "force, N", "frequency ratio", "members", *columns), rows)
+    thresholds = describe_thresholds(values)
+    return f"{thresholds[0].upper()}{thresholds[1:]}.\n\n{text}\n\n" + markdown(
+        ("stationary", "force, N", "frequency ratio", "members", *columns), rows
     )
 
 
@@ -331,6 +330,19 @@ def _counts(part: Json) -> list[int]:
     return count.tolist()
 
 
+def find_threshold_forces(values: Json, kind: str) -> list[float]:
+    """Return the forces in N of the isola's thresholds of a kind, "birth" or "merger"."""
+    return [one["force_n"] for one in values["isolas"] if one["kind"] == kind]
+
+
+def describe_thresholds(values: Json) -> str:
+    """Return between which forces the isola exists."""
+    centres, mergers = (find_threshold_forces(values, kind) for kind in ("birth", "merger"))
+    if not centres or not mergers:
+        return "no threshold"
+    return f"isola centre at {format_range(centres, '{:.3f}')} N, merger at {format_range(mergers, '{:.3f}')} N"
+
+
 def _closed(part: Json, method: str) -> Json | None:
     return next((curve for curve in part[method] if curve["closed"]), None)
 
@@ -347,15 +359,7 @@ def _branches(values: Json) -> list[Claim]:
     counts = _counts(medium) + _counts(high)
     isola = _closed(medium, "exact")
     top = _highest(high)
-    births, mergers = (
-        [one["force_n"] for one in values["isolas"] if one["kind"] == kind]
-        for kind in ("birth", "merger")
-    )
-    thresholds = (
-        f"isola centre at {format_range(births, '{:.3f}')} N, merger at {format_range(mergers, '{:.3f}')} N"
-        if mergers and births
-        else "no threshold"
-    )
+    mergers = find_threshold_forces(values, "merger")
     outer = [fold[0] for fold in isola["folds"]] if isola else []
     alone = float(np.max(_interpolated(high, "alone", np.linspace(0.98, 1.02, 401))))
     return [
@@ -369,7 +373,11 @@ def _branches(values: Json) -> list[Claim]:
             if outer
             else "none",
         ),
-        judge("merger", any(1.5 < force < 3.0 for force in mergers), thresholds=thresholds),
+        judge(
+            "merger",
+            any(1.5 < force < 3.0 for force in mergers),
+            thresholds=describe_thresholds(values),
+        ),
         judge("far fold", max((fold[0] for fold in top["folds"]), default=0.0)),
         judge("merely shifted", 1 - top["peak"][1] / alone, peak=top["peak"][0]),
     ]

@@ -1,4 +1,4 @@
-"""The figure `m12`: absorber concepts near two resonances, from the main study's comparison, with a well-tuned LTVA and the limit."""
+"""The figure `m12`: absorber concepts near two resonances, with a well-tuned LTVA and the limit."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from impact_env import CurveCase, Moreau, Scene, beam_scene, modal_model
 from impact_env.drive import PAPER_LIMITS
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, friction_damper
-from optimisation.bounds import resonance_limit
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, friction_damper
+from optimisation.bounds import design_force, resonance_limit
 from optimisation.comparison import (
     FRICTION,
     IMPACT,
@@ -21,11 +21,10 @@ from optimisation.comparison import (
     LTVA_TUNED_WIDE,
     NONE,
     RESONANCES,
-    compare,
     concepts,
+    force_grid,
 )
 from optimisation.page import markdown
-from optimisation.progress import sweeps_bar
 from optimisation.report.design_figures import ORDINALS
 from optimisation.tuned import highest_amplitude
 from studies.paper.claim import (
@@ -88,27 +87,20 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def _resonance(settings: PaperSettings, resonance: int, size: Size) -> Json:
-    """Return the main study's curves near a resonance, the limit, and single runs at the paper's step."""
-    with sweeps_bar(f"{LABEL}, resonance {resonance}", leave=False) as show:
-        result = compare(
-            resonances=(resonance,),
-            forces=size.forces,
-            members=size.members,
-            seed=settings.seed,
-            threads=settings.threads,
-            progress=show,
-            executor=settings.executor,
-        )
-    if not result.complete:
-        raise KeyboardInterrupt
-    (part,) = result.resonances
-    dense = np.geomspace(part.forces[0], part.forces[-1], 120)
-    forces = tuple(part.forces.tolist())
+    """Return curves of all concepts near a resonance, from rest as in the paper, the limit, and single runs at the paper's step."""
+    model = modal_model(Beam())
+    mass = DEFAULT_MASS_RATIO * model.beam_mass
+    gap = RigidWalls.gap
+    force = design_force(model, mass, gap, resonance)
+    forces = tuple(force_grid(force, size.forces).tolist())
+    keys = tuple(concept.key for concept in concepts(model))
+    dense = np.geomspace(forces[0], forces[-1], 120)
+    limit = resonance_limit(model, mass, gap, dense, resonance, *PAPER_LIMITS)
     return {
-        "curves": {key: to_plain_curve(curve) for key, curve in part.curves.items()},
-        "design_force": part.design_force,
-        "gap": part.gap,
-        "limit": {"force": dense.tolist(), "level": part.limit_at(dense).tolist()},
+        "curves": _near(settings, resonance, forces, keys, size.members),
+        "design_force": force,
+        "gap": gap,
+        "limit": {"force": dense.tolist(), "level": limit.tolist()},
         "step": _near(settings, resonance, forces, (IMPACT, FRICTION), 1, Moreau()),
     }
 
