@@ -50,7 +50,7 @@ from optimisation.gap_advice import (
     in_order,
 )
 from optimisation.gap_check import RESTITUTION
-from optimisation.gap_search import PAIRS, STEP, LevelSamples, find_best, search_gaps
+from optimisation.gap_search import CHECK_MEMBERS, PAIRS, STEP, LevelSamples, find_best, search_gaps
 from optimisation.measures import (
     DECAY,
     LEVEL,
@@ -437,7 +437,9 @@ def advise_for_loads(
     loads = loads.member(Member(factor=positive("force, a factor on the loads", factor)))
     none = Scene(model, None)
     check_load(none, loads, Exact())
-    drives = drives_of(draw_members(count("members", members, 1), seed), loads)
+    every = draw_members(max(count("members", members, 1), CHECK_MEMBERS), seed)
+    all_drives = drives_of(every, loads)
+    drives = all_drives[:members]
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     rms = free_size(Lane(none, drives[0], steady_start=True))
     require(rms > 0, "load", 0.0, "one that moves the absorber's place")
@@ -460,7 +462,7 @@ def advise_for_loads(
         if progress is not None:
             progress(sum(map(len, samples.levels.values())), pairs)
         known = samples.levels.get(step, np.empty(0))
-        more = drives[len(known) : number]
+        more = all_drives[len(known) : number]
         return np.append(known, runs_of(model, [device(step)], more, threads, executor=executor))
 
     first = 0

@@ -588,6 +588,7 @@ def save_figure(path: Path, advice: Advice) -> None:
         MM * fine, 0, limit, **HATCHED, label="out of reach for any device in that gap"
     )
     axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
+    most = max((len(curve.members) for curve in check.curves), default=0)
     axes.plot(
         gaps,
         MM * check.level,
@@ -595,7 +596,7 @@ def save_figure(path: Path, advice: Advice) -> None:
         color=BLUE,
         lw=2.2,
         ms=5,
-        label=f"median of up to {advice.members} runs, 90 % of further runs",
+        label=f"median of up to {most} runs, 90 % of further runs",
     )
     if advice.single_runs:
         at, level = MM * np.array(advice.single_runs).T

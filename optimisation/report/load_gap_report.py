@@ -101,7 +101,7 @@ def save_figure(path: Path, advice: LoadAdvice) -> None:
         "o-",
         color=BLUE,
         ms=5,
-        label=f"median of up to {len(advice.without)} runs, 90 % of further runs",
+        label=f"median of up to {max(map(len, advice.runs))} runs, 90 % of further runs",
     )
     axes.axhline(
         factor * float(np.median(advice.without)), color="black", lw=0.8, label="no absorber"
