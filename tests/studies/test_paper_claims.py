@@ -193,7 +193,7 @@ def test_claims_on_beam_and_tuned_absorber(values: dict[str, Any]) -> None:
 CHANGES: dict[str, tuple[tuple[str, ...], Any]] = {
     "omega_2": (("beam", "ratios"), [1.0, 6.1, 17.5]),
     "stiffness": (("beam", "stiffness_of_modes"), 8700.0),
-    "rate": (("linear", "sweep_ratio"), {"1": 0.7, "2": 0.99}),
+    "rate": (("linear", "sweep_ratio"), {"1": 0.7, "2": 0.9}),
     "window": (("window",), [{"modes": 3, "force": 1.5, "relative": [0.5, 0.6], "shrinks": 0.98}]),
     "step": (
         ("step",),
@@ -493,7 +493,7 @@ def test_numbers_of_a_claim_stand_in_its_row_and_decide_it() -> None:
             assert row["verdict"] != "holds", row["name"]
         if outside:
             assert row["verdict"] in ("does not hold", "holds only at the paper's step")
-    assert counted > 70
+    assert counted > 110
 
 
 # New numbers beside closed forms.

@@ -45,6 +45,7 @@ from studies.paper.claim import (
     SAME,
     Claim,
     ClaimVerdict,
+    find_extent,
     format_interval,
     judge_cases,
     judge_interval,
@@ -518,10 +519,10 @@ def _beam(beam: Json) -> list[Claim]:
     own = beam["absorber_kg"]
     whole = beam["beam_kg"]
     return [
-        judge("basics_omega_2", round(second, 1) == 6.3, ratio=second),
-        judge("basics_mass", abs(own / whole - 0.02) < 1e-12, own=1e3 * own, whole=1e3 * whole),
-        judge("basics_node", abs(beam["node"] - 12) < 1e-9, **beam),
-        judge("basics_stiffness", abs(off) < 1e-9, off=off, **beam),
+        judge("basics_omega_2", [second], ratio=second),
+        judge("basics_mass", [own / whole], own=1e3 * own, whole=1e3 * whole),
+        judge("basics_node", [beam["node"]], **beam),
+        judge("basics_stiffness", [off], off=off, **beam),
         judge(
             "basics_own_period",
             max(lost) - min(lost) < 1e-9,
@@ -529,7 +530,7 @@ def _beam(beam: Json) -> list[Claim]:
             most=100 * max(lost),
             modes=len(lost),
         ),
-        judge("basics_span", abs(beam["span_periods"] - 130) < 0.5, **beam),
+        judge("basics_span", [beam["span_periods"]], **beam),
     ]
 
 
@@ -538,8 +539,8 @@ def _linear(linear: Json) -> list[Claim]:
     stuck, second = linear["stuck_over_none"].values()
     off = max(abs(stuck - 1), abs(second - 1))
     return [
-        judge("basics_rate", min(sweep, swept) > 1 - SAME, one=sweep, two=swept),
-        judge("basics_stuck_level", off < SAME, one=stuck, two=second, off=off),
+        judge("basics_rate", find_extent([sweep, swept]), one=sweep, two=swept),
+        judge("basics_stuck_level", find_extent([stuck, second]), one=stuck, two=second, off=off),
     ]
 
 
@@ -672,7 +673,7 @@ def _tuned(tuned: Json) -> list[Claim]:
             lower=lower,
         ),
         judge("basics_ltva_second", [second], off=1 - second),
-        judge("basics_undamped", undamped < 1e-9, undamped=undamped),
+        judge("basics_undamped", [undamped], undamped=undamped),
     ]
 
 

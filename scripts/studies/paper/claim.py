@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from string import Formatter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -117,6 +117,20 @@ def parse_relation(relation: Any) -> tuple[float, float]:
     if relation.startswith("about "):
         return range_about(float(relation.removeprefix("about ")))
     return RELATIONS[relation]
+
+
+class Interval(NamedTuple):
+    """A computed value and the interval that it lies in, where that is not the 5 to 95 % of members."""
+
+    value: float
+    low: float
+    high: float
+
+
+def find_extent(values: ArrayLike) -> Interval:
+    """Return the median of some values with the least and the largest of them."""
+    row = np.ravel(np.asarray(values, dtype=float))
+    return Interval(float(np.median(row)), float(np.min(row)), float(np.max(row)))
 
 
 class ClaimVerdict(StrEnum):
@@ -284,14 +298,14 @@ class ClaimFormatter(Formatter):
 def make_claim(
     figure: str,
     name: str,
-    result: ClaimVerdict | bool | ArrayLike,
+    result: ClaimVerdict | bool | Interval | ArrayLike,
     /,
     allowed: tuple[float, float] | None = None,
     *,
     at_step: float | None = None,
     **text_values: Any,
 ) -> Claim:
-    """Return a claim of claims.toml from a verdict, from whether it holds, or from members' values, judged by their 5 to 95 %.
+    """Return a claim of claims.toml from members' values, judged by their 5 to 95 %, from an interval, a verdict, or whether it holds.
 
     ``allowed``, least and most, where claims.toml has no relation; ``text_values`` fills the braces, as do the values, as {value}.
     ``at_step``: the number by the paper's scheme and step, in one run.
@@ -308,7 +322,10 @@ def make_claim(
     elif isinstance(result, ClaimVerdict):
         verdict = result
     else:
-        low, middle, high = (float(x) for x in compute_bands(np.ravel(result)))
+        if isinstance(result, Interval):
+            middle, low, high = result
+        else:
+            low, middle, high = (float(x) for x in compute_bands(np.ravel(result)))
         least, most = allowed or parse_relation(own["relation"])
         verdict = judge_values(low, high, least, most, at_step)
         numbers = {"value": middle, "low": low, "high": high, "least": least, "most": most}

@@ -20,6 +20,7 @@ from studies.paper.claim import (
     SAME,
     Claim,
     ClaimVerdict,
+    Interval,
     format_spread,
     judge_cases,
     judge_interval,
@@ -336,7 +337,8 @@ def _neither(read: dict[str, LevelCurve]) -> Claim:
     return make_claim(
         LABEL,
         "dissinf_neither",
-        judge_interval(low, high, *range_within(LITTLE)),
+        Interval(float(np.median(np.concatenate(over))), low, high),
+        range_within(LITTLE),
         each=each,
         small=LIMITS[0],
     )

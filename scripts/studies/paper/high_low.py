@@ -31,9 +31,10 @@ from studies.paper.claim import (
     INFINITY,
     OFTEN,
     Claim,
+    Interval,
+    find_extent,
     format_interval,
     format_range,
-    judge_interval,
     make_claim,
 )
 from studies.paper.curve import compute_exponent
@@ -429,12 +430,11 @@ def _regimes(values: Json) -> list[Claim]:
             slow=slow,
         ),
         judge("weakly modulated", top["depth"], depth=at["depth"]),
-        judge(
-            "chaotic", judge_interval(exponent[1], exponent[2], 0.0, INFINITY), exponent=exponent
-        ),
+        judge("chaotic", Interval(*exponent), (0.0, INFINITY), exponent=exponent),
         judge(
             "lower frequency",
-            judge_interval(min(peaks), max(peaks), 0.0, 0.999),
+            find_extent(peaks),
+            (0.0, 0.999),
             medium=peaks[0],
             high=peaks[1],
             stuck=medium["stuck_peak"],

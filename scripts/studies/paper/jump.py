@@ -40,7 +40,7 @@ from studies.paper.claim import (
     INFINITY,
     MUCH,
     Claim,
-    compute_band,
+    Interval,
     compute_bands,
     format_interval,
     format_spread,
@@ -500,7 +500,8 @@ def _jump_claims(values: Json) -> list[Claim]:
         ),
         judge(
             "slower jumps less",
-            judge_interval(slow["low"], slow["high"], 0.0, fast["low"]),
+            Interval(slow["share"], slow["low"], slow["high"]),
+            (0.0, fast["low"]),
             slow=_share(slow),
             fast=_share(fast),
         ),
@@ -509,7 +510,8 @@ def _jump_claims(values: Json) -> list[Claim]:
         ),
         judge(
             "conservative rate",
-            judge_interval(first["low"], first["high"], fast["high"], 1.0),
+            Interval(first["share"], first["low"], first["high"]),
+            (fast["high"], 1.0),
             first=_share(first),
             at=first["periods_per_percent"],
             fast=_share(fast),
@@ -550,7 +552,8 @@ def _claims(values: Json) -> list[Claim]:
         *_jump_claims(values),
         judge(
             "modulation beyond sliding",
-            judge_interval(stay, stay, PAPER_PERIODS, INFINITY),
+            [stay],
+            (PAPER_PERIODS, INFINITY),
             stay=stay,
             begin=begin,
             end=end,
@@ -595,14 +598,15 @@ def _sweep_claims(values: Json) -> list[Claim]:
     return [
         judge(
             "modulated maxima",
-            judge_interval(*compute_band(smr), orbit, MUCH * alone),
-            value=1e3 * smr,
+            1e3 * smr,
+            (1e3 * orbit, 1e3 * MUCH * alone),
             orbit=1e3 * orbit,
             alone=1e3 * alone,
         ),
         judge(
             "high force reaches it",
-            judge_interval(least, least, HIGH_BRANCH, 10e-3),
+            [1e3 * least],
+            (1e3 * HIGH_BRANCH, 10.0),
             down=1e3 * low["down"],
             up=1e3 * low["up"],
         ),

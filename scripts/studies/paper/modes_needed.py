@@ -11,8 +11,8 @@ from studies.paper.claim import (
     SAME,
     Claim,
     compute_bands,
+    find_extent,
     format_interval,
-    judge_interval,
     make_claim,
 )
 from studies.paper.frame import (
@@ -109,7 +109,8 @@ def _claims(values: Json) -> list[Claim]:
         make_claim(
             LABEL,
             "modes_needed_first",
-            judge_interval(min(off.values()), max(off.values()), -SAME, SAME),
+            find_extent(list(off.values())),
+            (-SAME, SAME),
             cells=cells,
             ten=PAPER_MODES,
             most=most,
