@@ -23,8 +23,6 @@ from impact_env.periodic.hybrid_flow import LinearPiece, relative_rows
 from impact_env.periodic.hybrid_trajectory import (
     CONTACT,
     IMPACT,
-    REVERSAL,
-    STICK,
     HybridEvent,
     HybridTrajectory,
     follow_hybrid,
@@ -686,6 +684,3 @@ def hybrid_orbit_of(plain: dict[str, Any]) -> HybridOrbit | NoHybridOrbit:
     return shoot_hybrid(
         case, start["phase_rad"], state, plain["symmetric"], plain["period_multiple"]
     )
-
-
-EVENT_COLUMNS = {"impacts": (IMPACT, CONTACT), "reversals": (REVERSAL, STICK)}

@@ -21,18 +21,6 @@ from impact_env.periodic.orbit_branches import CHECKED_KINDS, OrbitBranch
 Real = NDArray[np.float64]
 EXACT = "exact orbits"
 HARMONIC_BALANCE = "harmonic balance"
-CURVE_COLUMNS = (
-    "curve",
-    "method",
-    "omega_ratio",
-    "tip_max_m",
-    "tip_rms_m",
-    "stable",
-    "slowly_stable",
-    "located",
-    "period",
-    "symmetric",
-)
 SAME_POINT_TOL = (
     1e-9  # of the frequency: two places of one kind are one, met on both mirror images of a branch
 )
@@ -176,37 +164,6 @@ class ResponseCurve:
             refused,
             *more,
         )
-
-    def rows(self, number: int) -> Iterator[tuple[object, ...]]:
-        """Yield a row of `CURVE_COLUMNS` for each point that is a solution, then one for each that was located."""
-        for k in np.flatnonzero(np.isfinite(self.tip_max)):
-            truths = [
-                "" if row is None else int(row[k]) for row in (self.stable, self.slowly_stable)
-            ]
-            yield (
-                number,
-                self.method,
-                self.omega_ratio[k],
-                self.tip_max[k],
-                self.tip_rms[k],
-                *truths,
-                "",
-                self.period,
-                int(self.symmetric),
-            )
-        for mark in self.located:
-            yield (
-                number,
-                self.method,
-                mark.omega_ratio,
-                mark.tip_max,
-                "",
-                "",
-                "",
-                mark.kind,
-                self.period,
-                int(self.symmetric),
-            )
 
 
 def balance_curve(

@@ -11,13 +11,13 @@ from impact_env.ensemble import Executor
 from impact_env.parameters import CompliantWalls, RigidWalls, positive, require
 from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
+from impact_env.periodic.orbit_table import ORBIT_COLUMNS, branch_rows
 from impact_env.periodic.overview import (
     Overview,
     OverviewOptions,
     compute_overview,
     require_sliding,
 )
-from impact_env.periodic.response_curve import CURVE_COLUMNS
 from impact_env.periodic.stationary import QUANTILES, StationaryRuns
 from impact_env.plain import from_scene
 from optimisation.checkpoint import Checkpoint
@@ -359,10 +359,7 @@ def main(**options: Any) -> None:
             FORCE if options["force"] is None and options["structure"] is None else options["force"]
         )
         result = computed(options, executor)
-        rows = (
-            CURVE_COLUMNS,
-            [row for number, curve in enumerate(result.curves, 1) for row in curve.rows(number)],
-        )
+        rows = (ORBIT_COLUMNS, branch_rows(curve.to_plain() for curve in result.curves))
         click.echo(text(result))
         files = write_files(
             {

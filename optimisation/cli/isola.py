@@ -7,6 +7,7 @@ import click
 
 from impact_env.periodic.case import case_of
 from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaCell, IsolaMap, isola_map
+from impact_env.periodic.orbit_table import ORBIT_COLUMNS, isola_rows
 from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
 from optimisation.checkpoint import Checkpoint
@@ -130,7 +131,10 @@ def main(**options: Any) -> None:
         refuse_parts(options)
         isola_map = computed(options)
         cells = (isola_map.own, *isola_map.cells)
-        rows = (ISOLA_COLUMNS, [row for cell in cells for row in cell.rows()])
+        levels = (
+            dict(zip(ISOLA_COLUMNS, row, strict=True)) for cell in cells for row in cell.rows()
+        )
+        rows = (ORBIT_COLUMNS, isola_rows(levels))
         click.echo(table(cells))
         files = write_files(
             {

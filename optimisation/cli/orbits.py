@@ -8,12 +8,31 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, count, positive, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Beam,
+    CompliantWalls,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    count,
+    positive,
+    require,
+)
 from impact_env.periodic.basins import DEFAULT_RUNS, find_basins
 from impact_env.periodic.bifurcation_curves import CURVE_KINDS, bifurcation_curves
-from impact_env.periodic.branch import INTERRUPTED
+from impact_env.periodic.branch import FOLD, INTERRUPTED
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.hybrid_branches import HybridBranch, hybrid_branch, orbit_at
+from impact_env.periodic.hybrid_case import HybridCase
+from impact_env.periodic.hybrid_orbit import (
+    HybridOrbit,
+    NoHybridOrbit,
+    find_hybrid_orbits,
+    plain_hybrid_orbit,
+)
 from impact_env.periodic.isolas import find_folds, find_thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants
 from impact_env.periodic.orbit import Orbit, plain_orbit
@@ -24,6 +43,12 @@ from impact_env.periodic.orbit_branches import (
     orbit_branch,
     orbit_branches,
 )
+from impact_env.periodic.orbit_table import (
+    ORBIT_COLUMNS,
+    bifurcation_rows,
+    branch_rows,
+    orbit_rows,
+)
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import (
     OrbitSearch,
@@ -33,6 +58,8 @@ from impact_env.periodic.survey import (
     orbits_over,
 )
 from impact_env.periodic.validation import validation_alongside
+from impact_env.plain import to_scene
+from impact_env.plain_files import read_plain
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import (
     BadInput,
@@ -71,14 +98,24 @@ POINTS = 81
 AROUND = 21
 RANGE = 0.02
 ALONG = ("force", "gap", "restitution", "friction-limit")
+BRANCH_PARAMETERS = (*ALONG, "frequency")
 CURVES = [kind.replace(" ", "-") for kind in CURVE_KINDS]
+OPTIONS_OF_FILE = (
+    "structure",
+    "modes",
+    "damping",
+    "mass_ratio",
+    "gap",
+    "restitution",
+    "friction_limit",
+)  # what a scene's file says
 UNITS = {  # of each of these: its name in files, in figures, and the figure's unit
     "force": ("force_N", "force in N", 1.0),
     "gap": ("gap_m", "gap in mm", 1e3),
     "restitution": ("restitution", "restitution", 1.0),
     "friction-limit": ("friction_limit_N", "friction limit in N", 1.0),
 }
-Told = Callable[[str, int, int], None]
+ShowProgress = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
 
 
@@ -86,87 +123,89 @@ def searched(
     case: Case,
     ratios: Array,
     symmetric: bool,
-    told: Told,
+    show: ShowProgress,
     settle: bool = True,
     starts: int = DEFAULT_RUNS,
     seed: int = 0,
 ) -> Iterator[OrbitSearch]:
     """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs end on."""
     if symmetric:
-        return orbits_over(case, ratios, lambda done, total: told("frequencies", done, total))
+        return orbits_over(case, ratios, lambda done, total: show("frequencies", done, total))
     return all_orbits_over(
-        case, ratios, told, settle=settle and starts > 0, starts=starts, seed=seed
+        case, ratios, show, settle=settle and starts > 0, starts=starts, seed=seed
     )
 
 
 def listed(
-    case: Case, given: dict[str, Any], told: Told, complete: list[bool]
+    case: Case, options: dict[str, Any], show: ShowProgress, complete: list[bool]
 ) -> list[OrbitSearch]:
     """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
     found: list[OrbitSearch] = []
     with stop_on_interrupt(complete):
-        if given["at"] is None:
+        if options["at"] is None:
             found += searched(
                 case,
-                np.linspace(given["start"], given["stop"], given["points"]),
-                given["symmetric"],
-                told,
-                starts=given["starts"],
-                seed=given["seed"],
+                np.linspace(options["start"], options["stop"], options["points"]),
+                options["symmetric"],
+                show,
+                starts=options["starts"],
+                seed=options["seed"],
             )
             return found
-        around(case, given, told, found)
+        around(case, options, show, found)
         here = found[0]
-        for settled in () if given["symmetric"] else attractors(here.case, here.orbits):
+        for settled in () if options["symmetric"] else attractors(here.case, here.orbits):
             if isinstance(settled, NoOrbit):
                 found[0] = replace(found[0], refused=(*found[0].refused, settled))
             else:
                 found[0] = replace(
                     found[0], orbits=tuple(drop_repeated([*found[0].orbits, settled]))
                 )
-        if not given["symmetric"] and given["starts"] > 0:
-            draw(found, given, told)
+        if not options["symmetric"] and options["starts"] > 0:
+            draw(found, options, show)
     return found
 
 
-def draw(found: list[OrbitSearch], given: dict[str, Any], told: Told) -> None:
+def draw(found: list[OrbitSearch], options: dict[str, Any], show: ShowProgress) -> None:
     """Add what runs from random initial states end on at the single frequency asked for."""
     here = found[0]
     basins = find_basins(
         here.case,
         here.orbits,
-        given["starts"],
-        seed=given["seed"],
-        progress=lambda done, total: told("random starts", done, total),
+        options["starts"],
+        seed=options["seed"],
+        progress=lambda done, total: show("random starts", done, total),
     )
     orbits = tuple(drop_repeated([*here.orbits, *basins.orbits]))
     found[0] = replace(here, orbits=orbits, basins=basins)
 
 
-def around(case: Case, given: dict[str, Any], told: Told, found: list[OrbitSearch]) -> None:
+def around(
+    case: Case, options: dict[str, Any], show: ShowProgress, found: list[OrbitSearch]
+) -> None:
     """Add the orbits at the single frequency asked for to ``found``, even after Ctrl-C; its neighbours are where branches begin."""
-    at = given["at"]
+    at = options["at"]
     groups = list[OrbitSearch]()
-    low = max(given["start"], at - RANGE)
-    high = min(given["stop"], at + RANGE)
+    low = max(options["start"], at - RANGE)
+    high = min(options["stop"], at + RANGE)
     try:
         groups += searched(
             case,
             np.union1d(np.linspace(low, high, AROUND), [at]),
-            given["symmetric"],
-            told,
+            options["symmetric"],
+            show,
             settle=False,
         )
     finally:
         found += [group for group in groups if abs(group.case.omega_ratio - at) < 1e-12]
 
 
-def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCurve]:
+def along(case: Case, options: dict[str, Any], show: ShowProgress) -> Iterator[ResponseCurve]:
     """Yield the branches of the symmetric orbits at one frequency over another parameter, each once."""
-    name = given["along"].replace("-", "_")
+    name = options["along"].replace("-", "_")
     known = list[Array]()
-    at = case.changed(omega=given["at"] * case.omega)
-    low, high = given["over"]
+    at = case.changed(omega=options["at"] * case.omega)
+    low, high = options["over"]
     for orbit in closed_form_orbits(at).orbits:
         if any(lies_on(places, orbit.solution) for places in known):
             continue
@@ -174,7 +213,7 @@ def along(case: Case, given: dict[str, Any], told: Told) -> Iterator[ResponseCur
             orbit.solution,
             name,
             (low, high),
-            progress=lambda points, _value: told(f"branch {len(known) + 1}, points", points, 0),
+            progress=lambda points, _value: show(f"branch {len(known) + 1}, points", points, 0),
         )
         known.append(list_places(branch))
         yield orbit_curve(branch, 1.0)
@@ -212,21 +251,21 @@ def along_text(found: list[ResponseCurve], name: str) -> str:
 
 
 def two_parameters(
-    case: Case, given: dict[str, Any], told: Told, complete: list[bool]
+    case: Case, options: dict[str, Any], show: ShowProgress, complete: list[bool]
 ) -> Iterator[dict[str, Any]]:
     """Yield the plain forms of the curves of bifurcations through the branches over the frequency, over that and a second parameter."""
     first = case.omega
-    name = given["second"].replace("-", "_")
-    limits = (given["start"] * first, given["stop"] * first)
+    name = options["second"].replace("-", "_")
+    limits = (options["start"] * first, options["stop"] * first)
 
-    def show(what: str, points: int, _value: float) -> None:
-        told(f"{what}, points", points, 0)
+    def show_points(what: str, points: int, _value: float) -> None:
+        show(f"{what}, points", points, 0)
 
     with stop_on_interrupt(complete):
-        branches = list(orbit_branches(case, *limits, progress=show))
+        branches = list(orbit_branches(case, *limits, progress=show_points))
         branches += (
             ()
-            if given["symmetric"]
+            if options["symmetric"]
             else [
                 found for found in descendants(branches, limits) if isinstance(found, OrbitBranch)
             ]
@@ -235,11 +274,11 @@ def two_parameters(
             raise KeyboardInterrupt
         for curve in bifurcation_curves(
             branches,
-            [kind.replace("-", " ") for kind in given["curve"]],
+            [kind.replace("-", " ") for kind in options["curve"]],
             name,
-            given["over"],
+            options["over"],
             limits,
-            show,
+            show_points,
         ):
             complete[0] &= curve.branch.ended != INTERRUPTED
             yield curve.to_plain()
@@ -253,91 +292,101 @@ class FoundOrbits(NamedTuple):
     complete: bool
 
 
-def bifurcations(case: Case, given: dict[str, Any]) -> FoundOrbits:
+def orbit_files(options: dict[str, Any], plain: list[dict[str, Any]]) -> dict[Any, object]:
+    """Return the files of orbits, folds, births or mergers in their plain forms."""
+    return {options["json"]: plain, options["csv"]: (ORBIT_COLUMNS, orbit_rows(plain))}
+
+
+def branch_files(
+    options: dict[str, Any], plain: list[dict[str, Any]], key: str
+) -> dict[Any, object]:
+    """Return the files of branches in their plain forms; ``key``: name of their parameter."""
+    return {options["json"]: plain, options["csv"]: (ORBIT_COLUMNS, branch_rows(plain, key))}
+
+
+def bifurcations(case: Case, options: dict[str, Any]) -> FoundOrbits:
     """Return the curves of bifurcations over two parameters."""
-    complete, (key, words, scale) = [True], UNITS[given["second"]]
-    with stages_bar("orbits", leave=False) as told:
-        curves = list(two_parameters(case, given, told, complete))
-    force = "" if given["second"] == "force" else f", {case.force:g} N"
-    rows = (
-        [key if name == "value" else name for name in report.CURVE_COLUMNS],
-        report.curve_rows(curves),
-    )
+    complete, (key, words, scale) = [True], UNITS[options["second"]]
+    with stages_bar("orbits", leave=False) as show:
+        curves = list(two_parameters(case, options, show, complete))
+    force = "" if options["second"] == "force" else f", {case.force:g} N"
     files = {
-        given["json"]: curves,
-        given["csv"]: rows,
-        given["plot"]: lambda path: report.save_curves(
+        options["json"]: curves,
+        options["csv"]: (ORBIT_COLUMNS, bifurcation_rows(curves, key)),
+        options["plot"]: lambda path: report.save_curves(
             path, curves, f"{case.scene}{force}", words, scale
         ),
     }
     return FoundOrbits(report.curve_text(curves, words, scale), files, complete[0])
 
 
-def check(given: dict[str, Any]) -> None:
+def check(options: dict[str, Any]) -> None:
     """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written.
 
     The range's usual ends go with a single frequency beyond them.
     """
-    if given["at"] is not None and positive("--at", given["at"]):
+    if options["at"] is not None and positive("--at", options["at"]):
         if not is_option_set("start"):
-            given["start"] = min(given["start"], max(given["at"] - RANGE, given["at"] / 2))
+            options["start"] = min(options["start"], max(options["at"] - RANGE, options["at"] / 2))
         if not is_option_set("stop"):
-            given["stop"] = max(given["stop"], given["at"] + RANGE)
-    if given["folds"] and given["thresholds"]:
+            options["stop"] = max(options["stop"], options["at"] + RANGE)
+    if options["folds"] and options["thresholds"]:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
-    if given["curve"]:
+    if options["curve"]:
         if (
-            given["second"] is None
-            or given["over"] is None
-            or any(given[name] for name in ("along", "at", "folds", "thresholds"))
+            options["second"] is None
+            or options["over"] is None
+            or any(options[name] for name in ("along", "at", "folds", "thresholds"))
         ):
             raise BadInput(
                 "--curve goes with --with, a second parameter, and --over, its range, and not with --along, --at, --folds or --thresholds"
             )
-        if given["second"] == "friction-limit" and not given["over"][0] > 0:
+        if options["second"] == "friction-limit" and not options["over"][0] > 0:
             allowed = (
                 "friction limits above 0, as without friction the order of events is another one"
             )
-            raise BadInput(f"--over = {given['over']} is not allowed: {allowed}")
-    elif given["second"] is not None or given["csv"] is not None or given["plot"] is not None:
+            raise BadInput(f"--over = {options['over']} is not allowed: {allowed}")
+    elif options["second"] is not None or options["plot"] is not None:
         raise BadInput(
-            "--with, --csv and --plot go with --curve: they are about curves over two parameters"
+            "--with and --plot go with --curve: they are about curves over two parameters"
         )
-    elif (given["along"] is None) != (given["over"] is None) or (
-        given["along"] is not None and given["at"] is None
+    elif (options["along"] is None) != (options["over"] is None) or (
+        options["along"] is not None and options["at"] is None
     ):
         raise BadInput(
             "--along, --over and --at go together: a parameter, the range it is followed over, and the frequency"
         )
-    if given["over"] is not None:
-        low, high = given["over"]
-        require(low < high, "--over", given["over"], "two numbers, the lower one first")
-    if given["at"] is not None and (given["folds"] or given["thresholds"]):
+    if options["over"] is not None:
+        low, high = options["over"]
+        require(low < high, "--over", options["over"], "two numbers, the lower one first")
+    if options["at"] is not None and (options["folds"] or options["thresholds"]):
         raise BadInput(
             "--at does not go with --folds or --thresholds: they are sought from --from to --to"
         )
-    if not 0 < given["start"] < given["stop"]:
+    if not 0 < options["start"] < options["stop"]:
         raise BadInput(
-            f"--from = {given['start']} is not allowed: a ratio above 0 and below --to = {given['stop']}"
+            f"--from = {options['start']} is not allowed: a ratio above 0 and below --to = {options['stop']}"
         )
-    if given["at"] is not None and not given["start"] <= given["at"] <= given["stop"]:
+    if options["at"] is not None and not options["start"] <= options["at"] <= options["stop"]:
         raise BadInput(
-            f"--at = {given['at']} is not allowed: a ratio from --from = {given['start']} to --to = {given['stop']}"
+            f"--at = {options['at']} is not allowed: a ratio from --from = {options['start']} to --to = {options['stop']}"
         )
-    given["points"] = count("points", given["points"], 2)
-    given["starts"] = count("starts", given["starts"], 0)
-    given["seed"] = count("seed", given["seed"], 0)
-    check_targets(given, ".json", ".gz")
+    options["points"] = count("points", options["points"], 2)
+    options["starts"] = count("starts", options["starts"], 0)
+    options["seed"] = count("seed", options["seed"], 0)
+    check_targets(options, ".json", ".gz")
 
 
-def case_of(given: dict[str, Any]) -> Case:
+def case_of(options: dict[str, Any]) -> Case:
     """Return structure and absorber at the first resonance; on a structure from a file force or gap, the one not given, is by the design rule."""
-    refuse_with_structure(given["structure"], "modes", "damping")
-    if given["scene"] is None:
-        model = model_of(given["structure"], modes=given["modes"], damping_ratio=given["damping"])
+    refuse_with_structure(options["structure"], "modes", "damping")
+    if options["scene"] is None:
+        model = model_of(
+            options["structure"], modes=options["modes"], damping_ratio=options["damping"]
+        )
     else:
         structure, device = read_device(
-            given["scene"],
+            options["scene"],
             "structure",
             "modes",
             "damping",
@@ -348,25 +397,25 @@ def case_of(given: dict[str, Any]) -> Case:
         )
         model = model_with_absorber_at(structure)
         walls = rigid_walls(device)
-        given |= {
+        options |= {
             "mass_ratio": device.mass_ratio,
             "gap": walls.gap,
             "restitution": walls.restitution,
         }
-        given["friction_limit"] = 0.0 if device.friction is None else device.friction.limit
-    force = given["force"]
-    gap = given["gap"]
-    ratio = positive("mass_ratio", given["mass_ratio"])
+        options["friction_limit"] = 0.0 if device.friction is None else device.friction.limit
+    force = options["force"]
+    gap = options["gap"]
+    ratio = positive("mass_ratio", options["mass_ratio"])
     if gap is None:
         gap = (
             RigidWalls.gap
-            if given["structure"] is None or force is None
+            if options["structure"] is None or force is None
             else design_gap(model, ratio * model.beam_mass, force)
         )
     if force is None:
         force = (
             FORCE
-            if given["structure"] is None and given["scene"] is None
+            if options["structure"] is None and options["scene"] is None
             else design_force(model, ratio * model.beam_mass, positive("gap", gap))
         )
     return Case(
@@ -374,65 +423,187 @@ def case_of(given: dict[str, Any]) -> Case:
         float(model.omega[0]),
         force,
         gap,
-        given["restitution"],
-        given["friction_limit"],
+        options["restitution"],
+        options["friction_limit"],
         ratio,
     )
 
 
-def run(given: dict[str, Any]) -> FoundOrbits:
+def hybrid_case_of(options: dict[str, Any]) -> HybridCase | None:
+    """Return the case of a scene with several absorbers or with springs, at the frequency asked for; None for any other scene.
+
+    Raises BadInput for options that only other scenes have.
+    """
+    if options["scene"] is None:
+        return None
+    scene = to_scene(read_plain(options["scene"]), options["scene"].parent)
+    absorber = scene.absorber
+    soft = isinstance(absorber, SlidingAbsorber) and (
+        isinstance(absorber.walls, CompliantWalls)
+        or isinstance(absorber.friction, ElasticCoulombFriction)
+    )
+    if not soft and not isinstance(absorber, SeveralAbsorbers):
+        return None
+    what = "several absorbers or springs"
+    for name in (*OPTIONS_OF_FILE, "symmetric", "folds", "thresholds"):
+        if is_option_set(name):
+            option = name.replace("_", "-")
+            raise BadInput(f"--{option} does not go with a scene of {what}")
+    if options["at"] is None or options["curve"]:
+        raise BadInput(f"--at is required for a scene of {what}, without --curve")
+    if options["along"] not in (None, "force", "frequency"):
+        raise BadInput(f"--along = {options['along']}: force or frequency for a scene of {what}")
+    force = FORCE if options["force"] is None else options["force"]
+    return HybridCase(scene, options["at"] * float(scene.model.omega[0]), force)
+
+
+def hybrid_orbits(case: HybridCase, options: dict[str, Any]) -> FoundOrbits:
+    """Return the orbits that runs come to in a scene with several absorbers or springs, or their branches."""
+    complete = [True]
+    results: list[HybridOrbit | NoHybridOrbit] = []
+    branches: list[HybridBranch] = []
+    with stages_bar("orbits", leave=False) as show, stop_on_interrupt(complete):
+        for result in find_hybrid_orbits(case, options["starts"], options["seed"]):
+            results.append(result)
+            show("runs", len(results), 0)
+        for orbit in results if options["along"] else ():
+            if isinstance(orbit, HybridOrbit) and not any(
+                is_on_branch(orbit, branch) for branch in branches
+            ):
+                branches.append(follow_hybrid_branch(orbit, options, show))
+    orbits = [result for result in results if isinstance(result, HybridOrbit)]
+    refused = [result.reason for result in results if isinstance(result, NoHybridOrbit)]
+    notes = report.reasons(refused, "runs lead to")
+    if not options["along"]:
+        stable = sum(orbit.stable for orbit in orbits)
+        lines = [
+            report.hybrid_table(orbits),
+            "",
+            f"{len(orbits)} orbits, {stable} of them stable.",
+            *notes,
+        ]
+        plain = [plain_hybrid_orbit(orbit) for orbit in orbits]
+        return FoundOrbits("\n".join(lines), orbit_files(options, plain), complete[0])
+    over_force = options["along"] == "force"
+    key = "force_N" if over_force else "omega_ratio"
+    reference = 1.0 if over_force else float(case.scene.model.omega[0])
+    curves = [branch.curve(reference) for branch in branches]
+    plain = [
+        {"omega_ratio": options["at"], **_renamed(curve.to_plain(), key)}
+        if over_force
+        else curve.to_plain()
+        for curve in curves
+    ]
+    ends = [f"Branch {number}: {curve.message}." for number, curve in enumerate(curves, 1)]
+    text = "\n".join([along_text(curves, key), "", *ends, *notes])
+    return FoundOrbits(text, branch_files(options, plain, key), complete[0])
+
+
+def follow_hybrid_branch(
+    orbit: HybridOrbit, options: dict[str, Any], show: ShowProgress
+) -> HybridBranch:
+    """Return the branch through an orbit over the parameter and range asked for."""
+    low, high = options["over"]
+    name = "force"
+    if options["along"] == "frequency":
+        name = "omega"
+        first = float(orbit.case.scene.model.omega[0])
+        low, high = (low * first, high * first)
+    return hybrid_branch(
+        orbit, name, (low, high), progress=lambda points, _: show("points of a branch", points, 0)
+    )
+
+
+def is_on_branch(orbit: HybridOrbit, branch: HybridBranch) -> bool:
+    """Return whether an orbit is the start of a branch, its mirror image included, or lies next to one of its points."""
+    name = branch.branch.parameter
+    value = float(getattr(orbit.case, name))
+    crossings = np.flatnonzero(
+        (branch.parameters[:-1] - value) * (branch.parameters[1:] - value) <= 0
+    )
+    for k in crossings:
+        ends = [
+            orbit_at(
+                branch.conditions[j], name, branch.branch.points[j], float(branch.parameters[j])
+            )
+            for j in (k, k + 1)
+        ]
+        levels = [end.tip_rms for end in ends if isinstance(end, HybridOrbit)]
+        close = 0.01 * orbit.tip_rms
+        if levels and min(levels) - close <= orbit.tip_rms <= max(levels) + close:
+            same = branch.conditions[k].period_multiple == orbit.period_multiple
+            return same and branch.conditions[k].symmetric == orbit.symmetric
+    return False
+
+
+def run(options: dict[str, Any]) -> FoundOrbits:
     """Do what the options ask for."""
-    check(given)
-    case = case_of(given)
-    if given["curve"]:
-        (low, high), own = given["over"], getattr(case, given["second"].replace("-", "_"))
+    check(options)
+    hybrid = hybrid_case_of(options)
+    if hybrid is not None:
+        return hybrid_orbits(hybrid, options)
+    if options["along"] == "frequency":
+        raise BadInput(
+            "--along frequency is for scenes of several absorbers or springs; others have --from and --to"
+        )
+    case = case_of(options)
+    if options["curve"]:
+        (low, high), own = options["over"], getattr(case, options["second"].replace("-", "_"))
         require(
             low <= own <= high,
             "--over",
-            given["over"],
+            options["over"],
             f"a range around {own:g}, where the curves begin",
         )
     with validation_alongside(case):
-        return asked_for(case, given)
+        return asked_for(case, options)
 
 
-def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
+def asked_for(case: Case, options: dict[str, Any]) -> FoundOrbits:
     """Return folds, thresholds or orbits, as `run`."""
-    low = given["start"]
-    high = given["stop"]
-    if given["curve"]:
-        return bifurcations(case, given)
-    if given["thresholds"]:
+    low = options["start"]
+    high = options["stop"]
+    if options["curve"]:
+        return bifurcations(case, options)
+    if options["thresholds"]:
         levels = find_thresholds(case, low, high)
-        confirmed = [level for level in levels if isinstance(level.orbit, Orbit)]
         plain = [
-            {"kind": level.kind, "force_N": level.force, "omega_ratio": level.omega_ratio}
-            for level in confirmed
+            {
+                "kind": level.kind,
+                "force_N": level.force,
+                "omega_ratio": level.omega_ratio,
+                "tip_max_m": level.orbit.motion.tip_max,
+                "orbit": plain_orbit(level.orbit),
+            }
+            for level in levels
+            if isinstance(level.orbit, Orbit)
         ]
-        return FoundOrbits(report.threshold_text(levels), {given["json"]: plain}, True)
-    if given["folds"]:
+        return FoundOrbits(report.threshold_text(levels), orbit_files(options, plain), True)
+    if options["folds"]:
         located = find_folds(case, low, high)
         pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
         plain = [
             {
+                "kind": FOLD,
                 "omega_ratio": fold.omega_ratio,
                 "force_N": fold.force,
                 "tip_max_m": orbit.motion.tip_max,
+                "orbit": plain_orbit(orbit),
             }
             for fold, orbit in pairs
         ]
-        return FoundOrbits(report.fold_text(located), {given["json"]: plain}, True)
-    if given["along"] is not None:
-        with stages_bar("orbits", leave=False) as told:
-            curves = list(along(case, given, told))
-        key = UNITS[given["along"]][0]
+        return FoundOrbits(report.fold_text(located), orbit_files(options, plain), True)
+    if options["along"] is not None:
+        with stages_bar("orbits", leave=False) as show:
+            curves = list(along(case, options, show))
+        key = UNITS[options["along"]][0]
         plain = [
-            {"omega_ratio": given["at"], **_renamed(curve.to_plain(), key)} for curve in curves
+            {"omega_ratio": options["at"], **_renamed(curve.to_plain(), key)} for curve in curves
         ]
-        return FoundOrbits(along_text(curves, key), {given["json"]: plain}, True)
+        return FoundOrbits(along_text(curves, key), branch_files(options, plain, key), True)
     complete = [True]
-    with stages_bar("orbits", leave=False) as told:
-        found = listed(case, given, told, complete)
+    with stages_bar("orbits", leave=False) as show:
+        found = listed(case, options, show, complete)
     orbits = [orbit for group in found for orbit in group.orbits]
     notes = report.refusals(
         [orbit for group in found for orbit in group.refused], "solutions or runs are"
@@ -453,7 +624,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
         for group in found
         for orbit in group.orbits
     ]
-    return FoundOrbits("\n".join(lines), {given["json"]: plain}, complete[0])
+    return FoundOrbits("\n".join(lines), orbit_files(options, plain), complete[0])
 
 
 @command()
@@ -515,8 +686,8 @@ def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
 )
 @click.option(
     "--along",
-    type=click.Choice(ALONG),
-    help="With --at: the symmetric orbits' branches over this parameter.",
+    type=click.Choice(BRANCH_PARAMETERS),
+    help="With --at: the symmetric orbits' branches over this parameter; frequency: for scenes of several absorbers or springs.",
 )
 @click.option(
     "--curve",
@@ -535,7 +706,7 @@ def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
     type=float,
     nargs=2,
     metavar="LOW HIGH",
-    help="Range of the parameter of --along or --with, SI units.",
+    help="Range of the parameter of --along or --with, SI units; frequencies over the first resonance's.",
 )
 @click.option(
     "--points",
@@ -563,23 +734,30 @@ def asked_for(case: Case, given: dict[str, Any]) -> FoundOrbits:
     is_flag=True,
     help="The forces at which isolas are born and merge instead of orbits.",
 )
-@file_option("--csv", "With --curve: write a row for each point.")
+@file_option(
+    "--csv",
+    "Write a row for each orbit, or point of a branch or curve (docs/frequency_domain.md#files).",
+)
 @file_option("--plot", "With --curve: draw it: .png, .pdf or .svg.")
 @json_option("Write the list, in SI units.")
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
 
     It is on the paper's beam, or on another structure.
 
     Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. What leaves these
-    where the symmetry breaks and XX
+    where the symmetry breaks and periods double is followed too, and runs from random states add what they end on.
+
     Multipliers of symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair
     that lives as long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
+
+    With a --scene of two to four absorbers, or whose walls or friction are springs, orbits are those that runs from rest and from random states come
+    to, of any kind; --along force or frequency follows their branches.
 
     --curve follows folds, broken symmetry, doubled periods or tori, from where branches have them, over the frequency and a second parameter.
     """
     with plain_errors():
-        text, files, complete = run(given)
+        text, files, complete = run(options)
         click.echo(text)
         name_files(write_files(files))
     end_early(complete, "what was finished is shown.")

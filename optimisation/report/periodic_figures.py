@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,8 @@ from impact_env.periodic.basins import Share
 from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.branch import FOLD
 from impact_env.periodic.green import NoOrbit
+from impact_env.periodic.hybrid_orbit import HybridOrbit, count_events
+from impact_env.periodic.hybrid_trajectory import REVERSAL, STICK
 from impact_env.periodic.isolas import IsolaMap, Threshold
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import GRAZING, PULLING
@@ -589,20 +591,6 @@ def _is_turn(mark: dict[str, Any]) -> bool:
     return mark["kind"] in TURNS and (mark["kind"] != FOLD or mark["orbit"] == "yes")
 
 
-CURVE_COLUMNS = (
-    "curve",
-    "kind",
-    "period",
-    "symmetric",
-    "omega_ratio",
-    "value",
-    "multiplier_real",
-    "multiplier_imag",
-    "orbit",
-    "located",
-)
-
-
 def share_text(share: Share) -> str:
     """Return the number of runs that ended on a motion, and the interval of their share in percent."""
     return f"{share.ended} of {share.runs} ({100 * share.low:.0f}-{100 * share.high:.0f} %)"
@@ -672,13 +660,55 @@ def orbit_table(searches: list[OrbitSearch]) -> str:
 
 def refusals(refused: list[NoOrbit], what: str) -> list[str]:
     """Say how many are no orbit, and why, the commonest reasons first; nothing if there are none."""
+    return reasons([orbit.reason for orbit in refused], what)
+
+
+def reasons(refused: list[str], what: str) -> list[str]:
+    """Say of how many reasons why something is no orbit there are, the commonest first; nothing if there are none."""
     if not refused:
         return []
     counts = Counter(
-        orbit.reason.split(" (")[0] for orbit in refused
+        reason.split(" (")[0] for reason in refused
     )  # what is in brackets are numbers, each time others
     lines = [f"  {number} x {reason}" for reason, number in counts.most_common(8)]
     return [f"{len(refused)} {what} no orbit:", *lines, *(["  ..."] if len(counts) > 8 else [])]
+
+
+def hybrid_table(orbits: list[HybridOrbit]) -> str:
+    """Return a line for each orbit of a scene with several absorbers or springs; impacts are counted absorber by absorber."""
+    rows = []
+    for orbit in orbits:
+        places = range(orbit.case.scene.places)
+        impacts = [sum(event.absorber == a for event in orbit.impacts) for a in places]
+        kind = "symmetric" if orbit.symmetric else "one-sided"
+        kind += "" if orbit.period_multiple == 1 else f", period {orbit.period_multiple}"
+        rows.append(
+            (
+                f"{orbit.case.omega_ratio:.6f}",
+                kind,
+                " + ".join(map(str, impacts)),
+                str(count_events(orbit, REVERSAL)),
+                str(count_events(orbit, STICK)),
+                f"{1e3 * orbit.tip_max:.6f}",
+                f"{1e3 * orbit.tip_rms:.6f}",
+                f"{abs(orbit.multipliers[0]):.4f}",
+                "yes" if orbit.stable else "no",
+                f"{orbit.residual:.0e}",
+            )
+        )
+    header = (
+        "omega/omega_1",
+        "kind",
+        "impacts",
+        "reversals",
+        "sticks",
+        "tip max, mm",
+        "tip RMS, mm",
+        "largest multiplier",
+        "stable",
+        "residual",
+    )
+    return markdown(header, rows)
 
 
 def fold_text(located: tuple[Threshold, ...]) -> str:
@@ -726,18 +756,6 @@ def threshold_text(thresholds: tuple[Threshold, ...]) -> str:
             ),
         ]
     )
-
-
-def curve_rows(curves: list[dict[str, Any]]) -> Iterator[tuple[object, ...]]:
-    """Yield a row of `CURVE_COLUMNS` for each point of the plain forms of `BifurcationCurve`, then one for each place located."""
-    for number, curve in enumerate(curves, 1):
-        head = (number, curve["kind"], curve["period"], int(curve["symmetric"]))
-        for ratio, value, (real, imaginary), confirmed in zip(
-            *(curve[name] for name in ("omega_ratio", "value", "multiplier", "orbit")), strict=True
-        ):
-            yield (*head, ratio, value, real, imaginary, confirmed, "")
-        for mark in curve["located"]:
-            yield (*head, mark["omega_ratio"], mark["value"], "", "", mark["orbit"], mark["kind"])
 
 
 def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:

@@ -13,7 +13,8 @@ from impact_env import Drive, InitialState, constant_frequency, simulate
 from impact_env.frequency import tip_response
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
-from impact_env.periodic import Orbit, orbit_of, unpacked
+from impact_env.periodic import HybridOrbit, Orbit, hybrid_orbit_of, orbit_of, unpacked
+from impact_env.periodic.orbit_table import ORBIT_COLUMNS
 from impact_env.periodic.response_curve import CurvePoint
 from impact_env.plain import to_scene
 from optimisation.cli import orbits
@@ -91,6 +92,63 @@ def test_an_orbit_of_a_file_can_be_read_back_and_run_again(tmp_path: Path) -> No
         )
         end = simulate(scene, run, initial=first).end_state
         assert end == pytest.approx(first.vector(scene), abs=1e-9)
+
+
+TWO_ABSORBERS = """
+[beam]
+modes = 1
+[absorber]
+kind = "several"
+[[absorber.absorbers]]
+position = 1.0
+gap = 8e-4
+restitution = 0.7
+mass_ratio = 0.01
+[[absorber.absorbers]]
+position = 0.75
+gap = 1e-3
+restitution = 0.8
+mass_ratio = 0.01
+"""
+
+
+def test_orbits_of_a_scene_with_two_absorbers_are_in_the_same_form(tmp_path: Path) -> None:
+    """Keys of JSON and columns of CSV are those of one absorber; each orbit is computed again from its entry."""
+    scene = tmp_path / "two.toml"
+    scene.write_text(TWO_ABSORBERS, encoding="utf-8")
+    table = tmp_path / "orbits.csv"
+    options = ["--scene", str(scene), "--at", "1", "--force", "3", "--starts", "0"]
+    output, orbits_in_file = listed(tmp_path, *options, "--csv", str(table))
+    assert len(orbits_in_file) == 2  # one without symmetry, and its mirror image
+    for plain in orbits_in_file:
+        assert set(plain) == (KEYS - {"basin", "held_rad"}) | {"multipliers"}
+        assert {impact["absorber"] for impact in plain["impacts"]} == {0, 1}
+        orbit = hybrid_orbit_of(plain)
+        assert isinstance(orbit, HybridOrbit)
+        assert orbit.tip_max == pytest.approx(plain["tip_max_m"], rel=1e-9)
+    rows = read(table)
+    assert list(rows[0]) == list(ORBIT_COLUMNS)
+    assert [float(row["tip_max_m"]) for row in rows] == [o["tip_max_m"] for o in orbits_in_file]
+    assert "2 orbits, 2 of them stable." in output
+    branch_table = tmp_path / "branch.csv"
+    limits = ["--along", "force", "--over", "2.95", "3.1"]
+    _, (branch,) = listed(tmp_path, *options, *limits, "--csv", str(branch_table))
+    points = [row for row in read(branch_table) if row["kind"] == "point"]
+    assert [float(point["force_N"]) for point in points] == branch["force_N"]
+    assert [mark["kind"] for mark in branch["located"]] == ["fold", "period doubling"]
+
+
+def test_options_that_do_not_go_with_several_absorbers_are_refused(tmp_path: Path) -> None:
+    scene = tmp_path / "two.toml"
+    scene.write_text(TWO_ABSORBERS, encoding="utf-8")
+    for options, message in (
+        ([], "--at is required"),
+        (["--at", "1", "--gap", "1e-3"], "--gap does not go with"),
+        (["--at", "1", "--along", "gap", "--over", "1e-4", "1e-2"], "--along = gap"),
+    ):
+        result = call(orbits, "--scene", str(scene), *options)
+        assert result.exit_code == 2 or result.exit_code == 1
+        assert message in result.output
 
 
 def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
@@ -205,7 +263,9 @@ def test_a_range_has_pairs_and_doubled_periods(tmp_path: Path) -> None:
 
 def test_folds_and_thresholds(tmp_path: Path) -> None:
     _, listing = listed(tmp_path, *PAPER, "--from", "0.93", "--to", "0.96", "--folds")
-    assert all(set(fold) == {"omega_ratio", "force_N", "tip_max_m"} for fold in listing)
+    keys = {"kind", "omega_ratio", "force_N", "tip_max_m", "orbit"}
+    assert all(set(fold) == keys and fold["kind"] == "fold" for fold in listing)
+    assert all(fold["orbit"]["tip_max_m"] == fold["tip_max_m"] for fold in listing)
     assert [fold["omega_ratio"] for fold in listing] == pytest.approx(
         [0.9336128203, 0.9336233427, 0.9552754578], abs=1e-9
     )
@@ -249,8 +309,10 @@ def test_curves_over_two_parameters_are_in_all_files(
     ]
     assert min(abs(at - 0.9433449134) for at, _ in places) < 0.005  # the fold at 1.5 N
     rows = table.read_text(encoding="utf-8").splitlines()
-    assert rows[0].split(",")[5] == "force_N"
     assert len(rows) == 1 + len(curve["value"]) + len(curve["located"])
+    points = read(table)[: len(curve["value"])]
+    assert [float(point["force_N"]) for point in points] == curve["value"]
+    assert {point["kind"] for point in points} == {"fold"}
     (panel,) = drawn[0].axes
     solid, dotted = lines(panel)[:2]
     value = np.where(np.isnan(solid[1]), dotted[1], solid[1])
@@ -320,7 +382,7 @@ def test_the_papers_isola_by_both_methods_in_all_files(
         assert [
             float(row["tip_max_m"])
             for row in rows
-            if row["curve"] == str(number) and not row["located"]
+            if row["number"] == str(number) and row["kind"] == "point"
         ] == amplitudes
     (panel,) = drawn[0].axes
     for name, label in (("alone_m", "no absorber"), ("stuck_m", "absorber stuck")):
