@@ -54,6 +54,11 @@ MARKS = {
     GRAZING: "v",
     PULLING: "<",
 }
+MARK_LABELS = {  # of a legend, where they differ from the name of the kind
+    PULLING: "loss of contact",
+    SYMMETRY_BREAKING: "symmetry breaking (pitchfork)",
+    TORUS: "torus (Neimark-Sacker)",
+}
 MARKED: dict[str, Any] = {"ms": 5.0, "mfc": "white", "mec": "black", "mew": 0.9}
 STABLE = BLUE
 FAST = SKY
@@ -305,7 +310,7 @@ def _legend(axes: Axes, overview: Overview) -> None:
     for kind in sorted(
         {mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}
     ):
-        axes.plot([], [], MARKS.get(kind, "x"), **MARKED, ls="", label=kind)
+        axes.plot([], [], MARKS.get(kind, "x"), **MARKED, ls="", label=MARK_LABELS.get(kind, kind))
     axes.figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
 
 
@@ -571,7 +576,7 @@ def save_curves(
                     ms=5,
                 )
     for kind in dict.fromkeys(curve["kind"] for curve in curves):
-        axes.plot([], [], color=KIND_COLOURS[kind], lw=1.8, label=kind)
+        axes.plot([], [], color=KIND_COLOURS[kind], lw=1.8, label=MARK_LABELS.get(kind, kind))
     for kind in sorted(
         {mark["kind"] for curve in curves for mark in curve["located"] if _is_turn(mark)}
     ):
