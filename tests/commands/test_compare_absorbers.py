@@ -240,9 +240,6 @@ CHAIN = "[matrices]\nmass = 'm.npz'\nstiffness = 'm.npz'\nunits = 'kg, m, s'\nfo
 
 
 NIGHTLY = {("matrices", kind) for kind in KINDS if kind != "shock"}  # 2 s of the processor each
-NIGHTLY |= {  # kernels of their own, 30 to 60 s of the processor
-    ("the paper's beam", kind) for kind in ("force", "base", "unbalance", "tones", "orders")
-}
 
 
 @pytest.mark.slow

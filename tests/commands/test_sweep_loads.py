@@ -496,7 +496,6 @@ def test_the_energy_after_a_pulse_decays(tmp_path: Path) -> None:
     assert measured["from_s"] == 0
 
 
-@pytest.mark.nightly
 def test_impacts_lose_what_their_velocities_say(tmp_path: Path) -> None:
     absorber = '\n[absorber]\nkind = "impact"\ngap = 3e-4\nrestitution = 0.7\n'
     load = '[load]\nkind = "random"\nspectrum = [[30.0, 0.05], [50.0, 0.05]]\nduration_s = 6.0'

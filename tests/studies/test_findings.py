@@ -23,7 +23,7 @@ PAGE = "# Findings\n" + "".join(
 )
 
 
-@pytest.mark.nightly
+@pytest.mark.nightly  # 25 s of the processor
 def test_parts_write_numbers_figures_and_page(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

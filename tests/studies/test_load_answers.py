@@ -115,7 +115,6 @@ def test_shocks_are_printed_and_drawn(tmp_path: Path, monkeypatch: pytest.Monkey
     FIGURES["loads_shock"](tmp_path / "shock.png", rows)
 
 
-@pytest.mark.nightly
 def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     smaller(load_answers, monkeypatch, FACTORS=(0.8,), CASES={"cantilever": CASE})
     page = tmp_path / "loads.md"
