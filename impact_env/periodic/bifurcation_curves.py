@@ -103,7 +103,7 @@ DOUBLE_GRAZING = "double grazing"
 START_KINDS = {LOSS_OF_CONTACT: PULLING}  # where a branch has another name for it
 CLEAR_STEP = 1e-6  # of a step of the curve: how far from a touch the orbit is confirmed
 TOUCH_DRIFT = 0.05  # rad: how far a place of touching moves before the residual has its new place
-POINTS_KEPT = (
+CACHED_POINTS = (
     4  # of a curve, with their normal forms: the two ends of a step, and the root search's own
 )
 SECOND_PARAMETERS = tuple(name for name in ALL_PARAMETERS if name != "omega")
@@ -191,7 +191,7 @@ class CurveContinuation(OrbitContinuation):
         """Return multipliers and normal form at a point; its critical vector has the direction of that at the last point passed."""
         key = (self.schedule, value, z.tobytes())
         if key not in self.points:
-            if len(self.points) >= POINTS_KEPT:
+            if len(self.points) >= CACHED_POINTS:
                 del self.points[next(iter(self.points))]
             self.points[key] = critical_point_of(
                 self.kind, self.motion(z, value), reference=self.reference
@@ -304,14 +304,14 @@ class BifurcationCurve(Scheduled):
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
         """Kind and orbit, or why it is none, of each place located on the curve."""
-        found = []
+        orbits = []
         for event, (kind, solution) in zip(self.branch.located, self.places(), strict=True):
             if kind == KINK:
                 continue
             touches = kind in (GRAZING, GRAZING_FOLD) and self.kind in MULTIPLIER_KINDS
             nearby = self._on_clear_side(event) if touches else solution
-            found.append((kind, self._confirmed(motion_of(nearby))))
-        return tuple(found)
+            orbits.append((kind, self._confirmed(motion_of(nearby))))
+        return tuple(orbits)
 
     def _on_clear_side(self, event: SpecialPoint) -> Solution:
         """Return a solution of the curve next to one that touches a wall, on the side where the absorber stays clear of it.

@@ -105,10 +105,10 @@ class CriticalPoint:
     @cached_property
     def vectors(self) -> CriticalVectors:
         """Left and right critical vectors."""
-        found = find_critical_vectors(self.forms.matrix, self.multiplier)
-        if self.reference is None or self.kind == TORUS or found.right @ self.reference >= 0:
-            return found
-        return CriticalVectors(-found.right, -found.left, found.angle)
+        vectors = find_critical_vectors(self.forms.matrix, self.multiplier)
+        if self.reference is None or self.kind == TORUS or vectors.right @ self.reference >= 0:
+            return vectors
+        return CriticalVectors(-vectors.right, -vectors.left, vectors.angle)
 
     @cached_property
     def coefficient(self) -> float:

@@ -17,7 +17,7 @@ DAMPING_RATIO = "damping_ratio"
 ABSORBER_POSITION = "absorber_position"
 MODEL_PARAMETERS = (MASS_RATIO, DAMPING_RATIO, ABSORBER_POSITION)
 LEAST_MASS_RATIO = 1e-9
-MODELS_KEPT = (
+CACHED_MODELS = (
     64  # one for each value of a parameter, which differences at one point of a curve share
 )
 ANY_POSITION = 0.3  # of the absorber, where modes do not depend on it
@@ -36,7 +36,7 @@ def damping_of(model: ModalModel) -> float:
     return float(model.damping_ratio[0])
 
 
-@lru_cache(maxsize=MODELS_KEPT)
+@lru_cache(maxsize=CACHED_MODELS)
 def with_damping(model: ModalModel, ratio: float) -> ModalModel:
     """Return the model with another damping ratio of its first mode, and those of all others in proportion; all alike if none is damped."""
     own = damping_of(model)
@@ -62,7 +62,7 @@ def position_of(model: ModalModel) -> float:
     return float(model.beam.absorber_position)
 
 
-@lru_cache(maxsize=MODELS_KEPT)
+@lru_cache(maxsize=CACHED_MODELS)
 def with_position(model: ModalModel, position: float) -> ModalModel:
     """Return the model with its absorber at another place of the beam; the level is read where it was."""
     own = position_of(model)

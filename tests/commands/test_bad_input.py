@@ -407,6 +407,7 @@ FULL = {  # a word of the answer, by the line
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", FULL)
 def test_an_answer_is_printed_though_the_disk_is_full(
     line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -300,6 +300,7 @@ def test_each_kind_goes_through_sweep_and_comparison(
         assert np.ptp([bands[1] for bands in output["ratio_5_50_95"]["tuned"][band]]) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more"), [("compare_absorbers", ["--forces", 2]), ("design_gap", [])]
 )

@@ -95,6 +95,7 @@ def test_limit_and_rule_of_the_steel_beam_are_those_of_the_closed_form(resonance
     )
 
 
+@pytest.mark.slow
 def test_the_tuned_absorber_of_the_steel_beam_is_the_best_by_dense_solution() -> None:
     beam = steel()
     model = modal_model(beam)

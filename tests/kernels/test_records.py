@@ -54,6 +54,7 @@ def _fused(x, y, z, out):
         out[i] = fma(x[i], y[i], z[i])
 
 
+@pytest.mark.slow
 def test_cosine_and_sine_are_exact_to_rounding() -> None:
     """In every quadrant, at the edges of the polynomials and as far as a million."""
     rng = np.random.default_rng(0)

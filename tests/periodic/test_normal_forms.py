@@ -84,7 +84,7 @@ def test_doubled_orbits_of_the_henon_map_lie_where_the_coefficient_puts_them(bet
     assert point.criticality == "supercritical"
 
 
-def test_fixed_points_beside_a_fold_of_the_henon_map_have_the_multipliers_of_the_coefficient() -> (
+def test_fixed_points_near_a_fold_of_the_henon_map_have_the_multipliers_of_the_coefficient() -> (
     None
 ):
     """The multiplier at y = y_0 + w q_y is 1 + 2 b w."""
@@ -166,8 +166,8 @@ def test_a_cusp_and_a_generalised_doubling_are_where_their_coefficients_vanish()
         return forms_of(np.array([[-1.0]]), np.full((1, 1, 1), 2 * s), np.full((1, 1, 1, 1), -1.5))
 
     assert located_on(FOLD, cubic, -1.0, 1.3) == {CUSP: [pytest.approx(0, abs=1e-9)]}
-    found = located_on(PERIOD_DOUBLING, flip, -1.0, 1.3)
-    assert found == {
+    places = located_on(PERIOD_DOUBLING, flip, -1.0, 1.3)
+    assert places == {
         GENERALISED_FLIP: [pytest.approx(-0.5, abs=1e-9), pytest.approx(0.5, abs=1e-9)]
     }
 
@@ -223,8 +223,8 @@ def test_a_second_critical_multiplier_gives_a_point_its_name() -> None:
     }
     pair = [(FOLD, 1.0, FOLD_TORUS), (PERIOD_DOUBLING, -1.0, FLIP_TORUS)]
     for kind, side, label in pair:
-        found = other_labels(kind, lambda s, side=side: block(one(side), rotation(1.1, 0.9 + s)))
-        assert found == {label: here}
+        labels = other_labels(kind, lambda s, side=side: block(one(side), rotation(1.1, 0.9 + s)))
+        assert labels == {label: here}
         real = other_labels(kind, lambda s, side=side: block(one(side), one(3), one((0.9 + s) / 3)))
         assert real == {}
     unit = rotation(0.7)
@@ -249,8 +249,8 @@ def one_mode_places(kind: str, period: int) -> list[Motion]:
     limits = (0.85 * FIRST, FIRST)
     branches = list(orbit_branches(case, *limits))
     if kind != SYMMETRY_BREAKING:
-        found = descendants(branches, limits, longest=2)
-        branches = [branch for branch in found if isinstance(branch, OrbitBranch)]
+        followed = descendants(branches, limits, longest=2)
+        branches = [branch for branch in followed if isinstance(branch, OrbitBranch)]
     motions = [motion for branch in branches for motion in branch.of(kind)]
     return [each for each in motions if each.solution.schedule.period_multiple == period]
 
@@ -344,7 +344,7 @@ def test_what_leaves_a_bifurcation_has_the_side_and_the_size_of_its_coefficient(
         assert side * np.log(np.mean(squares[-quarter:]) / np.mean(squares[:quarter])) > 0.1
 
 
-def test_orbits_beside_a_fold_have_the_multipliers_of_its_coefficient() -> None:
+def test_orbits_near_a_fold_have_the_multipliers_of_its_coefficient() -> None:
     """Two folds: the multiplier of an orbit that lies w q away from the fold is 1 + 2 b w."""
     case = Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8)
     start = high_orbit(case.changed(omega=0.94 * FIRST)).solution
@@ -365,11 +365,11 @@ def test_orbits_beside_a_fold_have_the_multipliers_of_its_coefficient() -> None:
             omega = place.solution.case.omega + 0.02**2 * (
                 other.case.omega - place.solution.case.omega
             )
-            found = solve(place.solution.case.changed(omega=omega), other.schedule, start)
-            assert not isinstance(found, NoOrbit)
-            motion = motion_of(found)
+            solution = solve(place.solution.case.changed(omega=omega), other.schedule, start)
+            assert not isinstance(solution, NoOrbit)
+            motion = motion_of(solution)
             multiplier, _, _ = critical_pair(own_derivative(motion), 1.0)
-            steps.append((multiplier.real, motion.state_at(phase) / units_of(found.case)))
+            steps.append((multiplier.real, motion.state_at(phase) / units_of(solution.case)))
         _, _, left = critical_pair(own_derivative(place), 1.0)
         (above, first), (below, second) = steps
         apart = float((left @ (first - second)).real)
