@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, default_rate, linear_sweep
+from impact_env.drive import (
+    PAPER_LIMITS,
+    Drive,
+    Excitation,
+    FrequencySchedule,
+    Member,
+    default_rate,
+    linear_sweep,
+)
 from impact_env.ensemble import (
     MOST_MEMBERS,
     Executor,
@@ -30,7 +38,6 @@ from impact_env.ensemble import (
     run_lanes,
 )
 from impact_env.laws import SceneKind
-from impact_env.loads import AnyDrive, Member, select_member
 from impact_env.methods import Exact, Method
 from impact_env.parameters import (
     count,
@@ -96,7 +103,7 @@ class CurveCase:
     resonance: int = 1
     limits: tuple[float, float] = PAPER_LIMITS
     percent_per_100_periods: float = None  # type: ignore[assignment]  # replaced by `default_rate`
-    load: Callable[[float, FrequencySchedule], AnyDrive] = Drive
+    load: Callable[[float, FrequencySchedule], Excitation] = Drive
     steady_start: bool = False
 
     def __post_init__(self) -> None:
@@ -126,12 +133,10 @@ class CurveCase:
 
     def drive(
         self, drawn: Members, member: int, amplitude: float, schedule: FrequencySchedule
-    ) -> AnyDrive:
+    ) -> Excitation:
         """Return the drive or the loads of one run."""
-        return select_member(
-            self.load(amplitude, schedule),
-            Member(member, float(drawn.phases[member]), float(drawn.factors[member])),
-        )
+        own = Member(member, float(drawn.phases[member]), float(drawn.factors[member]))
+        return self.load(amplitude, schedule).member(own)
 
     def amplitudes(self) -> Array:
         """Return the forces to run in N: one newton for a linear scene, whose level is proportional to the force."""

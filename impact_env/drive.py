@@ -1,8 +1,16 @@
-"""The harmonic force and its frequency over time: constant, linear sweep, or any piecewise-linear schedule."""
+"""The frequency over time (constant, linear sweep, or any piecewise-linear schedule), what a load is, and the harmonic force.
 
+Every load is made of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between two breakpoints it is
+Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the first of them. A `Drive` alone is given to kernels as what it is.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +29,10 @@ from impact_env.parameters import (
     require,
     row_of,
 )
+from impact_env.scene import InitialState, Scene
 
+Array = NDArray[np.float64]
+LOAD_STARTS = ("middle", "lower-wall", "base-mean-rest")
 PAPER_RATE = 1.0  # percent of the resonance frequency per 100 pseudo periods
 PAPER_LIMITS = (0.9, 1.06)  # of the resonance frequency
 assert isinstance(Beam.damping_ratio, float)
@@ -101,7 +112,7 @@ class FrequencySchedule:
         slope = np.diff(self.omegas)[k] / steps[k]
         return np.asarray(starts[k] + (self.omegas[k] + slope * tau / 2) * tau)
 
-    def between(self, start: float, stop: float) -> "FrequencySchedule":
+    def between(self, start: float, stop: float) -> FrequencySchedule:
         """Return the schedule between two times in s of this one, 0 <= start < stop <= its end, with its times counted from ``start``.
 
         Raises ParameterError for times outside of the schedule or out of order.
@@ -234,7 +245,157 @@ def constant_frequency(reference: float, ratio: float, periods: float) -> Freque
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class Pieces:
+    """A load between breakpoints ``times`` (K,) in s from 0: ``rows`` (K - 1, 9).
+
+    A row has frequency (rad/s), its rate (rad/s^2), phase at the start (rad), then real and imaginary parts of c0, c1 and c2, in N, or in m/s^2
+    where the load is of the kind that ``moves_base``.
+    """
+
+    times: Array
+    rows: Array
+    moves_base: bool
+
+    @property
+    def highest_omega(self) -> float:
+        """Highest frequency (rad/s) of the harmonic pieces that are not zero, 0 without any."""
+        rows = self.rows
+        if not rows[:, :2].any():  # a record
+            return 0.0
+        acts = np.any(rows[:, 3:] != 0, axis=1)
+        ends = np.maximum(rows[:, 0], rows[:, 0] + rows[:, 1] * np.diff(self.times))
+        return float(np.max(ends[acts], initial=0.0))
+
+
+@dataclass(frozen=True)
+class Member:
+    """The random part of a member of an ensemble.
+
+    ``number``, 0 for the load itself, draws records and tones' phases; ``phase`` in rad is added to that of a load with a schedule; ``factor``
+    multiplies the amplitude.
+    """
+
+    number: int = 0
+    phase: float = 0.0
+    factor: float = 1.0
+
+
+class Load(ABC):
+    """A load, which lasts as long as its ``schedule``, or its ``length`` in s where it has none.
+
+    ``sizes``: the attributes to which it is proportional, one of them or all; a ``phase``, where it has one, is that of its schedule.
+    """
+
+    length: float | None
+    sizes: ClassVar[tuple[str, ...]] = ()
+    phase: float | None = None
+
+    @property
+    def duration(self) -> float:
+        """Return how long it lasts in s."""
+        schedule = find_schedule(self)
+        if schedule is not None:
+            return float(schedule.times[-1])
+        assert self.length is not None
+        return self.length
+
+    @abstractmethod
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces, a record for each tone."""
+
+    def member(self, other: Member) -> Self:
+        """Return the load of a member of an ensemble."""
+        changed = {
+            name: other.factor * getattr(self, name)
+            for name in self.sizes
+            if getattr(self, name) is not None
+        }
+        if self.phase is not None:
+            changed["phase"] = self.phase + other.phase
+        return replace(self, **changed)  # type: ignore[type-var]
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero; 0 where it does not move, or only after a pulse."""
+        return 0.0
+
+
+def find_schedule(load: Load) -> FrequencySchedule | None:
+    """Return a load's frequency over time, None where it has none."""
+    return getattr(load, "schedule", None)
+
+
+class Excitation(Load):
+    """A load under which a run is made: a `Drive`, or `Loads`.
+
+    ``schedule``: the frequency over time to which responses refer; it ends with the run, and its reference defines the pseudo period. ``start``: the
+    state at time 0. ``in_pieces``: whether kernels take it as `Pieces`, in place of one force of a schedule.
+    """
+
+    start: str | InitialState = LOAD_STARTS[0]
+    in_pieces: ClassVar[bool]
+
+    if (
+        TYPE_CHECKING
+    ):  # fields or properties of its classes; a property here would be a field's default
+
+        @property
+        def schedule(self) -> FrequencySchedule:
+            """Frequency over time."""
+
+        @property
+        def parts(self) -> tuple[Load, ...]:
+            """The loads that act together."""
+
+    @property
+    @abstractmethod
+    def moves_base(self) -> bool:
+        """Whether the base moves."""
+
+    @property
+    @abstractmethod
+    def highest_omega(self) -> float:
+        """Highest frequency (rad/s) of the harmonic parts that are not zero, 0 without any."""
+
+    @property
+    @abstractmethod
+    def highest_lasting_omega(self) -> float:
+        """`highest_omega` without records, random loads, shocks and strikes."""
+
+    @abstractmethod
+    def initial_state(self, scene: Scene, initial: InitialState | None) -> InitialState:
+        """Return the state at time 0 of a run: ``initial``, or where that is None the start of the loads, with what strikes add to it.
+
+        Raises ParameterError where a start is given twice, or a scene has no such start.
+        """
+
+    @abstractmethod
+    def describe(self, *, phase: bool = True) -> str:
+        """Return its size for people, with or without the phase."""
+
+
+def schedule_pieces(
+    schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool
+) -> Pieces:
+    """Return a load that turns ``order`` times as fast as a schedule; ``coefficients`` (K - 1, 6) as in `Pieces`."""
+    omegas = order * schedule.omegas
+    steps = np.diff(schedule.times)
+    phases = phase + order * schedule.phase_at(schedule.times)
+    return Pieces(
+        schedule.times,
+        np.column_stack([omegas[:-1], np.diff(omegas) / steps, phases[:-1], coefficients]),
+        moves_base,
+    )
+
+
+def constant_coefficients(schedule: FrequencySchedule, amplitude: float) -> Array:
+    """Return the coefficients (K - 1, 6) of a constant amplitude."""
+    coefficients = np.zeros((len(schedule.times) - 1, 6))
+    coefficients[:, 0] = amplitude
+    return coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class Drive(Excitation):
     """Harmonic force F(t) = amplitude cos(integral of omega + phase) (paper, Eq. exc).
 
     Parameters
@@ -261,6 +422,8 @@ class Drive:
     amplitude: float
     schedule: FrequencySchedule
     phase: float = 0.0
+    sizes: ClassVar[tuple[str, ...]] = ("amplitude",)
+    in_pieces: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         keep_checked(
@@ -270,7 +433,40 @@ class Drive:
             schedule=kind_of(FrequencySchedule),
         )
 
-    def between(self, start: float, stop: float) -> "Drive":
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces, as beside other loads."""
+        coefficients = constant_coefficients(self.schedule, self.amplitude)
+        return [schedule_pieces(self.schedule, 1.0, self.phase, coefficients, False)]
+
+    @property
+    def parts(self) -> tuple[Load, ...]:
+        """The force itself."""
+        return (self,)
+
+    @property
+    def moves_base(self) -> bool:
+        """Whether the base moves: no."""
+        return False
+
+    @property
+    def highest_omega(self) -> float:
+        """Highest frequency in rad/s, 0 without a force."""
+        return float(np.max(self.schedule.omegas)) if self.amplitude != 0 else 0.0
+
+    @property
+    def highest_lasting_omega(self) -> float:
+        """Highest frequency in rad/s, 0 without a force."""
+        return self.highest_omega
+
+    def initial_state(self, _scene: Scene, initial: InitialState | None) -> InitialState:
+        """Return the state at time 0 of a run: ``initial``, or rest."""
+        return InitialState() if initial is None else initial
+
+    def describe(self, *, phase: bool = True) -> str:
+        """Return the amplitude, and the phase, for people."""
+        return f"{self.amplitude:g} N{f', phase {self.phase:g} rad' if phase else ''}"
+
+    def between(self, start: float, stop: float) -> Drive:
         """Return the force between two times in s of this drive as a drive of its own, which begins at time 0.
 
         A run over ``between(0, t)``, and one over ``between(t, end)`` that starts from the first run's `Response.final_state`, are the whole run
@@ -289,7 +485,7 @@ class Drive:
         schedule = self.schedule.between(start, stop)
         return Drive(self.amplitude, schedule, self._phase_at(start))
 
-    def followed_by(self, schedule: FrequencySchedule) -> "Drive":
+    def followed_by(self, schedule: FrequencySchedule) -> Drive:
         """Return the force that goes on over ``schedule`` after this drive, with its amplitude and with the phase at its end."""
         return Drive(self.amplitude, schedule, self._phase_at(float(self.schedule.times[-1])))
 

@@ -16,9 +16,9 @@ from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, FrequencySchedule
+from impact_env.drive import Drive, Excitation, FrequencySchedule, Member
 from impact_env.kernels.compiling.parts import abandon_compilations
-from impact_env.loads import AnyDrive, Member, describe_amplitude, select_member
+from impact_env.loads import Loads
 from impact_env.methods import Exact, Method
 from impact_env.parameters import (
     ParameterError,
@@ -111,13 +111,13 @@ class Lane:
         keep_checked(
             self,
             scene=kind_of(Scene),
-            drive=kind_of(AnyDrive),
+            drive=kind_of(Drive | Loads),
             initial=kind_of(InitialState | None),
             steady_start=flag,
         )
 
     def __str__(self) -> str:
-        return f"{describe_amplitude(self.drive)}, absorber {self.scene.absorber}"
+        return f"{self.drive.describe()}, absorber {self.scene.absorber}"
 
     @property
     def start(self) -> InitialState | None:
@@ -182,12 +182,10 @@ class Members:
         ]
 
 
-def drives_of(members: Members, drive: AnyDrive) -> list[AnyDrive]:
+def drives_of(members: Members, drive: Excitation) -> list[Excitation]:
     """Return each member's drive: phases and factors of its own, and of random loads another record."""
     drawn = zip(members.phases.tolist(), members.factors.tolist(), strict=True)
-    return [
-        select_member(drive, Member(k, phase, factor)) for k, (phase, factor) in enumerate(drawn)
-    ]
+    return [drive.member(Member(k, phase, factor)) for k, (phase, factor) in enumerate(drawn)]
 
 
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:

@@ -6,25 +6,13 @@ It needs four samples a cycle of a force that lasts, or of the motion that a rec
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive
+from impact_env.drive import Excitation, Load
 from impact_env.kernels.motion.level import LevelObserver, compute_level, new_level, push_samples
-from impact_env.loads import (
-    BASE_QUANTITY,
-    AnyDrive,
-    Loads,
-    Random,
-    Samples,
-    Shock,
-    Strike,
-    find_highest_omega,
-    find_highest_omega_of_pieces,
-    find_initial_state,
-)
+from impact_env.loads import BASE_QUANTITY, Random, Samples, Shock, Strike
 from impact_env.modes import ModalModel
 from impact_env.parameters import count, require, row
 from impact_env.results import MOST_SAMPLES_PER_PERIOD, ResponseLevel
 from impact_env.scene import InitialState, Scene
-from impact_env.turning_loads import Load
 
 Array = NDArray[np.float64]
 HALF_WINDOW_PERIODS = 10  # pseudo periods to either side of the maximum
@@ -78,7 +66,7 @@ def level_of(
 
 
 def read_level(
-    level: LevelObserver | None, drive: AnyDrive, interval: float
+    level: LevelObserver | None, drive: Excitation, interval: float
 ) -> ResponseLevel | None:
     """Return the level observer's result, or None."""
     if level is None:
@@ -94,7 +82,9 @@ def _name_load(load: Load) -> str:
     return next(words for kind, words in LOAD_NAMES.items() if isinstance(load, kind))
 
 
-def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, start: Array) -> None:
+def require_sampling(
+    scene: Scene, drive: Excitation, samples_per_period: int, start: Array
+) -> None:
     """Raise ParameterError where a level, or an envelope, has too few samples a pseudo period for what acts.
 
     A harmonic force, tones, orders, an unbalance and a shaken base need `LEAST_SAMPLES_PER_CYCLE`
@@ -104,8 +94,8 @@ def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, sta
     + 2 n,): the state at time 0, strikes included.
     """
     reference = drive.schedule.reference
-    require_samples(samples_per_period, highest_tone(drive) / reference)
-    for part in drive.parts if isinstance(drive, Loads) else ():
+    require_samples(samples_per_period, drive.highest_lasting_omega / reference)
+    for part in drive.parts:
         if isinstance(part, Strike):
             result = _free_motion(scene, start)
         elif isinstance(part, Samples | Random | Shock):
@@ -116,22 +106,11 @@ def require_sampling(scene: Scene, drive: AnyDrive, samples_per_period: int, sta
 
 
 def require_sampled(
-    scene: Scene, drive: AnyDrive, samples_per_period: int, initial: InitialState | None = None
+    scene: Scene, drive: Excitation, samples_per_period: int, initial: InitialState | None = None
 ) -> None:
     """Raise ParameterError as `require_sampling` does, for a run from a state, None: from the start of its loads."""
-    start = find_initial_state(scene, drive, initial).vector(scene)
+    start = drive.initial_state(scene, initial).vector(scene)
     require_sampling(scene, drive, samples_per_period, start)
-
-
-def highest_tone(drive: AnyDrive) -> float:
-    """Return the highest frequency (rad/s) of a drive's harmonic parts, 0 without any; records, random loads, shocks and strikes have none."""
-    if isinstance(drive, Drive):
-        return find_highest_omega(drive)
-    lasting = (part for part in drive.parts if not isinstance(part, Samples | Random | Shock))
-    return max(
-        (find_highest_omega_of_pieces(piece) for part in lasting for piece in part.pieces()),
-        default=0.0,
-    )
 
 
 def require_spectrum(

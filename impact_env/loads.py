@@ -1,7 +1,6 @@
 """Loads as machines have them: unbalance, a base that moves, several tones, records, random spectra, shocks, strikes; and several of them at once.
 
-Every load is one record of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between two breakpoints it is
-Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the first of them.
+First those given by formulas (shocks, strikes, unbalance, base, tones and orders), then records and random loads, then several at once (`Loads`).
 """
 
 from __future__ import annotations
@@ -15,7 +14,21 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import HIGHEST_OMEGA, LOWEST_OMEGA, Drive, FrequencySchedule
+from impact_env.drive import (
+    HIGHEST_OMEGA,
+    LOAD_STARTS,
+    LOWEST_OMEGA,
+    Drive,
+    Excitation,
+    FrequencySchedule,
+    Load,
+    Member,
+    Pieces,
+    constant_coefficients,
+    find_schedule,
+    schedule_pieces,
+)
+from impact_env.modes import ModalModel
 from impact_env.parameters import (
     count_from,
     each_of,
@@ -32,23 +45,13 @@ from impact_env.parameters import (
 )
 from impact_env.sampling_times import EVEN_TOL, even_times, find_uneven, is_even
 from impact_env.scene import InitialState, Scene
-from impact_env.turning_loads import BASE_QUANTITY as BASE_QUANTITY
-from impact_env.turning_loads import FORCE_QUANTITY as FORCE_QUANTITY
-from impact_env.turning_loads import QUANTITIES as QUANTITIES
-from impact_env.turning_loads import Force as Force
-from impact_env.turning_loads import Load as Load
-from impact_env.turning_loads import Member as Member
-from impact_env.turning_loads import Pieces as Pieces
-from impact_env.turning_loads import ShakenBase as ShakenBase
-from impact_env.turning_loads import Shock as Shock
-from impact_env.turning_loads import Strike as Strike
-from impact_env.turning_loads import Tone as Tone
-from impact_env.turning_loads import Tones as Tones
-from impact_env.turning_loads import Unbalance as Unbalance
-from impact_env.turning_loads import find_schedule as find_schedule
-from impact_env.turning_loads import lines_between
 
 Array = NDArray[np.float64]
+FORCE_QUANTITY = "force"
+BASE_QUANTITY = "base_acceleration"
+QUANTITIES = (FORCE_QUANTITY, BASE_QUANTITY)  # N at the structure's force place, m/s^2 of its base
+STRIKE_PLACES = ("force", "absorber")
+PULSES = ("half-sine", "triangle", "trapezoid", "sawtooth")
 MOST_RECORD_SAMPLES = 2**22  # of a record: a piece of each is 80 bytes
 MOST_SIZE = f"at most {MOST_RECORD_SAMPLES} samples, {80 * MOST_RECORD_SAMPLES / 2**20:.0f} MiB"
 LINE_TOL = 1e-12  # of a frequency: a line of a random load is at a point of its spectrum
@@ -57,10 +60,311 @@ TIME_TOL = 1e-12  # of the duration: breakpoints closer than this are one
 MOST_OFFSET_RATIO = (
     6.0  # root mean squares of a velocity: more is no oscillation and no pulse, but an offset
 )
-LOAD_STARTS = ("middle", "lower-wall", "base-mean-rest")
 GAUSS_RULE = np.polynomial.legendre.leggauss(
     4
 )  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
+
+
+def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
+    """Return straight lines between values (K,) at times (K,), which may have one time twice: a jump."""
+    steps = np.diff(times)
+    rising = steps > 0
+    rows = np.zeros((int(np.sum(rising)), 9))
+    rows[:, 3] = values[:-1][rising]
+    rows[:, 5] = (np.diff(values)[rising]) / steps[rising]
+    return Pieces(np.append(times[:-1][rising], times[-1]), rows, moves_base)
+
+
+@dataclass(frozen=True, eq=False)
+class Shock(Load):
+    """A pulse of a ``peak`` in N or m/s^2 that takes ``width`` seconds, then nothing until ``length``; a trapezoid rises and falls in ``rise`` s.
+
+    A sawtooth has its peak at its end (terminal-peak sawtooth, IEC 60068-2-27): it rises in a
+    straight line over its width and drops to zero at once. A base is at rest before a pulse.
+    """
+
+    pulse: str
+    peak: float
+    width: float
+    length: float
+    rise: float | None = None
+    quantity: str = FORCE_QUANTITY
+    sizes: ClassVar[tuple[str, ...]] = ("peak",)
+
+    def __post_init__(self) -> None:
+        keep_checked(
+            self,
+            pulse=word_of(PULSES),
+            quantity=word_of(QUANTITIES),
+            peak=finite,
+            width=positive,
+            length=positive,
+        )
+        require(
+            self.width <= self.length,
+            "length",
+            self.length,
+            f"{self.width:g} s or more, as long as the pulse",
+        )
+        require(
+            (self.rise is not None) == (self.pulse == "trapezoid"),
+            "rise",
+            self.rise,
+            "given for a trapezoid, else left out",
+        )
+        if self.rise is not None:
+            keep_checked(self, rise=partial(non_negative, most=self.width / 2))
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        base = self.quantity == BASE_QUANTITY
+        end = self.length
+        peak = self.peak
+        width = self.width
+        if self.pulse == "half-sine":
+            times = np.array([0.0, width] + [end] * (end > width))
+            rows = np.zeros((len(times) - 1, 9))
+            rows[0, :4] = np.pi / width, 0.0, -np.pi / 2, peak
+            return [Pieces(times, rows, base)]
+        if self.pulse == "sawtooth":
+            times = np.array([0.0, width, width, end])
+            return [lines_between(times, np.array([0.0, peak, 0.0, 0.0]), base)]
+        rise = width / 2 if self.rise is None else self.rise
+        times = np.array([0.0, rise, width - rise, width, end])
+        return [lines_between(times, np.array([0.0, peak, peak, 0.0, 0.0]), base)]
+
+
+@dataclass(frozen=True)
+class Strike(Load):
+    """A structure that is struck at a ``place``, "force" or "absorber", just before time 0, and left alone for ``length`` s.
+
+    The place then has the ``velocity`` (m/s), and the modes of the bare structure what an impulse of velocity / sum(shape^2) N s there leaves them:
+    the mobility of a place grows with the number of modes kept.
+    """
+
+    velocity: float
+    length: float
+    place: str = STRIKE_PLACES[0]
+    sizes: ClassVar[tuple[str, ...]] = ("velocity",)
+
+    def __post_init__(self) -> None:
+        keep_checked(self, velocity=finite, length=positive, place=word_of(STRIKE_PLACES))
+
+    @property
+    def width(self) -> float:
+        """Duration of the pulse in s, 0."""
+        return 0.0
+
+    def pieces(self) -> list[Pieces]:
+        """Return a load of zero: the strike itself is part of the state at time 0."""
+        return [Pieces(np.array([0.0, self.length]), np.zeros((1, 9)), False)]
+
+    def modal_velocity(self, model: ModalModel) -> Array:
+        """Return the velocities (N_m,) in sqrt(kg) m/s that it leaves."""
+        shape = model.force_shape if self.place == "force" else model.tip_shape
+        size = float(np.sum(shape**2))
+        require(size > 0, "place", self.place, "where a mode moves")
+        return np.asarray(self.velocity / size * shape)
+
+
+def _squared_coefficients(schedule: FrequencySchedule, factor: float) -> Array:
+    """Return the coefficients of ``factor`` omega(t)^2."""
+    coefficients = np.zeros((len(schedule.times) - 1, 6))
+    omega = schedule.omegas[:-1]
+    rate = np.diff(schedule.omegas) / np.diff(schedule.times)
+    coefficients[:, 0] = factor * omega**2
+    coefficients[:, 2] = 2 * factor * omega * rate
+    coefficients[:, 4] = factor * rate**2
+    return coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class Unbalance(Load):
+    """A rotor's unbalance U (kg m) at the force's place: U omega(t)^2 cos(integral of omega + phase), a run-up or a run-down.
+
+    The tangential part, U times the rate of omega, is left out: it is smaller by rate over omega^2.
+    """
+
+    unbalance: float
+    schedule: FrequencySchedule
+    phase: float = 0.0
+    sizes: ClassVar[tuple[str, ...]] = ("unbalance",)
+
+    def __post_init__(self) -> None:
+        keep_checked(self, unbalance=finite, phase=finite, schedule=kind_of(FrequencySchedule))
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces."""
+        return [
+            schedule_pieces(
+                self.schedule,
+                1.0,
+                self.phase,
+                _squared_coefficients(self.schedule, self.unbalance),
+                False,
+            )
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class ShakenBase(Load):
+    """A base whose ``acceleration`` (m/s^2) or ``displacement`` (m) is that amplitude times cos(integral of omega + phase)."""
+
+    schedule: FrequencySchedule
+    acceleration: float | None = None
+    displacement: float | None = None
+    phase: float = 0.0
+    sizes: ClassVar[tuple[str, ...]] = ("acceleration", "displacement")
+
+    def __post_init__(self) -> None:
+        keep_checked(self, schedule=kind_of(FrequencySchedule))
+        names = [
+            name for name in ("acceleration", "displacement") if getattr(self, name) is not None
+        ]
+        require(
+            len(names) == 1,
+            "acceleration",
+            self.acceleration,
+            "given, or a displacement in its place: one of the two",
+        )
+        keep_checked(self, **dict.fromkeys((*names, "phase"), finite))
+
+    def pieces(self) -> list[Pieces]:
+        """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
+        if self.acceleration is not None:
+            return [
+                schedule_pieces(
+                    self.schedule,
+                    1.0,
+                    self.phase,
+                    constant_coefficients(self.schedule, self.acceleration),
+                    True,
+                )
+            ]
+        assert self.displacement is not None
+        coefficients = _squared_coefficients(self.schedule, -self.displacement)
+        coefficients[:, 1] = (
+            self.displacement * np.diff(self.schedule.omegas) / np.diff(self.schedule.times)
+        )
+        return [schedule_pieces(self.schedule, 1.0, self.phase, coefficients, True)]
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
+        omega = float(self.schedule.omegas[0])
+        if self.displacement is not None:
+            return float(-self.displacement * omega * np.sin(self.phase))
+        assert self.acceleration is not None
+        require(
+            omega > 0, "omegas", omega, "above 0 at the start, for a base whose mean is at rest"
+        )
+        return float(self.acceleration / omega * np.sin(self.phase))
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A tone: ``amplitude`` in N or m/s^2, ``phase`` in rad, and either ``frequency`` in Hz or, of a schedule, ``order``."""
+
+    amplitude: float
+    frequency: float | None = None
+    order: float | None = None
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        keep_checked(self, amplitude=finite, phase=finite)
+        require(
+            (self.frequency is None) != (self.order is None),
+            "frequency",
+            self.frequency,
+            "given, or an order in its place: one of the two",
+        )
+        names = "order" if self.frequency is None else "frequency"
+        keep_checked(self, **{names: positive})
+
+
+@dataclass(frozen=True, eq=False)
+class Tones(Load):
+    """Several tones at once: of fixed frequencies for a ``duration`` in s, or all of them orders of a ``schedule``."""
+
+    tones: tuple[Tone, ...]
+    length: float | None = None
+    schedule: FrequencySchedule | None = None
+    quantity: str = FORCE_QUANTITY
+
+    def __post_init__(self) -> None:
+        keep_checked(self, tones=each_of(kind_of(Tone)))
+        require(len(self.tones) > 0, "tones", self.tones, "one or more")
+        keep_checked(self, quantity=word_of(QUANTITIES), schedule=kind_of(FrequencySchedule | None))
+        for tone in self.tones:
+            require(
+                (tone.order is None) == (self.schedule is None),
+                "tones",
+                tone,
+                "an order for each with a schedule, else a frequency for each",
+            )
+        if self.schedule is None:
+            require(
+                self.length is not None,
+                "length",
+                self.length,
+                "given, in s, for tones of fixed frequencies",
+            )
+            keep_checked(self, length=positive)
+        else:
+            require(self.length is None, "length", self.length, "left out beside a schedule")
+
+    def pieces(self) -> list[Pieces]:
+        """Return the pieces of each tone."""
+        return [
+            schedule_pieces(
+                *self._turning(tone),
+                tone.phase,
+                constant_coefficients(self._turning(tone)[0], tone.amplitude),
+                self.quantity == BASE_QUANTITY,
+            )
+            for tone in self.tones
+        ]
+
+    def _turning(self, tone: Tone) -> tuple[FrequencySchedule, float]:
+        if self.schedule is not None:
+            assert tone.order is not None
+            return self.schedule, tone.order
+        assert tone.frequency is not None
+        omega = 2 * np.pi * tone.frequency
+        return FrequencySchedule(
+            np.array([0.0, self.duration]), np.full(2, omega), 2 * np.pi / self.duration
+        ), 1.0
+
+    def member(self, other: Member) -> Tones:
+        """Return the load of a member of an ensemble: every tone has a phase of its own."""
+        drawn = np.random.default_rng([other.number, len(self.tones)]).uniform(
+            0, 2 * np.pi, len(self.tones)
+        )
+        phases = drawn if other.number > 0 else np.zeros(len(self.tones))
+        tones = (
+            replace(tone, amplitude=other.factor * tone.amplitude, phase=tone.phase + float(p))
+            for tone, p in zip(self.tones, phases, strict=True)
+        )
+        return replace(self, tones=tuple(tones))
+
+    def base_velocity(self) -> float:
+        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero."""
+        if self.quantity == FORCE_QUANTITY:
+            return 0.0
+        speeds = [
+            float(schedule.omegas[0]) * order for schedule, order in map(self._turning, self.tones)
+        ]
+        require(
+            min(speeds) > 0,
+            "schedule",
+            min(speeds),
+            "frequencies above 0 at the start, for a base whose mean is at rest",
+        )
+        return float(
+            sum(
+                tone.amplitude / speed * np.sin(tone.phase)
+                for tone, speed in zip(self.tones, speeds, strict=True)
+            )
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +571,7 @@ class Random(Load):
 
 
 @dataclass(frozen=True, eq=False)
-class Loads:
+class Loads(Excitation):
     """Loads that act together, of one duration; ``reference`` in rad/s defines the pseudo period, and is a schedule's where there is one.
 
     ``start`` is the state at time 0, in coordinates relative to the base. "middle": all at rest relative to the base, the absorber in the middle of
@@ -278,10 +582,13 @@ class Loads:
     parts: tuple[Load, ...]
     reference: float | None = None
     start: str | InitialState = LOAD_STARTS[0]
+    in_pieces: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         keep_checked(self, parts=labelled("loads", each_of(kind_of(Load))))
         require(len(self.parts) > 0, "loads", self.parts, "one or more")
+        single = not any(isinstance(part, Loads) for part in self.parts)
+        require(single, "loads", self.parts, "single loads: add the parts of Loads one by one")
         durations = [part.duration for part in self.parts]
         ok = max(durations) - min(durations) <= TIME_TOL * max(durations)
         require(ok, "duration", durations, "the same for all loads that act together")
@@ -311,14 +618,36 @@ class Loads:
             np.array([0.0, self.parts[0].duration]), np.full(2, self.reference), self.reference
         )
 
+    def pieces(self) -> list[Pieces]:
+        """Return the pieces of all loads."""
+        return self._pieces
+
     @property
     def moves_base(self) -> bool:
-        """Return whether the base moves."""
+        """Whether the base moves."""
         return any(piece.moves_base for piece in self._pieces)
 
     @cached_property
     def _pieces(self) -> list[Pieces]:
         return [piece for part in self.parts for piece in part.pieces()]
+
+    @property
+    def highest_omega(self) -> float:
+        """Highest frequency (rad/s) of the harmonic parts that are not zero, 0 without any."""
+        return max((piece.highest_omega for piece in self._pieces), default=0.0)
+
+    @property
+    def highest_lasting_omega(self) -> float:
+        """`highest_omega` without records, random loads, shocks and strikes."""
+        lasting = (part for part in self.parts if not isinstance(part, Samples | Random | Shock))
+        return max(
+            (piece.highest_omega for part in lasting for piece in part.pieces()), default=0.0
+        )
+
+    def describe(self, *, phase: bool = True) -> str:  # noqa: ARG002 - as of a drive
+        """Return the kinds of its loads for people."""
+        names = ("Force" if isinstance(part, Drive) else type(part).__name__ for part in self.parts)
+        return " and ".join(re.sub(r"\B([A-Z])", r" \1", name).lower() for name in names)
 
     def member(self, other: Member) -> Loads:
         """Return the loads of a member of an ensemble."""
@@ -335,9 +664,7 @@ class Loads:
         """
         breaks, rows, which, moves = self.on_one_clock()
         even = (
-            np.arange(0.0, times[-1], 1 / find_highest_omega(self))
-            if find_highest_omega(self) > 0
-            else times
+            np.arange(0.0, times[-1], 1 / self.highest_omega) if self.highest_omega > 0 else times
         )
         grid = np.unique(np.concatenate([times, even, breaks[breaks < times[-1]]]))
         steps = np.diff(grid)
@@ -363,6 +690,21 @@ class Loads:
     def initial(self, scene: Scene) -> InitialState:
         """Return the state at time 0 that ``start`` and strikes say. Raises ParameterError where a scene has no such start."""
         return self.struck(scene, self._start(scene))
+
+    def initial_state(self, scene: Scene, initial: InitialState | None) -> InitialState:
+        """Return the state at time 0 of a run: ``initial``, or where that is None the start of the loads, with what strikes add to it.
+
+        Raises ParameterError where a start is given twice, or a scene has no such start.
+        """
+        if initial is None:
+            return self.initial(scene)
+        require(
+            isinstance(self.start, str) and self.start == LOAD_STARTS[0],
+            "initial",
+            initial,
+            f"None under loads that start at {self.start!r}: one state at time 0",
+        )
+        return self.struck(scene, initial)
 
     def struck(self, scene: Scene, state: InitialState) -> InitialState:
         """Return a state with the modal velocities that strikes add to it."""
@@ -443,55 +785,6 @@ class Loads:
         )
 
 
-AnyDrive = Drive | Loads
-
-
-def find_initial_state(scene: Scene, drive: AnyDrive, initial: InitialState | None) -> InitialState:
-    """Return the state at time 0 of a run: ``initial``, or where that is None the start of the loads, with what strikes add to it.
-
-    Raises ParameterError where a start is given twice, or a scene has no such start.
-    """
-    if not isinstance(drive, Loads):
-        return InitialState() if initial is None else initial
-    if initial is None:
-        return drive.initial(scene)
-    require(
-        isinstance(drive.start, str) and drive.start == LOAD_STARTS[0],
-        "initial",
-        initial,
-        f"None under loads that start at {drive.start!r}: one state at time 0",
-    )
-    return drive.struck(scene, initial)
-
-
-def find_highest_omega(drive: AnyDrive) -> float:
-    """Return the highest frequency (rad/s) of a drive's harmonic parts that are not zero, 0 without any."""
-    if isinstance(drive, Drive):
-        return float(np.max(drive.schedule.omegas)) if drive.amplitude != 0 else 0.0
-    return max(map(find_highest_omega_of_pieces, drive._pieces), default=0.0)
-
-
-def find_highest_omega_of_pieces(pieces: Pieces) -> float:
-    """Return the highest frequency (rad/s) of a load's harmonic pieces that are not zero, 0 without any."""
-    rows = pieces.rows
-    if not rows[:, :2].any():  # a record
-        return 0.0
-    acts = np.any(rows[:, 3:] != 0, axis=1)
-    ends = np.maximum(rows[:, 0], rows[:, 0] + rows[:, 1] * np.diff(pieces.times))
-    return float(np.max(ends[acts], initial=0.0))
-
-
-def select_member(drive: AnyDrive, member: Member) -> AnyDrive:
-    """Return the drive of one member of an ensemble."""
-    if isinstance(drive, Drive):
-        return Drive(drive.amplitude * member.factor, drive.schedule, drive.phase + member.phase)
-    return drive.member(member)
-
-
-def describe_amplitude(drive: AnyDrive, *, phase: bool = True) -> str:
-    """Return a drive's size for people."""
-    if isinstance(drive, Drive):
-        return f"{drive.amplitude:g} N{f', phase {drive.phase:g} rad' if phase else ''}"
-    return " and ".join(
-        re.sub(r"\B([A-Z])", r" \1", type(part).__name__).lower() for part in drive.parts
-    )
+def Force(drive: Drive) -> Drive:  # noqa: N802 - the name of a class in 1.0.0rc1
+    """Return a drive: the former way to name one beside other loads."""
+    return drive

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impact_env.drive import Excitation
 from impact_env.laws import list_laws
-from impact_env.loads import AnyDrive, find_highest_omega
 from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
     CompliantWalls,
@@ -154,7 +154,7 @@ def check_mass(scene: Scene) -> None:
     require(heaviness <= MOST_HEAVINESS, "mass_ratio", scene.absorber.mass_ratio, allowed)
 
 
-def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
+def check_step(scene: Scene, drive: Excitation, method: Method) -> None:
     """Raise ParameterError if a method does not resolve a scene or a drive in time, so that its numbers would be wrong in silence.
 
     A step that resolves the highest mode's period may still be too long for strong damping: the fast one of an overdamped mode's two rates
@@ -174,7 +174,7 @@ def check_step(scene: Scene, drive: AnyDrive, method: Method) -> None:
         steps,
         f"about {2 ** max(0, int(np.ceil(np.log2(max(growth, 1))))) * steps} or more {why}",
     )
-    coarseness = find_highest_omega(drive) * dt * LEAST_STEPS_PER_PERIOD / (2 * np.pi)
+    coarseness = drive.highest_omega * dt * LEAST_STEPS_PER_PERIOD / (2 * np.pi)
     allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS_PER_PERIOD} steps"
     require(coarseness <= 1, "steps_per_period", steps, allowed)
 

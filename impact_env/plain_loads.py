@@ -8,15 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from impact_env.drive import Drive, FrequencySchedule
+from impact_env.drive import LOAD_STARTS, Drive, Load, find_schedule
 from impact_env.loads import (
     BASE_QUANTITY,
     FORCE_QUANTITY,
-    LOAD_STARTS,
     MOST_RECORD_SAMPLES,
     QUANTITIES,
-    Force,
-    Load,
     Loads,
     Random,
     Samples,
@@ -26,7 +23,6 @@ from impact_env.loads import (
     Tone,
     Tones,
     Unbalance,
-    find_schedule,
 )
 from impact_env.parameters import ParameterError, finite, flag, instance, one_of, positive, require
 from impact_env.plain import SCHEDULE_CODEC
@@ -97,10 +93,6 @@ def _read_spectrum(path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
     return Codec(read, ROWS_CODEC.write)
 
 
-def _force(amplitude: float, schedule: FrequencySchedule, phase: float = 0.0) -> Force:
-    return Force(Drive(amplitude, schedule, phase))
-
-
 WITH_SCHEDULE: Keys = {
     "phase_rad": ("phase", NUMBER_CODEC),
     "schedule": ("schedule", SCHEDULE_CODEC),
@@ -111,9 +103,7 @@ DURATION_KEY: Keys = {"duration_s": ("length", NUMBER_CODEC)}
 def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
     """Return the form of a load of any kind but samples; some kinds have two, which their keys tell apart."""
     if kind == "force":
-        return dataclass_codec(
-            _force, {"amplitude_n": ("amplitude", NUMBER_CODEC), **WITH_SCHEDULE}
-        )
+        return dataclass_codec(Drive, {"amplitude_n": ("amplitude", NUMBER_CODEC), **WITH_SCHEDULE})
     if kind == "unbalance":
         return dataclass_codec(
             Unbalance, {"unbalance_kg_m": ("unbalance", NUMBER_CODEC), **WITH_SCHEDULE}

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.checks import describe_error
-from impact_env.loads import describe_amplitude
 from impact_env.methods import Method
 from impact_env.parameters import count_from, finite, flag, keep_checked, labelled, require
 from impact_env.scene import InitialState, Scene
@@ -403,7 +402,7 @@ class Response:
     def __repr__(self) -> str:
         level = self.level
         words = [
-            f"{describe_amplitude(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"
+            f"{self.drive.describe(phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s"
         ]
         if level is not None:
             words.append(
@@ -422,7 +421,7 @@ class Response:
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
-        run = f"{describe_amplitude(self.drive, phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
+        run = f"{self.drive.describe(phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
         rows = [
             ("scene", str(self.scene)),
             ("run", run),

@@ -15,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.drive import Drive, Excitation
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import (
     compliant_lanes,
@@ -47,7 +48,7 @@ from impact_env.kernels.stepping.moreau import moreau_lane
 from impact_env.kernels.stepping.moreau_law import RigidLaws, Spring
 from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 from impact_env.laws import SceneKind
-from impact_env.loads import BASE_QUANTITY, AnyDrive, Loads, Samples
+from impact_env.loads import BASE_QUANTITY, Loads, Samples
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import (
     CompliantWalls,
@@ -102,12 +103,12 @@ class Solver(ABC):
     laws: Callable[[Scene], tuple[Any, ...]]
     searched: bool
 
-    def key(self, scene: Scene, drive: AnyDrive | None = None) -> tuple[object, ...]:
+    def key(self, scene: Scene, drive: Excitation | None = None) -> tuple[object, ...]:
         """Return a key, equal exactly for runs with one record that the same compiled kernels simulate (``drive`` None: one force).
 
         It holds all that is None or not in the kernels' arguments: laws, gravity, loads, a base that moves.
         """
-        loads = (drive.moves_base,) if isinstance(drive, Loads) else None
+        loads = (drive.moves_base,) if drive is not None and drive.in_pieces else None
         return (
             self.name,
             variant_key(self.laws(scene)),
@@ -117,7 +118,7 @@ class Solver(ABC):
 
     @abstractmethod
     def run(
-        self, scene: Scene, drive: AnyDrive, method: Any, state: Array, observe: Observers
+        self, scene: Scene, drive: Excitation, method: Any, state: Array, observe: Observers
     ) -> int:
         """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
 
@@ -143,12 +144,12 @@ def fill_tuple(kind: Callable[..., Part], law: object) -> Part | None:
     return kind(*(getattr(law, field, None) for field in kind._fields))  # type: ignore[attr-defined]
 
 
-def compute_window_length(drive: AnyDrive) -> float:
+def compute_window_length(drive: Excitation) -> float:
     """Return the wanted length of a window in s."""
     return WINDOW_PERIODS * drive.schedule.pseudo_period
 
 
-def build_schedule(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
+def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
         times, pieces, which, moves_base = drive.on_one_clock()
@@ -156,6 +157,7 @@ def build_schedule(scene: Scene, drive: AnyDrive, reach: float) -> Schedule:
             pieces, which, moves_base, build_base_motion(scene) if moves_base.any() else None
         )
         return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
+    assert isinstance(drive, Drive)
     breaks = drive.schedule
     phases = breaks.phase_at(breaks.times) + drive.phase
     return Schedule(
@@ -180,13 +182,10 @@ def build_base_motion(scene: Scene) -> loads.BaseParticipation:
     )
 
 
-def find_gravity(scene: Scene, drive: AnyDrive | None = None) -> float | None:
+def find_gravity(scene: Scene, drive: Excitation | None = None) -> float | None:
     """Return the gravity (m/s^2) along a single absorber's motion, None without; under loads 0 in place of None, so that one kernel does for both."""
-    return (
-        find_largest_gravity(scene.absorber)
-        if isinstance(drive, Loads)
-        else find_largest_gravity(scene.absorber) or None
-    )
+    gravity = find_largest_gravity(scene.absorber)
+    return gravity if drive is not None and drive.in_pieces else gravity or None
 
 
 def build_losses(scene: Scene) -> Losses:
@@ -206,7 +205,7 @@ def build_contact(
     scene: Scene,
     walls: Walls | None = None,
     limit: float | None = None,
-    drive: AnyDrive | None = None,
+    drive: Excitation | None = None,
 ) -> ContactLaw:
     """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `find_gravity`."""
     mass = scene.absorber_mass
@@ -287,17 +286,17 @@ class ExactSolver(Solver):
     ``regime``: the one of it whose slots a lane under control keeps.
     """
 
-    take: Callable[[Scene, float, bool, AnyDrive | None], KernelArguments]
+    take: Callable[[Scene, float, bool, Excitation | None], KernelArguments]
     regime: Callable[[Any], LinearRegime]
 
     def run(
-        self, scene: Scene, drive: AnyDrive, method: Exact, state: Array, observe: Observers
+        self, scene: Scene, drive: Excitation, method: Exact, state: Array, observe: Observers
     ) -> int:
         """Integrate over the whole schedule, see `Solver.run`."""
         taken, reach = self.take(
             scene,
             compute_window_length(drive),
-            isinstance(drive, Loads) and drive.moves_base,
+            drive.moves_base,
             drive,
         )
         return int(self.lane(taken, build_schedule(scene, drive, reach), state, observe))
@@ -364,7 +363,7 @@ def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
     return DISTANT_WALLS if walls is None else walls, limit
 
 
-def _rigid(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+def _rigid(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:
     free, joined, reach = rigid_regimes(scene, wanted, moves)
     laws = rigid_laws(scene) if drive is None else _laws_rigid(scene)
     return Rigid(free, joined, build_contact(scene, *laws, drive), build_losses(scene)), reach
@@ -444,7 +443,7 @@ def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
     )
 
 
-def _sprung(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+def _sprung(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:
     regimes, reach = compliant_regimes(scene, wanted)
     losses = build_losses(scene)
     return CompliantScene(
@@ -490,7 +489,7 @@ def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Lin
     ), reach
 
 
-def _linear(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+def _linear(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:
     regime, reach = linear_regime(scene, wanted, moves)
     return Linear(regime, build_losses(scene), find_gravity(scene, drive)), reach
 
@@ -541,7 +540,7 @@ def _absorbers(scene: Scene) -> Absorbers:
     )
 
 
-def _several(scene: Scene, wanted: float, moves: bool, drive: AnyDrive | None) -> KernelArguments:
+def _several(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:
     sets, reach = _sets(scene, wanted)
     return Several(sets, _absorbers(scene), build_losses(scene)), reach
 
@@ -575,10 +574,11 @@ def _modes(scene: Scene) -> BeamModes:
     )
 
 
-def _force(scene: Scene, drive: AnyDrive) -> DriveForce:
+def _force(scene: Scene, drive: Excitation) -> DriveForce:
     if isinstance(drive, Loads):
         taken = build_schedule(scene, drive, 1.0)
         return DriveForce(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
+    assert isinstance(drive, Drive)
     schedule = drive.schedule
     phases = schedule.phase_at(schedule.times)
     return DriveForce(
@@ -629,7 +629,7 @@ class SteppingSolver(Solver):
     def run(
         self,
         scene: Scene,
-        drive: AnyDrive,
+        drive: Excitation,
         method: Moreau | RungeKutta,
         state: Array,
         observe: Observers,
@@ -746,14 +746,14 @@ def find_solver(scene: Scene, method: Method) -> Solver:
     return able.solver
 
 
-def kernel_key(scene: Scene, method: Method, drive: AnyDrive | None = None) -> tuple[object, ...]:
+def kernel_key(scene: Scene, method: Method, drive: Excitation | None = None) -> tuple[object, ...]:
     """Return the key of a run's kernels, see `Solver.key`; raises ParameterError as `find_solver` does."""
     return find_solver(scene, method).key(scene, drive)
 
 
-def check_load(scene: Scene, drive: AnyDrive, method: Method) -> None:
+def check_load(scene: Scene, drive: Excitation, method: Method) -> None:
     """Raise ParameterError if a scene or a method cannot do a drive: a base that moves."""
-    if isinstance(drive, Loads) and drive.moves_base:
+    if drive.moves_base:
         _check_base(scene, method, [type(part).__name__ for part in drive.parts], True)
 
 

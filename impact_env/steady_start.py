@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.drive import Drive
-from impact_env.loads import LOAD_STARTS, AnyDrive, Force, Loads, Tones, find_schedule
+from impact_env.drive import LOAD_STARTS, Excitation, find_schedule
+from impact_env.loads import Tones
 from impact_env.modes import with_link, with_masses
 from impact_env.parameters import (
     CoulombFriction,
@@ -41,7 +41,7 @@ class _Harmonic:
     base: complex
 
 
-def find_steady_start(scene: Scene, drive: AnyDrive) -> InitialState | None:
+def find_steady_start(scene: Scene, drive: Excitation) -> InitialState | None:
     """Return the steady state of the linear structure under the harmonic loads, at their first frequencies; None (rest) if there is none.
 
     There is none where it is infinite, with gravity, without a harmonic load, and beside a ``start`` of the loads' own. Several absorbers are stuck
@@ -104,10 +104,8 @@ def find_steady_start(scene: Scene, drive: AnyDrive) -> InitialState | None:
     )
 
 
-def _harmonics_of(drive: AnyDrive) -> list[_Harmonic]:
+def _harmonics_of(drive: Excitation) -> list[_Harmonic]:
     """Return the harmonic loads at time 0; empty beside a start of the loads' own."""
-    if isinstance(drive, Drive):
-        drive = Loads((Force(drive),))
     if drive.start != LOAD_STARTS[0]:
         return []
     harmonics = []

@@ -14,6 +14,7 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.drive import Drive, Excitation
 from impact_env.energy import stored_energy
 from impact_env.first_use import compiling_for
 from impact_env.kernels.compiling.parts import abandon_compilations
@@ -38,7 +39,7 @@ from impact_env.kernels.motion.observers import (
 )
 from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, read_level, require_sampling
-from impact_env.loads import AnyDrive, find_initial_state
+from impact_env.loads import Loads
 from impact_env.methods import Exact, Method, check_mass, check_step
 from impact_env.parameters import (
     CompliantWalls,
@@ -221,7 +222,7 @@ class EventRecorder:
 
 
 def new_run_counters(
-    drive: AnyDrive, most_events: int | None, check: CheckObserver | None = None
+    drive: Excitation, most_events: int | None, check: CheckObserver | None = None
 ) -> Counters:
     """Return a run's counters with its budget; None is the default, which grows with the time reached.
 
@@ -273,7 +274,7 @@ def _balanced(scene: Scene, record: Record) -> bool:
     return record.energy or record.check or needs_energy(scene, record)
 
 
-def _sample_count(drive: AnyDrive, interval: float) -> int:
+def _sample_count(drive: Excitation, interval: float) -> int:
     """Return the number of samples of a whole run, one each ``interval`` (s) from 0 to its end."""
     return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
 
@@ -290,7 +291,7 @@ def _first_sample(time: Array, interval: float, *, after: bool = False) -> NDArr
     ).astype(np.int64)
 
 
-def _series_range(drive: AnyDrive, record: Record, interval: float) -> tuple[int, int]:
+def _series_range(drive: Excitation, record: Record, interval: float) -> tuple[int, int]:
     """Return the first sample of the series and their number, 0 where none is recorded."""
     every = _sample_count(drive, interval)
     if not isinstance(record.series, Window):
@@ -301,7 +302,7 @@ def _series_range(drive: AnyDrive, record: Record, interval: float) -> tuple[int
     return first, max(min(stop, every) - first, 0)
 
 
-def _level(scene: Scene, drive: AnyDrive, record: Record, interval: float) -> LevelObserver:
+def _level(scene: Scene, drive: Excitation, record: Record, interval: float) -> LevelObserver:
     """Return the observer of level and envelope."""
     ends = None
     if record.envelope is not None:
@@ -314,13 +315,13 @@ def _level(scene: Scene, drive: AnyDrive, record: Record, interval: float) -> Le
     )
 
 
-def _envelope_edges(drive: AnyDrive, bins: int) -> Array:
+def _envelope_edges(drive: Excitation, bins: int) -> Array:
     return np.linspace(0.0, float(drive.schedule.times[-1]), bins + 1)
 
 
 def _observers(
     scene: Scene,
-    drive: AnyDrive,
+    drive: Excitation,
     record: Record,
     interval: float,
     lists: EventRecorder,
@@ -339,7 +340,7 @@ def _observers(
 
 def simulate(
     scene: Scene,
-    drive: AnyDrive,
+    drive: Excitation,
     method: Method | None = None,
     *,
     initial: InitialState | None = None,
@@ -410,11 +411,11 @@ def simulate(
     method = Exact() if method is None else method
     record = Record() if record is None else instance("record", record, Record)
     scene = instance("scene", scene, Scene)
-    drive = instance("drive", drive, AnyDrive)
+    drive = instance("drive", drive, Drive | Loads)
     progress = instance("progress", progress, Callable | None)
     stop = instance("stop", stop, Stop | None)
     initial = instance("initial", initial, InitialState | None)
-    start = find_initial_state(scene, drive, initial).vector(scene)
+    start = drive.initial_state(scene, initial).vector(scene)
     check_load(scene, drive, method)
     if record.level or record.envelope is not None:
         require_sampling(scene, drive, record.samples_per_period, start)
@@ -496,7 +497,7 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
 
 def _response(
     scene: Scene,
-    drive: AnyDrive,
+    drive: Excitation,
     method: Method,
     start: Array,
     state: Array,

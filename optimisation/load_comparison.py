@@ -17,9 +17,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.drive import Drive, Excitation, Member
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, drives_of, each_lane
 from impact_env.frequency import receptance
-from impact_env.loads import BASE_QUANTITY, AnyDrive, Loads, Member, Random
+from impact_env.loads import BASE_QUANTITY, Loads, Random
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
@@ -37,7 +38,6 @@ from impact_env.results import require_recorded
 from impact_env.scene import Scene
 from impact_env.solvers import check_load
 from impact_env.sweep import simulate
-from impact_env.turning_loads import Force
 from optimisation.bounds import design_gap, reach
 from optimisation.friction_rule import scaled_friction
 from optimisation.gap_advice import (
@@ -109,7 +109,7 @@ class LoadComparison:
         return np.asarray(self.values[concept] / self.values["none"])
 
 
-def find_reading(model: ModalModel, absorber: Absorber | None, loads: AnyDrive) -> Reading:
+def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation) -> Reading:
     """Return where an absorber's level is read under loads with one schedule, from one run; NaN for other measures, and where there are bands."""
     if not isinstance(loads, Loads) or measure_of(loads) != LEVEL:
         return Reading(math.nan, False)
@@ -134,7 +134,7 @@ def _in_bands(lane: Lane) -> tuple[float, ...]:
 def runs_of(
     model: ModalModel,
     absorbers: Sequence[Absorber | None],
-    drives: Sequence[AnyDrive],
+    drives: Sequence[Excitation],
     threads: int | None = None,
     measure: Callable[[Lane], Any] = measured,
     executor: Executor | None = None,
@@ -162,7 +162,7 @@ Left = Callable[[Sequence[Absorber]], Array]
 Stages = Callable[[str, int, int], None]
 
 
-def _left(run: Callable[..., Array], drives: Sequence[AnyDrive]) -> Left:
+def _left(run: Callable[..., Array], drives: Sequence[Excitation]) -> Left:
     """Return a function of absorbers: the mean over the drives of each one's largest relative measure in any band, (absorbers,).
 
     ``run`` is `runs_of` on a model.
@@ -215,7 +215,7 @@ def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -
 def tuned_for(
     model: ModalModel,
     mass_ratio: float,
-    drives: Sequence[AnyDrive],
+    drives: Sequence[Excitation],
     run: Callable[..., Array] | None = None,
 ) -> TunedAbsorber:
     """Return the spring and damper that leave least of the measure; the search begins at the tuning for the first resonance's peak.
@@ -302,7 +302,9 @@ def compare_loads(
     gaps = size * GAPS if gap is None else np.array([gap])
     done = 0
 
-    def run(absorbers: Sequence[Absorber | None], drives: Sequence[AnyDrive], **how: Any) -> Array:
+    def run(
+        absorbers: Sequence[Absorber | None], drives: Sequence[Excitation], **how: Any
+    ) -> Array:
         nonlocal done
         before = done
         done += len(absorbers) * len(drives)
@@ -399,11 +401,9 @@ class LoadAdvice:
 def rule_gap(model: ModalModel, mass: float, loads: Loads, resonance: int) -> float | None:
     """Return the design rule's gap in m for loads that are one swept force, None for others; ``mass`` in kg."""
     part = loads.parts[0]
-    return (
-        design_gap(model, mass, part.drive.amplitude, resonance)
-        if len(loads.parts) == 1 and isinstance(part, Force)
-        else None
-    )
+    if len(loads.parts) > 1 or not isinstance(part, Drive):
+        return None
+    return design_gap(model, mass, part.amplitude, resonance)
 
 
 def advise_for_loads(

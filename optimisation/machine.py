@@ -15,10 +15,9 @@ from typing import Any
 import llvmlite.binding
 
 import impact_env
-from impact_env.drive import Drive, constant_frequency
+from impact_env.drive import Drive, Excitation, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.kernels.compiling.cache import hash_sources
-from impact_env.loads import AnyDrive
 from impact_env.methods import Method
 from impact_env.results import Record, Response
 from impact_env.scene import Scene
@@ -110,7 +109,7 @@ class Timed:
     """A run that can be timed again and again: compiled and with its tables made by one pseudo period at the resonance, or by a run."""
 
     scene: Scene
-    drive: AnyDrive
+    drive: Excitation
     method: Method
     most_events: int | None = None
     record: Record = BARE

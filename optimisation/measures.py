@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.drive import Excitation, find_schedule
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
 from impact_env.level import require_sampled
-from impact_env.loads import AnyDrive, Loads, Shock, Strike, find_schedule
+from impact_env.loads import Loads, Shock, Strike
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
 from impact_env.results import Record, Response, require_recorded
@@ -151,7 +152,7 @@ def design_gap_for(model: ModalModel, loads: Loads) -> float:
     return START * free_size(Lane(Scene(model), loads, steady_start=True))
 
 
-def check_size(scene: Scene, drive: AnyDrive) -> None:
+def check_size(scene: Scene, drive: Excitation) -> None:
     """Raise ParameterError where loads move a place by so little, or so much, beside its absorber's gap that a unit must be wrong."""
     walls = scene.cavity(0)
     if not isinstance(drive, Loads) or walls is None or walls.gap == 0:

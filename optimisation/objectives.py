@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
-from impact_env.loads import Loads, describe_amplitude
+from impact_env.loads import Loads
 from impact_env.parameters import (
     ParameterError,
     count_from,
@@ -151,15 +151,13 @@ class Condition:
         return (
             own
             if self.loads is None
-            else own | {"loads": describe_amplitude(self.loads), "sha256": loads_key(self.loads)}
+            else own | {"loads": self.loads.describe(), "sha256": loads_key(self.loads)}
         )
 
     @property
     def place(self) -> str:
         """What acts, in words, without how much."""
-        return (
-            f"resonance {self.resonance}" if self.loads is None else describe_amplitude(self.loads)
-        )
+        return f"resonance {self.resonance}" if self.loads is None else self.loads.describe()
 
     @property
     def measure_and_unit(self) -> tuple[str, str]:

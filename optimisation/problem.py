@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import default_rate, linear_sweep
+from impact_env.drive import Member, default_rate, linear_sweep
 from impact_env.ensemble import Lane, Members, draw_members
-from impact_env.loads import Loads, Member
+from impact_env.loads import Loads
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (

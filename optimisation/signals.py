@@ -32,7 +32,6 @@ from impact_env.kernels.motion.level import compute_level
 from impact_env.level import (
     HALF_WINDOW_PERIODS,
     LEAST_SAMPLES_PER_CYCLE,
-    highest_tone,
     level_of,
     require_sampled,
 )
@@ -238,7 +237,7 @@ def edges_of(model: ModalModel, loads: Loads) -> Array:
 
 def band_levels(lane: Lane) -> tuple[float, ...]:
     """Run a lane, and return response level (with a schedule) or RMS of the displacement in each of the bands of `edges_of`, in m."""
-    ratio = highest_tone(lane.drive) / lane.drive.schedule.reference
+    ratio = lane.drive.highest_lasting_omega / lane.drive.schedule.reference
     samples = max(SAMPLES, int(np.ceil(LEAST_SAMPLES_PER_CYCLE * ratio)))
     require_sampled(lane.scene, lane.drive, samples)
     record = Record(level=False, series=True, samples_per_period=samples)

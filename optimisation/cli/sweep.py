@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 
 import click
 
-from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule
+from impact_env.drive import PAPER_LIMITS, Drive, Excitation, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.laws import describe_absorber
-from impact_env.loads import AnyDrive
 from impact_env.methods import PAPER_STEPS, Exact, Method
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
 from impact_env.results import MOST_SAMPLES_PER_PERIOD, Record, Response
@@ -62,7 +61,7 @@ T = TypeVar("T")
 
 
 def integration_time(
-    scene: Scene, drive: AnyDrive, method: Method, most_events: int | None = None
+    scene: Scene, drive: Excitation, method: Method, most_events: int | None = None
 ) -> float:
     """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
     timed = Timed(scene, drive, method, most_events)
@@ -119,7 +118,7 @@ def recorded(lane: Lane, method: Method, record: Record, most_events: int | None
 def compute(
     options: scenes.Options,
     scene: Scene,
-    drives: list[AnyDrive],
+    drives: list[Excitation],
     method: Method,
     executor: Executor | None,
 ) -> Result:
@@ -168,7 +167,7 @@ def measured(
     options: scenes.Options,
     scene: Scene,
     beam: Beam | None,
-    drives: list[AnyDrive],
+    drives: list[Excitation],
     executor: Executor | None,
 ) -> list[dict[str, Any]] | None:
     """Return the measures of each member; None without --measures."""
@@ -262,7 +261,7 @@ def run(options: scenes.Options) -> None:
     write(result, options, beam)
 
 
-def make_drive(options: scenes.Options, scene: Scene) -> AnyDrive:
+def make_drive(options: scenes.Options, scene: Scene) -> Excitation:
     """Return the force, or the loads of a file."""
     if options["load"] is None:
         scenes.warn_of_nodes(scene.model, options["resonance"])

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import CurveCase, Measure
-from impact_env.drive import LEAST_DAMPING, Drive, FrequencySchedule
+from impact_env.drive import LEAST_DAMPING, Drive, Excitation, FrequencySchedule
 from impact_env.ensemble import Lane
-from impact_env.loads import AnyDrive
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -85,7 +84,7 @@ class Loading:
             }
         }
 
-    def act(self, intensity: float, schedule: FrequencySchedule) -> AnyDrive:
+    def act(self, intensity: float, schedule: FrequencySchedule) -> Excitation:
         """Return the drive of a run."""
         return (
             Drive(intensity, schedule)

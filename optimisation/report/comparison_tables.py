@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DOWN, UP, Optimum, PerformanceCurve, quantiles
 from impact_env.laws import SceneKind, describe_absorber, values
-from impact_env.loads import describe_amplitude
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
@@ -410,7 +409,7 @@ def _heads(comparison: LoadComparison) -> list[str]:
 def load_table(comparison: LoadComparison) -> str:
     """Return the lines that are printed."""
     runs = comparison.values["none"].shape[1]
-    what = f"{LABELS[comparison.measure]} under {describe_amplitude(comparison.loads)}"
+    what = f"{LABELS[comparison.measure]} under {comparison.loads.describe()}"
     lines = [f"{what}, over that without absorber: median of {runs} runs (90 % of further runs)"]
     lines += [
         f"  {describe_absorber(absorber)}{reading_in_words(comparison.readings[name])}"
@@ -445,7 +444,7 @@ def tuned_text(tuned: TunedUnder) -> str:
     """Return the lines that are printed of tunings."""
     ratios = 100 * tuned.ratios
     lines = [
-        f"{LABELS[tuned.measure]} under {describe_amplitude(tuned.loads)}, in % of that without absorber: median of {ratios.shape[1]} runs"
+        f"{LABELS[tuned.measure]} under {tuned.loads.describe()}, in % of that without absorber: median of {ratios.shape[1]} runs"
     ]
     for name, absorber, row in zip(
         ("best for it", "least peak"), (tuned.best, tuned.peak), ratios, strict=True
@@ -473,7 +472,7 @@ def save_load_figure(path: Path, comparison: LoadComparison) -> None:
         axes.set_ylim(0, None)
         axes.set_xlabel("intensity of the load, 1: as given")
         axes.set_title(
-            ", ".join(filter(None, (f"Under {describe_amplitude(comparison.loads)}", head))),
+            ", ".join(filter(None, (f"Under {comparison.loads.describe()}", head))),
             fontsize=11,
         )
     panels[0].set_ylabel(f"{LABELS[comparison.measure]} over that without absorber")

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from impact_env.loads import describe_amplitude
 from optimisation.files import number
 from optimisation.gap_advice import Answer
 from optimisation.load_comparison import LoadAdvice
@@ -66,7 +65,7 @@ def text(advice: LoadAdvice) -> str:
         return f"{band}, {runs}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
 
     lines = [
-        f"Recommended: {device(best, advice.mass)}, under {describe_amplitude(advice.loads)}.",
+        f"Recommended: {device(best, advice.mass)}, under {advice.loads.describe()}.",
         f"  {what[0].upper()}{what[1:]} {level(best)}{reading_in_words(advice.reading)}.",
     ]
     if sharp.gap != best.gap:
@@ -130,6 +129,6 @@ def save_figure(path: Path, advice: LoadAdvice) -> None:
     axes.set_ylim(0, None)
     axes.set_xlabel("clearance to either wall in mm")
     axes.set_ylabel(f"{LABELS[advice.measure]} in {unit}")
-    axes.set_title(f"Gap under {describe_amplitude(advice.loads)}", fontsize=11)
+    axes.set_title(f"Gap under {advice.loads.describe()}", fontsize=11)
     axes.legend(frameon=False, fontsize=9)
     write_figure(figure, path)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.drive import LOAD_STARTS
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import LaneLevels
 from impact_env.laws import describe_absorber, describe_modes
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.loads import LOAD_STARTS, Loads, describe_amplitude
+from impact_env.loads import Loads
 from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
@@ -125,7 +126,7 @@ def describe_run(response: Response, resonance: int, start: str = "") -> str:
     schedule = response.drive.schedule
     modes = response.scene.model.modes
     if isinstance(response.drive, Loads):
-        about = f"{describe_amplitude(response.drive)} for {float(schedule.times[-1]):g} s"
+        about = f"{response.drive.describe()} for {float(schedule.times[-1]):g} s"
         return f"{about}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s{start}, {describe_modes(modes)}, {response.method}"
     ratios = schedule.omegas / schedule.reference
     frequency = (

@@ -22,8 +22,8 @@ from load_cases import (
     cantilever,
 )
 
-from impact_env.drive import FrequencySchedule
-from impact_env.loads import BASE_QUANTITY, Loads, Member, Samples, ShakenBase, Shock, Tone, Tones
+from impact_env.drive import FrequencySchedule, Member
+from impact_env.loads import BASE_QUANTITY, Loads, Samples, ShakenBase, Shock, Tone, Tones
 from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
 from impact_env.plain_loads import read_loads
 from impact_env.scene import Scene

@@ -13,13 +13,10 @@ from load_cases import PARTICIPATION, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
 from impact_env import solvers
-from impact_env.drive import Drive, FrequencySchedule
+from impact_env.drive import Drive, FrequencySchedule, Load, Member
 from impact_env.laws import SceneKind
 from impact_env.loads import (
-    Force,
-    Load,
     Loads,
-    Member,
     Random,
     Samples,
     ShakenBase,
@@ -297,7 +294,7 @@ def test_a_sampled_chirp_tends_to_the_chirp_with_the_square_of_its_step() -> Non
     drive = Drive(5.0, SWEEP, 0.4)
     errors = []
     exact = simulate(Scene(cantilever()), drive).end_state
-    np.testing.assert_allclose(run(None, (Force(drive),)).end_state, exact, rtol=1e-11)
+    np.testing.assert_allclose(run(None, (drive,)).end_state, exact, rtol=1e-11)
     for count in (500, 1000, 2000):
         times = np.linspace(0, 0.25, count + 1)
         record = Samples(times, 5 * np.cos(SWEEP.phase_at(times) + 0.4))
@@ -397,7 +394,7 @@ def test_stepping_methods_tend_to_the_exact_one_under_loads(name: str) -> None:
 
 SPECTRUM = np.array([[20.0, 4.0], [60.0, 4.0]])
 EACH: dict[str, Load] = {
-    "force": Force(Drive(8.0, SWEEP)),
+    "force": Drive(8.0, SWEEP),
     "unbalance": Unbalance(1.2e-4, SWEEP),
     "base": ShakenBase(SWEEP, acceleration=12.0),
     "displaced base": BASE,

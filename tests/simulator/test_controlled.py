@@ -31,6 +31,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.controlled import ControlledRuns, WorkerPool, bind_kernel
+from impact_env.drive import Pieces
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.control.work_queue import (
     new_work_queue,
@@ -39,7 +40,7 @@ from impact_env.kernels.control.work_queue import (
     wait_until_done,
 )
 from impact_env.level import response_level
-from impact_env.loads import BASE_QUANTITY, FORCE_QUANTITY, Force, Loads, Pieces, Random, ShakenBase
+from impact_env.loads import BASE_QUANTITY, FORCE_QUANTITY, Loads, Random, ShakenBase
 from impact_env.methods import Method
 
 SAMPLES = 32
@@ -128,7 +129,7 @@ def test_a_record_added_to_the_force_makes_the_run_of_both_loads(
     sweep = (
         ShakenBase(schedule, acceleration=1.5, phase=0.3)
         if moves_base
-        else Force(Drive(1.5, schedule, 0.3))
+        else Drive(1.5, schedule, 0.3)
     )
     times = np.concatenate([[0.0], (np.arange(31, first + end / step) - first) * step, [end]])
 

@@ -20,10 +20,10 @@ from impact_env import (
     modal_model,
 )
 from impact_env.controlled import ControlledRuns
-from impact_env.drive import Drive, constant_frequency
+from impact_env.drive import Drive, Excitation, constant_frequency
 from impact_env.kernels.motion.observers import DONE
 from impact_env.laws import SceneKind
-from impact_env.loads import BASE_QUANTITY, AnyDrive, Force, Loads, Samples
+from impact_env.loads import BASE_QUANTITY, Loads, Samples
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.modes import assemble_matrices, deflection_row
 from impact_env.parameters import (
@@ -200,15 +200,15 @@ def every_scene() -> dict[str, Scene]:
     }
 
 
-def drives(of: Scene) -> tuple[AnyDrive, ...]:
+def drives(of: Scene) -> tuple[Excitation, ...]:
     """Return a force, the same as a load, and a base that moves."""
     force = drive(of)
     base = Samples(force.schedule.times[[0, -1]], np.array([1.0, 1.0]), BASE_QUANTITY)
-    loads = ((Force(force),), (Force(force), base))
+    loads = ((force,), (force, base))
     return force, *(Loads(parts, force.schedule.reference) for parts in loads)
 
 
-def refusal(of: Scene, load: AnyDrive, method: Method) -> str | None:
+def refusal(of: Scene, load: Excitation, method: Method) -> str | None:
     """Return the name of the argument that a run is refused for, None if it is made."""
     try:
         simulate(of, load, method)

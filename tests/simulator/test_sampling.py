@@ -23,15 +23,12 @@ from impact_env import (
 )
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import CurveCase, performance_curves
-from impact_env.drive import FrequencySchedule, constant_frequency, linear_sweep
+from impact_env.drive import Excitation, FrequencySchedule, Load, constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
 from impact_env.level import require_sampled, response_level, response_spectrum
 from impact_env.loads import (
     BASE_QUANTITY,
     FORCE_QUANTITY,
-    AnyDrive,
-    Force,
-    Load,
     Loads,
     Random,
     Samples,
@@ -67,11 +64,11 @@ def loads(*parts: Load, reference: float = W1) -> Loads:
 
 
 SLOWLY = W1 / RATIO  # a reference: the structure's first mode is nine times as fast
-EXCITATIONS: dict[str, AnyDrive] = {
+EXCITATIONS: dict[str, Excitation] = {
     "drive": Drive(1.0, FAST),
     "sweep": Drive(1.0, UP),
-    "force": loads(Force(Drive(1.0, FAST))),
-    "force of a sweep": loads(Force(Drive(1.0, UP))),
+    "force": loads(Drive(1.0, FAST)),
+    "force of a sweep": loads(Drive(1.0, UP)),
     "tone": loads(Tones((Tone(1.0, frequency=HERTZ),), LENGTH)),
     "one of two tones": loads(
         Tones((Tone(1.0, frequency=HERTZ / RATIO), Tone(1.0, frequency=HERTZ)), LENGTH)
@@ -83,9 +80,7 @@ EXCITATIONS: dict[str, AnyDrive] = {
     "moved base": loads(ShakenBase(UP, displacement=1e-4)),
     "record": loads(Samples(CLOCK, SINE)),
     "record of the base": loads(Samples(CLOCK, SINE, BASE_QUANTITY)),
-    "record beside a force": loads(
-        Force(Drive(1.0, constant_frequency(W1, 1, 40))), Samples(CLOCK, SINE)
-    ),
+    "record beside a force": loads(Drive(1.0, constant_frequency(W1, 1, 40)), Samples(CLOCK, SINE)),
     "random": loads(Random(BAND, LENGTH)),
     "random base": loads(Random(BAND, LENGTH, quantity=BASE_QUANTITY)),
     "shock": loads(Shock("half-sine", 1.0, 1e-3, LENGTH), reference=SLOWLY),
@@ -422,4 +417,4 @@ def test_a_sweep_s_rate_is_not_read_as_its_fastest_tone() -> None:
     """A sweep down is fastest at its begin."""
     down = linear_sweep(OMEGA, RATIO, 0.5, 1000.0)
     with pytest.raises(ParameterError, match=REFUSED):
-        require_sampled(scene_of(modes=1), Loads((Force(Drive(1.0, down)),)), FEW)
+        require_sampled(scene_of(modes=1), Loads((Drive(1.0, down),)), FEW)

@@ -9,7 +9,7 @@ from impact_env import Beam, Drive, Record, Scene, modal_model, simulate
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.loads import BASE_QUANTITY, Force, Loads, ShakenBase, Shock, Tone, Tones
+from impact_env.loads import BASE_QUANTITY, Loads, ShakenBase, Shock, Tone, Tones
 from impact_env.parameters import (
     Absorber,
     StuckAbsorber,
@@ -62,7 +62,7 @@ def test_motion_under_a_shaken_base_and_tones_is_the_closed_form(kind: str) -> N
     schedule = constant_frequency(reference, 0.4, 6.0)
     tones = (Tone(3.0, order=1.0, phase=0.7), Tone(5.0, order=2.2, phase=-1.0))
     force = Drive(2.0, schedule, 0.3)
-    loads = Loads((Tones(tones, schedule=schedule, quantity=BASE_QUANTITY), Force(force)))
+    loads = Loads((Tones(tones, schedule=schedule, quantity=BASE_QUANTITY), force))
     mass = 0.02 * MODEL.beam_mass
     n = MODEL.modes
     tuned = TunedAbsorber(0.02, 9000.0, 3.0)
@@ -104,7 +104,7 @@ def test_loads_that_have_no_steady_state_start_as_they_say() -> None:
     schedule = constant_frequency(MODEL.resonance_omega(1), 0.9, 6.0)
     seconds = float(schedule.times[-1])
     shock = Loads((Shock("half-sine", 10.0, 0.01, seconds),), MODEL.resonance_omega(1))
-    swept = Loads((Force(Drive(1.0, schedule)),), start="lower-wall")
+    swept = Loads((Drive(1.0, schedule),), start="lower-wall")
     for loads in (shock, swept):
         assert find_steady_start(Scene(MODEL, impact_absorber()), loads) is None
         assert Lane(Scene(MODEL, impact_absorber()), loads, steady_start=True).start is None

@@ -11,7 +11,7 @@ from orbit_cases import paper_case
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive
 from impact_env.laws import SceneKind
-from impact_env.loads import Force, Loads, Samples
+from impact_env.loads import Loads, Samples
 from impact_env.methods import Method, Moreau, RungeKutta
 from impact_env.parameters import (
     Absorber,
@@ -158,7 +158,7 @@ def under_loads(absorber: Absorber | None) -> Callable[[], Values]:
         return values_of(
             simulate(
                 scene_of(absorber, modes=2),
-                Loads((Force(SHORT_DRIVE), record), OMEGA),
+                Loads((SHORT_DRIVE, record), OMEGA),
                 record=EVERYTHING,
             )
         )

@@ -32,8 +32,8 @@ from load_cases import cantilever
 from numpy.typing import NDArray
 from places import ROOT, SCRIPTS, SUPPORT, TRUTHS
 
+from impact_env.drive import Load
 from impact_env.loads import (
-    Load,
     Loads,
     Random,
     Samples,

@@ -51,7 +51,17 @@ from impact_env.frequency import (
 from impact_env.kernels.compiling.parts import only_cached
 from impact_env.laws import make
 from impact_env.level import response_level
-from impact_env.loads import Loads, Random, Samples
+from impact_env.loads import (
+    Loads,
+    Random,
+    Samples,
+    ShakenBase,
+    Shock,
+    Strike,
+    Tone,
+    Tones,
+    Unbalance,
+)
 from impact_env.methods import Moreau, RungeKutta
 from impact_env.modes import ModalModel, modal_model, mode_shapes
 from impact_env.parameters import (
@@ -85,7 +95,6 @@ from impact_env.plain import from_drive, from_scene, to_drive, to_method, to_sce
 from impact_env.plain_loads import to_loads
 from impact_env.results import Record, Window
 from impact_env.scene import InitialState, Scene, beam_scene
-from impact_env.turning_loads import Force, ShakenBase, Shock, Strike, Tone, Tones, Unbalance
 from optimisation.bounds import (
     common_gap,
     design_force,
@@ -395,7 +404,6 @@ def targets() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         (Loads, {"parts": [random], "reference": omega}),
         (Shock, {"pulse": "half-sine", "peak": 1.0, "width": 0.01, "length": 0.1}),
         (Strike, {"velocity": 1.0, "length": 0.1}),
-        (Force, {"drive": handed_in.DRIVE}),
         (Unbalance, {"unbalance": 1e-3, "schedule": schedule}),
         (ShakenBase, {"schedule": schedule, "acceleration": 1.0}),
         (Tone, {"amplitude": 1.0, "frequency": 20.0}),

@@ -20,8 +20,9 @@ from impact_env import (
     linear_sweep,
     modal_model,
 )
+from impact_env.drive import Excitation
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
-from impact_env.loads import AnyDrive, Force, Loads, Tone, Tones
+from impact_env.loads import Loads, Tone, Tones
 from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law, impact_absorber
 from optimisation.bounds import design_gap
 from optimisation.cli.common import command
@@ -81,7 +82,7 @@ def orders(case: LoadCase, share: float) -> Loads:
 Variant = tuple[str, Scene]
 
 
-def _found(scene: Scene, drives: Sequence[AnyDrive]) -> Array:
+def _found(scene: Scene, drives: Sequence[Excitation]) -> Array:
     """Return the levels in both bands under each drive, (drives, 2)."""
     result = each_lane([Lane(scene, drive) for drive in drives], band_levels)
     if None in result:
@@ -90,7 +91,7 @@ def _found(scene: Scene, drives: Sequence[AnyDrive]) -> Array:
 
 
 def _row(
-    case: LoadCase, group: str, variant: Variant, share: float, drives: Sequence[AnyDrive]
+    case: LoadCase, group: str, variant: Variant, share: float, drives: Sequence[Excitation]
 ) -> Json:
     """Return the relative level in either band; without absorber the motion is linear, and the same for all members but for phases."""
     free = _found(Scene(case.model), drives[:1])[0]
@@ -223,11 +224,9 @@ def _ratios(
         for name, limits in DIRECTIONS.items():
             loads = Loads(
                 (
-                    Force(
-                        Drive(
-                            factor * case.forces[0],
-                            linear_sweep(float(case.model.omega[0]), *limits),
-                        )
+                    Drive(
+                        factor * case.forces[0],
+                        linear_sweep(float(case.model.omega[0]), *limits),
                     ),
                 )
             )
