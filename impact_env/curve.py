@@ -54,6 +54,7 @@ from impact_env.parameters import (
     row_of,
     two,
 )
+from impact_env.result_files import SavedResult
 from impact_env.results import DEFAULT_SAMPLES, Record, html_table
 from impact_env.scene import Scene
 from impact_env.sweep import Stop, Stopped
@@ -160,7 +161,7 @@ class Optimum:
 
 
 @dataclass(frozen=True, eq=False)
-class PerformanceCurve:
+class PerformanceCurve(SavedResult):
     """Response levels over the force. Runs that an interruption left out are NaN.
 
     Attributes

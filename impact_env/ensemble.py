@@ -33,6 +33,7 @@ from impact_env.parameters import (
     require,
     row_of,
 )
+from impact_env.result_files import SavedResult
 from impact_env.results import DEFAULT_SAMPLES, Record
 from impact_env.scene import InitialState, Scene
 from impact_env.solvers import kernel_key
@@ -130,7 +131,7 @@ class Lane:
 
 
 @dataclass(frozen=True, eq=False)
-class LaneLevels:
+class LaneLevels(SavedResult):
     """Results of lanes, arrays of one shape, NaN where a lane was not run; ``complete`` says whether all were.
 
     level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest ``|q_tip|`` in m; number of impacts; stuck_time: time
@@ -147,7 +148,7 @@ class LaneLevels:
 
 
 @dataclass(frozen=True, eq=False)
-class Members:
+class Members(SavedResult):
     """What the members of an ensemble differ in, (M,) each: initial ``phases`` of the force in rad, and ``factors`` of its amplitude."""
 
     phases: Array

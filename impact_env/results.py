@@ -5,14 +5,43 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.checks import describe_error
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.loads import (
+    Loads,
+    Random,
+    Samples,
+    ShakenBase,
+    Shock,
+    Strike,
+    Tone,
+    Tones,
+    Unbalance,
+)
 from impact_env.methods import Method
-from impact_env.parameters import count_from, finite, flag, keep_checked, labelled, require
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    Section,
+    YieldingWalls,
+    count_from,
+    finite,
+    flag,
+    keep_checked,
+    labelled,
+    require,
+)
+from impact_env.result_files import SavedResult
 from impact_env.scene import InitialState, Scene
 
 if TYPE_CHECKING:
@@ -335,7 +364,7 @@ class RecordedParts:
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class Response(SavedResult):
     """Result of a run. A part that was not recorded is None; `recorded` refuses such a part by name.
 
     Attributes
@@ -480,3 +509,19 @@ class Response:
             np.array([np.min(values[piece]) for piece in pieces]),
             np.array([np.max(values[piece]) for piece in pieces]),
         )
+
+
+# what a result is made of, in files
+SavedResult.classes |= {
+    part.__name__: part
+    for part in (
+        *(ContactPhases, EnergyAccount, Envelope, History, Impacts, Record, ResponseLevel),
+        *(Reversals, SearchCheck, Window),
+        *(Scene, InitialState, ModalModel, Beam, Section),
+        *get_args(Absorber),
+        *(RigidWalls, YieldingWalls, CompliantWalls, CoulombFriction, ElasticCoulombFriction),
+        *(Drive, FrequencySchedule, Loads, Random, Samples, ShakenBase, Shock, Strike),
+        *(Tone, Tones, Unbalance),
+        *get_args(Method),
+    )
+}
