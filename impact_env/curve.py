@@ -493,12 +493,50 @@ def curve_passes(
     measure: Measure | None = None,
     both_ways: bool = True,
 ) -> Generator[tuple[Pass, PerformanceCurve], None, None]:
-    """Yield (pass, curve so far) while a curve is computed, rough first: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say.
+    """Yield a performance curve while it is computed, rough first.
 
-    A curve has the forces of its pass, NaN where a run is missing; the last one of a pass has all, the numbers of `performance_curve` at that rate. A
-    run that an earlier pass has made is not made again. What ``stop`` or the iterator's ``close()`` ends stays NaN, and nothing follows. ``measure``
-    takes the place of the response level: of a lane and an order to stop it makes the numbers of `LaneLevels`. ``both_ways`` False:
-    the load is the same up and down, as a random one is, and each run stands for both. Raises ParameterError and IntegrationError as `simulate` does.
+    Parameters
+    ----------
+    case : CurveCase
+        Forces and sweeps.
+    passes : sequence of Pass
+        What is computed in turn: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say. A
+        run that an earlier pass has made is not made again.
+    stop : Stop, optional
+        Ends the runs from any other thread, as the iterator's ``close()`` does.
+    seed : int, optional
+        Seed of the members.
+    method : Exact, Moreau or RungeKutta, optional
+        Integration method (default: `Exact`).
+    threads : int, optional
+        Threads (default: all cores). The result does not depend on it.
+    samples_per_period : int, optional
+        Samples of the level in a pseudo period.
+    measure : callable, optional
+        ``measure(lane, stop)`` returns the numbers of `LaneLevels` in place of the response level's.
+    both_ways : bool, optional
+        False: the load is the same up and down, as a random one is, and each run stands for both.
+
+    Yields
+    ------
+    tuple of Pass and PerformanceCurve
+        The pass, and the curve so far at the pass's forces, NaN where a run is missing. The last curve
+        of a pass has all runs: the numbers of `performance_curve` at that rate. After ``stop`` what
+        was not run stays NaN, and nothing follows.
+
+    Raises
+    ------
+    ParameterError, IntegrationError
+        As `simulate`.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, CurveCase, Pass, Scene, curve_passes, modal_model
+    >>> case = CurveCase(Scene(modal_model(Beam(modes=2))), [1.0, 2.0, 4.0], limits=(0.98, 1.0))
+    >>> for one, curve in curve_passes(case, [Pass(2, 100.0), Pass(faster=100.0)]):
+    ...     complete = curve.forces.tolist()
+    >>> complete
+    [1.0, 2.0, 4.0]
     """
     case = instance("case", case, CurveCase)
     stop = instance("stop", stop, Stop | None)

@@ -97,10 +97,24 @@ class Threads:
 
 @dataclass(frozen=True, eq=False)
 class Lane:
-    """One run of an ensemble, from rest, or from its loads' start.
+    """One run of an ensemble.
 
-    ``steady_start``: under harmonic loads it starts from the steady state of the linear structure (`find_steady_start`), without the transient
-    of a force that appears at once. ``initial``: a state of its own at time 0.
+    Parameters
+    ----------
+    scene : Scene
+        Structure with or without absorber.
+    drive : Drive or Loads
+        Force or loads over time.
+    steady_start : bool, optional
+        Start from the steady state of the linear structure under the harmonic loads
+        (`find_steady_start`), without the transient of a force that appears at once.
+    initial : InitialState, optional
+        State at time 0. None: rest, the loads' start, or the steady state.
+
+    Raises
+    ------
+    ParameterError
+        An argument is of another class.
     """
 
     scene: Scene
@@ -149,7 +163,30 @@ class LaneLevels(SavedResult):
 
 @dataclass(frozen=True, eq=False)
 class Members(SavedResult):
-    """What the members of an ensemble differ in, (M,) each: initial ``phases`` of the force in rad, and ``factors`` of its amplitude."""
+    """The random part of an ensemble's M members.
+
+    Parameters
+    ----------
+    phases : array_like, (M,)
+        Initial phases of the force in rad, added to its own.
+    factors : array_like, (M,)
+        Factors of the force's amplitude.
+
+    Raises
+    ------
+    ParameterError
+        A number is not finite, or there are not as many phases as factors.
+
+    See Also
+    --------
+    draw_members : Members from a seed.
+
+    Examples
+    --------
+    >>> from impact_env.ensemble import Members
+    >>> len(Members([0.0, 1.5], [1.0, 1.0]))
+    2
+    """
 
     phases: Array
     factors: Array
@@ -228,13 +265,49 @@ def run_lanes(
     executor: Executor | None = None,
     stop: Stop | None = None,
 ) -> LaneLevels:
-    """Run lanes with a method (default: Exact) on a number of threads (default: all cores); arrays of the result are (len(lanes),).
+    """Run lanes in parallel and return their response levels. Each is bit for bit what `simulate` gives.
 
-    An ``executor`` runs them elsewhere, with the same result; it has threads of its own, so that ``threads`` must be None.
+    Parameters
+    ----------
+    lanes : sequence of Lane, (L,)
+        Runs, which start in this order.
+    method : Exact, Moreau or RungeKutta, optional
+        Integration method (default: `Exact`).
+    threads : int, optional
+        Threads (default: all cores). The result does not depend on it.
+    samples_per_period : int, optional
+        Samples of the level in a pseudo period.
+    progress : callable, optional
+        ``progress(done, total)`` is called after each run.
+    most_events : int, optional
+        Budget of each run, see `simulate`.
+    executor : Executor, optional
+        Runs the lanes elsewhere, such as on a cluster, with the same result; without ``threads`` and
+        ``stop``.
+    stop : Stop, optional
+        Ends the runs from any other thread.
 
-    Each lane is bit for bit what `simulate` gives. Lanes start in the order given. A KeyboardInterrupt ends the run early: lanes under way
-    are finished (an executor drops them), the others stay NaN, ``complete`` is False; a second one is passed on. Raises ParameterError and
-    IntegrationError, with the lane named, as `simulate` does. ``most_events`` is the budget of each lane. Lanes that a ``stop`` ends stay NaN.
+    Returns
+    -------
+    LaneLevels
+        Arrays (L,). Lanes that a KeyboardInterrupt or ``stop`` left out are NaN, and ``complete`` is
+        False. After an interrupt lanes under way are finished (an executor drops them); a second
+        interrupt is raised.
+
+    Raises
+    ------
+    ParameterError, IntegrationError
+        As `simulate`, with the lane named.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, Drive, Scene, constant_frequency, modal_model
+    >>> from impact_env.ensemble import Lane, run_lanes
+    >>> scene = Scene(modal_model(Beam(modes=2)))
+    >>> schedule = constant_frequency(scene.model.resonance_omega(1), 1.0, 20.0)
+    >>> levels = run_lanes([Lane(scene, Drive(force, schedule)) for force in (1.0, 2.0)])
+    >>> print(f"{levels.level[1] / levels.level[0]:.6f}")
+    2.000000
     """
     method = Exact() if method is None else method
     require(

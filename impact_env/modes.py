@@ -189,14 +189,43 @@ MOST_HEAVINESS = 1e7
 
 @dataclass(frozen=True, eq=False)
 class ModalModel:
-    """Mass-normalised modes of the free beam (paper, Eq. eqmmod); every array is (N_m,), read-only.
+    """Mass-normalised modes of the structure without absorber (paper, Eq. eqmmod). Arrays are read-only.
 
-    omega in rad/s, damping_ratio dimensionless, force_shape and tip_shape in 1/sqrt(kg); ``beam_mass`` in kg makes a mass ratio a mass.
-    ``absorber_shapes`` (n, N_m): shapes at the places of several absorbers, or at those that one may be put on; None: there is the tip's alone.
-    ``response_shape`` (N_m,): that of the place where the response level is read; None: at the tip. ``stress_shape`` (N_m,): what fatigues, a stress,
-    strain or moment per modal displacement, in any unit; None: not known. ``base_participation`` (N_m,) in sqrt(kg): shapes^T M r with the rigid
-    displacement r for a unit motion of the base, None: not known; ``base_at_absorber``: r at the absorber's place. ``beam``: whose modes they are,
-    for `mode_shapes` elsewhere along it; None: of no beam.
+    Parameters
+    ----------
+    omega : array_like, (N_m,)
+        Natural circular frequencies in rad/s.
+    damping_ratio : array_like, (N_m,)
+        Modal damping ratios.
+    force_shape, tip_shape : array_like, (N_m,)
+        Mode shapes at the force's and at the absorber's place in 1/sqrt(kg).
+    beam_mass : float
+        Mass of the structure in kg, to which mass ratios refer.
+    absorber_shapes : array_like, (n, N_m), optional
+        Mode shapes at the places of several absorbers, or at those that an absorber may be put on.
+    response_shape : array_like, (N_m,), optional
+        Mode shape where the response level is read. None: at the tip.
+    stress_shape : array_like, (N_m,), optional
+        Stress, strain or moment per modal displacement, in any unit. None: not known.
+    base_participation : array_like, (N_m,), optional
+        shapes^T M r in sqrt(kg), with the rigid displacement r for a unit motion of the base. None:
+        not known.
+    base_at_absorber : float, optional
+        r at the absorber's place.
+    beam : Beam, optional
+        The beam whose modes they are, for `mode_shapes` elsewhere along it.
+
+    Raises
+    ------
+    ParameterError
+        Lengths differ, or a value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import ModalModel
+    >>> model = ModalModel([60.0, 380.0], [0.01, 0.01], [1.4, 1.4], [2.0, -2.0], beam_mass=1.0)
+    >>> model.modes
+    2
     """
 
     omega: NDArray[np.float64]

@@ -545,8 +545,34 @@ class NonlinearSink:
 class SlidingAbsorber:
     """A mass that slides along the tip's deflection, with walls, friction, or both (paper, section 2.2).
 
-    With walls it is the impact absorber, without them the friction damper. A part that is absent is None. ``gravity`` in m/s^2 is along its motion,
-    towards the lower wall, and acts on the absorber alone: the beam's displacement is measured from where its own weight holds it.
+    With walls it is the impact absorber, without them the friction damper.
+
+    Parameters
+    ----------
+    mass_ratio : float, optional
+        Mass of the absorber over the mass of the structure.
+    walls : RigidWalls, YieldingWalls or CompliantWalls, optional
+        Walls of the cavity. None: without.
+    friction : CoulombFriction or ElasticCoulombFriction, optional
+        Friction on the structure. None: without.
+    gravity : float, optional
+        Gravity in m/s^2 along the motion, towards the lower wall. It acts on the absorber alone: the
+        displacement of the structure is measured from where its own weight holds it.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range, or both walls and friction are absent.
+
+    See Also
+    --------
+    impact_absorber, friction_damper : The two kinds from single values.
+
+    Examples
+    --------
+    >>> from impact_env import CoulombFriction, RigidWalls, SlidingAbsorber
+    >>> SlidingAbsorber(walls=RigidWalls(1e-3, 0.7), friction=CoulombFriction(0.1)).walls.gap
+    0.001
     """
 
     mass_ratio: float = DEFAULT_MASS_RATIO
@@ -583,7 +609,32 @@ MOST_ABSORBERS = 4  # there is a regime for each set of them
 
 @dataclass(frozen=True)
 class SeveralAbsorbers:
-    """Two to four absorbers with rigid contact, each at its own place: ``positions`` are shares of the beam's length, from the clamp."""
+    """Two to four absorbers with rigid contact, each at a place of its own.
+
+    Parameters
+    ----------
+    absorbers : sequence of SlidingAbsorber, (n,)
+        The absorbers.
+    positions : sequence of float, (n,)
+        Their positions as shares of the beam's length, from the left end.
+
+    Raises
+    ------
+    ParameterError
+        There are not two to four, or not as many positions; or an absorber is on springs, or has
+        gravity.
+
+    See Also
+    --------
+    impact_absorbers : Absorbers that share one mass.
+
+    Examples
+    --------
+    >>> from impact_env import SeveralAbsorbers, impact_absorber
+    >>> pair = SeveralAbsorbers((impact_absorber(), impact_absorber()), (0.7, 1.0))
+    >>> len(pair.absorbers)
+    2
+    """
 
     absorbers: tuple[SlidingAbsorber, ...]
     positions: tuple[float, ...]

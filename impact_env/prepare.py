@@ -154,13 +154,34 @@ def prepare(
     record: Record | None = None,
     loads: Loads | None = None,
 ) -> Preparation:
-    """Begin to compile what `simulate` needs for a scene, a method (default: Exact) and a record (default: the level), and return at once.
+    """Begin to compile what `simulate` needs for a scene, and return at once.
 
-    ``loads``: what it is to be run under, if that is not one force.
+    A process of its own compiles for up to a minute, or loads kernels from the cache within two seconds; this process can go on computing. The other
+    process does not import the caller's module, so scripts need no guard.
 
-    A process of its own does so, up to a minute long; this one computes meanwhile what is ready. What is kept already takes it two seconds. It begins
-    anew, without the module of the caller, so scripts need no guard. Raises ParameterError if the method cannot do the scene.
+    Parameters
+    ----------
+    scene : Scene
+        Structure with or without absorber.
+    method : Exact, Moreau or RungeKutta, optional
+        Integration method (default: `Exact`).
+    record : Record, optional
+        What the runs record. Default: the response level.
+    loads : Loads, optional
+        Loads of the runs. None: one force.
 
+    Returns
+    -------
+    Preparation
+        The process: ``wait()`` returns when it has ended.
+
+    Raises
+    ------
+    ParameterError
+        The method cannot simulate the scene.
+
+    Examples
+    --------
     >>> from impact_env import beam_scene, impact_absorber, is_ready, prepare
     >>> scene = beam_scene(absorber=impact_absorber())
     >>> ready = is_ready(scene) or prepare(scene).wait()

@@ -56,7 +56,24 @@ DEFAULT_SAMPLES = 32  # per pseudo period: the harmonics of the tip that count a
 
 @dataclass(frozen=True)
 class Window:
-    """A part of a run: from ``start`` to ``end`` in s, ends included."""
+    """A part of a run.
+
+    Parameters
+    ----------
+    start, end : float
+        First and last time in s; samples at both are included.
+
+    Raises
+    ------
+    ParameterError
+        A time is not finite, or the end is not after the start.
+
+    Examples
+    --------
+    >>> from impact_env import Record, Window
+    >>> Record(series=Window(0.5, 1.0)).series.end
+    1.0
+    """
 
     start: float
     end: float

@@ -28,7 +28,32 @@ from impact_env.parameters import (
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A beam's modal model with at most one absorber, or with several whose places are the model's absorber shapes."""
+    """A structure with at most one absorber, or with several.
+
+    Parameters
+    ----------
+    model : ModalModel
+        Modes of the structure.
+    absorber : absorber, optional
+        None: the structure alone. Several absorbers are at the places of the model's
+        ``absorber_shapes``. An absorber whose walls have no clearance becomes a `StuckAbsorber`, the
+        same mechanics.
+
+    Raises
+    ------
+    ParameterError
+        An argument is of another class, or the model has not one place for each absorber.
+
+    See Also
+    --------
+    beam_scene : A scene from a beam, or from the structure of a file.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, Scene, modal_model
+    >>> Scene(modal_model(Beam(modes=2)))
+    Scene(2 modes, no absorber)
+    """
 
     model: ModalModel
     absorber: Absorber | None = None
