@@ -99,8 +99,8 @@ class SavedResult:
                 temporary.write_text(self.to_json(), encoding="utf-8")
                 return
             arrays: Arrays = {}
-            skeleton = json.dumps(encode(self, arrays))
-            np.savez_compressed(temporary, **{SKELETON: np.array(skeleton)}, **arrays)
+            arrays[SKELETON] = np.array(json.dumps(encode(self, arrays)))
+            np.savez_compressed(temporary, **arrays)  # type: ignore[arg-type]  # names of arrays alone
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
