@@ -49,6 +49,7 @@ LONGER = 4  # times the window: of motions that it leaves undecided
 EXPONENT_TOL = 0.01  # per period: half the width of an exponent's interval that decides
 ROTATION_TOL = 1e-3  # turns: change of a rotation number that has converged
 SPREAD_TOL = 0.1  # relative: a section whose size changes more from half to half has not settled
+TANGENT_LEAD = SETTLING_STRETCHES * STRETCH_LENGTH  # periods in which a tangent vector turns
 FREQUENCY = "frequency"
 PARAMETERS = {  # of diagrams and basins: the field of `Case` for each name
     FREQUENCY: "omega",
@@ -241,6 +242,7 @@ def _run(case: Case, state: Array, periods: int) -> _Stretch:
     impacts = response.recorded.impacts
     samples = _states_of(history)[: periods * SAMPLES + 1]
     states = samples[::SAMPLES].copy()
+    states[0] = state  # bit for bit, so that a run from it is the same run
     states[-1] = response.end_state
     return _Stretch(
         states,
@@ -352,19 +354,24 @@ def settle_motion(
             )
     if with_exponent:
         return _judge_longer(case, y, done, options)
-    stretch = _run(case, y, options.window)
+    window = TANGENT_LEAD + options.window
+    stretch = _run(case, y, window)
+    late = _settled_late(case, stretch, done, options)
+    if late is not None:
+        return late
     points = stretch.states[:-1] / unit
     rotation = _find_rotation(stretch, points, options)
     kind = MotionKind.QUASI_PERIODIC if _is_circle(rotation, points) else MotionKind.CHAOTIC
-    return _settled(case, kind, stretch, options.window, done, None, rotation=rotation)
+    return _settled(case, kind, stretch, window, done + window, None, rotation=rotation)
 
 
 def judge_motion(motion: SettledMotion, options: SettleOptions | None = None) -> SettledMotion:
-    """Return a motion that does not repeat with its largest exponent, from its state on, and of the kind that follows; others as they are."""
+    """Return a motion that does not repeat with its largest exponent over the same window, and of the kind that follows; others as they are."""
     if motion.exponent is not None or motion.captured is not None:
         return motion
     options = SettleOptions() if options is None else options
-    return _judge_longer(motion.case, motion.state, motion.periods, options)
+    before = motion.periods - len(motion.section.states)
+    return _judge_longer(motion.case, motion.section.states[0], before, options)
 
 
 def _find_rotation(
@@ -377,10 +384,13 @@ def _find_rotation(
 
 def _judge_longer(case: Case, y: Array, done: int, options: SettleOptions) -> SettledMotion:
     """Return the motion from a state (2 N_m + 2,) on that does not repeat; what a window leaves undecided has a longer one."""
-    lead = SETTLING_STRETCHES * STRETCH_LENGTH
+    lead = TANGENT_LEAD
     unit = units_of(case)
     for window in (options.window, LONGER * options.window):
         stretch = _run(case, y, lead + window)
+        late = _settled_late(case, stretch, done, options)
+        if late is not None:
+            return late
         exponent = _twin_exponent(case, stretch.states)
         points = stretch.states[lead:-1] / unit
         rotation = _find_rotation(stretch, points, options)
@@ -388,7 +398,39 @@ def _judge_longer(case: Case, y: Array, done: int, options: SettleOptions) -> Se
         if kind is not MotionKind.UNDECIDED or rotation is None:
             break
     return _settled(
-        case, kind, stretch, window, done + lead, None, exponent=exponent, rotation=rotation
+        case,
+        kind,
+        stretch,
+        window,
+        done + lead + window,
+        None,
+        exponent=exponent,
+        rotation=rotation,
+    )
+
+
+def _settled_late(
+    case: Case, stretch: _Stretch, done: int, options: SettleOptions
+) -> SettledMotion | None:
+    """Return the motion on which a run of at least the window has settled, periodic or without impacts; None if it has not."""
+    points = stretch.states / units_of(case)
+    last = float(stretch.time[-1]) / case.period if len(stretch.time) else 0.0
+    end = done + len(points) - 1
+    if last < len(points) - 1 - CHUNK:
+        captured = done + round(last)
+        return _settled(case, MotionKind.NO_IMPACTS, stretch, COMPARED_PERIODS, end, captured)
+    multiple = _find_multiple(points, options.most_multiple, SETTLED_TOL)
+    if not multiple:
+        return None
+    return _settled(
+        case,
+        MotionKind.PERIODIC,
+        stretch,
+        COMPARED_PERIODS // multiple * multiple,
+        end,
+        done + _capture_time(points[:-1], points, multiple),
+        multiple=multiple,
+        symmetric=_is_symmetric(stretch.samples / units_of(case), multiple, RETURN_TOL),
     )
 
 

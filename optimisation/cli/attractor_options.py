@@ -85,6 +85,7 @@ def case_from(options: dict[str, Any]) -> Case:
     options |= dict.fromkeys(
         ("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping")
     )
+    options["resonance"] = 1  # whose frequency --at is a ratio to
     refuse_parts(options)
     force = positive("--force", options["force"])
     ratio = positive("--at", options["at"])

@@ -31,6 +31,7 @@ from optimisation.page import markdown
 from optimisation.progress import runs_bar
 from optimisation.report.attractor_figures import map_class, save_attractor_map, save_basins
 
+LEAST_EXITS = 10  # runs captured after the burn-in, from which on a lifetime is printed
 BASIN_COLUMNS = (
     "parameter",
     "value",
@@ -95,11 +96,11 @@ def basin_table(points: list[BasinPoint]) -> str:
 
 
 def lifetime_lines(points: list[BasinPoint]) -> list[str]:
-    """Return a line for each point at which runs left a transient after the burn-in."""
+    """Return a line for each point at which several runs left a transient after the burn-in."""
     lines = []
     for point in points:
         life = point.lifetimes
-        if life.ended == 0:
+        if life.ended < LEAST_EXITS:
             continue
         low, high = life.interval
         place = "" if point.value is None else f"{point.parameter} {point.value:.6g}: "

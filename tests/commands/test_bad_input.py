@@ -403,6 +403,7 @@ FULL = {  # a word of the answer, by the line
     "sweep --modes 2 --from 0.98 --to 1 --rate 10 --json a.json": "response level",
     "isola --modes 1 --from 0.93 --csv a.csv": "restitution",
     "manifold --modes 1 --points 0 --json a.json": "classical",
+    "section --structure {steel} --restitution 0.7 --gap 5e-4 --force 0.25 --periods 100 --window 80 --json a.json": "rotation number",
     "tune_ltva --quick --modes 2 --out .": "Den Hartog",
 }
 

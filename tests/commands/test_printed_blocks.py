@@ -26,6 +26,7 @@ PAGES = {
     "docs/your_structure.md": 3,
     "docs/periodic_python.md": 1,
     "docs/slow_manifold.md": 3,
+    "docs/basins.md": 2,
     "docs/frequency_domain.md": 2,
     "docs/loads.md": 1,
     "docs/which_gap.md": 5,
