@@ -31,7 +31,7 @@ from impact_env.periodic.shooting import (
     units_of,
 )
 from impact_env.periodic.survey import RETURN_TOL, orbit_next_to
-from impact_env.response import History, Record
+from impact_env.results import History, Record
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 

@@ -25,7 +25,7 @@ from impact_env.periodic.hybrid_flow import (
     relative_rows,
 )
 from impact_env.periodic.passage import HOLDING_WALLS, RECORD, TrajectoryError
-from impact_env.response import Record, Response
+from impact_env.results import Record, Response
 from impact_env.scene import InitialState
 from impact_env.sweep import IntegrationError, simulate
 

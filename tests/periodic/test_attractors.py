@@ -27,7 +27,7 @@ from impact_env.periodic.bifurcations import TORUS
 from impact_env.periodic.diagrams import diagram_branches, diagram_points
 from impact_env.periodic.motion import stability_of
 from impact_env.periodic.orbit_branches import orbit_branch
-from impact_env.response import Record
+from impact_env.results import Record
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
 
