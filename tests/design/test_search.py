@@ -118,10 +118,10 @@ def test_winner_is_chosen_and_judged_on_held_out_members() -> None:
     model = Model()
     study = DesignStudy(problem(), settings())
     study.run(DESIGNS, model)
-    searched = {run[3] for run in model.seen}
+    searched = {run[3] for run in model.calls}
     judge = Model()
     judged = verdict(study.problem, study.complete, judge, finalists=2)
-    assert not searched & {run[3] for run in judge.seen}
+    assert not searched & {run[3] for run in judge.calls}
     assert judged.winner.members.shape == (1, 4)
     assert judged.gain.low <= judged.gain.ratio <= judged.gain.high
     assert judged.gain.ratio == pytest.approx(
@@ -130,10 +130,10 @@ def test_winner_is_chosen_and_judged_on_held_out_members() -> None:
     assert dict(judged.paper.design.values) == dict(study.problem.space.paper.values)
     levels = judged.levels(study.problem.conditions)
     assert levels.median[0] == pytest.approx(np.median(judged.winner.levels, axis=0))
-    checked_on = {run[3] for run in judge.seen}
+    checked_on = {run[3] for run in judge.calls}
     audited = Model()
     audit(study, audited, designs=3)
-    assert not (searched | checked_on) & {run[3] for run in audited.seen}
+    assert not (searched | checked_on) & {run[3] for run in audited.calls}
     checked = audit(study, Model(), designs=3)
     assert checked.designs == 3
     assert 0 <= checked.missed <= 3

@@ -188,7 +188,7 @@ def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(
     tested, plan, executor = case(kind)
     whole = executor()
     expected = list_results(find(tested, plan, None, whole))
-    last = len(whole.seen) - 3
+    last = len(whole.calls) - 3
     for stop in (
         (5, last) if kind == "gp" else (0, 31, last)
     ):  # a search that fits its model again at every step takes seconds
@@ -200,10 +200,10 @@ def test_search_goes_on_where_it_was_broken_off_and_runs_nothing_twice(
         except KeyboardInterrupt:
             assert stop > 31  # it came while the finalists were judged
         assert list_results(find(tested, plan, file, second)) == expected
-        assert Counter(first.seen + second.seen) == Counter(whole.seen)
+        assert Counter(first.calls + second.calls) == Counter(whole.calls)
         again = executor()
         assert list_results(find(tested, plan, file, again)) == expected
-        assert again.seen == []
+        assert again.calls == []
 
 
 def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,7 +251,7 @@ def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_m
 def test_abandoned_runs_are_stored_as_such(tmp_path: Path) -> None:
     class Failing(Bowl):
         def value(self, chunk: object, lane: object) -> float:
-            return np.nan if self.seen[-1][0] > 1.0 else super().value(chunk, lane)
+            return np.nan if self.calls[-1][0] > 1.0 else super().value(chunk, lane)
 
     tested, plan, _ = case("friction")
     failing: Executor = Failing()
@@ -259,4 +259,4 @@ def test_abandoned_runs_are_stored_as_such(tmp_path: Path) -> None:
     assert any(e.score.failed for e in findings.evaluated)
     again = Failing()
     assert list_results(find(tested, plan, tmp_path / "a.journal", again)) == list_results(findings)
-    assert again.seen == []
+    assert again.calls == []

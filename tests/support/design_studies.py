@@ -52,7 +52,7 @@ def values_of(problem: Problem, design: Design | None = None) -> Array:
 class Model:
     """An executor that puts a formula in the simulator's place: a bowl around gap 0.6 mm and restitution 0.5, with a ripple by phase.
 
-    ``seen`` counts the runs of each chunk; a ``log`` gets a line for each; KeyboardInterrupt comes in place of chunk number ``stop``.
+    ``calls`` counts the runs of each chunk; a ``log`` gets a line for each; KeyboardInterrupt comes in place of chunk number ``stop``.
     """
 
     stop: int | None = None
@@ -61,12 +61,12 @@ class Model:
 
     def each(self, _function, chunks, _kinds):
         for k, chunk in enumerate(chunks):
-            if self.stop is not None and len(self.seen) == self.stop:
+            if self.stop is not None and len(self.calls) == self.stop:
                 raise KeyboardInterrupt
-            self.seen.append(self.about(chunk))
+            self.calls.append(self.about(chunk))
             if self.log is not None:
                 with self.log.open("a") as file:
-                    file.write(repr(self.seen[-1]) + "\n")
+                    file.write(repr(self.calls[-1]) + "\n")
             yield k, np.array([[self.value(chunk, lane)] for lane in chunk.lanes])
 
     def about(self, chunk: Chunk) -> tuple[object, ...]:
@@ -98,7 +98,7 @@ class Bowl(Model):
         return *numbers, drive.amplitude, drive.phase, len(chunk.lanes)
 
     def value(self, chunk: Chunk, lane: Lane) -> float:  # noqa: ARG002 - as above
-        numbers = [float(x) for x in self.seen[-1][:-3]]
+        numbers = [float(x) for x in self.calls[-1][:-3]]
         bottom = [0.3] if len(numbers) == 1 else [600.0, 0.5]
         return float(
             1e-4
