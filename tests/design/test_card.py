@@ -16,6 +16,7 @@ from optimisation.gap_card import service_loads
 from optimisation.report.card import Card, Chart, Curve, Row, content, page, text, write_card
 from optimisation.report.cards import tuning_card
 from optimisation.report.gap_report import card as gap_card
+from optimisation.report.gap_report import text as gap_table
 from optimisation.report.tuning_report import Tuning, TuningTable
 from optimisation.tuned import den_hartog, highest_amplitude
 
@@ -132,6 +133,10 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
         steady_start=True,
     )
     assert card_rows["at 3.5 N, median of 1 runs"] == pytest.approx(1e3 * curve.median[0])
+    cells = [line.strip("|").split("|") for line in gap_table(advice).splitlines()[2:]]
+    levels = [(row[2].strip(), row[3].strip()) for row in cells]
+    assert levels
+    assert not [level for level, band in levels if band == f"{level} to {level}"]  # of one run
     impacts = curve.lanes.impacts[0, 0]
     time = (
         1e4 * (advice.check.limits[1] - advice.check.limits[0]) / 40.0 * 2 * np.pi / model.omega[0]
