@@ -149,6 +149,7 @@ design_place --force 3
     --constraint weight 1 -> 'weight' is not one of 'stroke', 'impact_speed'
     --device nowhere/a.json -> --device = nowhere/a.json is not allowed
 design_place --force 1e-9
+    --load random:20:60:0.05:1e9 -> --load is not possible here
     -> force = '1e-09 N near resonance 1, mass ratio 0.01' is not allowed: one for which the design rule gives a gap
 optimise_design
     --at 1:1e300 --at 2:1 -> force = 1e+300 is not allowed: above 0 and at most 1e+12 N

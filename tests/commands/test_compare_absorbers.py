@@ -166,6 +166,7 @@ def test_a_level_that_is_read_at_an_end_of_the_sweeps_is_warned_of(study: Compar
     assert any("end of the sweeps" in line for line in comparison_card(other).warnings)
 
 
+@pytest.mark.slow
 def test_a_quick_comparison_writes_all_files(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -152,6 +152,7 @@ def assert_same_beginning(one: Response, other: Response, factor: float) -> None
     )
 
 
+@pytest.mark.slow
 @few
 @given(scenes(st.one_of(rigid, dampers, compliant, elastic), 10), drives, powers(-3, 3))
 def test_scaling_law(scene: Scene, drive: Drive, factor: float) -> None:

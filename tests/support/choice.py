@@ -17,7 +17,7 @@ QUICK = _files(
         "kernels": "check energies exact_contacts linear properties records several stepping",
         "simulator": "bad_input controlled ensemble model frequency plain structure",
         "periodic": "continuation periodic_closed_form periodic_orbits",
-        "environments": "environments evaluation lanes scores",
+        "environments": "environments evaluation scores",
         "design": "bounds designs objectives structure_design",
         "studies": "study_pattern",
         "commands": "bad_input compare_absorbers sweep_script",

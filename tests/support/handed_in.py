@@ -46,7 +46,7 @@ DRIVE = Drive(3.5, constant_frequency(OMEGA, 0.98, 2.0))
 SEVERAL = impact_absorbers([1e-3, 2e-3], [1.0, 0.7], 0.7)
 LONG = 1e5  # rad of the fastest motion: longer runs are right too, but not made here
 # events: what is extreme may chatter without end, which is an error with words of its own
-FEW = 200
+FEW = 2000
 
 NUMBERS = (
     0,
