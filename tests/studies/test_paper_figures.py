@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from drawing import line, saved_figures
+from matplotlib import rc_context
+from matplotlib.legend import Legend
+from matplotlib.text import Text
 
 from impact_env.curve import CurveCase, performance_curve
 from impact_env.drive import Drive, constant_frequency, linear_sweep
@@ -37,7 +40,7 @@ from studies.paper.curve import (
     read_curve,
     to_plain_curve,
 )
-from studies.paper.frame import PaperFigure, PaperSettings, Size, make_saver
+from studies.paper.frame import RC, SMALL, PaperFigure, PaperSettings, Size, make_saver
 from studies.paper.study import FIGURES, make_paths
 from studies.study import Json, read_measurement
 
@@ -349,3 +352,22 @@ def test_published_claims_are_those_of_the_published_numbers_and_each_text_is_ju
         rows = list(csv.DictReader(file))
     assert [row["statement"] for row in rows] == [one.statement for one in claims]
     assert all(one.statement[1:] in page for one in claims if one.verdict is not ClaimVerdict.HOLDS)
+
+
+@pytest.mark.parametrize("label", ["SMR", "scat", "dissinf", "varom", "high_low", "m12", "further"])
+def test_letters_of_published_figures_can_be_read_and_legends_are_short(label: str) -> None:
+    figure = next(figure for figure in FIGURES if figure.label == label)
+    with rc_context(RC):
+        drawing = figure.draw(read_measurement(figure.part(), make_paths(DOCS)).values)
+    texts = [text for text in drawing.findobj(Text) if text.get_text() and text.get_visible()]
+    assert min(text.get_fontsize() for text in texts) >= SMALL
+    legends = drawing.findobj(Legend)
+    assert all(len(legend.get_texts()) <= 9 for legend in legends)
+    names = [text.get_text() for legend in legends for text in legend.get_texts()]
+    if label == "high_low":
+        assert "fold (saddle node)" in names
+    if label == "further":
+        x, y = line(drawing.axes[0], "sweep up")
+        rows = read_measurement(figure.part(), make_paths(DOCS)).values["limits"]
+        assert x.tolist() == [row["force_n"] for row in rows]
+        assert y.tolist() == [row["up"]["first_impact"] for row in rows]
