@@ -54,6 +54,7 @@ if TYPE_CHECKING:
         plain_hybrid_orbit,
         shoot_hybrid,
     )
+    from impact_env.periodic.normal_forms import MapForms
     from impact_env.periodic.offspring import descendants
     from impact_env.periodic.orbit import (
         Orbit,
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
         unpacked,
     )
     from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
+    from impact_env.periodic.orbit_map import critical_point_of
     from impact_env.periodic.quasi_periodic import RotationNumber, rotation_number
     from impact_env.periodic.residence import (
         Approach,
@@ -92,6 +94,7 @@ __all__ = [
     "Exponent",
     "Hazard",
     "ManifoldCheck",
+    "MapForms",
     "NoOrbit",
     "Orbit",
     "OrbitBranch",
@@ -108,6 +111,7 @@ __all__ += [
     "confirmed",
     "confirmed_bifurcation",
     "critical_multipliers",
+    "critical_point_of",
     "descendants",
     "exit_rate",
     "find_basins",
@@ -195,9 +199,11 @@ _MODULES = {
         "plain_hybrid_orbit",
         "shoot_hybrid",
     ),
+    "normal_forms": ("MapForms",),
     "offspring": ("descendants",),
     "orbit": ("Orbit", "confirmed", "orbit_of", "plain_orbit", "shot_orbit", "unpacked"),
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
+    "orbit_map": ("critical_point_of",),
     "quasi_periodic": ("RotationNumber", "rotation_number"),
     "residence": ("Approach", "Hazard", "Range", "exit_rate", "hazard", "jumps", "stays"),
     "shooting": ("Exponent", "largest_exponent"),

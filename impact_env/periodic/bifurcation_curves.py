@@ -101,7 +101,6 @@ CURVE_KINDS = (*MULTIPLIER_KINDS, *CONTACT_KINDS)
 GRAZING_FOLD = "grazing-fold"
 DOUBLE_GRAZING = "double grazing"
 START_KINDS = {LOSS_OF_CONTACT: PULLING}  # where a branch has another name for it
-CLEAR_STEP = 1e-6  # of a step of the curve: how far from a touch the orbit is confirmed
 TOUCH_DRIFT = 0.05  # rad: how far a place of touching moves before the residual has its new place
 CACHED_POINTS = (
     4  # of a curve, with their normal forms: the two ends of a step, and the root search's own
@@ -303,37 +302,24 @@ class BifurcationCurve(Scheduled):
 
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
-        """Kind and orbit, or why it is none, of each place located on the curve."""
+        """Kind and orbit, or why it is none, of each place located on the curve.
+
+        Where a wall is touched that is the orbit next to it, clear of the wall.
+        """
         orbits = []
         for event, (kind, solution) in zip(self.branch.located, self.places(), strict=True):
             if kind == KINK:
                 continue
-            touches = kind in (GRAZING, GRAZING_FOLD) and self.kind in MULTIPLIER_KINDS
+            touches = kind in (GRAZING, GRAZING_FOLD, DOUBLE_GRAZING)
             nearby = self._on_clear_side(event) if touches else solution
             orbits.append((kind, self._confirmed(motion_of(nearby))))
         return tuple(orbits)
 
     def _on_clear_side(self, event: SpecialPoint) -> Solution:
-        """Return a solution of the curve next to one that touches a wall, on the side where the absorber stays clear of it.
-
-        Whether the exact method finds an impact at a touch is decided by last bits.
-        """
-        best = None
-        clearance = -np.inf
-        for k in (event.after, event.after + 1):
-            if k >= len(self.branch) or len(self.branch.points[k]) != len(event.point):
-                continue
-            z = event.point + CLEAR_STEP * (self.branch.points[k] - event.point)
-            value = event.parameter + CLEAR_STEP * (self.branch.parameters[k] - event.parameter)
-            solution = self.at(self.schedules[k], z, float(value))
-            here = motion_of(solution).clearance
-            if here > clearance:
-                best = solution
-                clearance = here
-        return (
-            self.at(self.schedules[event.after], event.point, event.parameter)
-            if best is None
-            else best
+        """Return the neighbouring point of the curve at which the absorber stays clear of the wall that it touches at a place located."""
+        sides = [k for k in (event.after, event.after + 1) if k < len(self.branch)]
+        return max(
+            (self.solution(k) for k in sides), key=lambda solution: motion_of(solution).clearance
         )
 
     def _confirmed(self, motion: Motion) -> Orbit | NoOrbit:
@@ -369,14 +355,16 @@ class BifurcationCurve(Scheduled):
 
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings; values of the parameter in SI units, orbits as `packed` has them."""
+        events = [event for event in self.branch.located if event.kind != KINK]
+        first_resonance = float(self.case.model.omega[0])
         places = [
             {
                 "kind": kind,
-                "omega_ratio": at.case.omega_ratio,
-                "value": self._value(at),
+                "omega_ratio": float(event.point[-1]) / first_resonance,
+                "value": event.parameter,
                 "orbit": _describe_orbit(at),
             }
-            for kind, at in self.located
+            for event, (kind, at) in zip(events, self.located, strict=True)
         ]
         first = self.schedules[0]
         return {
@@ -386,7 +374,7 @@ class BifurcationCurve(Scheduled):
             "symmetric": first.symmetric,
             "closed": self.branch.closed,
             "ended": self.branch.message,
-            "omega_ratio": (self.omega / float(self.case.model.omega[0])).tolist(),
+            "omega_ratio": (self.omega / first_resonance).tolist(),
             "value": self.branch.parameters.tolist(),
             "multiplier": [
                 [_finite(m.real), _finite(m.imag)]
@@ -403,9 +391,6 @@ class BifurcationCurve(Scheduled):
             "located": places,
             "orbits": packed(self.orbits),
         }
-
-    def _value(self, at: Orbit | NoOrbit) -> float:
-        return float(getattr(at.case, self.branch.parameter))
 
 
 def _describe_orbit(orbit: Orbit | NoOrbit) -> str:

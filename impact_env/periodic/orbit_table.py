@@ -22,6 +22,8 @@ ORBIT_COLUMNS = (
     "gap_m",
     "restitution",
     "friction_limit_N",
+    "damping_ratio",  # of the first mode, where it is the parameter
+    "absorber_position",  # share of the beam's length, where it is the parameter
     "period_multiple",
     "symmetric",
     "impacts",
@@ -32,6 +34,8 @@ ORBIT_COLUMNS = (
     "largest_multiplier",  # modulus, over half a period of a symmetric orbit
     "multiplier_real",  # of the multiplier on the unit circle at a bifurcation
     "multiplier_imag",
+    "coefficient",  # of the normal form at a bifurcation
+    "criticality",  # supercritical or subcritical
     "residual",
     "orbit",  # yes, or why it is none
 )
@@ -153,6 +157,8 @@ def branch_rows(curves: Iterable[Plain], key: str = "omega_ratio") -> Iterator[R
                 "tip_max_m": place["tip_max_m"],
                 "multiplier_real": pairs[0][0],
                 "multiplier_imag": pairs[0][1],
+                "coefficient": place.get("coefficient", ""),
+                "criticality": place.get("criticality", ""),
                 ORBIT: CONFIRMED if curve["method"] == EXACT_ORBITS else "",
             }
             yield make_row({**shared, **mark})
@@ -175,9 +181,9 @@ def bifurcation_rows(curves: Iterable[Plain], key: str) -> Iterator[Row]:
             for name, value in _shared(orbits, key).items()
             if name not in ("omega_ratio", "omega_rad_s")
         }
-        names = ("omega_ratio", "value", "multiplier", "orbit")
+        names = ("omega_ratio", "value", "multiplier", "coefficient", "criticality", "orbit")
         points = zip(orbits, *(curve[name] for name in names), strict=True)
-        for orbit, ratio, value, (real, imaginary), reason in points:
+        for orbit, ratio, value, (real, imaginary), coefficient, criticality, reason in points:
             own: dict[str, object] = {} if orbit is None else read_orbit(orbit)
             own |= {
                 "kind": curve["kind"],
@@ -185,6 +191,8 @@ def bifurcation_rows(curves: Iterable[Plain], key: str) -> Iterator[Row]:
                 key: value,
                 "multiplier_real": real,
                 "multiplier_imag": imaginary,
+                "coefficient": coefficient,
+                "criticality": criticality,
                 ORBIT: reason,
             }
             yield make_row({**shared, **own, **head})

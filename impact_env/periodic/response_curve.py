@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from impact_env.parameters import require
 from impact_env.periodic.bifurcations import ON_CIRCLE, confirmed_bifurcation, critical_multipliers
 from impact_env.periodic.branch import FOLD, KINK, Branch
+from impact_env.periodic.codimension_two import LABELS
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA_PARAMETER, Balance, hill_multipliers
 from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.orbit import packed
 from impact_env.periodic.orbit_branches import CHECKED_KINDS, OrbitBranch
+from impact_env.periodic.orbit_map import critical_point_of
 
 Real = NDArray[np.float64]
 EXACT = "exact orbits"
@@ -28,12 +30,18 @@ SAME_POINT_TOL = (
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """Something located on a curve: ``kind`` is "fold", "torus" and the like. ``multipliers``: those on the unit circle, empty if unknown."""
+    """Something located on a curve: ``kind`` is "fold", "torus" and the like.
+
+    ``multipliers``: those on the unit circle, empty if unknown; ``coefficient`` of the normal form and
+    ``criticality`` (see `impact_env.periodic.codimension_two.CriticalPoint`), None if unknown.
+    """
 
     kind: str
     omega_ratio: float
     tip_max: float
     multipliers: tuple[complex, ...] = ()
+    coefficient: float | None = None
+    criticality: str | None = None
 
     def to_plain(self) -> dict[str, Any]:
         """Return a dict; keys with their units, multipliers as pairs of a real and an imaginary part."""
@@ -42,11 +50,11 @@ class CurvePoint:
             "omega_ratio": self.omega_ratio,
             "tip_max_m": self.tip_max,
         }
-        return plain | (
-            {"multipliers": [[m.real, m.imag] for m in self.multipliers]}
-            if self.multipliers
-            else {}
-        )
+        if self.multipliers:
+            plain["multipliers"] = [[m.real, m.imag] for m in self.multipliers]
+        if self.coefficient is not None:
+            plain |= {"coefficient": self.coefficient, "criticality": self.criticality}
+        return plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +150,8 @@ class ResponseCurve:
                 mark["omega_ratio"],
                 mark["tip_max_m"],
                 tuple(complex(*pair) for pair in mark.get("multipliers", ())),
+                mark.get("coefficient"),
+                mark.get("criticality"),
             )
             for mark in plain["located"]
         )
@@ -235,6 +245,7 @@ def orbit_curve(
             getattr(motion.solution.case, orbits.branch.parameter) / reference,
             motion.tip_max,
             _critical(kind, motion),
+            *_normal_form(kind, motion),
         )
         if not any(
             mark.kind == known.kind and abs(mark.omega_ratio - known.omega_ratio) < SAME_POINT_TOL
@@ -266,6 +277,15 @@ def _critical(kind: str, motion: Motion) -> tuple[complex, ...]:
         return ()
     result = critical_multipliers(kind, stability_of(motion).multipliers)
     return tuple(complex(m) for m in result)
+
+
+def _normal_form(kind: str, motion: Motion) -> tuple[float | None, str | None]:
+    """Return coefficient and criticality of a bifurcation; None at a place that is none, or has no normal form."""
+    if kind not in LABELS:
+        return None, None
+    point = critical_point_of(kind, motion)
+    finite = np.isfinite(point.coefficient)
+    return (point.coefficient if finite else None), point.criticality
 
 
 def _marks(orbits: OrbitBranch, folds: Iterable[Motion] | None) -> Iterator[tuple[str, Motion]]:

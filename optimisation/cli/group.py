@@ -41,6 +41,7 @@ HEADINGS = {
 # subcommands of ``periodic``, in the order of its help, and their modules
 PERIODIC = {
     "orbits": "orbits",
+    "curves": "curves",
     "isola": "isola",
     "manifold": "manifold",
     "basins": "basins",

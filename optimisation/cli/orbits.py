@@ -70,6 +70,7 @@ from optimisation.cli.common import (
     json_option,
     name_files,
     plain_errors,
+    stack_options,
     stop_on_interrupt,
 )
 from optimisation.cli.scene_options import (
@@ -97,9 +98,18 @@ TO = 1.06
 POINTS = 81
 AROUND = 21
 RANGE = 0.02
-ALONG = ("force", "gap", "restitution", "friction-limit")
-BRANCH_PARAMETERS = (*ALONG, "frequency")
-CURVES = [kind.replace(" ", "-") for kind in CURVE_KINDS]
+# parameters that branches and curves are followed over, and their names in Python
+PARAMETER_NAMES = {
+    "force": "force",
+    "gap": "gap",
+    "restitution": "restitution",
+    "friction-limit": "friction_limit",
+    "mass-ratio": "mass_ratio",
+    "damping": "damping_ratio",
+    "position": "absorber_position",
+}
+BRANCH_PARAMETERS = (*PARAMETER_NAMES, "frequency")
+CURVES = {kind.replace(" ", "-"): kind for kind in CURVE_KINDS}
 OPTIONS_OF_FILE = (
     "structure",
     "modes",
@@ -114,6 +124,9 @@ UNITS = {  # of each of these: its name in files, in figures, and the figure's u
     "gap": ("gap_m", "gap in mm", 1e3),
     "restitution": ("restitution", "restitution", 1.0),
     "friction-limit": ("friction_limit_N", "friction limit in N", 1.0),
+    "mass-ratio": ("mass_ratio", "mass ratio", 1.0),
+    "damping": ("damping_ratio", "damping ratio of the first mode", 1.0),
+    "position": ("absorber_position", "place of the absorber over the length", 1.0),
 }
 ShowProgress = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
@@ -202,7 +215,7 @@ def around(
 
 def along(case: Case, options: dict[str, Any], show: ShowProgress) -> Iterator[ResponseCurve]:
     """Yield the branches of the symmetric orbits at one frequency over another parameter, each once."""
-    name = options["along"].replace("-", "_")
+    name = PARAMETER_NAMES[options["along"]]
     known = list[Array]()
     at = case.changed(omega=options["at"] * case.omega)
     low, high = options["over"]
@@ -237,6 +250,7 @@ def along_text(found: list[ResponseCurve], name: str) -> str:
     for number, curve in enumerate(found, 1):
         places = ", ".join(
             f"{mark.kind} {mark.omega_ratio:.6g}"
+            + ("" if mark.criticality is None else f" ({mark.criticality})")
             for mark in sorted(curve.located, key=lambda mark: mark.omega_ratio)
         )
         peak = (
@@ -255,7 +269,7 @@ def two_parameters(
 ) -> Iterator[dict[str, Any]]:
     """Yield the plain forms of the curves of bifurcations through the branches over the frequency, over that and a second parameter."""
     first = case.omega
-    name = options["second"].replace("-", "_")
+    name = PARAMETER_NAMES[options["second"]]
     limits = (options["start"] * first, options["stop"] * first)
 
     def show_points(what: str, points: int, _value: float) -> None:
@@ -274,7 +288,7 @@ def two_parameters(
             raise KeyboardInterrupt
         for curve in bifurcation_curves(
             branches,
-            [kind.replace("-", " ") for kind in options["curve"]],
+            [CURVES[kind] for kind in options["curve"]],
             name,
             options["over"],
             limits,
@@ -548,7 +562,11 @@ def run(options: dict[str, Any]) -> FoundOrbits:
         )
     case = case_of(options)
     if options["curve"]:
-        (low, high), own = options["over"], getattr(case, options["second"].replace("-", "_"))
+        low, high = options["over"]
+        name = PARAMETER_NAMES[options["second"]]
+        own = getattr(case, name)
+        for limit in (low, high):
+            case.changed(**{name: limit})  # raises where it is not allowed
         require(
             low <= own <= high,
             "--over",
@@ -627,58 +645,65 @@ def asked_for(case: Case, options: dict[str, Any]) -> FoundOrbits:
     return FoundOrbits("\n".join(lines), orbit_files(options, plain), complete[0])
 
 
+case_options = stack_options(
+    (
+        structure_option,
+        scene_option,
+        click.option(
+            "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
+        ),
+        click.option(
+            "--damping",
+            type=float,
+            default=Beam.damping_ratio,
+            show_default=True,
+            help="Modal damping ratio, the same for all modes.",
+        ),
+        click.option(
+            "--mass-ratio",
+            type=float,
+            default=DEFAULT_MASS_RATIO,
+            show_default=True,
+            help="Absorber mass over beam mass.",
+        ),
+        click.option("--gap", type=float, help=GAP_HELP),
+        click.option(
+            "--restitution",
+            type=float,
+            default=RigidWalls.restitution,
+            show_default=True,
+            help="Coefficient of restitution, 0 to 1.",
+        ),
+        click.option(
+            "--friction-limit",
+            type=float,
+            default=0.0,
+            show_default=True,
+            help="Friction limit in N; 0: no friction.",
+        ),
+        click.option("--force", type=float, help=FORCE_HELP),
+        click.option(
+            "--from",
+            "start",
+            type=float,
+            default=FROM,
+            show_default=True,
+            help="First frequency over that of the first resonance.",
+        ),
+        click.option(
+            "--to",
+            "stop",
+            type=float,
+            default=TO,
+            show_default=True,
+            help="Last frequency over that of the first resonance.",
+        ),
+    )
+)
+
+
 @command()
-@structure_option
-@scene_option
-@click.option(
-    "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
-)
-@click.option(
-    "--damping",
-    type=float,
-    default=Beam.damping_ratio,
-    show_default=True,
-    help="Modal damping ratio, the same for all modes.",
-)
-@click.option(
-    "--mass-ratio",
-    type=float,
-    default=DEFAULT_MASS_RATIO,
-    show_default=True,
-    help="Absorber mass over beam mass.",
-)
-@click.option("--gap", type=float, help=GAP_HELP)
-@click.option(
-    "--restitution",
-    type=float,
-    default=RigidWalls.restitution,
-    show_default=True,
-    help="Coefficient of restitution, 0 to 1.",
-)
-@click.option(
-    "--friction-limit",
-    type=float,
-    default=0.0,
-    show_default=True,
-    help="Friction limit in N; 0: no friction.",
-)
-@click.option("--force", type=float, help=FORCE_HELP)
-@click.option(
-    "--from",
-    "start",
-    type=float,
-    default=FROM,
-    show_default=True,
-    help="First frequency over that of the first resonance.",
-)
-@click.option(
-    "--to",
-    "stop",
-    type=float,
-    default=TO,
-    show_default=True,
-    help="Last frequency over that of the first resonance.",
-)
+@case_options
 @click.option(
     "--at",
     type=float,
@@ -691,14 +716,14 @@ def asked_for(case: Case, options: dict[str, Any]) -> FoundOrbits:
 )
 @click.option(
     "--curve",
-    type=click.Choice(CURVES),
+    type=click.Choice(list(CURVES)),
     multiple=True,
-    help="Its curve over two parameters; repeatable.",
+    help="Its curve over two parameters; repeatable. `periodic curves` has the same with options of its own.",
 )
 @click.option(
     "--with",
     "second",
-    type=click.Choice(ALONG),
+    type=click.Choice(list(PARAMETER_NAMES)),
     help="With --curve: the parameter beside the frequency.",
 )
 @click.option(

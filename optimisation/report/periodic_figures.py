@@ -13,12 +13,19 @@ from numpy.typing import NDArray
 from impact_env.parameters import CompliantWalls, RigidWalls, SlidingAbsorber
 from impact_env.periodic.balance_branches import BalanceRow, ReferenceOrbit
 from impact_env.periodic.basins import Share
+from impact_env.periodic.bifurcation_curves import (
+    DOUBLE_GRAZING,
+    GRAZING_FOLD,
+    LOSS_OF_CONTACT,
+)
 from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.branch import FOLD
+from impact_env.periodic.codimension_two import CODIMENSION_TWO
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.hybrid_orbit import HybridOrbit, count_events
 from impact_env.periodic.hybrid_trajectory import REVERSAL, STICK
 from impact_env.periodic.isolas import IsolaMap, Threshold
+from impact_env.periodic.normal_forms import SUBCRITICAL, SUPERCRITICAL
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.orbit_branches import GRAZING, PULLING
 from impact_env.periodic.overview import Overview
@@ -544,10 +551,19 @@ def _below(axes: Axes) -> None:
     draw_grid(axes)
 
 
-KIND_COLOURS = {FOLD: BLUE, SYMMETRY_BREAKING: ORANGE, PERIOD_DOUBLING: GREEN, TORUS: PINK}
-TURNS = {
-    kind: MARKS[kind] for kind in (FOLD, GRAZING, PULLING)
-}  # what is marked along curves of bifurcations
+KIND_COLOURS = {
+    FOLD: BLUE,
+    SYMMETRY_BREAKING: ORANGE,
+    PERIOD_DOUBLING: GREEN,
+    TORUS: PINK,
+    GRAZING: "black",
+    LOSS_OF_CONTACT: "#888888",
+}
+# what is marked along curves of bifurcations
+TURNS = {kind: MARKS[kind] for kind in (FOLD, GRAZING, PULLING)}
+SAME_SPECIAL_TOL = 1e-6  # of frequency ratio and value: a special point that two curves share
+LABEL_SHIFTS = ((6, 4), (6, -10), (-12, 4), (-12, -10))  # in points, in turn
+SPECIAL = (*CODIMENSION_TWO, GRAZING_FOLD, DOUBLE_GRAZING)  # marked with their names
 
 
 def save_curves(
@@ -560,11 +576,14 @@ def save_curves(
         value = scale * np.array(curve["value"])
         colour = KIND_COLOURS[curve["kind"]]
         good = np.array([confirmed == "yes" for confirmed in curve["orbit"]])
-        next_to = (
-            good | np.append(good[1:], False) | np.append(False, good[:-1])
-        )  # so that no gap is seen
-        axes.plot(ratio, np.where(next_to, value, np.nan), color=colour, lw=1.8)
+        # so that no gap is seen
+        next_to = good | np.append(good[1:], False) | np.append(False, good[:-1])
+        sub = np.array([word == SUBCRITICAL for word in curve["criticality"]])
+        solid = next_to & (~sub | np.append(~sub[1:], False))
+        axes.plot(ratio, np.where(solid, value, np.nan), color=colour, lw=1.8)
         axes.plot(ratio, np.where(good, np.nan, value), color=colour, lw=1.0, ls=":")
+        if np.any(sub):
+            axes.plot(ratio, np.where(next_to & sub, value, np.nan), "--", color=colour, lw=1.8)
         for mark in curve["located"]:
             if _is_turn(mark):
                 axes.plot(
@@ -582,6 +601,9 @@ def save_curves(
     ):
         label = f"{parameter} least or greatest" if kind == FOLD else kind
         axes.plot([], [], TURNS[kind], color="black", mfc="white", ms=5, label=label)
+    _draw_special(axes, curves, scale)
+    if any(SUBCRITICAL in curve["criticality"] for curve in curves):
+        axes.plot([], [], color="black", lw=1.8, ls="--", label=SUBCRITICAL)
     if any(confirmed != "yes" for curve in curves for confirmed in curve["orbit"]):
         axes.plot([], [], color="black", lw=1.0, ls=":", label="no orbit of the true motion")
     axes.set(xlabel="frequency over the first resonance's", ylabel=parameter)
@@ -589,6 +611,28 @@ def save_curves(
     draw_grid(axes)
     figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
     write_figure(figure, path)
+
+
+def _draw_special(axes: Axes, curves: list[dict[str, Any]], scale: float) -> None:
+    """Mark the special points of curves with numbers, and list their names in the legend; one that several curves have is marked once."""
+    marks: list[dict[str, Any]] = []
+    for mark in (mark for curve in curves for mark in curve["located"] if mark["kind"] in SPECIAL):
+        known = any(
+            mark["kind"] == other["kind"]
+            and abs(mark["omega_ratio"] - other["omega_ratio"]) < SAME_SPECIAL_TOL
+            and abs(mark["value"] - other["value"]) < SAME_SPECIAL_TOL * abs(other["value"])
+            for other in marks
+        )
+        if not known:
+            marks.append(mark)
+    marks.sort(key=lambda mark: (mark["omega_ratio"], mark["value"]))
+    for number, mark in enumerate(marks, 1):
+        place = (mark["omega_ratio"], scale * mark["value"])
+        face = "black" if mark["orbit"] == "yes" else "white"
+        label = f"{number} {mark['kind']}"
+        axes.plot(*place, "*", color="black", mfc=face, ms=8, ls="", zorder=5, label=label)
+        shift = LABEL_SHIFTS[number % len(LABEL_SHIFTS)]
+        axes.annotate(str(number), place, shift, textcoords="offset points", fontsize=8, zorder=6)
 
 
 def _is_turn(mark: dict[str, Any]) -> bool:
@@ -763,6 +807,26 @@ def threshold_text(thresholds: tuple[Threshold, ...]) -> str:
     )
 
 
+def _special_lines(number: int, curve: dict[str, Any], scale: float) -> list[str]:
+    """Return lines about where a curve is supercritical, and about its special points."""
+    lines = []
+    known = [word for word in curve["criticality"] if word is not None]
+    if known:
+        count = sum(word == SUPERCRITICAL for word in known)
+        share = "everywhere" if count == len(known) else f"at {count} of {len(known)} points"
+        line = f"{SUPERCRITICAL} {share}" if count else f"{SUBCRITICAL} everywhere"
+        lines.append(f"Curve {number}: {line}.")
+    places = [
+        f"{mark['kind']} {scale * mark['value']:.7g} at {mark['omega_ratio']:.6f}"
+        + ("" if mark["orbit"] == "yes" else " (no orbit of the true motion)")
+        for mark in curve["located"]
+        if mark["kind"] in SPECIAL
+    ]
+    if places:
+        lines.append(f"Curve {number}: {', '.join(places)}.")
+    return lines
+
+
 def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:
     """Return a line for each plain form of a `BifurcationCurve`; values of the second parameter times ``scale``."""
     rows = []
@@ -791,6 +855,7 @@ def curve_text(curves: list[dict[str, Any]], words: str, scale: float) -> str:
             )
         )
         notes.append(f"Curve {number}: {curve['ended']}.")
+        notes += _special_lines(number, curve, scale)
     header = (
         "curve",
         "of",

@@ -193,6 +193,15 @@ orbits --modes 1
     --plot a.txt -> go with --curve
     --curve fold --with force --over 2 3 -> a range around 1.5
     --curve fold --with friction-limit --over 0 1 -> friction limits above 0
+curves --modes 1
+    --over 2 3 -> a range around 1.5
+    --with friction-limit --over 0 1 -> friction limits above 0
+    --with position --over 0.9 1.2 -> absorber_position = 1.2 is not allowed
+    -> Missing option '--over'
+curves --modes 1 --over 1 2
+    --kind cusp -> 'cusp' is not one of
+    --modes 0 -> modes = 0
+    --plot a.txt -> --plot = a.txt
 frequency_response --modes 2
     --members 0 -> --members does not go without --envelope
 frequency_response --modes 2 --method balance --no-sweeps --envelope 2

@@ -114,6 +114,7 @@ QUICK = {  # the shortest form of each command
     "periodic basins": "--modes 1 --restitution 0.75 --at 0.93 --starts 4",
     "periodic diagram": "--modes 1 --restitution 0.75 --at 0.93 --over force 1 1.5 --points 2 --no-branches",
     "periodic section": "--modes 1 --restitution 0.75 --at 0.93 --starts 1",
+    "periodic curves": "--modes 1 --kind loss-of-contact --symmetric --from 1 --to 1.02 --over 1.4 1.6",
     "periodic isola": "--modes 1 --from 0.93",
     "periodic manifold": "--modes 1 --points 1",
     "mass_ratios": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1 1",

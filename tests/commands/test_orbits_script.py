@@ -614,3 +614,36 @@ def test_marks_of_one_kind_that_would_cover_each_other_are_drawn_once() -> None:
         CurvePoint("fold", 1.0, 1.1e-3),  # 0.05 of the height
     ]
     assert thin_marks(marks, 0.1, 2e-3) == [marks[0], *marks[2:]]
+
+
+def test_curves_have_criticality_and_special_points_in_all_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """N_m = 1, e = 0.8: broken symmetry from 1.08 to 1.12 N becomes subcritical at 1.1003 N, next to a fold-flip."""
+    drawn = saved_figures(monkeypatch)
+    table = tmp_path / "curves.csv"
+    target = tmp_path / "curves.json"
+    options = "--modes 1 --restitution 0.8 --force 1.11 --over 1.07 1.12 --from 0.9 --to 0.94"
+    options += " --symmetric --kind symmetry-breaking"
+    result = done(
+        imported("curves"),
+        *options.split(),
+        *("--csv", table, "--json", target, "--plot", tmp_path / "curves.png"),
+    )
+    (curve,) = json.loads(target.read_text(encoding="utf-8"))
+    labels = {"fold-flip", "degenerate symmetry breaking"}
+    special = {mark["kind"]: mark for mark in curve["located"] if mark["kind"] in labels}
+    assert set(special) == labels
+    assert special["degenerate symmetry breaking"]["value"] == pytest.approx(1.1003245, abs=1e-6)
+    rows = read(table)
+    points = [row for row in rows if row["kind"] == "symmetry breaking"]
+    assert len(points) == len(curve["value"])
+    signs = {row["criticality"]: float(row["coefficient"]) > 0 for row in points}
+    assert signs == {"supercritical": True, "subcritical": False}
+    assert [row["kind"] for row in rows[len(points) :]] == [
+        mark["kind"] for mark in curve["located"]
+    ]
+    assert "degenerate symmetry breaking 1.100324 at 0.925838" in result.stdout
+    (panel,) = drawn[0].axes
+    legend = {label for each in panel.get_lines() if (label := str(each.get_label()))[0] != "_"}
+    assert {"1 fold-flip", "2 degenerate symmetry breaking", "subcritical"} <= legend

@@ -1,16 +1,18 @@
 """Bifurcations over two parameters: by multipliers of the dense reference, which shares no code, by the closed form, and by births and mergers."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from support.orbit_cases import high_orbit, model_of, multipliers_by_reference, paper_case, steel
 
-from impact_env import Beam, beam_scene, impact_absorber
+from impact_env import Beam, beam_scene, impact_absorber, modal_model
 from impact_env.parameters import ParameterError
 from impact_env.periodic.bifurcation_curves import (
     CURVE_KINDS,
     GRAZING_FOLD,
+    LOSS_OF_CONTACT,
     MULTIPLIER_KINDS,
     BifurcationCurve,
     bifurcation_curve,
@@ -25,7 +27,16 @@ from impact_env.periodic.bifurcations import (
 )
 from impact_env.periodic.branch import FOLD, KINK
 from impact_env.periodic.case import Case, case_of
-from impact_env.periodic.codimension_two import R1, R2
+from impact_env.periodic.codimension_two import (
+    CODIMENSION_TWO,
+    DEGENERATE_SYMMETRY_BREAKING,
+    FOLD_FLIP,
+    FOLD_TORUS,
+    R1,
+    R2,
+    R3,
+    R4,
+)
 from impact_env.periodic.continuation import Steps
 from impact_env.periodic.folds import Fold
 from impact_env.periodic.green import NoOrbit, make_solution, read_unknowns, residual_and_jacobian
@@ -35,6 +46,8 @@ from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.offspring import descendants
 from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, unpacked
 from impact_env.periodic.orbit_branches import (
+    COARSE_STEPS,
+    GRAZING,
     PULLING,
     OrbitBranch,
     orbit_branch,
@@ -44,6 +57,7 @@ from impact_env.periodic.overview import linear_curves, sweep_envelope
 from impact_env.periodic.symmetric import closed_folds
 from impact_env.scene import InitialState
 from impact_env.sweep import simulate
+from reference import dense
 
 FIRST = float(model_of(1).omega[0])
 RANGE = (0.85 * FIRST, FIRST)
@@ -305,8 +319,107 @@ def test_each_curve_is_followed_once() -> None:
             bifurcation_curve(start, kind, parameter, (1.0, 2.0), RANGE)
 
 
+def _on_own_beam(case: Case) -> Case:
+    """Return the case with a model that is computed from the beam with its damping and place."""
+    beam = Beam(modes=1, damping_ratio=case.damping_ratio, absorber_position=case.absorber_position)
+    return replace(case, model=modal_model(beam))
+
+
+def test_a_grazing_curve_touches_a_wall_in_an_own_propagation_and_meets_the_fold() -> None:
+    """N_m = 1, e = 0.8: the pair's grazing at 2.4 N leads to the grazing-fold of its curve of folds."""
+    (_, known) = one_mode()[FOLD][:2]
+    (met,) = [event for event in known.branch.located if event.kind == GRAZING_FOLD]
+    case = Case(model_of(1), 0.97 * FIRST, 2.4, restitution=0.8)
+    limits = (0.965 * FIRST, 0.985 * FIRST)
+    symmetric = list(orbit_branches(case, *limits, steps=COARSE_STEPS))
+    pairs = [each for each in descendants(symmetric, limits, 1) if isinstance(each, OrbitBranch)]
+    (curve,) = bifurcation_curves(pairs, (GRAZING,), "force", (2.25, 2.45), limits)
+    (fold,) = [event for event in curve.branch.located if event.kind == GRAZING_FOLD]
+    assert fold.parameter == pytest.approx(met.parameter, rel=1e-8)
+    assert fold.point[-1] == pytest.approx(met.point[-1], rel=1e-8)
+    assert all(isinstance(orbit, Orbit) for orbit in curve.orbits)
+    for orbit in curve.orbits[:: len(curve.orbits) // 2]:
+        assert isinstance(orbit, Orbit)
+        start, state = orbit.motion.mid_flight()
+        times = np.linspace(0, orbit.case.period, 4001)
+        begin = InitialState(state[:1], state[2:3], float(state[1]), float(state[3]))
+        drive = orbit.case.drive(float(times[-1]), start)
+        states = dense.follow(orbit.case.scene, drive, begin, times).states
+        relative = (states[:, 1] - states[:, 0] * orbit.case.model.tip_shape[0]) / orbit.case.gap
+        rate = states[:, 3] - states[:, 2] * orbit.case.model.tip_shape[0]
+        # turns of the relative velocity that are no impacts, whose velocity jumps
+        calm = np.abs(np.diff(rate)) < 0.05 * np.max(np.abs(rate))
+        turns = np.flatnonzero((rate[:-1] * rate[1:] < 0) & calm)
+        assert np.min(1 - np.abs(relative[turns])) == pytest.approx(1e-5, abs=1e-5)
+
+
+def test_contact_is_lost_where_the_response_without_impacts_reaches_the_wall() -> None:
+    """One impact a half period: its loss is at the force gap/|H|, with the relative displacement H of a free absorber per newton."""
+    case = Case(model_of(2), 0.97 * FIRST, 1.5, restitution=0.8)
+    limits = (0.97 * FIRST, 1.03 * FIRST)
+    branches = list(orbit_branches(case, *limits, steps=COARSE_STEPS))
+    curves = list(bifurcation_curves(branches, (LOSS_OF_CONTACT,), "force", (1.2, 1.8), limits))
+    assert curves
+    model = case.model
+    for curve in curves:
+        assert all(isinstance(orbit, Orbit) for orbit in curve.orbits)
+        stiffness = model.omega**2 - curve.omega[:, None] ** 2
+        damping = 2j * model.damping_ratio * model.omega * curve.omega[:, None]
+        response = np.sum(model.tip_shape * model.force_shape / (stiffness + damping), axis=1)
+        assert curve.branch.parameters == pytest.approx(1e-3 / np.abs(response), rel=1e-9)
+
+
+def test_special_points_of_a_fold_curve_have_two_critical_multipliers_in_an_own_propagation() -> (
+    None
+):
+    """N_m = 1, e = 0.8: two fold-flips, a fold-Neimark-Sacker point and R1 on the symmetric orbits' folds."""
+    curve = one_mode()[FOLD][0]
+    special = [(kind, orbit) for kind, orbit in curve.located if kind in CODIMENSION_TWO]
+    assert sorted(kind for kind, _ in special) == sorted([R1, FOLD_FLIP, FOLD_FLIP, FOLD_TORUS])
+    for kind, orbit in special:
+        assert isinstance(orbit, Orbit)
+        assert isinstance(orbit.motion, Motion)
+        values = multipliers_by_reference(orbit.motion)
+        apart = np.sort(np.abs(values - 1))
+        if kind == R1:  # a double multiplier has the root of a difference's error
+            assert apart[1] < 0.1
+            continue
+        assert apart[0] < 2e-3
+        if kind == FOLD_FLIP:
+            assert np.min(np.abs(values + 1)) < 2e-3
+        else:
+            pair = values[np.abs(values.imag) > 0.05]
+            assert np.min(np.abs(np.abs(pair) - 1)) < 2e-3
+
+
+def test_resonances_of_a_torus_have_their_angles_in_an_own_propagation() -> None:
+    """Steel beam with friction: R3 over the friction limit, R4 over the force."""
+    case = steel()
+    first = float(case.model.omega[0])
+    branch = orbit_branch(high_orbit(case).solution, "omega", (0.94 * first, 0.956 * first))
+    solution = branch.of(TORUS)[0].solution
+    limits = (0.9 * first, 1.1 * first)
+    for parameter, over, label, angle in (
+        ("friction_limit", (0.0015, 0.0062), R3, 2 * np.pi / 3),
+        ("force", (0.24, 0.28), R4, np.pi / 2),
+    ):
+        curve = bifurcation_curve(solution, TORUS, parameter, over, limits)
+        (orbit,) = [orbit for kind, orbit in curve.located if kind == label]
+        assert isinstance(orbit, Orbit)
+        assert isinstance(orbit.motion, Motion)
+        values = multipliers_by_reference(orbit.motion)
+        assert np.min(np.abs(values - np.exp(1j * angle))) < 5e-3
+
+
 @pytest.mark.parametrize(
-    ("parameter", "limits"), [("restitution", (0.7, 1.0)), ("gap", (8e-4, 1.2e-3))]
+    ("parameter", "limits"),
+    [
+        ("restitution", (0.7, 1.0)),
+        ("gap", (8e-4, 1.2e-3)),
+        ("mass_ratio", (0.018, 0.022)),
+        ("damping_ratio", (0.009, 0.011)),
+        ("absorber_position", (0.95, 1.0)),
+    ],
 )
 def test_a_curve_over_another_parameter_comes_to_its_limits(
     parameter: str, limits: tuple[float, float]
@@ -321,9 +434,9 @@ def test_a_curve_over_another_parameter_comes_to_its_limits(
     for k in (0, len(curve.schedules) // 3, -1):
         case = curve.solution(k).case
         at = (
-            case
-            if parameter == "restitution"
-            else case.changed(gap=1e-3, force=case.force * 1e-3 / case.gap)
+            case.changed(gap=1e-3, force=case.force * 1e-3 / case.gap)
+            if parameter == "gap"
+            else _on_own_beam(case)
         )
         known = np.array(closed_folds(at, case.omega_ratio - 0.01, case.omega_ratio + 0.01)) / FIRST
         assert np.min(np.abs(known - case.omega_ratio)) < 1e-8
@@ -388,3 +501,17 @@ def test_a_branch_in_friction_comes_to_its_limits() -> None:
     initial = InitialState(state[:2], state[3:5], float(state[2]), float(state[5]))
     run = simulate(end.case.scene, end.case.drive(end.case.period, start), initial=initial)
     assert run.end_state == pytest.approx(state, abs=1e-9)
+
+
+def test_the_folds_of_the_pair_begin_where_broken_symmetry_becomes_subcritical() -> None:
+    """The cubic coefficient vanishes at the end of another curve, which knows nothing of it."""
+    _, folds = one_mode()[FOLD][:2]
+    broken = one_mode()[SYMMETRY_BREAKING][0]
+    (degenerate,) = broken.branch.of(DEGENERATE_SYMMETRY_BREAKING)
+    ends = [0, len(folds.schedules) - 1]
+    begin = min(ends, key=lambda k: float(folds.branch.parameters[k]))
+    assert folds.branch.ended.startswith(SYMMETRY_BREAKING)
+    assert degenerate.parameter == pytest.approx(folds.branch.parameters[begin], abs=1e-4)
+    assert degenerate.point[-1] == pytest.approx(folds.omega[begin], rel=1e-4)
+    words = {point.criticality for point in broken.critical_points if point is not None}
+    assert words == {"supercritical", "subcritical"}
