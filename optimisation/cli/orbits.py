@@ -448,8 +448,8 @@ def hybrid_case_of(options: dict[str, Any]) -> HybridCase | None:
 
     Raises BadInput for options that only other scenes have.
     """
-    if options["scene"] is None:
-        return None
+    if options["scene"] is None or options["structure"] is not None:
+        return None  # `case_of` refuses both together
     scene = to_scene(read_plain(options["scene"]), options["scene"].parent)
     absorber = scene.absorber
     soft = isinstance(absorber, SlidingAbsorber) and (
