@@ -35,7 +35,8 @@ class Checkpoint:
     """
 
     def __init__(self, path: Path | None = None, option: str = "--resume") -> None:
-        self.path, self.known = path, dict[str, Any]()
+        self.path = path
+        self.known = dict[str, Any]()
         self.something_else = f"{option} = {path} is not allowed: a file that this option has written before, or none yet"
         if path is None:
             return

@@ -247,7 +247,8 @@ class DesignSpace:
         )
 
         def checked(v: Variable, unit: float, _start: float) -> float:
-            x, (scale, words) = values[v.name], (1.0, v.unit) if counted else (unit, v.si)
+            x = values[v.name]
+            scale, words = (1.0, v.unit) if counted else (unit, v.si)
             low = v.low * scale
             high = v.high * scale
             require(

@@ -150,7 +150,8 @@ class Pool:
         pending.remove(chosen)
         worker.first = chosen.kind not in worker.kinds
         worker.kinds.add(chosen.kind)
-        worker.task, worker.since = chosen, time.perf_counter()
+        worker.task = chosen
+        worker.since = time.perf_counter()
         with suppress(OSError):  # a process that has died is noticed when its answer is due
             worker.connection.send(worker.task)
 

@@ -350,7 +350,8 @@ def _near_ranges(
         matrices[:, np.arange(model.modes), np.arange(model.modes)] += model.omega**-2.0
         squares = np.linalg.eigvalsh(matrices)[:, ::-1]
         stuck.append(1 / np.sqrt(squares[:, resonance - 1]) / omega_r)
-    usual, shift = 1 - stuck[0], 1 - stuck[1]
+    usual = 1 - stuck[0]
+    shift = 1 - stuck[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         low = np.maximum(LEAST_START * (1 - shift), 1 - (1 - NEAR[0]) * shift / usual)
     low = np.where(usual > 0, low, NEAR[0])
@@ -368,7 +369,8 @@ def _linear_terms(
     """
     omega_r = model.resonance_omega(resonance)
     damping = float(model.damping_ratio[resonance - 1])
-    low, high = ranges[:, :1], ranges[:, 1:]
+    low = ranges[:, :1]
+    high = ranges[:, 1:]
     ratios = low + (high - low) * np.linspace(0, 1, FREQUENCY_POINTS)
     near = 1 + damping * np.linspace(-PEAK_WIDTH, PEAK_WIDTH, PEAK_POINTS)
     peak = np.clip(np.broadcast_to(near, (len(shapes), PEAK_POINTS)), low, high)

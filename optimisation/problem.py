@@ -366,7 +366,8 @@ class Problem:
                 lanes, self.measures, self._beams[condition.detuning][1], self.fatigue_exponent
             )
         force = 1.0 if design is None else condition.force
-        omega, (low, high) = scene.model.resonance_omega(condition.resonance), condition.limits
+        omega = scene.model.resonance_omega(condition.resonance)
+        low, high = condition.limits
         up, down = (
             ensemble.drives(force, linear_sweep(omega, *ends, rate))
             for ends in ((low, high), (high, low))

@@ -17,7 +17,8 @@ class Bar(tqdm):  # type: ignore[misc]
     """tqdm's bar on stderr or, where that is no terminal, a line of the same words every ten seconds."""
 
     def __init__(self, *arguments: Any, bar_format: str = UNIT_BAR, **options: Any) -> None:
-        self.plain, self.last_line = not sys.stderr.isatty(), time.monotonic()
+        self.plain = not sys.stderr.isatty()
+        self.last_line = time.monotonic()
         super().__init__(
             *arguments,
             bar_format=bar_format.replace("|{bar}|", "") if self.plain else bar_format,

@@ -80,7 +80,8 @@ def sobol_points(samples: int, low: ArrayLike, high: ArrayLike, seed: int) -> Ar
     d = len(low)
     sampler = scipy.stats.qmc.Sobol(2 * d, rng=np.random.default_rng(seed), bits=64)
     unit = sampler.random(samples)
-    first, second = low + (high - low) * unit[:, :d], low + (high - low) * unit[:, d:]
+    first = low + (high - low) * unit[:, :d]
+    second = low + (high - low) * unit[:, d:]
     mixed = np.repeat(first[None], d, axis=0)
     for k in range(d):
         mixed[k, :, k] = second[:, k]
@@ -145,7 +146,8 @@ def device_box(case: CurveCase, structure: Structure) -> dict[str, tuple[float, 
         if name == "friction" and value == 0:
             continue
         half = DEVICE_BOX[name] * (1.0 if name in BOX_DIFFERENCES else value)
-        low, high = value - half, value + half
+        low = value - half
+        high = value + half
         if name in BOX_DIFFERENCES:
             low, high = max(low, 0.0), min(high, 1.0)
         box[name] = (low, high)

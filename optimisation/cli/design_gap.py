@@ -183,7 +183,8 @@ def search_gap(
             )
 
     scene = Scene(model, absorber)
-    force, resonance = options["force"], options["resonance"]
+    force = options["force"]
+    resonance = options["resonance"]
     long = (
         options["cluster"] is None
         and announce_duration(scene, force, resonance, periods, SWEEPS, options["threads"]) > LONG_S
@@ -226,10 +227,8 @@ def structure_in(options: dict[str, Any]) -> Structure:
     options["friction_limit"] = (
         0.0 if absorber.friction is None else absorber.friction.limit
     )  # that of the file stays as it is, whatever the gap
-    options["mass_ratio"], options["restitution"] = (
-        absorber.mass_ratio,
-        rigid_walls(absorber).restitution,
-    )
+    options["mass_ratio"] = absorber.mass_ratio
+    options["restitution"] = rigid_walls(absorber).restitution
     return structure
 
 
@@ -367,7 +366,8 @@ def precision_of(
 
     def announce(runs: int) -> None:
         if options["cluster"] is None:
-            force, resonance = options["force"], options["resonance"]
+            force = options["force"]
+            resonance = options["resonance"]
             announce_duration(case.scene, force, resonance, periods, runs, options["threads"])
 
     if options["tolerances"]:
@@ -644,7 +644,8 @@ def main(**options: Any) -> None:
                 if best is None
                 else precision_of(advice, best, structure, every, options, executor)
             )
-            own, baseline_lines = None, list[str]()
+            own = None
+            baseline_lines = list[str]()
             frequency = [] if best is None else [frequency_of(advice, best, executor)]
             if best is not None and not options["no_card"]:
                 service = service_loads(advice, best, executor)

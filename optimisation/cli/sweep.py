@@ -226,7 +226,8 @@ def run(options: scenes.Options) -> None:
     )
     check_target("--json", options["json"])
     check_target("--plot", options["plot"], FIGURES)
-    (scene, beam), method = scenes.make_scene(options), scenes.make_method(options)
+    scene, beam = scenes.make_scene(options)
+    method = scenes.make_method(options)
     find_solver(scene, method)
     first = make_drive(options, scene)
     schedule = first.schedule

@@ -139,11 +139,9 @@ class Outbox:
     """Messages on their way to a page. One of a sort that has not gone yet is replaced by a newer one, so that it never grows."""
 
     def __init__(self) -> None:
-        self._loop, self._lock, self._waiting = (
-            asyncio.get_running_loop(),
-            threading.Lock(),
-            asyncio.Event(),
-        )
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._waiting = asyncio.Event()
         self._messages: dict[tuple[Any, ...], Message] = {}
 
     def put(self, message: Message) -> None:

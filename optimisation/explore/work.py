@@ -83,13 +83,13 @@ class Work:
     """One setting of a page: `pieces` yields messages until all is known or ``stop`` is given; the curve has a stop of its own, ``first``."""
 
     def __init__(self, values: ControlValues, structure: Structure, kernels: Kernels) -> None:
-        self.values, self.own, self.structure, self.kernels = (
-            values,
-            structure,
-            structure_of(values, structure),
-            kernels,
-        )
-        self.stop, self.first, self.rough_done = Stop(), Stop(), False
+        self.values = values
+        self.own = structure
+        self.structure = structure_of(values, structure)
+        self.kernels = kernels
+        self.stop = Stop()
+        self.first = Stop()
+        self.rough_done = False
         self.scene = scene_of(values, structure)
         self.model = self.scene.model
         self.intensity = values.intensity
@@ -504,7 +504,8 @@ class Work:
         lines = {"without": None} | (
             {} if absorber is None or isinstance(absorber, SeveralAbsorbers) else {"with": absorber}
         )
-        amplitudes, (model, unit) = {}, self.loading.driven(ratios * reference)
+        amplitudes = {}
+        model, unit = self.loading.driven(ratios * reference)
         if self.values.load == "base":
             lines.pop("with", None)  # the base moves the absorber's mass as well
         for name, own in lines.items():

@@ -166,11 +166,9 @@ def _levels(comparison: Comparison, part: ResonanceComparison, k: int) -> tuple[
     ranges = {concept.key: part.limits_of(concept) for concept in comparison.concepts}
     rows = []
     for key, curve in part.curves.items():
-        level, (low, high), none = (
-            MM * curve.median[k],
-            MM * prediction_band(curve.combined)[:, k],
-            MM * part.curves[NONE].median[k],
-        )
+        level = MM * curve.median[k]
+        low, high = MM * prediction_band(curve.combined)[:, k]
+        none = MM * part.curves[NONE].median[k]
         rows.append(
             Row(
                 labels[key],
@@ -364,10 +362,8 @@ def _condition_rows(result: SearchResult, k: int) -> tuple[Row, ...]:
     assert result.own is not None
     values = condition_values(result, k)
     condition = result.own.conditions[k]
-    (name, unit), (scale, display_unit) = (
-        condition.measure_and_unit,
-        DISPLAY_UNITS[condition.measure_and_unit[1]],
-    )
+    name, unit = condition.measure_and_unit
+    scale, display_unit = DISPLAY_UNITS[condition.measure_and_unit[1]]
     rows = []
     for who in (WINNER, PAPER):
         one: dict[str, Any] = values[who]  # type: ignore[assignment]
@@ -402,7 +398,8 @@ def _condition_rows(result: SearchResult, k: int) -> tuple[Row, ...]:
 def _over_force(part: Levels) -> Chart:
     forces = [condition.force for condition in part.conditions]
     own = part.conditions[0]
-    name, (scale, unit) = own.measure_and_unit[0], DISPLAY_UNITS[own.measure_and_unit[1]]
+    name = own.measure_and_unit[0]
+    scale, unit = DISPLAY_UNITS[own.measure_and_unit[1]]
     curves = [
         Curve(
             who,

@@ -208,10 +208,8 @@ def summary(findings: SearchResult) -> Json:
             "score": numbers(verdict.search_best.score.values),
         }
         content |= {name: _judged(judged, problem) for name, judged in compared(verdict).items()}
-        content["winner_over_paper"], content["winner_over_rule"] = (
-            _gain(verdict.gain),
-            _gain(verdict.gain_over(verdict.rule)),
-        )
+        content["winner_over_paper"] = _gain(verdict.gain)
+        content["winner_over_rule"] = _gain(verdict.gain_over(verdict.rule))
         content["winner_at_bounds"] = problem.space.at_bounds(verdict.winner.design)
     if findings.wider is not None:
         wider = findings.wider
@@ -424,10 +422,8 @@ def _condition_lines(findings: SearchResult) -> Iterator[str]:
             else f", {100 * share:.0f} % of the reduction that the stationary limit leaves room for"
         )
         condition = findings.own.conditions[k]
-        (name, unit), (scale, display_unit) = (
-            condition.measure_and_unit,
-            DISPLAY_UNITS[condition.measure_and_unit[1]],
-        )
+        name, unit = condition.measure_and_unit
+        scale, display_unit = DISPLAY_UNITS[condition.measure_and_unit[1]]
         ends = [
             math.nan if x is None else scale * x for x in mine[f"{name}_5_to_95_percent_{unit}"]
         ]

@@ -23,15 +23,13 @@ if TYPE_CHECKING:
 
 COLOURS = 256
 MM = 1e3
-BLACK, BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = (
-    "#000000",
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#56B4E9",
-    "#E69F00",
-)  # of Okabe and Ito
+BLACK = "#000000"
+BLUE = "#0072B2"
+ORANGE = "#D55E00"
+GREEN = "#009E73"
+PINK = "#CC79A7"
+SKY = "#56B4E9"
+YELLOW = "#E69F00"  # of Okabe and Ito
 GREY = "0.55"
 HATCHED: dict[str, Any] = {
     "facecolor": "0.93",

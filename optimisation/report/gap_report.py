@@ -580,7 +580,8 @@ def save_figure(path: Path, advice: Advice) -> None:
     """Draw level and limit over the gap, with the answers; the ending of ``path`` chooses the format."""
     check = advice.check
     figure, axes = figure_of(8, 5.2)
-    gaps, (low, high) = MM * check.gaps, MM * advice.band
+    gaps = MM * check.gaps
+    low, high = MM * advice.band
     every = [*check.gaps] or [check.rule]
     fine = np.geomspace(0.95 * min(every), 1.05 * max(every), 120)
     limit = MM * np.array([check.limit_at(float(gap)) for gap in fine])

@@ -45,12 +45,10 @@ def summary(advice: LoadAdvice) -> Json:
 
 def text(advice: LoadAdvice) -> str:
     """Return the lines that are printed."""
-    (factor, unit), best, sharp, t = (
-        DISPLAY_UNITS[UNITS[advice.measure]],
-        advice.recommended,
-        advice.sharp,
-        advice.tolerance,
-    )
+    factor, unit = DISPLAY_UNITS[UNITS[advice.measure]]
+    best = advice.recommended
+    sharp = advice.sharp
+    t = advice.tolerance
     without = float(np.median(advice.without))
     what = LABELS[advice.measure]
 

@@ -544,7 +544,8 @@ def _draw_nodes(axes: Any, places: Places, reach: Array) -> Any:
     assert places.points is not None
     first, second = _widest_axes(places.points)
     order = np.argsort(reach, kind="stable")
-    x, y = places.points[order, first], places.points[order, second]
+    x = places.points[order, first]
+    y = places.points[order, second]
     drawn = axes.scatter(x, y, c=reach[order], cmap="viridis", s=36, edgecolor="0.3", lw=0.3)
     for shape, mark, tint, name in (
         (places.model.force_shape, "v", ORANGE, "force"),

@@ -268,7 +268,8 @@ class FeedbackFriction(OverFrequency):
 
     def begin(self, lanes: int) -> None:
         """Forget what was seen."""
-        self.amplitude, self.measured = np.zeros(lanes), np.zeros(lanes, dtype=np.bool_)
+        self.amplitude = np.zeros(lanes)
+        self.measured = np.zeros(lanes, dtype=np.bool_)
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return the actions (L,)."""
@@ -415,7 +416,8 @@ class RateAndGapOverFrequency(OverFrequency):
 
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return rate and gap actions (L, 2)."""
-        share, (first, slope, curvature) = self.rates.share(observations), parameters[:, 3:6].T
+        share = self.rates.share(observations)
+        first, slope, curvature = parameters[:, 3:6].T
         x = 2 * share - 1
         return np.stack([pace(parameters, share), first + slope * x + curvature * x * x], axis=1)
 

@@ -84,10 +84,8 @@ class ScaledRewards(VecEnvWrapper):
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot."""
         monitor, lanes = self._parts()
-        monitor.episode_returns, monitor.episode_lengths = (
-            snapshot["returns"].copy(),
-            snapshot["lengths"].copy(),
-        )
+        monitor.episode_returns = snapshot["returns"].copy()
+        monitor.episode_lengths = snapshot["lengths"].copy()
         lanes.restore(snapshot["lanes"])
 
     def _parts(self) -> tuple[VecMonitor, TaskVectorEnv]:

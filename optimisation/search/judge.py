@@ -178,7 +178,8 @@ def verdict(
     finalists = count("finalists", finalists, 1)
     require(len(candidates) > 0, "candidates", 0, "one design or more")
     best = best_candidates(problem, candidates, finalists)
-    paper, start = problem.space.paper, problem.space.default
+    paper = problem.space.paper
+    start = problem.space.default
     designs = [*(e.design for e in best), paper, start]
     ranked = rank_on_fresh_members(problem, designs, executor, progress)
     ranking = list(ranked)
