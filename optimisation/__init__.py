@@ -1,0 +1,23 @@
+"""Which absorber, how large a gap, where: design of absorbers by simulation.
+
+`advise`, `compare` and `explain` return whole answers: each has its text (`str`), `to_json`, `plot` and `save`, and is what the
+commands `design_gap`, `compare_absorbers` and `optimise_design` print and write.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from optimisation.answers.comparison import compare
+    from optimisation.answers.design import explain
+    from optimisation.answers.gap import advise
+
+__all__ = ["advise", "compare", "explain"]
+_MODULES = {"advise": "gap", "compare": "comparison", "explain": "design"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import an answer's function when it is first used: the commands start without them."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"optimisation.answers.{_MODULES[name]}"), name)

@@ -177,7 +177,7 @@ def find_tolerances(
         Scene with an impact absorber between rigid walls, force (the first), resonance and sweeps.
     limit : float
         Level in m.
-    uncertain : sequence of Spread
+    uncertain : sequence of Distribution
         What else is not known, drawn in all runs; those of gap, restitution and friction are left out.
     draws : tuple of int
         Draws of each quantity alone, of all together, and of the check.

@@ -2,7 +2,6 @@
 
 import platform
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,12 +9,13 @@ from typing import Any
 
 import click
 
-from impact_env.curve import DEFAULT_MEMBERS, CurveCase
+from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import default_rate
 from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, impact_absorber
 from impact_env.scene import Scene
+from optimisation.answers.comparison import LoadComparisonAnswer, complete_comparison
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
@@ -33,11 +33,7 @@ from optimisation.cli.common import (
 )
 from optimisation.comparison import (
     DEFAULT_FORCES,
-    IMPACT,
-    LTVA_PAPER_WIDE,
-    LTVA_TUNED_WIDE,
     RESONANCES,
-    Comparison,
     compare,
 )
 from optimisation.duration import (
@@ -52,13 +48,6 @@ from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_mass_ratio
 from optimisation.files import require_writable, write_files
-from optimisation.frequency_levels import (
-    ResonanceCurves,
-    find_worst_run,
-    record_worst_run,
-    resonance_curves,
-)
-from optimisation.gap_card import ImpactLoads, impact_loads
 from optimisation.gap_check import RESTITUTION
 from optimisation.load_comparison import LoadComparison, compare_loads
 from optimisation.machine import installed, peak_memory
@@ -66,18 +55,12 @@ from optimisation.measures import design_gap_for
 from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import stages_bar, sweeps_bar
 from optimisation.report import comparison_tables as tables
-from optimisation.report.card import write_card
-from optimisation.report.cards import comparison_card
-from optimisation.report.design_figures import save_figure
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
     HISTORY_HELP,
-    frequency_files,
     save_history,
 )
 from optimisation.sweep_range import find_sweep_range
-
-SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wider range
 
 QUICK_FORCES = 10
 QUICK_MEMBERS = 2
@@ -96,65 +79,6 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
         "wall_s": round(time.perf_counter() - started, 2),
         "memory_bytes": peak_memory(),
     }
-
-
-def find_impact_loads(comparison: Comparison, executor: Executor) -> ImpactLoads | None:
-    """Return the impacts of the impact absorber near the first resonance, at the force of the comparison; None if there is none."""
-    part = comparison.resonances[0]
-    if part.reported_index is None or not comparison.complete:
-        return None
-    case = {concept.key: concept for concept in comparison.concepts}[IMPACT]
-    scene = Scene(comparison.model, case.absorber)
-    rate = comparison.percent_per_100_periods
-    return impact_loads(
-        CurveCase(
-            scene,
-            part.forces[part.reported_index : part.reported_index + 1],
-            part.resonance,
-            part.limits_of(case),
-            rate,
-            steady_start=True,
-        ),
-        executor,
-    )
-
-
-def frequency_of(comparison: Comparison, executor: Executor) -> list[ResonanceCurves]:
-    """Return the levels over the frequency of each absorber's worst member, at the force of the comparison near each resonance."""
-    curves = []
-    for part in comparison.resonances:
-        k = part.reported_index
-        if k is None or not comparison.complete:
-            continue
-        cases = {
-            concept.label: (
-                replace(part.cases[concept.key], forces=part.forces[k : k + 1]),
-                find_worst_run(part.curves[concept.key], k)[0],
-            )
-            for concept in comparison.concepts
-            if concept.key not in SAME_ABSORBER
-        }
-        curves.append(resonance_curves(cases, part.curves[IMPACT].members, executor))
-    return curves
-
-
-def write(
-    out: Path,
-    comparison: Comparison,
-    made: dict[str, object],
-    impacts: ImpactLoads | None = None,
-    frequency: Sequence[ResonanceCurves] = (),
-) -> list[Path]:
-    """Write runs, curves, summary (with the conditions ``made``) and figures into a folder, each whole or not at all; return the files."""
-    contents: dict[Path | None, object] = {
-        out / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(comparison)),
-        out / "curves.csv": (tables.CURVE_COLUMNS, tables.curve_rows(comparison)),
-        out / "summary.json": made | tables.summary(comparison),
-        out / "comparison.png": lambda path: save_figure(path, comparison),
-    }
-    contents |= frequency_files(out, frequency)
-    card = comparison_card(comparison, impacts, frequency)
-    return write_files(contents) + write_card(out, card)
 
 
 def announce(own: Structure | None, options: dict[str, Any], threads: int | None) -> float:
@@ -235,13 +159,9 @@ def compared_under_loads(
             coarse = search(2, members=1)
             click.echo(f"Coarse answer, of one run each:\n{tables.load_table(coarse)}", err=True)
         comparison = search(options["forces"])
-    contents = {
-        out / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(comparison)),
-        out / "summary.json": tables.load_summary(comparison),
-        out / "comparison.png": lambda path: tables.save_load_figure(path, comparison),
-    }
-    click.echo(tables.load_table(comparison))
-    name_files(write_files(contents))
+    answer = LoadComparisonAnswer(comparison)
+    click.echo(str(answer))
+    name_files(answer.save(out))
 
 
 @command()
@@ -347,14 +267,11 @@ def main(
                 comparison = compare(own, progress=show, executor=executor, **options)
             if comparison.empty:
                 raise KeyboardInterrupt
-            impacts = None if scene is None else find_impact_loads(comparison, executor)
-            frequency = frequency_of(comparison, executor)
-        click.echo(tables.text_table(comparison))
-        made = conditions(started, threads, cluster)
-        files = write(out, comparison, made, impacts, frequency)
-        part = comparison.resonances[0]
-        if history is not None and comparison.complete and part.reported_index is not None:
-            run = record_worst_run(part.cases[IMPACT], part.curves[IMPACT], part.reported_index)
+            answer = complete_comparison(comparison, executor, with_impacts=scene is not None)
+        answer = replace(answer, conditions=conditions(started, threads, cluster))
+        click.echo(str(answer))
+        files = answer.save(out)
+        if history is not None and (run := answer.worst_run()) is not None:
             files += write_files({history: partial(save_history, run=run)})
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

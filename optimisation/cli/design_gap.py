@@ -1,19 +1,17 @@
 """Choose the gap of an impact absorber for a force by simulation: the one with the lowest level, and the one that bears a change of the force."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from impact_env.curve import PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, default_rate
-from impact_env.ensemble import Executor
+from impact_env.ensemble import Executor, LaneProgress
 from impact_env.loads import Loads
-from impact_env.modes import ModalModel, Structure, modal_model
+from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Beam,
@@ -23,9 +21,19 @@ from impact_env.parameters import (
     impact_absorber,
     non_negative,
     positive,
-    require,
 )
 from impact_env.scene import Scene
+from optimisation.answers.complete import Stages
+from optimisation.answers.gap import (
+    SOBOL_SAMPLES,
+    TOLERANCE_DRAWS,
+    GapQuestions,
+    LoadGapAnswer,
+    check_contact,
+    complete_gap_answer,
+    model_for_gap,
+    read_uncertain,
+)
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
 from optimisation.duration import (
@@ -40,74 +48,30 @@ from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_gap, usable_rate
 from optimisation.files import require_writable, write_files
-from optimisation.frequency_levels import (
-    NO_ABSORBER,
-    RECOMMENDED,
-    ResonanceCurves,
-    find_worst_run,
-    record_worst_run,
-    resonance_curves,
-)
 from optimisation.friction_rule import PAPER_FRICTION
-from optimisation.gap_advice import CANDIDATES, MEMBERS, TOLERANCE, Advice, Answer, Limits, advise
+from optimisation.gap_advice import CANDIDATES, MEMBERS, TOLERANCE, Advice, Limits, advise
 from optimisation.gap_card import (
     ALLOWED,
     YIELD_PRESSURE,
     YieldLimit,
-    case_of,
-    change_with_modes,
-    material,
-    service_loads,
-    uncertain_levels,
 )
 from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.gap_search import CHECK_MEMBERS, PAIRS
 from optimisation.load_comparison import LoadAdvice, advise_for_loads
 from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
-from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import runs_bar, sweeps_bar
-from optimisation.report import load_gap_report as report
-from optimisation.report.card import Row, write_card
-from optimisation.report.card import text as as_text
-from optimisation.report.design_figures import save_sensitivity
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
     HISTORY_HELP,
-    frequency_files,
     save_history,
 )
-from optimisation.report.gap_report import (
-    COLUMNS,
-    UncertaintyResult,
-    answer,
-    baselines,
-    card,
-    probability,
-    rows,
-    save_figure,
-    summary,
-    text,
-    warnings,
-)
-from optimisation.report.precision_report import (
-    sensitivity_data,
-    sensitivity_lines,
-    sensitivity_rows,
-    tolerance_data,
-    tolerance_lines,
-    tolerance_rows,
-)
-from optimisation.sobol import Sensitivity, device_box, device_sensitivity
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tolerances import (
     DRAWS_ALONE,
     DRAWS_CHECKED,
     DRAWS_TOGETHER,
     SURE,
-    Tolerances,
-    find_tolerances,
 )
-from optimisation.uncertain import FRICTION, GAP, Distribution, require_parts, spreads
 
 QUICK_MEMBERS = 1
 SWEEPS = 50  # of a search, about
@@ -130,9 +94,9 @@ SOBOL_HELP = (
     "Sobol shares of the recommended device: which of gap, restitution, friction, mass, force and on a beam place its level depends on, within "
     "10 %, 0.1, 50 %, 5 %, 10 % and 0.02 of the length. About 1000 sweeps."
 )
-DRAWS_OF_TOLERANCES = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED)
+DRAWS_OF_TOLERANCES = TOLERANCE_DRAWS
 QUICK_DRAWS = (16, 32, 16)
-SOBOL = 64
+SOBOL = SOBOL_SAMPLES
 QUICK_SOBOL = 16
 OF_SCENE = (
     "structure",
@@ -258,155 +222,56 @@ def refuse_contradictions(options: dict[str, Any], absorber: SlidingAbsorber) ->
         raise common.BadInput(
             "--free friction_limit does not go with a device that has no friction: shares of its limit are tried"
         )
-    if options["contact"] is None:
-        return
     limits_yield = any(name == "yield_stress" for name, _ in options["constraint"])
-    if options["no_card"] and not limits_yield:
+    if options["contact"] is not None and options["no_card"] and not limits_yield:
         raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
-    first, second, radius = options["contact"]
-    for name in (first, second):
-        material(name)
-    options["contact"] = (first, second, positive("radius of --contact in m", radius))
 
 
-def model_on(structure: Structure) -> ModalModel:
-    """Return a structure's modal model, the level read at the absorber's place where nothing else is said."""
-    return (
-        modal_model(structure) if isinstance(structure, Beam) else model_with_absorber_at(structure)
+def questions_of(options: dict[str, Any], absorber: SlidingAbsorber) -> GapQuestions:
+    """Return what is to be run of the recommended device; raises BadInput or ParameterError for options that contradict each other."""
+    contact = options["contact"]
+    if contact is not None:
+        contact = check_contact(contact, "radius of --contact in m")
+    every = read_uncertain(
+        common.parse_uncertain(options["uncertain"]),
+        absorber,
+        options["friction_limit"] is not None,
+    )
+    limit_level = options["limit_level"]
+    if limit_level is not None:
+        limit_level = positive("limit_level", limit_level)
+    elif options["tolerances"]:
+        raise common.BadInput(
+            "--tolerances needs --limit-level: the level in m below which the device must stay"
+        )
+    draws = QUICK_DRAWS if options["quick"] else DRAWS_OF_TOLERANCES
+    samples = QUICK_SOBOL if options["quick"] else SOBOL
+    return GapQuestions(
+        every,
+        limit_level,
+        contact,
+        draws if options["tolerances"] else None,
+        samples if options["sobol"] else None,
+        not options["no_card"],
+        options["seed"],
     )
 
 
-def distributions(options: dict[str, Any], absorber: SlidingAbsorber) -> tuple[Distribution, ...]:
-    """Return the uncertain quantities; raises ParameterError for those that the absorber lacks, and for SI values of searched ones."""
-    every = spreads(common.parse_uncertain(options["uncertain"]))
-    require_parts(every, absorber)
-    for one in every:
-        searched = one.name == GAP or (one.name == FRICTION and options["friction_limit"] is None)
-        require(
-            one.relative or not searched,
-            f"uncertain {one.name}",
-            one.words,
-            "in %, as the number itself is searched",
-        )
-    return every
-
-
-def curve_at(advice: Advice, answer: Answer) -> PerformanceCurve:
-    """Return the runs of an answer."""
-    return advice.check.curves[int(np.argmin(np.abs(advice.check.gaps - answer.gap)))]
-
-
-def frequency_of(advice: Advice, answer: Answer, executor: Executor) -> ResonanceCurves:
-    """Return the level over the frequency of the worst member of an answer, and without absorber."""
-    check = advice.check
-    curve = curve_at(advice, answer)
-    member, _ = find_worst_run(curve)
-    cases = {
-        RECOMMENDED: (case_of(check, answer.absorber), member),
-        NO_ABSORBER: (case_of(check, None), 0),
-    }
-    return resonance_curves(cases, curve.members, executor)
-
-
-@dataclass(frozen=True)
-class Precision:
-    """How precisely a device must be made, and which of its numbers its level depends on; None where it is not asked for."""
-
-    absorber: SlidingAbsorber
-    tolerances: Tolerances | None = None
-    sobol: Sensitivity | None = None
-
-    @property
-    def lines(self) -> list[str]:
-        """What is printed."""
-        lines = []
-        if self.tolerances is not None:
-            lines += tolerance_lines(self.tolerances, self.absorber)
-        if self.sobol is not None:
-            lines += sensitivity_lines(self.sobol)
-        return lines
-
-    @property
-    def groups(self) -> tuple[tuple[str, tuple[Row, ...]], ...]:
-        """Groups of a card."""
-        groups = []
-        if self.tolerances is not None:
-            heading = f"How precisely it must be made for a level below {1e3 * self.tolerances.limit:.4g} mm"
-            groups.append((heading, tolerance_rows(self.tolerances, self.absorber)))
-        if self.sobol is not None:
-            rows = sensitivity_rows(self.sobol)
-            groups.append(("Sobol shares of the level's variance (95 % interval)", rows))
-        return tuple(groups)
-
-    @property
-    def content(self) -> dict[str, object]:
-        """JSON values."""
-        content: dict[str, object] = {}
-        if self.tolerances is not None:
-            content["tolerances"] = tolerance_data(self.tolerances, self.absorber)
-        if self.sobol is not None:
-            content["sobol"] = sensitivity_data(self.sobol)
-        return content
-
-
-def precision_of(
-    advice: Advice,
-    best: Answer,
-    structure: Structure,
-    every: Sequence[Distribution],
-    options: dict[str, Any],
-    executor: Executor,
-) -> Precision:
-    """Run what --tolerances and --sobol ask for, under a bar."""
-    case = case_of(advice.check, best.absorber)
+def show_stages(options: dict[str, Any], scene: Scene, advice: Advice) -> Stages:
+    """Return the bars of what is run after the search; each says first how long it takes, unless it runs on a cluster."""
     low, high = advice.check.limits
     periods = 1e4 * (high - low) / advice.check.rate
-    tolerances = None
-    sobol = None
 
-    def announce(runs: int) -> None:
+    @contextmanager
+    def show_stage(label: str, runs: int) -> Iterator[LaneProgress | None]:
         if options["cluster"] is None:
             force = options["force"]
             resonance = options["resonance"]
-            announce_duration(case.scene, force, resonance, periods, runs, options["threads"])
+            announce_duration(scene, force, resonance, periods, runs, options["threads"])
+        with sweeps_bar(label, leave=False) as show:
+            yield show
 
-    if options["tolerances"]:
-        draws = QUICK_DRAWS if options["quick"] else DRAWS_OF_TOLERANCES
-        announce(2 * (3 * draws[0] + draws[1] + draws[2]))
-        with sweeps_bar("tolerances", leave=False) as show:
-            tolerances = find_tolerances(
-                case, options["limit_level"], every, draws=draws, progress=show, executor=executor
-            )
-    if options["sobol"]:
-        samples = QUICK_SOBOL if options["quick"] else SOBOL
-        announce(2 * samples * (len(device_box(case, structure)) + 2))
-        with sweeps_bar("Sobol shares", leave=False) as show:
-            sobol = device_sensitivity(
-                case, structure, samples, seed=options["seed"], progress=show, executor=executor
-            )
-    return Precision(best.absorber, tolerances, sobol)
-
-
-def write(
-    out: Path,
-    advice: Advice,
-    unsure: UncertaintyResult | None,
-    frequency: Sequence[ResonanceCurves],
-    precision: Precision | None,
-) -> list[Path]:
-    """Write the figures and the tables into a folder, and return the files."""
-    content = summary(advice) | ({} if unsure is None else {"uncertain": unsure.plain()})
-    content |= {} if precision is None else precision.content
-    contents: dict[Path | None, object] = {
-        out / "levels.csv": (COLUMNS, rows(advice)),
-        out / "summary.json": content,
-        out / "levels.png": partial(save_figure, advice=advice),
-    }
-    if precision is not None and precision.sobol is not None:
-        contents[out / "sensitivity.png"] = partial(
-            save_sensitivity, sensitivity=precision.sobol, of="the recommended device"
-        )
-    return write_files(contents | frequency_files(out, frequency))
+    return show_stage
 
 
 def probe_gap(model: ModalModel, loads: Loads) -> float:
@@ -434,7 +299,7 @@ def under_load(options: dict[str, Any]) -> None:
     structure = structure_in(options)
     require_writable("--out", options["out"])
     common.check_target("--device", options["device"], (".json",))
-    model = model_on(structure)
+    model = model_for_gap(structure)
     loads = scenes.loads_of(options["load"], model, options["resonance"])
     ratio = scenes.mass_ratio_of(options["mass_ratio"], options["mass_kg"], model.beam_mass)
 
@@ -474,17 +339,9 @@ def under_load(options: dict[str, Any]) -> None:
                 err=True,
             )
         advice = search()
-    out = options["out"]
-    table = (report.COLUMNS, report.rows(advice))
-    figure = partial(report.save_figure, advice=advice)
-    click.echo(report.text(advice))
-    files = write_files(
-        {
-            out / "runs.csv": table,
-            out / "summary.json": report.summary(advice),
-            out / "levels.png": figure,
-        }
-    )
+    answer = LoadGapAnswer(advice)
+    click.echo(str(answer))
+    files = answer.save(options["out"])
     if options["device"] is not None:
         scenes.write_device(options["device"], structure, advice.recommended.absorber)
         files.append(options["device"])
@@ -605,13 +462,14 @@ def main(**options: Any) -> None:
             )
         options["force"] = usable_force("--force", options["force"])
         structure = structure_in(options)
-        model = model_on(structure)
+        model = model_for_gap(structure)
         scenes.warn_of_nodes(model, options["resonance"])
         absorber = absorber_on(model, options)
         usable_gap(
             "--force", f"{options['force']:g} N", "the design rule", rigid_walls(absorber).gap
         )
         refuse_contradictions(options, absorber)
+        questions = questions_of(options, absorber)
         factors = () if options["gaps"] is None else tuple(map(float, gap_factors(options["gaps"])))
         require_writable("--out", options["out"])
         common.check_target("--device", options["device"], (".json",))
@@ -621,51 +479,19 @@ def main(**options: Any) -> None:
             if options["rate"] is None
             else usable_rate("--rate", options["rate"], [PAPER_LIMITS])
         )
-        every = distributions(options, absorber)
         limits = limits_of(options, model, absorber)
-        if options["limit_level"] is not None:
-            options["limit_level"] = positive("limit_level", options["limit_level"])
-        elif options["tolerances"]:
-            raise common.BadInput(
-                "--tolerances needs --limit-level: the level in m below which the device must stay"
-            )
         with executor_on(options["threads"], options["cluster"]) as executor:
             advice = search_gap(model, absorber, options, rate, factors, limits, executor)
             if advice.recommended is None:
                 raise KeyboardInterrupt
-            best = advice.recommended if advice.complete else None
-            unsure = (
-                None
-                if best is None or not every
-                else UncertaintyResult(every, *uncertain_levels(advice, best, every, executor))
-            )
-            precision = (
-                None
-                if best is None
-                else precision_of(advice, best, structure, every, options, executor)
-            )
-            own = None
-            baseline_lines = list[str]()
-            frequency = [] if best is None else [frequency_of(advice, best, executor)]
-            if best is not None and not options["no_card"]:
-                service = service_loads(advice, best, executor)
-                more = change_with_modes(advice, best, structure, options["seed"], executor)
-                own = card(advice, service, unsure, options["contact"], more, frequency)
-                if precision is not None:
-                    own = replace(own, groups=(*own.groups, *precision.groups))
-                baseline_lines = [baselines(service)]
-        printed = [*answer(advice), *probability(advice, options["limit_level"]), *baseline_lines]
-        printed += [] if unsure is None else [unsure.words]
-        printed += [*([] if precision is None else precision.lines), "", text(advice)]
-        printed += ["", *warnings(advice), *([] if own is None else ["", as_text(own)])]
-        click.echo("\n".join(printed))
-        files = write(options["out"], advice, unsure, frequency, precision)
-        if options["history"] is not None and best is not None:
-            run = record_worst_run(case_of(advice.check, best.absorber), curve_at(advice, best))
+            stages = show_stages(options, Scene(model, advice.recommended.absorber), advice)
+            answer = complete_gap_answer(advice, structure, questions, executor, stages)
+        click.echo(str(answer))
+        files = answer.save(options["out"])
+        if options["history"] is not None and (run := answer.worst_run()) is not None:
             files += write_files({options["history"]: partial(save_history, run=run)})
-        if options["device"] is not None and advice.recommended is not None:
+        if options["device"] is not None:
             scenes.write_device(options["device"], structure, advice.recommended.absorber)
             files.append(options["device"])
-        files += [] if own is None else write_card(options["out"], own)
     common.name_files(files)
     common.end_early(advice.complete, "the files hold the runs that were finished.")

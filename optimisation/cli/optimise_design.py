@@ -5,17 +5,23 @@ Impact absorbers are searched with a Gaussian process or CMA-ES, other concepts 
 
 # needs: optimise
 
-from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from impact_env.ensemble import Executor, Lane, run_lanes
+from impact_env.ensemble import Executor, LaneProgress
 from impact_env.parameters import ParameterError
+from optimisation.answers.design import (
+    QUICK_SIZES,
+    DesignAnswer,
+    ExplanationSizes,
+    WinnerRuns,
+    run_around_winner,
+)
 from optimisation.cli import design_options as design
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
@@ -29,218 +35,33 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.design_duration import announce_search
-from optimisation.designs import Design
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
 from optimisation.frequency_levels import (
-    NO_ABSORBER,
     ResonanceCurves,
-    WorstRun,
-    frequency_curve,
-    record_lane,
 )
-from optimisation.insight import (
-    DRAWS,
-    FEW,
-    REPORT_SEEDS,
-    Levels,
-    detuned,
-    levels,
-    over_force,
-    sensitivity,
-    service,
-    varied,
-    with_gaps,
-)
-from optimisation.objectives import KINDS, MEAN, OWN, WORST, Condition, Objective
+from optimisation.objectives import KINDS, MEAN, OWN, WORST, Objective
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
-from optimisation.report import design_tables as tables
-from optimisation.report.card import write_card
-from optimisation.report.cards import findings_card
-from optimisation.report.design_figures import (
-    save_curves,
-    save_map,
-    save_robustness,
-    save_sensitivity,
-)
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
     HISTORY_HELP,
-    frequency_files,
     save_history,
 )
 from optimisation.search.find import BARS, SearchOptions, find
 from optimisation.search.judge import AUDITED, SearchResult
 from optimisation.search.run_cache import check_study_file
-from optimisation.search.settings import FAST, GP, SAMPLERS, SCIPY, default_settings
+from optimisation.search.settings import GP, SAMPLERS, SCIPY, default_settings
 from optimisation.search.smooth import MEMBERS as SMOOTH_MEMBERS
-from optimisation.variables import GAP, IMPACT, VARIABLES
+from optimisation.variables import IMPACT, VARIABLES
 
 ALL = "all"
 DESIGNS = 400
 QUICK_DESIGNS = 80
 AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and 2:35, with --structure by the design rule]"
 USUAL = ((1, 3.5), (2, 35.0))
-FORCES = 10
-DETUNINGS = 9
-MAP = 16
-SOBOL = 64
-QUICK_SOBOL = 16
-QUICK_DRAWS = 8
-
-
-def explain(findings: SearchResult, options: dict[str, Any], executor: Executor) -> SearchResult:
-    """Run the winner in service, and what the figures show around it."""
-    problem = findings.problem
-    verdict = findings.verdict
-    if verdict is None or not verdict.feasible or options["no_figures"] or not findings.finished:
-        return findings
-    name = problem.space.concept
-    few = min(FEW, problem.members)
-    if not problem.under_loads:  # its ranges and tolerances are those of a force
-        with runs_bar(f"{name}: winner in service") as show:
-            draws = QUICK_DRAWS if options["quick"] else DRAWS
-            findings = replace(
-                findings,
-                service=service(problem, verdict.winner.design, executor, few, draws, show),
-            )
-    both = [verdict.winner.design, verdict.paper.design]
-    main = main_conditions(findings)
-
-    def run_levels(
-        what: str,
-        designs: list[Design],
-        around: list[list[Condition]],
-        members: int = few,
-        rate: float | None = None,
-    ) -> tuple[Levels, ...]:
-        with runs_bar(f"{name}: {what}") as show:
-            return tuple(
-                levels(problem, designs, conditions, members, executor, show, rate)
-                for conditions in around
-            )
-
-    grids = [
-        [over_force(c, np.geomspace(c.force / 5, 5 * c.force, number)) for c in main]
-        for number in (FORCES, MAP)
-    ]
-    findings = replace(findings, curves=run_levels("curves over the force", both, grids[0]))
-    findings = replace(
-        findings,
-        detuned=run_levels(
-            "detuned beams", both, [detuned(c, np.linspace(-0.1, 0.1, DETUNINGS)) for c in main]
-        ),
-    )
-    if name == IMPACT:
-        gap = verdict.winner.design.values[GAP]
-        fast = problem.rate if options["quick"] else FAST * problem.rate
-        gaps = np.geomspace(gap / 5, 5 * gap, MAP)
-        gap_map = run_levels(
-            "map over gap and force", with_gaps(verdict.winner.design, gaps), grids[1], 1, fast
-        )
-        findings = replace(findings, gap_map=gap_map, gaps=tuple(gaps.tolist()))
-    if len(varied(problem.space)) > 1:
-        samples = QUICK_SOBOL if options["quick"] else SOBOL
-        with runs_bar(f"{name}: sensitivity") as show:
-            findings = replace(
-                findings,
-                sensitivity=sensitivity(
-                    problem, verdict.winner.design, samples, few, executor, progress=show
-                ),
-            )
-    return findings
-
-
-def lanes_under(
-    findings: SearchResult, condition: Condition, design: Design | None, members: int
-) -> list[Lane]:
-    """Return the runs of a design, None without absorber, on fresh members under a condition; each member sweeps up and down."""
-    problem = replace(findings.problem, conditions=(condition,), uncertain={})
-    chunks = problem.chunks(design, problem.fresh_ensemble(members, REPORT_SEEDS), problem.rate)
-    lanes = [lane for chunk in chunks for lane in chunk.lanes]
-    if design is not None:
-        return lanes
-    drives = [replace(lane.drive, amplitude=condition.force) for lane in lanes]  # not one newton
-    return [replace(lane, drive=drive) for lane, drive in zip(lanes, drives, strict=True)]
-
-
-def main_conditions(findings: SearchResult) -> list[Condition]:
-    """Return the middle condition of each resonance."""
-    by_resonance: dict[int, list[Condition]] = {}
-    for condition in findings.problem.conditions:
-        by_resonance.setdefault(condition.resonance, []).append(condition)
-    return [part[len(part) // 2] for part in by_resonance.values()]
-
-
-def frequency_of(findings: SearchResult, executor: Executor) -> list[ResonanceCurves]:
-    """Return the levels over the frequency of the winner, the highest of a few members, and without absorber, near each resonance."""
-    problem = findings.problem
-    verdict = findings.verdict
-    if verdict is None or not verdict.feasible or problem.under_loads or not findings.finished:
-        return []
-    members = min(FEW, problem.members)
-    curves = []
-    for condition in main_conditions(findings):
-        own = lanes_under(findings, condition, verdict.winner.design, members)
-        without = lanes_under(findings, condition, None, 1)
-        name = f"winner, highest of {members} members" if members > 1 else "winner"
-        both = (
-            frequency_curve(name, own, condition.limits, executor),
-            frequency_curve(NO_ABSORBER, without, condition.limits, executor),
-        )
-        omega = own[0].drive.schedule.reference
-        finished_curves = tuple(one for one in both if one is not None)
-        curves.append(ResonanceCurves(condition.resonance, omega, condition.force, finished_curves))
-    return curves
-
-
-def worst_run(findings: SearchResult, executor: Executor) -> WorstRun | None:
-    """Return the motion of the winner's run with the highest level under the first condition, of a few fresh members."""
-    verdict = findings.verdict
-    if verdict is None or not verdict.feasible or not findings.finished:
-        return None
-    members = min(FEW, findings.problem.members)
-    condition = main_conditions(findings)[0]
-    lanes = lanes_under(findings, condition, verdict.winner.design, members)
-    levels = run_lanes(lanes, executor=executor)
-    if not levels.complete:
-        raise KeyboardInterrupt
-    k = int(np.argmax(levels.level))
-    return record_lane(lanes[k], k // 2, k % 2, condition.resonance)
-
-
-def write(
-    out: Path,
-    findings: SearchResult,
-    options: dict[str, Any],
-    frequency: Sequence[ResonanceCurves] = (),
-) -> list[Path]:
-    """Write tables and figures of the findings, and return the files."""
-    designs = tables.design_table(findings.problem, findings.evaluated)
-    summary = design.conditions_of(options) | tables.summary(findings)
-    contents: dict[Path | None, object] = {
-        out / "designs.csv": designs,
-        out / "summary.json": summary,
-    }
-    drawn = (
-        ("curves", findings.curves, save_curves),
-        ("detuned", findings.detuned, save_robustness),
-        ("map", findings.gap_map, save_map),
-    )
-    for name, part, save in drawn:
-        if part is not None:
-            names, gaps = (
-                ([], findings.gaps) if name == "map" else ((tables.WINNER, tables.PAPER), ())
-            )
-            contents[out / f"{name}.csv"] = tables.level_table(part, names, gaps)
-            contents[out / f"{name}.png"] = partial(save, findings=findings)
-    contents |= frequency_files(out, frequency)
-    if findings.sensitivity is not None:
-        contents[out / "sensitivity.png"] = partial(
-            save_sensitivity, sensitivity=findings.sensitivity
-        )
-    return write_files(contents) + write_card(out, findings_card(findings, frequency))
+SIZES = ExplanationSizes()
+QUICK = QUICK_SIZES
 
 
 def searched_share(problem: Problem, plan: SearchOptions) -> float:
@@ -292,18 +113,25 @@ def run_concept(
         executor,
     )
     findings = find(problem, plan, journal, executor, BARS)
+    runs = WinnerRuns(findings)
     frequency: list[ResonanceCurves] = []
     run = None
     try:
-        findings = explain(findings, options, executor)
         if not options["no_figures"]:
-            frequency = frequency_of(findings, executor)
+
+            def stage(label: str) -> AbstractContextManager[LaneProgress | None]:
+                return runs_bar(f"{concept}: {label}")
+
+            sizes = QUICK if options["quick"] else SIZES
+            findings = run_around_winner(findings, executor, sizes, stage)
+            frequency = runs.frequency_levels(executor)
         if options["history"] is not None:
-            run = worst_run(findings, executor)
+            run = runs.worst_run(executor)
     except KeyboardInterrupt:
         findings = replace(findings, finished=False)
-    click.echo(tables.text(findings))
-    files = write(out, findings, options, frequency)
+    answer = DesignAnswer(findings, tuple(frequency), design.conditions_of(options))
+    click.echo(str(answer))
+    files = answer.save(out)
     if run is not None:
         files += write_files({options["history"]: partial(save_history, run=run)})
     name_files(files)

@@ -1,11 +1,13 @@
 """Comparisons of absorbers, near resonances and under loads, as numbers: rows for CSV files, a summary for JSON, a table to read. SI units."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,9 @@ from optimisation.report.card import with_band
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure
 from optimisation.statistics import prediction_band, prediction_interval
 from optimisation.sweep_range import find_reading_ratios, is_at_end
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Json = dict[str, object]
@@ -455,8 +460,8 @@ def tuned_text(tuned: TunedUnder) -> str:
     return "\n".join(lines)
 
 
-def save_load_figure(path: Path, comparison: LoadComparison) -> None:
-    """Draw what each absorber leaves over the loads' intensity; the ending of ``path`` chooses the format."""
+def draw_load_comparison(comparison: LoadComparison) -> Figure:
+    """Draw what each absorber leaves over the loads' intensity."""
     heads = _heads(comparison)
     figure, panels = figure_of(5.2 * len(heads) + 1.0, 3.8, 1, len(heads), sharey=True)
     panels = np.atleast_1d(panels)
@@ -477,4 +482,9 @@ def save_load_figure(path: Path, comparison: LoadComparison) -> None:
         )
     panels[0].set_ylabel(f"{LABELS[comparison.measure]} over that without absorber")
     panels[0].legend(frameon=False)
-    write_figure(figure, path)
+    return figure
+
+
+def save_load_figure(path: Path, comparison: LoadComparison) -> None:
+    """Write the figure of `draw_load_comparison`; the ending of ``path`` chooses the format."""
+    write_figure(draw_load_comparison(comparison), path)

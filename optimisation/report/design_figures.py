@@ -35,6 +35,7 @@ from optimisation.variables import GAP, MASS_RATIO, POSITION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LEAST_LEVEL = 0.04  # of the gap: the smallest level in the figure
 ORDINALS = {1: "First", 2: "Second", 3: "Third"}
@@ -59,8 +60,8 @@ LINE_STYLES = {
 }
 
 
-def save_figure(path: Path, comparison: Comparison) -> None:
-    """Draw response levels over the force near both resonances, as in the paper's last figure; the ending of ``path`` chooses the format."""
+def draw_comparison(comparison: Comparison) -> Figure:
+    """Draw response levels over the force near both resonances, as in the paper's last figure."""
     figure, panels = figures.figure_of(10, 6.4, 1, len(comparison.resonances), sharey=True)
     panels = np.atleast_1d(panels)
     top = 0.0
@@ -90,7 +91,12 @@ def save_figure(path: Path, comparison: Comparison) -> None:
     )
     title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:.3g} % of {whose} mass"
     figure.suptitle(title, fontsize=13)
-    write_figure(figure, path)
+    return figure
+
+
+def save_figure(path: Path, comparison: Comparison) -> None:
+    """Write the figure of `draw_comparison`; the ending of ``path`` chooses the format."""
+    write_figure(draw_comparison(comparison), path)
 
 
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
@@ -185,7 +191,7 @@ def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
         panel.plot(x, levels.median[d] * scale, color=colour, ls=style, lw=width, label=label)
 
 
-def save_curves(path: Path, findings: SearchResult) -> None:
+def draw_curves(findings: SearchResult) -> Figure:
     """Draw the response level over the force: winner, paper's design, no absorber, and the limit of the winner's cavity."""
     assert findings.curves is not None
     assert findings.verdict is not None
@@ -230,7 +236,12 @@ def save_curves(path: Path, findings: SearchResult) -> None:
         else f"{LABELS[own.measure_and_unit[0]]} in {display_unit}"
     )
     figures.draw_legend(figure, panels[0])
-    write_figure(figure, path)
+    return figure
+
+
+def save_curves(path: Path, findings: SearchResult) -> None:
+    """Write the figure of `draw_curves`; the ending of ``path`` chooses the format."""
+    write_figure(draw_curves(findings), path)
 
 
 def save_map(path: Path, findings: SearchResult) -> None:

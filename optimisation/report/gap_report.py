@@ -1,9 +1,12 @@
 """The answers of `design_gap` and what they rest on: as text, card, rows, JSON and figures. SI units, unless named."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,6 +44,9 @@ from optimisation.report.figures import (
 from optimisation.report.frequency_report import frequency_charts
 from optimisation.sweep_range import is_at_end
 from optimisation.uncertain import Distribution, plain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 HEADER = (
     "gap, mm",
@@ -576,8 +582,8 @@ def summary(advice: Advice) -> Json:
     }
 
 
-def save_figure(path: Path, advice: Advice) -> None:
-    """Draw level and limit over the gap, with the answers; the ending of ``path`` chooses the format."""
+def draw_levels(advice: Advice) -> Figure:
+    """Draw level and limit over the gap, with the answers."""
     check = advice.check
     figure, axes = figure_of(8, 5.2)
     gaps = MM * check.gaps
@@ -636,4 +642,9 @@ def save_figure(path: Path, advice: Advice) -> None:
         f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}",
         fontsize=11,
     )
-    write_figure(figure, path)
+    return figure
+
+
+def save_figure(path: Path, advice: Advice) -> None:
+    """Write the figure of `draw_levels`; the ending of ``path`` chooses the format."""
+    write_figure(draw_levels(advice), path)

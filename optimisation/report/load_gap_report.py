@@ -1,8 +1,11 @@
 """The answers of `design_gap --load` in words, as JSON, rows and a figure."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +16,9 @@ from optimisation.measures import DISPLAY_UNITS, LABELS, START, UNITS
 from optimisation.report.comparison_tables import LOAD_END_WARNING, reading_in_words
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis, write_figure
 from optimisation.report.gap_report import SUBS, answer_values, band_in_words, device
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Json = dict[str, object]
 COLUMNS = ("gap_m", "member", "value")
@@ -84,8 +90,8 @@ def text(advice: LoadAdvice) -> str:
     return "\n".join(lines)
 
 
-def save_figure(path: Path, advice: LoadAdvice) -> None:
-    """Draw the measure over the gap, with the answers; the ending of ``path`` chooses the format."""
+def draw_measures(advice: LoadAdvice) -> Figure:
+    """Draw the measure over the gap, with the answers."""
     factor, unit = DISPLAY_UNITS[UNITS[advice.measure]]
     figure, axes = figure_of(6.4, 4.4)
     low, high = factor * advice.band
@@ -129,4 +135,9 @@ def save_figure(path: Path, advice: LoadAdvice) -> None:
     axes.set_ylabel(f"{LABELS[advice.measure]} in {unit}")
     axes.set_title(f"Gap under {advice.loads.describe()}", fontsize=11)
     axes.legend(frameon=False, fontsize=9)
-    write_figure(figure, path)
+    return figure
+
+
+def save_figure(path: Path, advice: LoadAdvice) -> None:
+    """Write the figure of `draw_measures`; the ending of ``path`` chooses the format."""
+    write_figure(draw_measures(advice), path)

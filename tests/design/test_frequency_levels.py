@@ -119,7 +119,7 @@ def test_what_takes_too_much_memory_is_left_out(monkeypatch: pytest.MonkeyPatch)
 def test_the_winner_of_a_search_has_its_curve_and_its_worst_run() -> None:
     """The highest of its levels is the one that the report of the winner has on the same fresh members; without absorber it is as the force."""
     pytest.importorskip("optuna")
-    from optimisation.cli import optimise_design
+    from optimisation.answers.design import WinnerRuns
 
     problem = Problem(
         design_space("impact"), (Condition(1, 3.5),), beam=Beam(modes=2), members=2, rate=40.0
@@ -129,16 +129,16 @@ def test_the_winner_of_a_search_has_its_curve_and_its_worst_run() -> None:
     findings: Any = SimpleNamespace(
         problem=problem, finished=True, verdict=SimpleNamespace(feasible=True, winner=winner)
     )
-    run = optimise_design.worst_run(findings, Threads(1))
+    run = WinnerRuns(findings).worst_run(Threads(1))
     assert run is not None
     worse, without = member_levels(problem, [design], problem.conditions, 2, Threads(1))
     assert run.response.level is not None
     assert run.response.level.value == worse.max()
-    (part,) = optimise_design.frequency_of(findings, Threads(1))
+    (part,) = WinnerRuns(findings).frequency_levels(Threads(1))
     own, none = part.curves
     assert (own.name, none.name) == ("winner, highest of 2 members", "no absorber")
     assert 0.97 * worse.max() < np.nanmax(own.level) < 1.2 * worse.max()
     assert 0.97 * without[0, 0] < np.nanmax(none.level) < 1.2 * without[0, 0]
     findings.finished = False
-    assert optimise_design.frequency_of(findings, Threads(1)) == []
-    assert optimise_design.worst_run(findings, Threads(1)) is None
+    assert WinnerRuns(findings).frequency_levels(Threads(1)) == []
+    assert WinnerRuns(findings).worst_run(Threads(1)) is None

@@ -8,11 +8,13 @@ import pytest
 from click import Command
 from click.testing import CliRunner, Result
 
+from optimisation.answers.design import ExplanationSizes
 from optimisation.cli.group import imported
 
 FAST = ["--modes", 2, "--rate", 40, "--members", 2, "--batch", 4]  # the numbers do not matter here
 SHORT = ["--modes", 2, "--from", 0.98, "--to", 1, "--rate", 10]  # of sweep: 20 pseudo periods
-SMALL = {"MAP": 3, "SOBOL": 2, "QUICK_SOBOL": 2, "FORCES": 3, "DETUNINGS": 3, "DRAWS": 2}
+SIZES = ExplanationSizes(forces=3, detunings=3, gap_map=3, samples=2, draws=2)
+SMALL = {"SIZES": SIZES, "QUICK": SIZES, "SOBOL": 2, "QUICK_SOBOL": 2}
 
 
 def load(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:

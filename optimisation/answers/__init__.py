@@ -1,0 +1,1 @@
+"""Whole answers: what a command prints, draws and writes, from Python."""

@@ -1,0 +1,205 @@
+"""Absorbers of one mass compared: levels over the force, over the frequency, and service loads of the impact absorber."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from impact_env.curve import CurveCase
+from impact_env.ensemble import Executor, Threads
+from impact_env.modes import Structure
+from impact_env.scene import Scene
+from optimisation import comparison as concepts
+from optimisation.answers.complete import CompleteAnswer, Json
+from optimisation.comparison import IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, Comparison
+from optimisation.frequency_levels import (
+    ResonanceCurves,
+    WorstRun,
+    find_worst_run,
+    record_worst_run,
+    resonance_curves,
+)
+from optimisation.gap_card import ImpactLoads, impact_loads
+from optimisation.load_comparison import LoadComparison
+from optimisation.report import comparison_tables as tables
+from optimisation.report.card import Card
+from optimisation.report.cards import comparison_card
+from optimisation.report.design_figures import draw_comparison, save_figure
+from optimisation.report.frequency_report import frequency_files
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wider range
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonAnswer(CompleteAnswer):
+    """A comparison of absorbers, and what is known of them at its force.
+
+    Attributes
+    ----------
+    comparison : Comparison
+        Levels over the force of each absorber near each resonance.
+    impacts : ImpactLoads, optional
+        Impacts of a given device near the first resonance.
+    frequency : tuple of ResonanceCurves
+        Levels over the frequency of each absorber's worst member, near each resonance.
+    conditions : dict
+        What else summary.json holds: versions, times.
+
+    """
+
+    comparison: Comparison
+    impacts: ImpactLoads | None = None
+    frequency: tuple[ResonanceCurves, ...] = ()
+    conditions: Mapping[str, object] = field(default_factory=dict)
+
+    @cached_property
+    def card(self) -> Card | None:
+        """The card with curves."""
+        return comparison_card(self.comparison, self.impacts, self.frequency)
+
+    def __str__(self) -> str:
+        """Return the table that `compare_absorbers` prints."""
+        return tables.text_table(self.comparison)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        return {**self.conditions, **tables.summary(self.comparison)}
+
+    def plot(self) -> Figure:
+        """Return the figure of the levels over the force."""
+        return draw_comparison(self.comparison)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return tables, figures and JSON by their paths."""
+        contents: dict[Path | None, object] = {
+            folder / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(self.comparison)),
+            folder / "curves.csv": (tables.CURVE_COLUMNS, tables.curve_rows(self.comparison)),
+            folder / "summary.json": self.to_json(),
+            folder / "comparison.png": partial(save_figure, comparison=self.comparison),
+        }
+        return contents | frequency_files(folder, self.frequency)
+
+    def worst_run(self) -> WorstRun | None:
+        """Return the recorded run of the impact absorber with the highest level near the first resonance; None if the runs were stopped."""
+        part = self.comparison.resonances[0]
+        if part.reported_index is None or not self.comparison.complete:
+            return None
+        return record_worst_run(part.cases[IMPACT], part.curves[IMPACT], part.reported_index)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadComparisonAnswer(CompleteAnswer):
+    """Absorbers compared under loads, each at its own best."""
+
+    comparison: LoadComparison
+
+    def __str__(self) -> str:
+        """Return the table that `compare_absorbers --load` prints."""
+        return tables.load_table(self.comparison)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        return tables.load_summary(self.comparison)
+
+    def plot(self) -> Figure:
+        """Return the figure of what each absorber leaves over the loads' intensity."""
+        return tables.draw_load_comparison(self.comparison)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return table, figure and JSON by their paths."""
+        return {
+            folder / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(self.comparison)),
+            folder / "summary.json": self.to_json(),
+            folder / "comparison.png": partial(tables.save_load_figure, comparison=self.comparison),
+        }
+
+
+def find_impact_loads(comparison: Comparison, executor: Executor) -> ImpactLoads | None:
+    """Return the impacts of the impact absorber near the first resonance, at the force of the comparison; None if there is none."""
+    part = comparison.resonances[0]
+    k = part.reported_index
+    if k is None or not comparison.complete:
+        return None
+    concept = {one.key: one for one in comparison.concepts}[IMPACT]
+    case = CurveCase(
+        Scene(comparison.model, concept.absorber),
+        part.forces[k : k + 1],
+        part.resonance,
+        part.limits_of(concept),
+        comparison.percent_per_100_periods,
+        steady_start=True,
+    )
+    return impact_loads(case, executor)
+
+
+def frequency_levels_of(comparison: Comparison, executor: Executor) -> list[ResonanceCurves]:
+    """Return the levels over the frequency of each absorber's worst member, at the force of the comparison near each resonance."""
+    curves = []
+    for part in comparison.resonances:
+        k = part.reported_index
+        if k is None or not comparison.complete:
+            continue
+        cases = {
+            concept.label: (
+                replace(part.cases[concept.key], forces=part.forces[k : k + 1]),
+                find_worst_run(part.curves[concept.key], k)[0],
+            )
+            for concept in comparison.concepts
+            if concept.key not in SAME_ABSORBER
+        }
+        curves.append(resonance_curves(cases, part.curves[IMPACT].members, executor))
+    return curves
+
+
+def complete_comparison(
+    comparison: Comparison, executor: Executor, with_impacts: bool = False
+) -> ComparisonAnswer:
+    """Run what else is known of compared absorbers; ``with_impacts``: the impacts of the impact absorber as well.
+
+    Raises KeyboardInterrupt if the runs are stopped.
+    """
+    impacts = find_impact_loads(comparison, executor) if with_impacts else None
+    frequency = frequency_levels_of(comparison, executor)
+    return ComparisonAnswer(comparison, impacts, tuple(frequency))
+
+
+def compare(
+    structure: Structure | None = None, *, executor: Executor | None = None, **options: Any
+) -> ComparisonAnswer:
+    """Compare absorbers of one mass over the force near resonances, as the command `compare_absorbers` does.
+
+    Parameters
+    ----------
+    structure : Beam or ModalModel, optional
+        What the absorbers are on; default: the paper's beam.
+    executor : Executor, optional
+        Where the runs are made; default: threads of this process.
+    **options
+        As in `optimisation.comparison.compare`: ``resonances``, ``mass_ratio``, ``force`` (N), ``gap`` (m), ``device``, ``forces``, ``members``,
+        ``seed``, ``percent_per_100_periods``, ``progress``.
+
+    Returns
+    -------
+    ComparisonAnswer
+        With `str`, `to_json`, `plot` and `save`.
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range.
+
+    Examples
+    --------
+    >>> answer = compare(forces=8, members=2)  # doctest: +SKIP
+    >>> answer.save("results/comparison")  # doctest: +SKIP
+
+    """
+    executor = Threads() if executor is None else executor
+    comparison = concepts.compare(structure, executor=executor, **options)
+    return complete_comparison(comparison, executor, options.get("device") is not None)

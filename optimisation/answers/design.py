@@ -1,0 +1,311 @@
+"""The best design of a search: its levels around the study's conditions, its service loads and its sensitivity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from impact_env.ensemble import Executor, Lane, LaneProgress, Threads, run_lanes
+from optimisation.answers.complete import CompleteAnswer, Json, silent_stages
+from optimisation.designs import Design
+from optimisation.frequency_levels import (
+    NO_ABSORBER,
+    ResonanceCurves,
+    WorstRun,
+    frequency_curve,
+    record_lane,
+)
+from optimisation.insight import (
+    DRAWS,
+    FEW,
+    REPORT_SEEDS,
+    Levels,
+    detuned,
+    levels,
+    over_force,
+    sensitivity,
+    service,
+    varied,
+    with_gaps,
+)
+from optimisation.objectives import Condition
+from optimisation.report import design_tables as tables
+from optimisation.report.card import Card
+from optimisation.report.cards import findings_card
+from optimisation.report.design_figures import (
+    draw_curves,
+    save_curves,
+    save_map,
+    save_robustness,
+    save_sensitivity,
+)
+from optimisation.report.frequency_report import frequency_files
+from optimisation.search.judge import SearchResult
+from optimisation.search.settings import FAST
+from optimisation.variables import GAP, IMPACT
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Stage = Callable[[str], AbstractContextManager[LaneProgress | None]]
+
+
+@dataclass(frozen=True)
+class ExplanationSizes:
+    """How much is run around a winner.
+
+    ``forces``, ``detunings`` and ``gap_map``: points of the curves over the force, over the beam's detuning, and to either side of the map over gap
+    and force. ``samples``: of the Sobol indices, a power of 2. ``draws``: of all tolerances together. ``map_speed``: of the map's sweeps, over the
+    problem's rate.
+    """
+
+    forces: int = 10
+    detunings: int = 9
+    gap_map: int = 16
+    samples: int = 64
+    draws: int = DRAWS
+    map_speed: float = FAST
+
+
+QUICK_SIZES = ExplanationSizes(samples=16, draws=8, map_speed=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignAnswer(CompleteAnswer):
+    """The result of a search with what is known of its winner.
+
+    Attributes
+    ----------
+    result : SearchResult
+        The search, its verdict, and what was run around the winner.
+    frequency : tuple of ResonanceCurves
+        Levels over the frequency of the winner and without absorber, near each resonance.
+    conditions : dict
+        What else summary.json holds: versions, settings.
+
+    """
+
+    result: SearchResult
+    frequency: tuple[ResonanceCurves, ...] = ()
+    conditions: Mapping[str, object] = field(default_factory=dict)
+
+    @cached_property
+    def card(self) -> Card | None:
+        """The winner's card with curves."""
+        return findings_card(self.result, self.frequency)
+
+    def __str__(self) -> str:
+        """Return what `optimise_design` prints."""
+        return tables.text(self.result)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        return {**self.conditions, **tables.summary(self.result)}
+
+    def plot(self) -> Figure:
+        """Return the figure of the winner's levels over the force; it needs the curves of `explain`."""
+        return draw_curves(self.result)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return tables, figures and JSON by their paths."""
+        result = self.result
+        contents: dict[Path | None, object] = {
+            folder / "designs.csv": tables.design_table(result.problem, result.evaluated),
+            folder / "summary.json": self.to_json(),
+        }
+        drawn = (
+            ("curves", result.curves, save_curves),
+            ("detuned", result.detuned, save_robustness),
+            ("map", result.gap_map, save_map),
+        )
+        for name, part, save in drawn:
+            if part is None:
+                continue
+            names: list[str] | tuple[str, str] = []
+            gaps: tuple[float, ...] = result.gaps
+            if name != "map":
+                names = (tables.WINNER, tables.PAPER)
+                gaps = ()
+            contents[folder / f"{name}.csv"] = tables.level_table(part, names, gaps)
+            contents[folder / f"{name}.png"] = partial(save, findings=result)
+        contents |= frequency_files(folder, self.frequency)
+        if result.sensitivity is not None:
+            contents[folder / "sensitivity.png"] = partial(
+                save_sensitivity, sensitivity=result.sensitivity
+            )
+        return contents
+
+
+@dataclass(frozen=True)
+class WinnerRuns:
+    """Runs of a search's winner on fresh members."""
+
+    result: SearchResult
+
+    @property
+    def exists(self) -> bool:
+        """Whether the search ended with a winner that keeps all constraints."""
+        verdict = self.result.verdict
+        return verdict is not None and verdict.feasible and self.result.finished
+
+    @property
+    def design(self) -> Design:
+        """The winner."""
+        assert self.result.verdict is not None
+        return self.result.verdict.winner.design
+
+    @property
+    def members(self) -> int:
+        """How many members are run."""
+        return min(FEW, self.result.problem.members)
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """The middle condition of each resonance."""
+        by_resonance: dict[int, list[Condition]] = {}
+        for condition in self.result.problem.conditions:
+            by_resonance.setdefault(condition.resonance, []).append(condition)
+        return [part[len(part) // 2] for part in by_resonance.values()]
+
+    def lanes(self, condition: Condition, design: Design | None, members: int) -> list[Lane]:
+        """Return the runs of a design, None without absorber, under a condition; each member sweeps up and down."""
+        problem = replace(self.result.problem, conditions=(condition,), uncertain={})
+        ensemble = problem.fresh_ensemble(members, REPORT_SEEDS)
+        chunks = problem.chunks(design, ensemble, problem.rate)
+        lanes = [lane for chunk in chunks for lane in chunk.lanes]
+        if design is not None:
+            return lanes
+        # a problem's runs without absorber are under 1 N
+        drives = [replace(lane.drive, amplitude=condition.force) for lane in lanes]
+        return [replace(lane, drive=drive) for lane, drive in zip(lanes, drives, strict=True)]
+
+    def frequency_levels(self, executor: Executor) -> list[ResonanceCurves]:
+        """Return the levels over the frequency of the winner, the highest of a few members, and without absorber, near each resonance."""
+        if not self.exists or self.result.problem.under_loads:
+            return []
+        name = f"winner, highest of {self.members} members" if self.members > 1 else "winner"
+        curves = []
+        for condition in self.conditions:
+            own = self.lanes(condition, self.design, self.members)
+            without = self.lanes(condition, None, 1)
+            both = (
+                frequency_curve(name, own, condition.limits, executor),
+                frequency_curve(NO_ABSORBER, without, condition.limits, executor),
+            )
+            omega = own[0].drive.schedule.reference
+            finished = tuple(one for one in both if one is not None)
+            curves.append(ResonanceCurves(condition.resonance, omega, condition.force, finished))
+        return curves
+
+    def worst_run(self, executor: Executor) -> WorstRun | None:
+        """Return the recorded run with the highest level under the first condition; None without a winner."""
+        if not self.exists:
+            return None
+        condition = self.conditions[0]
+        lanes = self.lanes(condition, self.design, self.members)
+        runs = run_lanes(lanes, executor=executor)
+        if not runs.complete:
+            raise KeyboardInterrupt
+        k = int(np.argmax(runs.level))
+        return record_lane(lanes[k], k // 2, k % 2, condition.resonance)
+
+
+def run_around_winner(
+    result: SearchResult,
+    executor: Executor,
+    sizes: ExplanationSizes | None = None,
+    stage: Stage = lambda label: silent_stages(label, 0),
+) -> SearchResult:
+    """Return a search's result with its winner in service, and levels around the study's conditions; without a winner the result as it is."""
+    runs = WinnerRuns(result)
+    if not runs.exists:
+        return result
+    sizes = ExplanationSizes() if sizes is None else sizes
+    problem = result.problem
+    assert result.verdict is not None
+    winner = runs.design
+    if not problem.under_loads:  # its ranges and tolerances are those of a force
+        with stage("winner in service") as show:
+            loads = service(problem, winner, executor, runs.members, sizes.draws, show)
+        result = replace(result, service=loads)
+    both = [winner, result.verdict.paper.design]
+    main = runs.conditions
+
+    def run_levels(
+        what: str,
+        designs: list[Design],
+        around: list[list[Condition]],
+        members: int = runs.members,
+        rate: float | None = None,
+    ) -> tuple[Levels, ...]:
+        with stage(what) as show:
+            return tuple(
+                levels(problem, designs, conditions, members, executor, show, rate)
+                for conditions in around
+            )
+
+    def forces(number: int) -> list[list[Condition]]:
+        return [over_force(c, np.geomspace(c.force / 5, 5 * c.force, number)) for c in main]
+
+    curves = run_levels("curves over the force", both, forces(sizes.forces))
+    result = replace(result, curves=curves)
+    shares = np.linspace(-0.1, 0.1, sizes.detunings)
+    around = [detuned(c, shares) for c in main]
+    result = replace(result, detuned=run_levels("detuned beams", both, around))
+    if problem.space.concept == IMPACT:
+        gap = winner.values[GAP]
+        gaps = np.geomspace(gap / 5, 5 * gap, sizes.gap_map)
+        gap_map = run_levels(
+            "map over gap and force",
+            with_gaps(winner, gaps),
+            forces(sizes.gap_map),
+            1,
+            sizes.map_speed * problem.rate,
+        )
+        result = replace(result, gap_map=gap_map, gaps=tuple(gaps.tolist()))
+    if len(varied(problem.space)) > 1:
+        with stage("sensitivity") as show:
+            indices = sensitivity(
+                problem, winner, sizes.samples, runs.members, executor, progress=show
+            )
+        result = replace(result, sensitivity=indices)
+    return result
+
+
+def explain(
+    result: SearchResult,
+    *,
+    sizes: ExplanationSizes | None = None,
+    executor: Executor | None = None,
+) -> DesignAnswer:
+    """Explain the winner of a search, as the command `optimise_design` does.
+
+    Parameters
+    ----------
+    result : SearchResult
+        Of `optimisation.search.find.find`.
+    sizes : ExplanationSizes, optional
+        How much is run.
+    executor : Executor, optional
+        Where the runs are made; default: threads of this process.
+
+    Returns
+    -------
+    DesignAnswer
+        With `str`, `to_json`, `plot` and `save`; of a search without a winner the search alone.
+
+    Examples
+    --------
+    >>> from optimisation.search.find import find  # doctest: +SKIP
+    >>> explain(find(problem)).save("results/design")  # doctest: +SKIP
+
+    """
+    executor = Threads() if executor is None else executor
+    result = run_around_winner(result, executor, sizes)
+    return DesignAnswer(result, tuple(WinnerRuns(result).frequency_levels(executor)))

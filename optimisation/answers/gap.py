@@ -1,0 +1,515 @@
+"""Which gap: the search, and what is known of the recommended device: service loads, uncertainty, tolerances, levels over the frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from impact_env.curve import PerformanceCurve
+from impact_env.ensemble import Executor, LaneProgress, Threads
+from impact_env.modes import ModalModel, Structure, modal_model
+from impact_env.parameters import Beam, SlidingAbsorber, positive, require
+from optimisation import gap_advice
+from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
+from optimisation.extremes import usable_force
+from optimisation.frequency_levels import (
+    NO_ABSORBER,
+    RECOMMENDED,
+    ResonanceCurves,
+    WorstRun,
+    find_worst_run,
+    record_worst_run,
+    resonance_curves,
+)
+from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, Limits
+from optimisation.gap_card import (
+    ServiceLoads,
+    case_of,
+    change_with_modes,
+    material,
+    service_loads,
+    uncertain_levels,
+)
+from optimisation.gap_check import scaled_absorber
+from optimisation.load_comparison import LoadAdvice
+from optimisation.mounting import model_with_absorber_at
+from optimisation.report import gap_report, load_gap_report
+from optimisation.report.card import Card, Row
+from optimisation.report.card import text as card_text
+from optimisation.report.design_figures import save_sensitivity
+from optimisation.report.frequency_report import frequency_files
+from optimisation.report.gap_report import UncertaintyResult
+from optimisation.report.precision_report import (
+    sensitivity_data,
+    sensitivity_lines,
+    sensitivity_rows,
+    tolerance_data,
+    tolerance_lines,
+    tolerance_rows,
+)
+from optimisation.sobol import Sensitivity, device_box, device_sensitivity
+from optimisation.tolerances import (
+    DRAWS_ALONE,
+    DRAWS_CHECKED,
+    DRAWS_TOGETHER,
+    Tolerances,
+    find_tolerances,
+)
+from optimisation.uncertain import (
+    FRICTION,
+    GAP,
+    Distribution,
+    UncertainInput,
+    require_parts,
+    spreads,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Contact = tuple[str, str, float]  # two materials, and the radius in m of the rounder body
+SOBOL_SAMPLES = 64
+TOLERANCE_DRAWS = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED)
+
+
+@dataclass(frozen=True)
+class DevicePrecision:
+    """How precisely a device must be made, and which of its numbers its level depends on; None for what was not run."""
+
+    absorber: SlidingAbsorber
+    tolerances: Tolerances | None = None
+    sobol: Sensitivity | None = None
+
+    @property
+    def lines(self) -> list[str]:
+        """Lines of a text."""
+        lines = []
+        if self.tolerances is not None:
+            lines += tolerance_lines(self.tolerances, self.absorber)
+        if self.sobol is not None:
+            lines += sensitivity_lines(self.sobol)
+        return lines
+
+    @property
+    def groups(self) -> tuple[tuple[str, tuple[Row, ...]], ...]:
+        """Groups of a card."""
+        groups = []
+        if self.tolerances is not None:
+            heading = f"How precisely it must be made for a level below {1e3 * self.tolerances.limit:.4g} mm"
+            groups.append((heading, tolerance_rows(self.tolerances, self.absorber)))
+        if self.sobol is not None:
+            heading = "Sobol shares of the level's variance (95 % interval)"
+            groups.append((heading, sensitivity_rows(self.sobol)))
+        return tuple(groups)
+
+    def to_json(self) -> Json:
+        """Return plain data in SI units."""
+        content: Json = {}
+        if self.tolerances is not None:
+            content["tolerances"] = tolerance_data(self.tolerances, self.absorber)
+        if self.sobol is not None:
+            content["sobol"] = sensitivity_data(self.sobol)
+        return content
+
+
+@dataclass(frozen=True)
+class GapQuestions:
+    """What to run of the recommended device after the search.
+
+    Attributes
+    ----------
+    uncertain : tuple of Distribution
+        Quantities that are drawn; empty for none.
+    limit_level : float, optional
+        Level in m whose probability is printed, and for which tolerances are found.
+    contact : tuple, optional
+        Two materials and the radius in m of the rounder body, for an estimate of the contact on the card.
+    tolerance_draws : tuple of int, optional
+        Draws of each quantity alone, of all together and of the check; None: no tolerances.
+    sobol_samples : int, optional
+        A power of 2; None: no Sobol shares.
+    card : bool
+        Whether the device runs in service, and beside other absorbers of its mass.
+    seed : int
+        Of the runs with more modes and of the Sobol samples.
+
+    """
+
+    uncertain: tuple[Distribution, ...] = ()
+    limit_level: float | None = None
+    contact: Contact | None = None
+    tolerance_draws: tuple[int, int, int] | None = None
+    sobol_samples: int | None = None
+    card: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class GapAnswer(CompleteAnswer):
+    """The gap of an impact absorber, and what is known of the device; None for what was not run.
+
+    Attributes
+    ----------
+    advice : Advice
+        The search: the gap with the lowest level, the recommended one, and all runs.
+    structure : Beam or ModalModel
+        What the absorber is on.
+    questions : GapQuestions
+        What was to be run after the search.
+    uncertainty : UncertaintyResult, optional
+        Quantiles of the level with all uncertain quantities drawn.
+    precision : DevicePrecision, optional
+        Tolerances and Sobol shares.
+    frequency : ResonanceCurves, optional
+        Levels over the frequency of the worst member, and without absorber.
+    service : ServiceLoads, optional
+        Impacts, forces at which the device helps, and other absorbers of the same mass.
+    more_modes : str
+        What twice the modes change, in words.
+
+    """
+
+    advice: Advice
+    structure: Structure
+    questions: GapQuestions = field(default_factory=GapQuestions)
+    uncertainty: UncertaintyResult | None = None
+    precision: DevicePrecision | None = None
+    frequency: ResonanceCurves | None = None
+    service: ServiceLoads | None = None
+    more_modes: str = ""
+
+    @property
+    def _curves(self) -> tuple[ResonanceCurves, ...]:
+        return () if self.frequency is None else (self.frequency,)
+
+    @cached_property
+    def card(self) -> Card | None:
+        """The recommended device's card; None where the device was not run in service."""
+        if self.service is None:
+            return None
+        card = gap_report.card(
+            self.advice,
+            self.service,
+            self.uncertainty,
+            self.questions.contact,
+            self.more_modes,
+            self._curves,
+        )
+        more = () if self.precision is None else self.precision.groups
+        return replace(card, groups=(*card.groups, *more))
+
+    def __str__(self) -> str:
+        """Return what `design_gap` prints."""
+        lines = gap_report.answer(self.advice)
+        lines += gap_report.probability(self.advice, self.questions.limit_level)
+        if self.service is not None:
+            lines.append(gap_report.baselines(self.service))
+        if self.uncertainty is not None:
+            lines.append(self.uncertainty.words)
+        if self.precision is not None:
+            lines += self.precision.lines
+        lines += ["", gap_report.text(self.advice), "", *gap_report.warnings(self.advice)]
+        if self.card is not None:
+            lines += ["", card_text(self.card)]
+        return "\n".join(lines)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        content = gap_report.summary(self.advice)
+        if self.uncertainty is not None:
+            content = content | {"uncertain": self.uncertainty.plain()}
+        return content if self.precision is None else content | self.precision.to_json()
+
+    def plot(self) -> Figure:
+        """Return the figure of level and limit over the gap."""
+        return gap_report.draw_levels(self.advice)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return tables, figures and JSON by their paths."""
+        contents: dict[Path | None, object] = {
+            folder / "levels.csv": (gap_report.COLUMNS, gap_report.rows(self.advice)),
+            folder / "summary.json": self.to_json(),
+            folder / "levels.png": partial(gap_report.save_figure, advice=self.advice),
+        }
+        if self.precision is not None and self.precision.sobol is not None:
+            contents[folder / "sensitivity.png"] = partial(
+                save_sensitivity, sensitivity=self.precision.sobol, of="the recommended device"
+            )
+        return contents | frequency_files(folder, self._curves)
+
+    def worst_run(self) -> WorstRun | None:
+        """Return the recorded run of the recommended device with the highest level; None where the search did not end."""
+        best = self.advice.recommended
+        if best is None or not self.advice.complete:
+            return None
+        case = case_of(self.advice.check, best.absorber)
+        return record_worst_run(case, curve_of(self.advice, best))
+
+
+@dataclass(frozen=True, eq=False)
+class LoadGapAnswer(CompleteAnswer):
+    """The gap of an impact absorber under loads."""
+
+    advice: LoadAdvice
+
+    def __str__(self) -> str:
+        """Return what `design_gap --load` prints."""
+        return load_gap_report.text(self.advice)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        return load_gap_report.summary(self.advice)
+
+    def plot(self) -> Figure:
+        """Return the figure of the loads' measure over the gap."""
+        return load_gap_report.draw_measures(self.advice)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return table, figure and JSON by their paths."""
+        return {
+            folder / "runs.csv": (load_gap_report.COLUMNS, load_gap_report.rows(self.advice)),
+            folder / "summary.json": self.to_json(),
+            folder / "levels.png": partial(load_gap_report.save_figure, advice=self.advice),
+        }
+
+
+def curve_of(advice: Advice, answer: Answer) -> PerformanceCurve:
+    """Return the runs of an answer."""
+    return advice.check.curves[int(np.argmin(np.abs(advice.check.gaps - answer.gap)))]
+
+
+def frequency_levels_of(advice: Advice, answer: Answer, executor: Executor) -> ResonanceCurves:
+    """Return the level over the frequency of the worst member of an answer, and without absorber."""
+    curve = curve_of(advice, answer)
+    member, _ = find_worst_run(curve)
+    cases = {
+        RECOMMENDED: (case_of(advice.check, answer.absorber), member),
+        NO_ABSORBER: (case_of(advice.check, None), 0),
+    }
+    return resonance_curves(cases, curve.members, executor)
+
+
+def find_precision(
+    advice: Advice,
+    structure: Structure,
+    questions: GapQuestions,
+    executor: Executor,
+    stages: Stages = silent_stages,
+) -> DevicePrecision:
+    """Return tolerances and Sobol shares of the recommended device, as far as they are asked for."""
+    best = advice.recommended
+    assert best is not None
+    case = case_of(advice.check, best.absorber)
+    precision = DevicePrecision(best.absorber)
+    if questions.tolerance_draws is not None:
+        assert questions.limit_level is not None
+        alone, together, checked = questions.tolerance_draws
+        with stages("tolerances", 2 * (3 * alone + together + checked)) as show:
+            tolerances = find_tolerances(
+                case,
+                questions.limit_level,
+                questions.uncertain,
+                draws=questions.tolerance_draws,
+                progress=show,
+                executor=executor,
+            )
+        precision = replace(precision, tolerances=tolerances)
+    if questions.sobol_samples is not None:
+        samples = questions.sobol_samples
+        with stages("Sobol shares", 2 * samples * (len(device_box(case, structure)) + 2)) as show:
+            sobol = device_sensitivity(
+                case, structure, samples, seed=questions.seed, progress=show, executor=executor
+            )
+        precision = replace(precision, sobol=sobol)
+    return precision
+
+
+def complete_gap_answer(
+    advice: Advice,
+    structure: Structure,
+    questions: GapQuestions,
+    executor: Executor,
+    stages: Stages = silent_stages,
+) -> GapAnswer:
+    """Run the questions about the recommended device of a search; a search that was stopped is left as it is.
+
+    Raises KeyboardInterrupt if the runs are stopped.
+    """
+    answer = GapAnswer(advice, structure, questions)
+    best = advice.recommended
+    if best is None or not advice.complete:
+        return answer
+    every = questions.uncertain
+    if every:
+        levels = uncertain_levels(advice, best, every, executor)
+        answer = replace(answer, uncertainty=UncertaintyResult(every, *levels))
+    answer = replace(
+        answer,
+        precision=find_precision(advice, structure, questions, executor, stages),
+        frequency=frequency_levels_of(advice, best, executor),
+    )
+    if not questions.card:
+        return answer
+    return replace(
+        answer,
+        service=service_loads(advice, best, executor),
+        more_modes=change_with_modes(advice, best, structure, questions.seed, executor),
+    )
+
+
+def read_uncertain(
+    uncertain: UncertainInput, absorber: SlidingAbsorber, friction_fixed: bool
+) -> tuple[Distribution, ...]:
+    """Return the uncertain quantities of a search.
+
+    Raises ParameterError for those that the absorber lacks, and for SI values of quantities that are searched.
+    """
+    every = spreads(uncertain)
+    require_parts(every, absorber)
+    for one in every:
+        searched = one.name == GAP or (one.name == FRICTION and not friction_fixed)
+        require(
+            one.relative or not searched,
+            f"uncertain {one.name}",
+            one.words,
+            "in %, as the number itself is searched",
+        )
+    return every
+
+
+def check_contact(contact: Contact, radius_name: str = "radius of contact in m") -> Contact:
+    """Return two materials and a radius in m; raises ParameterError for an unknown material or a radius that is not positive."""
+    first, second, radius = contact
+    for name in (first, second):
+        material(name)
+    return first, second, positive(radius_name, radius)
+
+
+def model_for_gap(structure: Structure) -> ModalModel:
+    """Return a structure's modal model, the level read at the absorber's place where the structure names no other."""
+    return (
+        modal_model(structure) if isinstance(structure, Beam) else model_with_absorber_at(structure)
+    )
+
+
+def advise(
+    structure: Structure,
+    force: float,
+    resonance: int = 1,
+    absorber: SlidingAbsorber | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    free: Sequence[str] = (),
+    friction_fixed: bool = False,
+    factors: Sequence[float] = (),
+    members: int = MEMBERS,
+    seed: int = 0,
+    rate: float | None = None,
+    limits: Limits | None = None,
+    uncertain: UncertainInput | None = None,
+    limit_level: float | None = None,
+    tolerances: bool = False,
+    sobol: bool = False,
+    contact: Contact | None = None,
+    card: bool = True,
+    progress: LaneProgress | None = None,
+    executor: Executor | None = None,
+) -> GapAnswer:
+    """Choose the gap of an impact absorber for a force near a resonance, as the command `design_gap` does.
+
+    Parameters
+    ----------
+    structure : Beam or ModalModel
+        What the absorber is on.
+    force : float
+        Amplitude of the harmonic force in N.
+    resonance : int
+        Resonance near which the force acts, from 1.
+    absorber : SlidingAbsorber, optional
+        Mass, restitution and friction; its gap is replaced. Default: `optimisation.gap_check.scaled_absorber`.
+    tolerance : float
+        Share by which the force may be larger or smaller.
+    free : sequence of str
+        "restitution" or "friction_limit", to search as well.
+    friction_fixed : bool
+        Whether the friction limit stays as it is at every gap; else it goes with the gap.
+    factors : sequence of float
+        Further gaps to run, over the design rule's.
+    members, seed : int
+        Runs of each gap of an answer, and their seed.
+    rate : float, optional
+        Sweep rate in % per 100 pseudo periods.
+    limits : Limits, optional
+        Limits of stroke and impact speed.
+    uncertain : dict, optional
+        Uncertain quantities by name, as in `optimisation.uncertain.spreads`.
+    limit_level : float, optional
+        Level in m whose probability is found.
+    tolerances, sobol : bool
+        Whether tolerances (for ``limit_level``) and Sobol shares are found; these take about 1000 sweeps each.
+    contact : tuple, optional
+        Two materials and the radius in m of the rounder body.
+    card : bool
+        Whether the device runs in service.
+    progress : callable, optional
+        Takes the number of finished and of all sweeps of the search.
+    executor : Executor, optional
+        Where the runs are made; default: threads of this process.
+
+    Returns
+    -------
+    GapAnswer
+        With `str`, `to_json`, `plot` and `save`.
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range, and where no gap helps.
+
+    Examples
+    --------
+    >>> answer = advise(Beam(modes=2), 3.5, rate=40.0, members=1)  # doctest: +SKIP
+    >>> answer.save("results/gap")  # doctest: +SKIP
+
+    """
+    model = model_for_gap(structure)
+    executor = Threads() if executor is None else executor
+    force = usable_force("force", force)
+    own = scaled_absorber(model, force, resonance) if absorber is None else absorber
+    questions = GapQuestions(
+        read_uncertain({} if uncertain is None else uncertain, own, friction_fixed),
+        None if limit_level is None else positive("limit_level", limit_level),
+        None if contact is None else check_contact(contact),
+        TOLERANCE_DRAWS if tolerances else None,
+        SOBOL_SAMPLES if sobol else None,
+        card,
+        seed,
+    )
+    require(
+        not tolerances or limit_level is not None,
+        "limit_level",
+        limit_level,
+        "a level in m, below which the device must stay, with tolerances",
+    )
+    advice = gap_advice.advise(
+        model,
+        force,
+        resonance,
+        own,
+        tolerance=tolerance,
+        free=free,
+        friction_fixed=friction_fixed,
+        factors=factors,
+        members=members,
+        seed=seed,
+        percent_per_100_periods=rate,
+        limits=limits,
+        progress=progress,
+        executor=executor,
+    )
+    return complete_gap_answer(advice, structure, questions, executor)

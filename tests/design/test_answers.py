@@ -1,0 +1,134 @@
+"""Python gives what the commands give: text, summary.json, tables and figures of whole answers."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import FAST, SIZES, done, load
+
+import optimisation
+from impact_env.parameters import Beam, ParameterError
+from impact_env.plain import load_structure
+from optimisation.answers.complete import CompleteAnswer
+from optimisation.answers.gap import GapAnswer
+from optimisation.search.find import find
+from optimisation.tuned import den_hartog
+
+QUICK = {"rate": 40.0, "members": 2}  # the numbers do not matter here
+
+
+@pytest.fixture(autouse=True)
+def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tune in closed form, which is as good here."""
+    monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)
+    for module in ("baselines", "comparison"):
+        monkeypatch.setattr(
+            f"optimisation.{module}.smallest_amplitude",
+            lambda model, mass, resonance, *_range: den_hartog(model, mass, resonance),
+        )
+
+
+def check_files(answer: CompleteAnswer, command: Path, python: Path) -> dict[str, Any]:
+    """Check that an answer writes the files of a command, and return the content of the command's summary."""
+    files = {file.relative_to(python) for file in answer.save(python)}
+    assert files == {file.relative_to(command) for file in command.iterdir()}
+    for file in files:
+        if file.suffix in (".csv", ".png") or file.name == "card.json":
+            assert (python / file).read_bytes() == (command / file).read_bytes(), file
+    content: dict[str, Any] = json.loads((command / "summary.json").read_text())
+    assert json.loads((python / "summary.json").read_text()) == answer.to_json()
+    return content
+
+
+def test_advise_gives_what_design_gap_gives(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    line = ("--force", 3.5, "--modes", 2, "--rate", 40, "--members", 2, "--uncertain", "gap", "5%")
+    more = ("--contact", "steel", "steel", 0.01, "--limit-level", 1e-3)
+    result = done(load("design_gap", monkeypatch), *line, *more, "--out", tmp_path / "command")
+    answer = optimisation.advise(
+        Beam(modes=2),
+        3.5,
+        uncertain={"gap": "5%"},
+        contact=("steel", "steel", 0.01),
+        limit_level=1e-3,
+        **QUICK,
+    )
+    assert result.stdout.startswith(str(answer))
+    assert check_files(answer, tmp_path / "command", tmp_path / "python") == answer.to_json()
+    assert len(answer.plot().axes) == 1
+    assert answer.worst_run() is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"uncertain": {"gap": (1e-3, 2e-3)}}, "uncertain gap"),
+        ({"contact": ("steel", "cheese", 0.01)}, "cheese"),
+        ({"contact": ("steel", "steel", 0.0)}, "radius"),
+        ({"tolerances": True}, "limit_level"),
+        ({"limit_level": -1.0}, "limit_level"),
+    ],
+)
+def test_advise_refuses_before_it_runs(
+    options: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("optimisation.gap_advice.advise", lambda *_a, **_b: pytest.fail("it ran"))
+    with pytest.raises(ParameterError, match=words):
+        optimisation.advise(Beam(modes=2), 3.5, **options)
+
+
+def test_compare_gives_what_compare_absorbers_gives(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file = tmp_path / "beam.toml"
+    file.write_text(
+        "[beam]\nlength_m = 0.9\nbending_stiffness_n_m2 = 40.0\nmass_per_length_kg_m = 0.6\nmodes = 2\n"
+    )
+    line = ("--structure", file, "--rate", 40, "--forces", 3, "--members", 2, "--resonances", 1, 1)
+    command = load("compare_absorbers", monkeypatch)
+    result = done(command, *line, "--out", tmp_path / "command")
+    answer = optimisation.compare(
+        load_structure(file),
+        resonances=(1,),
+        forces=3,
+        members=2,
+        percent_per_100_periods=40.0,
+    )
+    assert result.stdout.startswith(str(answer))
+    content = check_files(answer, tmp_path / "command", tmp_path / "python")
+    own = answer.to_json()
+    assert {name: content[name] for name in own} == own
+    assert set(content) - set(own) == {"versions", "threads", "wall_s", "memory_bytes"}
+    assert len(answer.plot().axes) == 1
+
+
+def test_explain_gives_what_optimise_design_gives(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("optimisation.insight.FREQUENCIES", 2)
+    command = load("optimise_design", monkeypatch)
+    results = []
+
+    def noted(*arguments: Any) -> Any:
+        results.append(find(*arguments))
+        return results[-1]
+
+    monkeypatch.setattr(command, "find", noted)
+    line = (*FAST, "--concept", "tuned", "--at", "1:3.5", "--designs", 6, "--out", tmp_path)
+    result = done(command, *line)
+    answer = optimisation.explain(results[0], sizes=SIZES)
+    assert result.stdout.startswith(str(answer))
+    (tmp_path / "tuned" / "study.journal").unlink()
+    content = check_files(answer, tmp_path / "tuned", tmp_path / "python")
+    own = answer.to_json()
+    assert {name: content[name] for name in own} == own
+    assert len(answer.plot().axes) == 1
+
+
+def test_names_of_the_package_are_those_that_it_lists() -> None:
+    assert {"advise", "compare", "explain"} <= set(optimisation.__all__)
+    assert optimisation.advise.__annotations__["return"] == GapAnswer.__name__
+    with pytest.raises(AttributeError, match="nothing"):
+        getattr(optimisation, "nothing")  # noqa: B009
