@@ -228,13 +228,14 @@ def run_around_winner(
         return result
     sizes = ExplanationSizes() if sizes is None else sizes
     problem = result.problem
-    assert result.verdict is not None
-    winner = runs.design
+    verdict = result.verdict
+    assert verdict is not None
+    winner = verdict.winner.design
     if not problem.under_loads:  # its ranges and tolerances are those of a force
         with stage("winner in service") as show:
             loads = service(problem, winner, executor, runs.members, sizes.draws, show)
         result = replace(result, service=loads)
-    both = [winner, result.verdict.paper.design]
+    both = [winner, verdict.paper.design]
     main = runs.conditions
 
     def run_levels(
