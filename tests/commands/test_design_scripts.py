@@ -109,7 +109,7 @@ def test_card_and_summary_are_of_the_recommended_device(gap: ModuleType, tmp_pat
     assert content["at_rule"]["level_median_m"] == float(
         table[content["rule_gap_m"]]["level_median_m"]
     )
-    assert content["settings"]["sweeps"] <= 40
+    assert content["settings"]["sweeps"] <= 50
     best = content["recommended"]
     sharp = content["sharp"]
     assert result.stdout.startswith(
@@ -424,7 +424,7 @@ def test_a_long_search_says_how_long_and_answers_coarsely_first(
     options = ["--force", 3.5, "--modes", 2, "--members", 1, "--no-card"]
     result = done(command, *options, "--rate", 10, "--out", tmp_path / "both")
     assert "About " in result.stderr
-    assert "40 runs of up to" in result.stderr
+    assert "50 runs of up to" in result.stderr
     first_answer = re.search(r"a gap of (\S+) mm, level (\S+) mm", result.stderr)
     assert first_answer is not None
     monkeypatch.setattr(command, "LONG_S", math.inf)
