@@ -296,10 +296,11 @@ def settle_motion(
     Returns
     -------
     SettledMotion
-        A motion has no impacts if the last 100 periods have none. It is periodic if its states at phase 0 repeat to within 1e-6 of gap and gap
-        times omega, or to within 1e-3 at the end. Otherwise it is chaotic if the 95 % interval of its largest Lyapunov exponent lies above 0, and
-        quasi-periodic if that interval contains 0, is at most 0.02 per period wide, both halves of the window give the same rotation number to
-        within 1e-3, and the section keeps its size to within 10 %. What is left undecided has a window of four times the length.
+        A motion has no impacts if the last 100 periods have none, or if it repeats without any. It is periodic if its states at phase 0 repeat to
+        within 1e-6 of gap and gap times omega, or to within 1e-3 at the end. Otherwise it is chaotic if the 95 % interval of its largest Lyapunov
+        exponent lies above 0, and quasi-periodic if that interval contains 0, is at most 0.02 per period wide, both halves of the window give the
+        same rotation number to within 1e-3, and the section keeps its size to within 10 %. What is left undecided has a window of four times the
+        length.
 
     Raises
     ------
@@ -340,6 +341,10 @@ def settle_motion(
             continue
         near = SETTLED_TOL if done < options.periods else RETURN_TOL
         multiple = _find_multiple(stretch.states / unit, options.most_multiple, near)
+        if multiple and last_impact < done - COMPARED_PERIODS:  # what repeats has no impacts
+            return _settled(
+                case, MotionKind.NO_IMPACTS, stretch, COMPARED_PERIODS, done, round(last_impact)
+            )
         if multiple:
             captured = _capture_time(np.concatenate(passed) / unit, stretch.states / unit, multiple)
             return _settled(
@@ -353,10 +358,10 @@ def settle_motion(
                 symmetric=_is_symmetric(stretch.samples / unit, multiple, max(near, RETURN_TOL)),
             )
     if with_exponent:
-        return _judge_longer(case, y, done, options)
+        return _judge_longer(case, y, done, options, last_impact)
     window = TANGENT_LEAD + options.window
     stretch = _run(case, y, window)
-    late = _settled_late(case, stretch, done, options)
+    late = _settled_late(case, stretch, done, options, last_impact)
     if late is not None:
         return late
     points = stretch.states[:-1] / unit
@@ -371,7 +376,7 @@ def judge_motion(motion: SettledMotion, options: SettleOptions | None = None) ->
         return motion
     options = SettleOptions() if options is None else options
     before = motion.periods - len(motion.section.states)
-    return _judge_longer(motion.case, motion.section.states[0], before, options)
+    return _judge_longer(motion.case, motion.section.states[0], before, options, float(before))
 
 
 def _find_rotation(
@@ -382,13 +387,18 @@ def _find_rotation(
     return rotation_number(points, options.most_multiple)
 
 
-def _judge_longer(case: Case, y: Array, done: int, options: SettleOptions) -> SettledMotion:
-    """Return the motion from a state (2 N_m + 2,) on that does not repeat; what a window leaves undecided has a longer one."""
+def _judge_longer(
+    case: Case, y: Array, done: int, options: SettleOptions, last_impact: float
+) -> SettledMotion:
+    """Return the motion from a state (2 N_m + 2,) on that does not repeat; what a window leaves undecided has a longer one.
+
+    ``last_impact``: periods from the start to the last impact before that state.
+    """
     lead = TANGENT_LEAD
     unit = units_of(case)
     for window in (options.window, LONGER * options.window):
         stretch = _run(case, y, lead + window)
-        late = _settled_late(case, stretch, done, options)
+        late = _settled_late(case, stretch, done, options, last_impact)
         if late is not None:
             return late
         exponent = _twin_exponent(case, stretch.states)
@@ -410,18 +420,22 @@ def _judge_longer(case: Case, y: Array, done: int, options: SettleOptions) -> Se
 
 
 def _settled_late(
-    case: Case, stretch: _Stretch, done: int, options: SettleOptions
+    case: Case, stretch: _Stretch, done: int, options: SettleOptions, last_impact: float
 ) -> SettledMotion | None:
     """Return the motion on which a run of at least the window has settled, periodic or without impacts; None if it has not."""
     points = stretch.states / units_of(case)
-    last = float(stretch.time[-1]) / case.period if len(stretch.time) else 0.0
+    last = last_impact
+    if len(stretch.time):
+        last = done + float(stretch.time[-1]) / case.period
     end = done + len(points) - 1
-    if last < len(points) - 1 - CHUNK:
-        captured = done + round(last)
+    if last < end - CHUNK:
+        captured = round(last)
         return _settled(case, MotionKind.NO_IMPACTS, stretch, COMPARED_PERIODS, end, captured)
     multiple = _find_multiple(points, options.most_multiple, SETTLED_TOL)
     if not multiple:
         return None
+    if last < end - COMPARED_PERIODS:
+        return _settled(case, MotionKind.NO_IMPACTS, stretch, COMPARED_PERIODS, end, round(last))
     return _settled(
         case,
         MotionKind.PERIODIC,

@@ -21,7 +21,7 @@ from impact_env.periodic import (
     rotation_number,
     settle_motion,
 )
-from impact_env.periodic.attractors import feature_distance, group_motions
+from impact_env.periodic.attractors import feature_distance, group_motions, judge_motion
 from impact_env.periodic.basins import START_REACH, _match_groups, draw_start
 from impact_env.periodic.bifurcations import TORUS
 from impact_env.periodic.diagrams import diagram_branches, diagram_points
@@ -158,6 +158,46 @@ def test_chaotic_motions_have_the_exponent_of_the_saltation_derivative() -> None
     value = float(np.mean([motion.exponent.value for motion in result]))
     assert value == pytest.approx(other.value, rel=0.2)
     assert all(motion.rotation is None or motion.rotation.change > 1e-3 for motion in result)
+
+
+def test_a_motion_is_judged_over_the_window_in_which_it_did_not_repeat() -> None:
+    """A metastable motion that leaves later is judged by what it was: the same run, bit for bit."""
+    case = paper_case(2, 0.97, 1.5, 1.0, 0.025)
+    runs = [
+        settle_motion(
+            case,
+            *draw_start(case, 1.5e-3, np.random.default_rng(k)),
+            options=SettleOptions(400),
+            with_exponent=False,
+        )
+        for k in range(4)
+    ]
+    lasting = [motion for motion in runs if motion.kind is MotionKind.CHAOTIC]
+    assert lasting
+    for motion in lasting[:2]:
+        assert motion.exponent is None
+        judged = judge_motion(motion, SettleOptions(400))
+        assert judged.exponent.low > 0
+        states = motion.section.states
+        assert np.array_equal(judged.section.states, states[len(states) - 512 :])
+        assert judge_motion(judged) is judged
+
+
+def test_a_run_that_settles_only_within_the_window_is_periodic_too() -> None:
+    case = paper_case(1, 0.93, 1.5, 0.8)
+    state, phase = draw_start(case, 1.5e-3, np.random.default_rng(2))
+    early = settle_motion(case, state, phase)
+    assert early.captured > 100
+    late = settle_motion(case, state, phase, SettleOptions(100))
+    assert late.name == early.name == "period 1"
+    assert late.level == pytest.approx(early.level, rel=1e-6)
+    assert late.captured == early.captured
+    silent = paper_case(2, 0.9, 0.3, 1.0, 0.025)
+    start, phase = draw_start(silent, 1.5e-3, np.random.default_rng(0))
+    motion = settle_motion(silent, start, phase)
+    assert motion.kind is MotionKind.NO_IMPACTS
+    again = settle_motion(silent, start, phase, SettleOptions(100))
+    assert (again.kind, again.captured) == (motion.kind, motion.captured)
 
 
 def coexisting() -> Case:
