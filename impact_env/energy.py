@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.laws import compute_spring_energy
-from impact_env.parameters import find_largest_gravity
 from impact_env.results import History
 from impact_env.scene import Scene
 
@@ -24,9 +23,7 @@ def stored_energy(scene: Scene, state: Array) -> float:
         energy += compute_spring_energy(
             scene.absorber, float(state[n] - model.tip_shape @ state[:n])
         )
-        energy += float(scene.absorber_masses @ state[n:half]) * find_largest_gravity(
-            scene.absorber
-        )
+        energy += float((scene.absorber_masses * scene.absorber_gravities) @ state[n:half])
     return energy
 
 

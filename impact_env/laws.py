@@ -289,10 +289,17 @@ def describe_modes(modes: int) -> str:
     return f"{modes} mode{'s' * (modes != 1)}"
 
 
+MOST_DESCRIBED = 4  # absorbers that are described one by one
+
+
 def describe_absorber(absorber: Absorber | None) -> str:
     """Return an absorber's kind and values for people."""
     if isinstance(absorber, SeveralAbsorbers):
-        each = zip(absorber.absorbers, absorber.positions, strict=True)
+        every = absorber.absorbers
+        if len(every) > MOST_DESCRIBED:
+            same = "each" if len(set(every)) == 1 else "the first"
+            return f"{len(every)} absorbers, {same}: {describe_absorber(every[0])}"
+        each = zip(every, absorber.positions, strict=True)
         return "; ".join(
             f"at {position:g} of the length {describe_absorber(one)}" for one, position in each
         )

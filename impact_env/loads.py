@@ -629,6 +629,7 @@ class Loads(Excitation):
 
     @cached_property
     def _pieces(self) -> list[Pieces]:
+        """The pieces of all parts."""
         return [piece for part in self.parts for piece in part.pieces()]
 
     @property

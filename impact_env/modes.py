@@ -214,6 +214,9 @@ class ModalModel:
         r at the absorber's place.
     beam : Beam, optional
         The beam whose modes they are, for `mode_shapes` elsewhere along it.
+    force_quadrature : array_like, (N_m,), optional
+        Mode shape in 1/sqrt(kg) of the part of the force that is a quarter period ahead, of forces at several places with
+        phases of their own (`with_forces`). None: all have one phase.
 
     Raises
     ------
@@ -239,11 +242,12 @@ class ModalModel:
     base_participation: NDArray[np.float64] | None = None
     base_at_absorber: float = 1.0
     beam: Beam | None = None
+    force_quadrature: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         optional = tuple(
             name
-            for name in ("response_shape", "stress_shape", "base_participation")
+            for name in ("response_shape", "stress_shape", "base_participation", "force_quadrature")
             if getattr(self, name) is not None
         )
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
@@ -274,6 +278,54 @@ class ModalModel:
     def modes(self) -> int:
         """Number of modes kept."""
         return len(self.omega)
+
+    @property
+    def force_pattern(self) -> NDArray[np.complex128]:
+        """Complex modal shape (N_m,) of the force: a force Re(F exp(i phi)) acts on the modes as Re(F exp(i phi) times it)."""
+        quadrature = 0.0 if self.force_quadrature is None else self.force_quadrature
+        return np.asarray(self.force_shape + 1j * quadrature, dtype=np.complex128)
+
+    def with_forces(
+        self, shapes: ArrayLike, amplitudes: ArrayLike, phases: ArrayLike = 0.0
+    ) -> ModalModel:
+        """Return the model under forces at several places, which share one frequency.
+
+        Parameters
+        ----------
+        shapes : array_like, (P, N_m)
+            Mode shapes at the places in 1/sqrt(kg).
+        amplitudes : array_like, (P,)
+            Amplitude of each force as a factor of the drive's amplitude.
+        phases : array_like, (P,) or one number
+            Phase of each force in rad, in addition to the drive's.
+
+        Raises
+        ------
+        ParameterError
+            The rows are not of one length, or the forces cancel on all modes kept.
+        """
+        shapes = row("shapes", shapes, f"rows of {self.modes} finite numbers", axes=2)
+        allowed = f"finite numbers, one for each of the {len(shapes)} places"
+        sizes = row("amplitudes", amplitudes, allowed)
+        turns = row("phases", phases, f"one finite number, or {len(shapes)}")
+        require(
+            len(turns) in {1, len(shapes)},
+            "phases",
+            turns.tolist(),
+            f"one number, or {len(shapes)}",
+        )
+        require(shapes.shape[1] == self.modes, "shapes", shapes.shape, f"(P, {self.modes})")
+        require(len(sizes) == len(shapes), "amplitudes", sizes.tolist(), allowed)
+        pattern = (sizes * np.exp(1j * turns)) @ shapes
+        rounding = 1e-12 * np.abs(sizes) @ np.abs(shapes)
+        cancels = bool(np.all(np.abs(pattern) <= rounding))
+        require(not cancels, "amplitudes", sizes.tolist(), "forces that do not cancel on all modes")
+        standing = bool(np.all(np.abs(pattern.imag) <= rounding))
+        return replace(
+            self,
+            force_shape=pattern.real,
+            force_quadrature=None if standing else pattern.imag,
+        )
 
     @property
     def level_shape(self) -> NDArray[np.float64]:

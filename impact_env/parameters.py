@@ -604,12 +604,12 @@ class SlidingAbsorber:
         )
 
 
-MOST_ABSORBERS = 4  # there is a regime for each set of them
+MOST_ABSORBERS = 128  # more have not been tried
 
 
 @dataclass(frozen=True)
 class SeveralAbsorbers:
-    """Two to four absorbers with rigid contact, each at a place of its own.
+    """Two to 128 absorbers with rigid contact, each at a place of its own.
 
     Parameters
     ----------
@@ -621,8 +621,7 @@ class SeveralAbsorbers:
     Raises
     ------
     ParameterError
-        There are not two to four, or not as many positions; or an absorber is on springs, or has
-        gravity.
+        There are not 2 to 128, or not as many positions; or an absorber is on springs.
 
     See Also
     --------
@@ -657,7 +656,7 @@ class SeveralAbsorbers:
         )
         for absorber in self.absorbers:
             rigid = isinstance(absorber, SlidingAbsorber) and isinstance(
-                absorber.walls, RigidWalls | None
+                absorber.walls, RigidWalls | YieldingWalls | None
             )
             rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
             require(

@@ -1,19 +1,26 @@
-"""Several absorbers to linear regimes: one for each set of those that move with the beam (see kernels/exact/sets.py).
+"""Several absorbers to linear regimes: one for each set of those that move with the beam, made when a run first needs it (kernels/exact/sets.py).
 
 The set's masses at their places make a change of low rank of the mass matrix; eigenvalues and eigenvectors are those of secular.py.
 """
 
+import ctypes
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from impact_env.kernels.exact.sets import Sets
-from impact_env.kernels.motion.modal_system import REST, TIP
+from impact_env.kernels.compiling.records import new_record
+from impact_env.kernels.exact.sets import SET_REQUEST, Sets
+from impact_env.kernels.motion.modal_system import GUARD, RELATIVE, REST, TIP, S
 from impact_env.modes import ModalModel, with_masses
+from impact_env.parameters import ParameterError
 from impact_env.regimes import (
     basis_error,
     order_slots,
     padded_size,
+    quadratic_modes,
     require_complete,
     slot_rows,
     slot_tables,
@@ -24,6 +31,9 @@ from impact_env.regimes import (
     table_reach,
 )
 from impact_env.secular import Complex, Coupling, Index, Real, concatenate
+
+MOST_SECULAR = 4  # masses up to which eigenvalues are solved for one by one, to all digits
+EQUAL_VALUES_TOL = 1e-9  # of an eigenvalue: closer ones count as one that occurs several times
 
 
 @dataclass(frozen=True)
@@ -76,6 +86,42 @@ def _solve_coupled(model: ModalModel, masses: Real, shapes: Real, weak: float) -
     return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
 
 
+def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
+    """Return the modes of beam and masses by a dense eigensolver, also where eigenvalues coincide, as those of a ring of equal sectors do.
+
+    An eigenvalue that occurs g times has g eigenvectors V, and v^T (2 s M + C) v becomes the matrix V^T (2 s M + C) V. Digits are lost where one
+    frequency is far above another, but no more than their ratio times the rounding.
+    """
+    which, own = split_modes(shapes)
+    omega = model.omega[which]
+    rate = 2 * model.damping_ratio[which] * omega
+    coupling = np.sqrt(masses)[:, None] * shapes[:, which]
+    mass = np.eye(len(which)) + coupling.T @ coupling
+    values, vectors = quadratic_modes(mass, np.diag(rate), np.diag(omega**2))
+    order = np.argsort(values.imag, kind="stable")
+    values = values[order]
+    vectors = vectors[:, order]
+    groups = np.split(
+        np.arange(len(values)),
+        1 + np.flatnonzero(np.abs(np.diff(values)) > EQUAL_VALUES_TOL * np.abs(values[1:])),
+    )
+    n = model.modes
+    v, weights = np.zeros((2, len(values), n), complex)
+    into = np.zeros((len(values), 2 * n), complex)
+    for group in groups:
+        s = np.mean(values[group])
+        values[group] = s
+        basis = np.linalg.qr(vectors[:, group])[0]
+        left = np.linalg.solve(basis.T @ (2 * s * mass + np.diag(rate)) @ basis, basis.T)
+        rows = group[:, None]
+        v[rows, which] = basis.T
+        weights[rows, which] = left
+        into[rows, which] = left @ (s * mass + np.diag(rate))
+        into[rows, n + which] = left @ mass
+    coupled = SetModes(values, v, into, weights, v @ shapes.T)
+    return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
+
+
 def solve_set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
     """Return the modes of a beam that carries ``masses`` (p,) in kg at places with ``shapes`` (p, N_m); none of them: the free beam.
 
@@ -83,6 +129,7 @@ def solve_set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
     """
     if len(masses) == 0:
         return _solve_uncoupled(model, np.arange(model.modes), 0)
+    densely = partial(_solve_coupled_densely, model, masses, shapes)
     scale = np.append(model.omega, np.ones(model.modes))
 
     def spanned(modes: SetModes) -> float:
@@ -94,11 +141,12 @@ def solve_set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
     kilograms = f"{[float(m) for m in masses]} kg"
     allowed = "damping, masses and positions away from a double eigenvalue"
     return require_complete(
-        lambda weak: _solve_coupled(model, masses, shapes, weak),
+        None if len(masses) > MOST_SECULAR else partial(_solve_coupled, model, masses, shapes),
         spanned,
         "mass_ratio of several absorbers",
         kilograms,
         allowed,
+        densely,
     )
 
 
@@ -121,9 +169,15 @@ def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[
 
 
 def _rows(
-    model: ModalModel, modes: SetModes, joined: list[int], masses: Real, shapes: Real, size: int
+    model: ModalModel,
+    modes: SetModes,
+    joined: list[int],
+    masses: Real,
+    shapes: Real,
+    size: int,
+    moves: bool,
 ) -> Real:
-    """Return the rows of weights (n + 1, ROWS, J) of a set."""
+    """Return the rows of weights (n + 1, ROWS, J) of a set, or (n + 1, ROWS_WITH_BASE, J) where the base ``moves``."""
     s = modes.values
     every = []
     at_places = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
@@ -145,46 +199,132 @@ def _rows(
     every.append(
         slot_rows(s, modes.weights @ model.force_shape, nothing, nothing, at_places[:, -1], size)
     )
-    return np.array(every)
+    if not moves:
+        return np.array(every)
+    assert model.base_participation is not None
+    carried = model.base_at_absorber * (masses[joined] @ shapes[joined])
+    response = -(modes.weights @ (model.base_participation + carried))
+    base = split_re_im(order_slots(response, s, size))
+    return np.array([np.concatenate([rows, base]) for rows in every])
 
 
-def regime_sets(model: ModalModel, shapes: Real, masses: Real, wanted: float) -> tuple[Sets, float]:
-    """Return the regimes of absorbers of ``masses`` (n,) in kg at ``shapes`` (n, N_m), and the reach of their tables (s): ``wanted`` or less.
+@dataclass(frozen=True)
+class SetLayout:
+    """What the regimes of all sets of a scene share.
 
-    Raises ParameterError where a set has no modal basis.
+    ``size``: modal amplitudes J of each, with empty ones; ``speed`` (1/s): their largest |s|; ``reach`` (s): what their tables cover.
     """
-    shapes = np.array(shapes)
+
+    size: int
+    speed: float
+    reach: float
+
+
+ALL_SETS_COUNT = 4  # absorbers up to which the layout is that of all sets
+MOST_PLACE_BYTES = 32 * 2**20  # of the regimes that a run holds at a time
+LEAST_PLACES = 4
+SPEED_TOL = 1e-9  # of the layout's speed: by how much a regime may exceed it
+Joined = tuple[int, ...]
+
+
+def find_set_layout(model: ModalModel, shapes: Real, masses: Real, wanted: float) -> SetLayout:
+    """Return the layout of the regimes of absorbers of ``masses`` (n,) in kg at ``shapes`` (n, N_m), with tables for ``wanted`` s, or less.
+
+    Up to four absorbers it is found from all sets, else from those of none and of all: masses lower frequencies, and where damping is below
+    critical, each mode has one pair of eigenvalues. Raises ParameterError where a set has no modal basis.
+    """
     n = len(masses)
-    sets = [[a for a in range(n) if s >> a & 1] for s in range(2**n)]
-    every = [solve_set_modes(model, masses[joined], shapes[joined]) for joined in sets]
-    size = padded_size(max(len(modes.values) for modes in every))
-    speed = max(float(np.max(np.abs(modes.values))) for modes in every)
-    reach = table_reach(speed, wanted)
-    rows = np.array(
-        [
-            _rows(model, modes, joined, masses, shapes, size)
-            for modes, joined in zip(every, sets, strict=True)
-        ]
+    counts = range(n + 1) if n <= ALL_SETS_COUNT else (0, n)
+    sets = (list(joined) for count in counts for joined in itertools.combinations(range(n), count))
+    every = [solve_set_modes(model, masses[joined], shapes[joined]).values for joined in sets]
+    speed = max(float(np.max(np.abs(values))) for values in every)
+    return SetLayout(padded_size(max(map(len, every))), speed, table_reach(speed, wanted))
+
+
+def build_set_regime(
+    model: ModalModel,
+    shapes: Real,
+    masses: Real,
+    joined: Joined,
+    layout: SetLayout,
+    moves: bool = False,
+) -> tuple[Real, ...]:
+    """Return the arrays of `sets.Sets`, ``rows`` to ``acceleration_bound``, of the set of ``joined`` absorbers.
+
+    ``moves``: whether the base does. Raises ParameterError where it has no modal basis, or does not fit the layout.
+    """
+    which = list(joined)
+    modes = solve_set_modes(model, masses[which], shapes[which])
+    fastest = float(np.max(np.abs(modes.values)))
+    if len(modes.values) > layout.size or fastest > layout.speed * (1 + SPEED_TOL):
+        raise ParameterError(
+            f"damping_ratio = {float(np.max(model.damping_ratio)):g} (the largest) is not allowed: smaller with more than {ALL_SETS_COUNT} absorbers"
+            f" (those numbered {which}, counted from 0, change the modes too much where they stick)"
+        )
+    rows = _rows(model, modes, which, masses, shapes, layout.size, moves)
+    guard, push, s = (np.abs(rows[:, row] + 1j * rows[:, row + 1]) for row in (GUARD, RELATIVE, S))
+    rate = guard[:-1] * s[:-1]
+    return (
+        rows,
+        *slot_tables(modes.values, layout.size, layout.reach, layout.speed),
+        *_maps(modes, which, shapes, layout.size),
+        _bent(rows),
+        _compliance(masses, shapes, which),
+        rate @ push[:-1].T,
+        (rate * s[:-1]) @ push[:-1].T,
     )
-    tables = [
-        np.ascontiguousarray(part)
-        for part in map(
-            np.array, zip(*(slot_tables(m.values, size, reach, speed) for m in every), strict=True)
+
+
+class RegimePlaces:
+    """The places for regimes of one run: ``sets`` is what its kernel takes, which asks for the regime of a set where it is in none of them.
+
+    ``build`` returns the arrays of a set, as `build_set_regime`. The place that was used least recently is taken for another set, but never the
+    first one, which holds the set of no joined absorber. What goes wrong on the way, or a KeyboardInterrupt, is raised by `raise_error`.
+    """
+
+    def __init__(self, absorbers: int, build: Callable[[Joined], tuple[Real, ...]]) -> None:
+        self._build = build
+        free = build(())
+        count = min(MOST_PLACE_BYTES // sum(array.nbytes for array in free), 2**absorbers)
+        count = max(int(count), min(LEAST_PLACES, 2**absorbers))
+        self._function = ctypes.CFUNCTYPE(None)(self._fill)  # as long as a kernel may call it
+        address = ctypes.cast(self._function, ctypes.c_void_p).value or 0
+        self._arrays = [np.empty((count, *array.shape)) for array in free]
+        self.sets = Sets(
+            *self._arrays,
+            np.zeros((count, absorbers), np.bool_),
+            np.zeros(count, np.int64),
+            np.zeros(count, np.int64),
+            np.zeros(absorbers, np.bool_),
+            new_record(SET_REQUEST, fill_address=address),
         )
-    ]
-    maps = [
-        np.array(part)
-        for part in zip(
-            *(
-                _maps(modes, joined, shapes, size)
-                for modes, joined in zip(every, sets, strict=True)
-            ),
-            strict=True,
-        )
-    ]
-    bent = np.array([_bent(row) for row in rows])
-    mobility = np.array([_compliance(masses, shapes, joined) for joined in sets])
-    return Sets._make([rows, *tables, *maps, bent, mobility]), reach
+        self._error: BaseException | None = None
+        self._put(0, free)
+
+    def _put(self, place: int, regime: tuple[Real, ...]) -> None:
+        for array, own in zip(self._arrays, regime, strict=True):
+            array[place] = own
+        sets = self.sets
+        sets.joined[place] = sets.wanted
+        sets.request["uses"] += 1
+        sets.last_use[place] = sets.request["uses"]
+        sets.last_fill[place] += 1
+        sets.request["place"] = place
+
+    def _fill(self) -> None:
+        sets = self.sets
+        try:
+            regime = self._build(tuple(np.flatnonzero(sets.wanted).tolist()))
+            self._put(1 + int(np.argmin(sets.last_use[1:])), regime)
+        except BaseException as error:  # a function that compiled code calls cannot raise
+            self._error = error
+            sets.request["failed"] = True
+            sets.request["place"] = 0
+
+    def raise_error(self) -> None:
+        """Raise what has gone wrong while a regime was made, if anything has."""
+        if self._error is not None:
+            raise self._error
 
 
 def _bent(rows: Real) -> Real:

@@ -9,7 +9,7 @@ no dense eigensolver could tell the two apart. For the others together a dense e
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -452,23 +452,25 @@ def basis_error(out: Complex, into: Complex, scale: Real) -> float:
 
 
 def require_complete(
-    modes_for: Callable[[float], M],
+    modes_for: Callable[[float], M] | None,
     error_of: Callable[[M], float],
     name: str,
     value: object,
     allowed: str,
+    otherwise: Callable[[], M] | None = None,
 ) -> M:
     """Return the modes whose basis is most nearly complete; raises ParameterError if none is.
 
-    They come from one of the kinds of start values in `WEAK_COUPLINGS`.
+    They come from one of the kinds of start values in `WEAK_COUPLINGS`, or from ``otherwise``.
 
     The error says that a parameter of this ``name`` and ``value`` is not what is ``allowed``.
     """
     best = None
     least = np.inf
-    for weak in WEAK_COUPLINGS:
+    ways = [] if modes_for is None else [partial(modes_for, weak) for weak in WEAK_COUPLINGS]
+    for way in ways if otherwise is None else [*ways, otherwise]:
         try:
-            modes = modes_for(weak)
+            modes = way()
         except (np.linalg.LinAlgError, ValueError):
             continue
         error = error_of(modes)

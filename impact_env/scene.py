@@ -129,6 +129,16 @@ class Scene:
         return np.array([absorber.mass_ratio * self.model.beam_mass for absorber in every])
 
     @property
+    def absorber_gravities(self) -> NDArray[np.float64]:
+        """Gravity in m/s^2 along the motion of each absorber, (n,); 0 without absorber."""
+        every = (
+            self.absorber.absorbers
+            if isinstance(self.absorber, SeveralAbsorbers)
+            else (self.absorber,)
+        )
+        return np.array([getattr(absorber, "gravity", 0.0) for absorber in every])
+
+    @property
     def absorber_shapes(self) -> NDArray[np.float64]:
         """Modal shapes at the absorbers' places, (n, N_m)."""
         shapes = self.model.absorber_shapes if isinstance(self.absorber, SeveralAbsorbers) else None

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, Excitation
+from impact_env.force_phases import check_phases, split_force_phases
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import (
     compliant_lanes,
@@ -30,7 +31,7 @@ from impact_env.kernels.exact.compliant_contact import ContactStiffness
 from impact_env.kernels.exact.linear import Linear, linear_lane
 from impact_env.kernels.exact.rigid import rigid_lane
 from impact_env.kernels.exact.rigid_contact import ContactLaw, Walls
-from impact_env.kernels.exact.sets import Absorbers, Sets
+from impact_env.kernels.exact.sets import Absorbers
 from impact_env.kernels.exact.several import Several, several_lane
 from impact_env.kernels.exact.stick_slip import Rigid
 from impact_env.kernels.motion import loads
@@ -54,7 +55,6 @@ from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
     NonlinearSink,
-    RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
@@ -63,7 +63,13 @@ from impact_env.parameters import (
     instance,
     require,
 )
-from impact_env.regime_sets import regime_sets
+from impact_env.regime_sets import (
+    Joined,
+    RegimePlaces,
+    SetLayout,
+    build_set_regime,
+    find_set_layout,
+)
 from impact_env.regimes import (
     find_fastest,
     free_regime,
@@ -138,10 +144,11 @@ class Solver(ABC):
 
 
 def fill_tuple(kind: Callable[..., Part], law: object) -> Part | None:
-    """Return the kernels' tuple of a law, whose fields are the law's attributes of the same names (None where it lacks one); None for no law."""
+    """Return the kernels' tuple of a law, whose fields are the law's attributes of the same names, or their defaults; None for no law."""
     if law is None:
         return None
-    return kind(*(getattr(law, field, None) for field in kind._fields))  # type: ignore[attr-defined]
+    fields: tuple[str, ...] = kind._fields  # type: ignore[attr-defined]
+    return kind(**{field: getattr(law, field) for field in fields if hasattr(law, field)})
 
 
 def compute_window_length(drive: Excitation) -> float:
@@ -323,7 +330,7 @@ class ExactSolver(Solver):
 # Exact, one absorber with rigid walls, rigid friction or both: free or sliding, and joined.
 
 
-DISTANT_WALLS = Walls(1e300, 1.0, None)
+DISTANT_WALLS = Walls(1e300, 1.0)
 
 
 @cache_regimes
@@ -505,14 +512,26 @@ LINEAR_SOLVER = ExactSolver(
 )
 
 
-# Exact, several absorbers with rigid contact at places of their own: one regime for each set of joined ones.
+# Exact, several absorbers with rigid contact at places of their own: a regime for each set of joined ones, made when a run first needs it.
 #
 # The lane does a single absorber as well, which serves as a check: that has a family of its own, with other kernels.
 
 
 @cache_regimes
-def _sets(scene: Scene, wanted: float) -> tuple[Sets, float]:
-    return regime_sets(scene.model, scene.absorber_shapes, scene.absorber_masses, wanted)
+def _set_layout(scene: Scene, wanted: float) -> SetLayout:
+    return find_set_layout(scene.model, scene.absorber_shapes, scene.absorber_masses, wanted)
+
+
+@cache_regimes
+def _set_regime(scene: Scene, wanted: float, moves: bool, joined: Joined) -> tuple[Array, ...]:
+    return build_set_regime(
+        scene.model,
+        scene.absorber_shapes,
+        scene.absorber_masses,
+        joined,
+        _set_layout(scene, wanted),
+        moves,
+    )
 
 
 def _absorbers(scene: Scene) -> Absorbers:
@@ -522,9 +541,7 @@ def _absorbers(scene: Scene) -> Absorbers:
         if isinstance(scene.absorber, SeveralAbsorbers)
         else (scene.absorber,)
     )
-    walls = [scene.cavity(a) or RigidWalls(np.inf) for a in range(len(every))]
-    gap = np.array([w.gap for w in walls])
-    restitution = np.array([w.restitution for w in walls])
+    walls = [fill_tuple(Walls, scene.cavity(a)) or Walls(np.inf, 1.0) for a in range(len(every))]
     limit = np.array(
         [
             one.friction.limit
@@ -533,27 +550,45 @@ def _absorbers(scene: Scene) -> Absorbers:
             for one in every
         ]
     )
-    shapes = np.array(scene.absorber_shapes)
-    tip = np.array(scene.model.tip_shape)
     return Absorbers(
-        scene.absorber_masses, gap, restitution, limit, shapes, tip, scene.model.omega**2
+        scene.absorber_masses,
+        np.array([wall.gap for wall in walls]),
+        np.array([wall.restitution for wall in walls]),
+        np.array([wall.yield_velocity for wall in walls]),
+        limit,
+        scene.absorber_gravities,
+        np.array(scene.absorber_shapes),
+        np.array(scene.model.tip_shape),
+        scene.model.omega**2,
     )
 
 
-def _several(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:
-    sets, reach = _sets(scene, wanted)
-    return Several(sets, _absorbers(scene), build_losses(scene)), reach
+@dataclass(frozen=True)
+class SeveralSolver(Solver):
+    """Several absorbers: each run has places for regimes of its own, which are filled while it goes on."""
+
+    def run(
+        self, scene: Scene, drive: Excitation, method: Exact, state: Array, observe: Observers
+    ) -> int:
+        """Integrate over the whole schedule, see `Solver.run`."""
+        absorbers = _absorbers(scene)
+        wanted = compute_window_length(drive)
+        moves = drive.moves_base
+        places = RegimePlaces(len(absorbers.mass), partial(_set_regime, scene, wanted, moves))
+        taken = Several(places.sets, absorbers, build_losses(scene))
+        schedule = build_schedule(scene, drive, _set_layout(scene, wanted).reach)
+        status = int(self.lane(taken, schedule, state, observe))
+        places.raise_error()
+        return status
+
+    def control(
+        self, scene: Scene, method: Exact, pseudo_period: float, batch: Batch
+    ) -> Callable[[WorkQueue, int, int], bool]:
+        """Raise: there are no lanes of several absorbers under control."""
+        raise NotImplementedError
 
 
-SEVERAL_SOLVER = ExactSolver(
-    "several",
-    several_lane,
-    None,
-    lambda _: (),
-    searched=True,
-    take=_several,
-    regime=lambda several: several.sets,
-)
+SEVERAL_SOLVER = SeveralSolver("several", several_lane, None, lambda _: (), searched=True)
 
 
 # The stepping methods: Moreau's scheme for rigid contact, Runge-Kutta's for linear scenes and compliant contact.
@@ -676,19 +711,20 @@ RUNGE_KUTTA_SOLVER = SteppingSolver(
 class Capability:
     """What a method does with a kind of scene: its ``solver``, or None and what to take instead (``refusal``).
 
-    ``moves_base``: whether it can do gravity and a base that moves.
+    ``moves_base``: whether it can do a base that moves; ``general``: whether it can do gravity, and forces that differ in phase.
     """
 
     solver: Solver | None
     refusal: str = ""
     moves_base: bool = False
+    general: bool = False
 
 
 CAPABILITIES: dict[tuple[SceneKind, type[Method]], Capability] = {
-    (SceneKind.LINEAR, Exact): Capability(LINEAR_SOLVER, moves_base=True),
+    (SceneKind.LINEAR, Exact): Capability(LINEAR_SOLVER, moves_base=True, general=True),
     (SceneKind.LINEAR, Moreau): Capability(MOREAU_SOLVER),
     (SceneKind.LINEAR, RungeKutta): Capability(RUNGE_KUTTA_SOLVER),
-    (SceneKind.RIGID, Exact): Capability(RIGID_SOLVER, moves_base=True),
+    (SceneKind.RIGID, Exact): Capability(RIGID_SOLVER, moves_base=True, general=True),
     (SceneKind.RIGID, Moreau): Capability(MOREAU_SOLVER),
     (SceneKind.RIGID, RungeKutta): Capability(
         None,
@@ -704,7 +740,7 @@ CAPABILITIES: dict[tuple[SceneKind, type[Method]], Capability] = {
     ),
     (SceneKind.SMOOTH, Moreau): Capability(None, "RungeKutta for a nonlinear spring"),
     (SceneKind.SMOOTH, RungeKutta): Capability(RUNGE_KUTTA_SOLVER),
-    (SceneKind.SEVERAL, Exact): Capability(SEVERAL_SOLVER),
+    (SceneKind.SEVERAL, Exact): Capability(SEVERAL_SOLVER, general=True),
     (SceneKind.SEVERAL, Moreau): Capability(None, "Exact for several absorbers"),
     (SceneKind.SEVERAL, RungeKutta): Capability(None, "Exact for several absorbers"),
 }
@@ -724,7 +760,7 @@ def find_solver(scene: Scene, method: Method) -> Solver:
     able = find_capability(scene, method)
     if (heavy := find_largest_gravity(scene.absorber)) != 0:
         allowed = f"0 with {method} and {scene.kind.value}; {MOVES_BASE}"
-        require(able.moves_base, "gravity", heavy, allowed)
+        require(able.general, "gravity", heavy, allowed)
     require(able.solver is not None, "method", method, able.refusal)
     friction = getattr(scene.absorber, "friction", None)
     static = isinstance(friction, CoulombFriction) and friction.static_ratio != 1
@@ -748,11 +784,17 @@ def find_solver(scene: Scene, method: Method) -> Solver:
 
 def kernel_key(scene: Scene, method: Method, drive: Excitation | None = None) -> tuple[object, ...]:
     """Return the key of a run's kernels, see `Solver.key`; raises ParameterError as `find_solver` does."""
-    return find_solver(scene, method).key(scene, drive)
+    solver = find_solver(scene, method)
+    return solver.key(scene) if drive is None else solver.key(*split_force_phases(scene, drive))
 
 
 def check_load(scene: Scene, drive: Excitation, method: Method) -> None:
-    """Raise ParameterError if a scene or a method cannot do a drive: a base that moves."""
+    """Raise ParameterError if a scene or a method cannot do a drive: a base that moves, or forces that differ in phase."""
+    if scene.model.force_quadrature is not None:
+        able = find_capability(scene, method).general
+        given = f"given with {method} and {scene.kind.value}"
+        require(able, "force_quadrature", given, f"forces of one phase; {MOVES_BASE}")
+        check_phases(drive)
     if drive.moves_base:
         _check_base(scene, method, [type(part).__name__ for part in drive.parts], True)
 
@@ -761,6 +803,8 @@ def check_general(
     scene: Scene, method: Method, record: Samples | None, *, moves_base: bool
 ) -> bool:
     """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
+    quadrature = scene.model.force_quadrature
+    require(quadrature is None, "force_quadrature", quadrature, "None under control")
     shaken = bool(moves_base) or (record is not None and record.quantity == BASE_QUANTITY)
     if shaken or record is not None:
         loads = ["a record"] * (record is not None) + ["a base that moves"] * shaken

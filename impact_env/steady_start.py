@@ -129,7 +129,7 @@ def _sliding_absorbers(scene: Scene) -> tuple[SlidingAbsorber, ...]:
 
 def _load_on_modes(scene: Scene, harmonic: _Harmonic) -> Complex:
     """Return the complex modal load (N_m,) on the structure alone."""
-    load = np.asarray(harmonic.force * scene.model.force_shape, dtype=np.complex128)
+    load = harmonic.force * scene.model.force_pattern
     if harmonic.base == 0:
         return load
     participation = scene.model.base_participation

@@ -69,6 +69,7 @@ SHAPE_KEYS: Keys = {
     "stress_shape": ("stress_shape", ROW_CODEC),
     "base_participation_sqrt_kg": ("base_participation", ROW_CODEC),
     "base_at_absorber": ("base_at_absorber", NUMBER_CODEC),
+    "force_quadrature_per_sqrt_kg": ("force_quadrature", ROW_CODEC),
 }
 
 
@@ -81,6 +82,7 @@ ROWS_OF_MODES = (
     "response_shape",
     "stress_shape",
     "base_participation",
+    "force_quadrature",
 )
 
 

@@ -1,15 +1,18 @@
 """Several absorbers: limits, closed forms and what must hold for every scene; test_verification.py has them beside two references."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from core import OMEGA, PERIOD, Array, check, drive_of, relative_displacement, run, still
-from every_scene import SEVERAL
+from every_scene import SEVERAL, ring_scene
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from impact_env import (
     Beam,
+    CoulombFriction,
     Drive,
     InitialState,
     IntegrationError,
@@ -20,17 +23,21 @@ from impact_env import (
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
+    YieldingWalls,
     beam_scene,
     friction_damper,
     impact_absorber,
     impact_absorbers,
     linear_sweep,
+    regime_sets,
     simulate,
 )
+from impact_env.families import exact
 from impact_env.kernels.exact import joint_forces
 from impact_env.kernels.exact.joint_forces import Joints, new_joints, solve_joint_forces
 from impact_env.kernels.exact.rigid_contact import new_contact_states
 from impact_env.kernels.exact.sets import Absorbers
+from impact_env.regime_sets import SetLayout, find_set_layout
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
 
@@ -352,7 +359,15 @@ def at_one_place(
     shapes = np.tile(model.tip_shape, (n, 1))
     compliance = shapes @ shapes.T + np.diag(1 / masses)
     absorbers = Absorbers(
-        masses, np.ones(n), np.ones(n), limits, shapes, model.tip_shape, model.omega**2
+        masses,
+        gap=np.ones(n),
+        restitution=np.ones(n),
+        yield_velocity=np.full(n, np.inf),
+        limit=limits,
+        gravity=np.zeros(n),
+        shapes=shapes,
+        tip_shape=model.tip_shape,
+        square=model.omega**2,
     )
     now = new_contact_states(n)
     now["side"] = generator.choice([-1.0, 0.0, 1.0], n)
@@ -365,7 +380,7 @@ def at_one_place(
 
 @pytest.mark.plain
 @pytest.mark.parametrize("ratio", [0.02, 0.5, 2.0, 10.0])
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 9, 24])
 def test_joint_forces_are_those_of_a_bounded_least_squares_problem(n: int, ratio: float) -> None:
     """With 60 modes: SciPy's active-set solver has the same minimum of f G f/2 + c f between bounds."""
     model = beam_scene(Beam(modes=60)).model
@@ -408,6 +423,111 @@ def test_heavy_absorbers_that_never_move_at_one_place_are_a_stuck_one() -> None:
         single.end_state[:60],
         atol=1e-9 * np.max(np.abs(single.end_state[:60])),
     )
+
+
+def sector_shapes(scene: Scene) -> Array:
+    """Return the displacement of each sector per modal displacement, of a scene with an absorber in every sector."""
+    return scene.absorber_shapes
+
+
+def test_a_light_second_absorber_leaves_weight_and_yielding_walls_as_they_are() -> None:
+    """Against the kernels of a single absorber, which have these laws by themselves."""
+    one = SlidingAbsorber(
+        0.02,
+        YieldingWalls(yield_velocity=0.05, gap=2e-4, restitution=0.9),
+        CoulombFriction(0.02),
+        gravity=9.81,
+    )
+    light = SlidingAbsorber(1e-10, RigidWalls(1e-4, 0.7), None, gravity=9.81)
+    drive = drive_of(3.0, 0.97, 1.02, periods=3)
+    start = InitialState(absorber_displacement=-1e-4)
+    single = run(beam_scene(BEAM, one), drive, initial=start)
+    both = run(
+        beam_scene(BEAM, SeveralAbsorbers((one, light), (1.0, 0.5))),
+        drive,
+        initial=InitialState(absorber_displacement=(-1e-4, 0.0)),
+    )
+    own = both.impacts.absorber == 0
+    assert single.impact_count >= 4
+    np.testing.assert_allclose(both.impacts.time[own], single.impacts.time, atol=1e-8 * PERIOD)
+    lost = single.impacts.energy_lost
+    np.testing.assert_allclose(both.impacts.energy_lost[own], lost, atol=1e-6 * np.max(lost))
+    kept = np.delete(both.end_state, [4, 9])
+    np.testing.assert_allclose(kept, single.end_state, atol=1e-6 * np.max(np.abs(single.end_state)))
+    assert abs(both.energy.relative_error) < 1e-11
+
+
+def test_sectors_without_coupling_are_single_absorbers_up_to_rounding() -> None:
+    """Not to the last digit: their kernels sum over the modes of all sectors."""
+    gaps = (2e-4, 3e-4, 2.5e-4, 2.2e-4, 1.5e-4)
+    scene = ring_scene(gaps, 0.8, 0.2, coupling=0.0, wave_number=0)
+    drive = drive_of(20.0, 1.01, periods=2)
+    ring = run(scene, drive)
+    shapes = sector_shapes(scene)
+    for sector, gap in enumerate(gaps):
+        alone = Scene(
+            ModalModel([OMEGA], [0.01], [1.0], [1.0], 1.0), impact_absorber(gap, 0.8, 0.2, 0.02)
+        )
+        single = run(alone, drive)
+        assert single.impact_count >= 3
+        own = ring.impacts.time[ring.impacts.absorber == sector]
+        np.testing.assert_allclose(own, single.impacts.time, atol=1e-9 * PERIOD)
+        assert shapes[sector] @ ring.end_state[:5] == pytest.approx(
+            single.end_state[0], abs=1e-9 * abs(single.end_state[0])
+        )
+
+
+@pytest.mark.parametrize(("sectors", "friction_limit"), [(10, 0.5), (32, None)])
+def test_no_event_of_many_absorbers_is_missed(sectors: int, friction_limit: float | None) -> None:
+    """Each search is sampled densely, and the energies balance."""
+    generator = np.random.default_rng(sectors)
+    scene = ring_scene(generator.uniform(1e-4, 4e-4, sectors), 0.8, friction_limit)
+    response = run(scene, drive_of(40.0, 0.99, 1.02, periods=3))
+    assert response.impact_count > 3 * sectors
+    assert response.check.searches > 50 * sectors
+    assert response.check.misses == 0
+    assert abs(response.energy.relative_error) < 1e-11
+
+
+def test_equal_sectors_under_equal_forces_move_alike() -> None:
+    """They hit one after the other at one time; with all modes kept an impulse on one mass moves no other at once."""
+    scene = ring_scene((2e-4,) * 8, 0.8, 0.3, wave_number=0)
+    response = run(scene, drive_of(40.0, 1.0, periods=3))
+    sectors = response.end_state[:8] @ sector_shapes(scene).T
+    assert response.impact_count >= 8 * 4
+    assert response.impact_count % 8 == 0
+    np.testing.assert_allclose(sectors, sectors[0], rtol=1e-9)
+
+
+@pytest.mark.plain
+def test_places_for_regimes_are_filled_again_without_a_trace(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With as few places as there may be the same digits come out as with one for every set."""
+    scene = ring_scene((2e-4, 3e-4, 2.5e-4, 2.2e-4, 1.5e-4), 0.7, 0.6)
+    drive = drive_of(40.0, 1.02, periods=1.2)
+    every = run(scene, drive)
+    monkeypatch.setattr(regime_sets, "MOST_PLACE_BYTES", 1)
+    few = run(scene, drive)
+    assert len(set(every.phases.absorber.tolist())) >= 4
+    np.testing.assert_array_equal(few.end_state, every.end_state)
+    np.testing.assert_array_equal(few.energy.modal_loss, every.energy.modal_loss)
+
+
+@pytest.mark.plain
+def test_a_regime_that_cannot_be_made_ends_the_run_in_words(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As a set would whose modes are faster than all that the tables are laid out for."""
+    scene = ring_scene((2e-4,) * 5, 0.8, 0.6)
+
+    def narrow(*args: object) -> SetLayout:
+        return replace(find_set_layout(*args), speed=1.0)
+
+    drive = drive_of(40.0, 1.02, periods=1.1)
+    monkeypatch.setattr(exact, "find_set_layout", narrow)
+    with pytest.raises(ParameterError, match=r"damping_ratio = 0.01 \(the largest\) .* absorbers"):
+        run(scene, drive)
 
 
 @pytest.mark.plain

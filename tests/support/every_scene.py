@@ -1,6 +1,7 @@
 """Small scenes of every kind with the numbers that each gives, compiled or in plain Python (NUMBA_DISABLE_JIT=1)."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from impact_env.drive import Drive
 from impact_env.laws import SceneKind
 from impact_env.loads import Loads, Samples
 from impact_env.methods import Method, Moreau, RungeKutta
+from impact_env.modes import ModalModel
 from impact_env.parameters import (
     Absorber,
     Beam,
@@ -67,6 +69,32 @@ TORN = SeveralAbsorbers(
     (1.0, 1.0, 1.0),
 )
 HELD = Beam(modes=2, damping_ratio=0.05)
+
+
+def ring_scene(
+    gaps: Sequence[float],
+    restitution: float,
+    friction_limit: float | None = None,
+    coupling: float = 0.05,
+    wave_number: int = 1,
+    gravity: float = 0.0,
+) -> Scene:
+    """Return a ring of equal sectors of 1 kg with an absorber of 2 % in each; all its eigenvalues but one or two occur twice."""
+    n = len(gaps)
+    neighbours = np.roll(np.eye(n), 1, axis=0) + np.roll(np.eye(n), -1, axis=0)
+    stiffness = OMEGA**2 * ((1 + 2 * coupling) * np.eye(n) - coupling * neighbours)
+    square, shapes = np.linalg.eigh(stiffness)
+    force = np.cos(2 * np.pi * wave_number * np.arange(n) / n)
+    model = ModalModel(
+        np.sqrt(square), np.full(n, 0.01), shapes.T @ force, shapes[0], float(n), shapes
+    )
+    absorbers = tuple(
+        replace(impact_absorber(gap, restitution, friction_limit, 0.02 / n), gravity=gravity)
+        for gap in gaps
+    )
+    return Scene(model, SeveralAbsorbers(absorbers, (1.0,) * n))
+
+
 # name: scene, force in N, frequency ratio, pseudo periods
 SEVERAL: dict[str, tuple[Scene, float, float, float]] = {
     "impacts of three": (
@@ -89,6 +117,13 @@ SEVERAL: dict[str, tuple[Scene, float, float, float]] = {
         5.0,
         0.3,
         2.9,
+    ),
+    "ring of six": (ring_scene((2e-4, 3e-4, 2.5e-4, 2.2e-4, 2.8e-4, 3.5e-4), 0.8), 40.0, 1.02, 1.5),
+    "ring of five with friction": (
+        ring_scene((2e-4, 3e-4, 2.5e-4, 2.2e-4, 1.5e-4), 0.7, 0.6),
+        40.0,
+        1.02,
+        1.3,
     ),
 }
 LEVEL = Record(events=True)

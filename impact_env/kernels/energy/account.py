@@ -101,6 +101,16 @@ def new_account(energy, regimes, size):
     )
 
 
+@jit
+def forget_regime(account, r):
+    """Forget regime number r of an account, whose place another one has taken; None: energies are not observed."""
+    if account is None:
+        return
+    account.known[r].kind = NOT_INITIALISED
+    account.known[r].window = np.nan
+    account.rows[r, :, :] = 0.0
+
+
 @jit_view
 def view_regime_account(account, r):
     """Return an account's sums of its regime number r."""

@@ -26,7 +26,9 @@ from impact_env.kernels.exact.sets import (
     is_joined,
     signal_of_absorber,
     system_of_set,
+    update_guard_response,
 )
+from impact_env.kernels.exact.several_events import fill_guard_signal
 from impact_env.kernels.motion.modal_system import SPEED
 from impact_env.kernels.motion.observers import GUARD_PASSED, JOINT_EXCEEDED, RATE_TURNED
 
@@ -192,10 +194,12 @@ def check_set(check, scene, window, s, offset, workspace):
         contact_state = workspace.contact_states[a]
         limit = absorbers.limit[a]
         gap = absorbers.gap[a]
+        update_guard_response(sets, absorbers, window, s, a, workspace.forced_sets)
+        fill_guard_signal(scene, s, a, workspace)
         system = system_of_set(sets, s, sets.rows[s, a])
         forced = forced_of_set(workspace.forced_sets, s, a)
         signal = signal_of_absorber(workspace.signals, a)
-        if is_joined(s, a):
+        if is_joined(sets, s, a):
             low, high = joint_bounds(limit, contact_state.side)
             guard = GuardBounds(low, high, 0.0, JOINT_FORCE_TOL, 0.0, JOINT_EXCEEDED)
         else:

@@ -4,9 +4,13 @@ With the forces f of their joints the relative accelerations are c + G f, G bein
 positive definite (masses, and the beam's mobility between the places). Each force lies in the
 interval that friction and the wall touched can give. Inside it the relative acceleration is zero;
 at its upper end the absorber lags, at its lower end it leads. These are the conditions for the
-minimum of f G f/2 + c f in a box, which is unique. With at most four absorbers there are at most
-3^4 cases of inside, upper end and lower end: each is solved directly, and the one that meets all
-conditions is the solution. For one absorber it is `stick_slip.try_stick`.
+minimum of f G f/2 + c f in a box, which is unique. It is found by block principal pivoting: all
+forces that break a condition change their case (inside, upper end, lower end) at once as long as
+that leaves fewer of them, else only the last one, which ends for any such matrix [1]. For one
+absorber it is `stick_slip.try_stick`.
+
+[1] Judice, Pires: A block principal pivoting algorithm for large-scale strictly monotone linear
+complementarity problems, Computers & Operations Research 21 (1994), for bounds on both sides.
 """
 
 from __future__ import annotations
@@ -31,6 +35,9 @@ from impact_env.kernels.motion.loads import evaluate_load
 # of the sum of the sizes of a condition's terms: the rounding of four additions and of a direct
 # solution is below 1e-14 of it, the smallest gap between two cases that are not one is far above
 COMPLEMENTARITY_TOL = 1e-11
+# block pivots in a row that may leave as many wrong cases as before; pivots, of the number of absorbers
+MOST_BLOCK_PIVOTS = 3
+MOST_PIVOTS = 100
 # cases of a joint force
 FORCE_INSIDE = 0
 FORCE_AT_UPPER = 1
@@ -45,7 +52,7 @@ class Joints(NamedTuple):
     ``undecided``: absorbers without relative velocity, which may stick or slip; ``case`` of each
     joint force. ``system`` (n, n + 1): matrix and right-hand side of the forces inside their
     bounds, whose absorbers are ``inside`` (n,). ``unsolved`` (1,): whether a problem had no
-    solution up to rounding.
+    solution up to rounding. ``freed``: absorbers that an impact tears loose.
     """
 
     relative_acceleration: NDArray[np.float64]
@@ -58,6 +65,7 @@ class Joints(NamedTuple):
     inside: NDArray[np.int64]
     system: NDArray[np.float64]
     unsolved: NDArray[np.bool_]
+    freed: NDArray[np.bool_]
 
 
 @jit_allocating
@@ -74,6 +82,7 @@ def new_joints(n):
         np.zeros(n, np.int64),
         np.zeros((n, n + 1)),
         np.zeros(1, np.bool_),
+        np.zeros(n, np.bool_),
     )
 
 
@@ -102,22 +111,57 @@ def compute_force_at(window, tau):
 
 
 @jit
+def compute_base_acceleration(window, tau):
+    """Return the acceleration of a base that moves (m/s^2), or the force in its place (N), at an offset ``tau`` (s); 0 where it rests."""
+    load = window.load
+    if load is None:
+        return 0.0
+    return _base_acceleration(load.base, window.omega, tau)
+
+
+@jit
+def _base_acceleration(base, omega, tau):
+    if base is None:
+        return 0.0
+    return evaluate_load(base.terms, omega, tau)
+
+
+@jit
+def find_base_participation(window, i):
+    """Return the participation of mode ``i`` in the motion of the base, 0 where it does not move."""
+    load = window.load
+    if load is None:
+        return 0.0
+    return _base_participation(load.base, i)
+
+
+@jit
+def _base_participation(base, i):
+    if base is None:
+        return 0.0
+    return base.participation[i]
+
+
+@jit
 def compute_relative_accelerations(absorbers, losses, window, contact_states, state, joints):
     """Write the relative accelerations before the joint forces of undecided absorbers, and their rounding."""
     n, modes = absorbers.shapes.shape
     half = n + modes
     tau = contact_states[0].tau
     force = compute_force_at(window, tau)
+    base = compute_base_acceleration(window, tau)
     for a in range(n):
-        joints.relative_acceleration[a], joints.acceleration_slack[a] = 0.0, 0.0
+        joints.relative_acceleration[a] = -absorbers.gravity[a]
+        joints.acceleration_slack[a] = abs(absorbers.gravity[a])
         if not joints.undecided[a] and contact_states[a].regime == FREE:
-            joints.relative_acceleration[a] = contact_states[a].force / absorbers.mass[a]
+            joints.relative_acceleration[a] += contact_states[a].force / absorbers.mass[a]
     for i in range(modes):
         pull = absorbers.square[i] * state[i]
         drag = losses.rate[i] * state[half + i]
         push = losses.force_shape[i] * force
-        rate = push - drag - pull
-        size = abs(push) + abs(drag) + abs(pull)
+        carried = find_base_participation(window, i) * base
+        rate = push - carried - drag - pull
+        size = abs(push) + abs(carried) + abs(drag) + abs(pull)
         for b in range(n):
             if not joints.undecided[b] and contact_states[b].regime == FREE:
                 rate -= absorbers.shapes[b, i] * contact_states[b].force
@@ -138,23 +182,13 @@ def compute_sticking_force(compliance, joints, a):
 
 
 @jit
-def set_case(absorbers, contact_states, joints, number):
-    """Set the case of each joint force from the base-3 digits of ``number``; return whether the forces at bounds are finite."""
-    rest = number
+def set_forces_at_bounds(absorbers, contact_states, joints):
+    """Set the joint forces of the cases at a bound to it, all others to 0."""
     for a in range(joints.force.shape[0]):
         joints.force[a] = 0.0
-        joints.case[a] = FORCE_INSIDE
-        if joints.undecided[a]:
-            joints.case[a] = rest % 3
-            rest = rest // 3
+        if joints.undecided[a] and joints.case[a] != FORCE_INSIDE:
             low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
-            if joints.case[a] == FORCE_AT_UPPER:
-                joints.force[a] = high
-            elif joints.case[a] == FORCE_AT_LOWER:
-                joints.force[a] = low
-            if not np.isfinite(joints.force[a]):
-                return False
-    return True
+            joints.force[a] = high if joints.case[a] == FORCE_AT_UPPER else low
 
 
 @jit
@@ -194,50 +228,70 @@ def solve_inside_forces(compliance, joints):
 
 
 @jit
-def compute_violation(absorbers, compliance, contact_states, joints):
-    """Return the largest violation of a complementarity condition, relative to the sizes of its terms."""
-    largest = 0.0
-    for a in range(joints.force.shape[0]):
-        if joints.undecided[a]:
-            low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
-            r = joints.relative_acceleration[a]
-            size = joints.acceleration_slack[a]
-            for b in range(joints.force.shape[0]):
-                if joints.undecided[b]:
-                    r += compliance[a, b] * joints.force[b]
-                    size += abs(compliance[a, b] * joints.force[b])
-            beyond = max(low - joints.force[a], joints.force[a] - high) * compliance[a, a]
-            if joints.case[a] == FORCE_INSIDE:
-                broken = max(abs(r), beyond)
-            elif joints.case[a] == FORCE_AT_UPPER:
-                broken = r
-            else:
-                broken = -r
-            if broken > 0.0:
-                largest = max(largest, broken / size)
-    return largest
+def find_better_case(absorbers, compliance, contact_states, joints, a):
+    """Return the case that the joint force of absorber a belongs to by the conditions as they are, and by how much its own case breaks them.
+
+    The latter is relative to the sizes of the condition's terms, 0 where none is broken.
+    """
+    low, high = joint_bounds(absorbers.limit[a], contact_states[a].side)
+    case = joints.case[a]
+    r = joints.relative_acceleration[a]
+    size = joints.acceleration_slack[a]
+    for b in range(joints.force.shape[0]):
+        if joints.undecided[b]:
+            r += compliance[a, b] * joints.force[b]
+            size += abs(compliance[a, b] * joints.force[b])
+    if case == FORCE_INSIDE:
+        if joints.force[a] > high:
+            return FORCE_AT_UPPER, (joints.force[a] - high) * compliance[a, a] / size
+        if joints.force[a] < low:
+            return FORCE_AT_LOWER, (low - joints.force[a]) * compliance[a, a] / size
+        return case, 0.0
+    if case == FORCE_AT_UPPER and r > 0.0:
+        return FORCE_INSIDE, r / size
+    if case == FORCE_AT_LOWER and r < 0.0:
+        return FORCE_INSIDE, -r / size
+    return case, 0.0
 
 
 @jit
-def solve_joint_forces(absorbers, compliance, contact_state, joints):
-    """Find the joint forces case by case; set ``joints.unsolved`` where no case meets all conditions up to rounding."""
-    count = 1
+def count_violations(absorbers, compliance, contact_states, joints):
+    """Return the number of joint forces in a wrong case, and the last of them; their right cases go to ``joints.inside``."""
+    count = 0
+    last = 0
     for a in range(joints.force.shape[0]):
+        joints.inside[a] = joints.case[a]
         if joints.undecided[a]:
-            count *= 3
-    best = np.inf
-    best_number = 0
-    for number in range(count):
-        if set_case(absorbers, contact_state, joints, number):
-            solve_inside_forces(compliance, joints)
-            broken = compute_violation(absorbers, compliance, contact_state, joints)
-            if broken <= COMPLEMENTARITY_TOL:
-                return
-            if broken < best:
-                best = broken
-                best_number = number
-    set_case(absorbers, contact_state, joints, best_number)
-    solve_inside_forces(compliance, joints)
+            case, broken = find_better_case(absorbers, compliance, contact_states, joints, a)
+            if broken > COMPLEMENTARITY_TOL:
+                joints.inside[a] = case
+                count += 1
+                last = a
+    return count, last
+
+
+@jit
+def solve_joint_forces(absorbers, compliance, contact_states, joints):
+    """Find the joint forces that meet all conditions up to rounding; set ``joints.unsolved`` where that fails."""
+    n = joints.force.shape[0]
+    for a in range(n):
+        joints.case[a] = FORCE_INSIDE
+    least = n + 1
+    tries = MOST_BLOCK_PIVOTS
+    for _ in range(MOST_PIVOTS * n):
+        set_forces_at_bounds(absorbers, contact_states, joints)
+        solve_inside_forces(compliance, joints)
+        count, last = count_violations(absorbers, compliance, contact_states, joints)
+        if count == 0:
+            return
+        if count < least:
+            least = count
+            tries = MOST_BLOCK_PIVOTS
+        else:
+            tries -= 1
+        for a in range(n):
+            if tries >= 0 or a == last:
+                joints.case[a] = joints.inside[a]
     joints.unsolved[0] = True
 
 

@@ -75,12 +75,12 @@ class Walls(NamedTuple):
     """Rigid walls.
 
     Clearance to either wall (m), Newton's coefficient of restitution, and the velocity (m/s) above
-    which it falls, None: it does not.
+    which it falls, infinity: it does not.
     """
 
     gap: float
     restitution: float
-    yield_velocity: float | None
+    yield_velocity: float = np.inf
 
 
 class ContactLaw(NamedTuple):
@@ -251,8 +251,6 @@ def add_impact_loss(loss, energy):
 @jit_inline
 def compute_restitution(walls, v):
     """Return the coefficient of restitution of an impact with relative velocity v (m/s), see `parameters.YieldingWalls`."""
-    if walls.yield_velocity is None:
-        return walls.restitution
     return walls.restitution / np.sqrt(np.sqrt(1.0 + abs(v) / walls.yield_velocity))
 
 

@@ -1,7 +1,9 @@
 """The regimes of several absorbers: one for each set of those that move with the beam (joined), the others being apart from it.
 
-Bit a of a set's number says that absorber a is joined, so set 0 is the free beam. Every regime is
-one of `segments.LinearRegime`, and every guard signal one of those that a single absorber has:
+There are 2^n sets of n absorbers, and nearly all time is spent in few of them. So a run has a number
+of places for regimes: place 0 always holds the free beam, the others are filled when a set is first
+needed, by a function in Python (`regime_sets.RegimePlaces`), and filled anew when all are taken. A
+regime is one of `segments.LinearRegime`, and a guard signal one of those that a single absorber has:
 relative displacement of an absorber apart, joint force of a joined one. What differs from absorber
 to absorber is a row of weights. The last row, index n, belongs to the place where the level is
 measured.
@@ -9,14 +11,15 @@ measured.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_view
+from impact_env.kernels.compiling.records import FLAG, INTEGER, record_type
 from impact_env.kernels.events.signals import MOST_SEARCH_EVALUATIONS, Signal
-from impact_env.kernels.exact.rigid_contact import JOINED, impulse_response_bound
+from impact_env.kernels.exact.rigid_contact import JOINED
 from impact_env.kernels.motion.forced import (
     DERIVATIVES,
     SCANNED,
@@ -28,21 +31,30 @@ from impact_env.kernels.motion.forced import (
     solve_tip_signal,
 )
 from impact_env.kernels.motion.modal_system import REST, ModalSystem, add_weighted
+from impact_env.kernels.motion.observers import call_function
 from impact_env.kernels.motion.search_block import BLOCK, POINTS, TERMS
 from impact_env.kernels.motion.segments import LinearRegime, compute_amplitudes
 
 Array = NDArray[np.float64]
 
+# the place of the current set; uses of places so far; the address of the function that fills a place
+# for the set `Sets.wanted` and makes it the current one; whether that has failed
+SET_REQUEST = record_type(place=INTEGER, uses=INTEGER, fill_address=INTEGER, failed=FLAG)
+
 
 class Sets(NamedTuple):
-    """The regimes of n absorbers, stacked: the first axis of all arrays is the set, 2^n long.
+    """The regimes of n absorbers, stacked: the first axis of the arrays down to ``last_fill`` is the place of a regime, K long.
 
-    ``rows`` (2^n, n + 1, ROWS, J) is Modal amplitudes.rows for each absorber: GUARD its signal, TIP
-    the beam at its place, RELATIVE and REST a force on it; the last for the level's place, without
-    such forces. ``table`` to ``errors``: as in `modal_system.ModalSystem`; ``out``, ``into``: as in
-    `segments.LinearRegime`. ``deflection`` (2^n, n + 1, n): displacement (m/N) at each place under
-    a unit constant force on absorber b; ``compliance`` (2^n, n, n): relative acceleration (1/kg) of
-    absorber a by a unit force on absorber b.
+    ``rows`` (K, n + 1, ROWS, J) is `modal_system.ModalSystem.rows` for each absorber: GUARD its
+    signal, TIP the beam at its place, RELATIVE and REST a force on it; the last for the level's
+    place, without such forces. ``table`` to ``errors``: as in `modal_system.ModalSystem`; ``out``,
+    ``into``: as in `segments.LinearRegime`. ``deflection`` (K, n + 1, n): displacement (m/N) at each
+    place under a unit constant force on absorber b; ``compliance`` (K, n, n): relative acceleration
+    (1/kg) of absorber a by a unit force on absorber b. ``velocity_bound`` and ``acceleration_bound``
+    (K, n, n): bounds of the rate and of the second derivative of a's guard signal, at any later
+    time, after a unit impulse on b. ``joined`` (K, n): the set; ``last_use`` and ``last_fill`` (K,):
+    numbers of the last use of a place, 0 for an empty one, and of its fillings. ``wanted`` (n,): a
+    set to be filled; ``request``: a SET_REQUEST record.
     """
 
     rows: Array
@@ -56,27 +68,38 @@ class Sets(NamedTuple):
     into: Array
     deflection: Array
     compliance: Array
+    velocity_bound: Array
+    acceleration_bound: Array
+    joined: NDArray[np.bool_]
+    last_use: NDArray[np.int64]
+    last_fill: NDArray[np.int64]
+    wanted: NDArray[np.bool_]
+    request: Any
 
 
 class Absorbers(NamedTuple):
-    """Mass (kg), half-clearance (m, infinity: no walls), restitution, friction limit (N, 0: none), each (n,), shapes at their places (n, N_m).
+    """Laws of n absorbers, each (n,), and shapes at their places (n, N_m).
 
-    ``tip_shape`` (N_m,): where the level is measured; ``square`` (N_m,): omega^2.
+    Mass (kg), half-clearance (m, infinity: no walls), restitution and the velocity (m/s) above which
+    it falls (infinity: it does not), friction limit (N, 0: none), gravity (m/s^2) towards the lower
+    wall. ``tip_shape`` (N_m,): where the level is measured; ``square`` (N_m,): omega^2.
     """
 
     mass: Array
     gap: Array
     restitution: Array
+    yield_velocity: Array
     limit: Array
+    gravity: Array
     shapes: Array
     tip_shape: Array
     square: Array
 
 
 class ForcedSets(NamedTuple):
-    """Forced responses of all sets in one window: `forced.Forced` with one axis more for the set and, where they differ, for the absorber.
+    """Forced responses of the regimes in one window: `forced.Forced` with one axis more for the place and, where they differ, for the absorber.
 
-    ``solved`` (2^n,): whether the response of a set is known.
+    ``solved`` (K, n + 1): whether an absorber's guard signal is known; last, the response itself.
     """
 
     polynomials: Array
@@ -99,7 +122,7 @@ class SignalSet(NamedTuple):
 
 @jit_allocating
 def new_forced_sets(sets):
-    """Return memory for the forced responses of all sets."""
+    """Return memory for the forced responses of all regimes."""
     count, places, _, size = sets.rows.shape
     polynomials = np.zeros((count, 4, TERMS, size))
     signals = np.zeros((count, places, *SIGNALS))
@@ -110,7 +133,7 @@ def new_forced_sets(sets):
         np.zeros((count, places, DERIVATIVES + SCANNED)),
         carrier,
         np.zeros((2, TERMS)),
-        np.zeros(count, np.bool_),
+        np.zeros((count, places), np.bool_),
     )
 
 
@@ -130,21 +153,9 @@ def new_signal_set(sets):
     )
 
 
-@jit_allocating
-def compute_impulse_bounds(sets):
-    """Return `rigid_contact.impulse_response_bound` (2^n, n) of every absorber in every set."""
-    count = sets.rows.shape[0]
-    n = sets.deflection.shape[2]
-    kicks = np.zeros((count, n))
-    for s in range(count):
-        for a in range(n):
-            kicks[s, a] = impulse_response_bound(sets.rows[s, a])
-    return kicks
-
-
 @jit_view
 def system_of_set(sets, s, rows):
-    """Return the modal system of set s with the weights ``rows``."""
+    """Return the modal system of the set at place s with the weights ``rows``."""
     return ModalSystem(
         rows,
         sets.table[s],
@@ -158,13 +169,13 @@ def system_of_set(sets, s, rows):
 
 @jit_view
 def regime_of_set(sets, s, rows):
-    """Return the regime of set s with the weights ``rows``."""
+    """Return the regime of the set at place s with the weights ``rows``."""
     return LinearRegime(system_of_set(sets, s, rows), sets.out[s], sets.into[s], 0.0)
 
 
 @jit_view
 def forced_of_set(flow, s, place):
-    """Return the forced response of set s with the signals of one place: an absorber's, or the level's."""
+    """Return the forced response of the set at place s with the signals of one place: an absorber's, or the level's."""
     return Forced(
         flow.polynomials[s],
         flow.signals[s, place],
@@ -184,42 +195,92 @@ def signal_of_absorber(signals, a):
 
 
 @jit
-def is_joined(s, a):
-    """Return whether absorber a is in set s."""
-    return (s >> a) & 1 != 0
+def is_joined(sets, s, a):
+    """Return whether absorber a is joined in the set at place s."""
+    return sets.joined[s, a]
 
 
 @jit
-def find_joined_set(contact_states):
-    """Return the number of the set of joined absorbers."""
-    s = 0
+def _holds_set(sets, s, contact_states):
+    """Return whether the absorbers that are joined now are the set at place s."""
+    same = True
     for a in range(contact_states.shape[0]):
-        if contact_states[a].regime == JOINED:
-            s |= 1 << a
-    return s
+        same = same and sets.joined[s, a] == (contact_states[a].regime == JOINED)
+    return same
 
 
 @jit
-def update_set_response(sets, absorbers, window, s, flow):
-    """Solve the forced response of set s in a window, unless it is known."""
-    if flow.solved[s]:
+def find_joined_set(sets, contact_states):
+    """Return the place of the set of joined absorbers; its regime is made where it is not at hand."""
+    request = sets.request
+    if _holds_set(sets, request.place, contact_states):
+        return request.place
+    found = -1
+    for s in range(sets.joined.shape[0]):
+        if sets.last_use[s] > 0 and _holds_set(sets, s, contact_states):
+            found = s
+            break
+    if found < 0:
+        for a in range(contact_states.shape[0]):
+            sets.wanted[a] = contact_states[a].regime == JOINED
+        call_function(request.fill_address)
+        found = request.place
+    request.uses += 1
+    request.place = found
+    sets.last_use[found] = request.uses
+    return found
+
+
+@jit
+def copy_rows(rows, copy):
+    """Copy rows of weights (ROWS, J)."""
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            copy[i, j] = rows[i, j]
+
+
+@jit
+def update_set_response(sets, window, s, workspace):
+    """Solve the forced response of the set at place s in a window, unless it is known."""
+    n = sets.deflection.shape[2]
+    flow = workspace.forced_sets
+    if workspace.last_fill[s] != sets.last_fill[s]:
+        workspace.last_fill[s] = sets.last_fill[s]
+        copy_rows(sets.rows[s, n], workspace.place_rows[s])
+        flow.solved[s, :] = False
+    if flow.solved[s, n]:
         return
-    n = absorbers.mass.shape[0]
     solve_response(system_of_set(sets, s, sets.rows[s, n]), window, forced_of_set(flow, s, n))
-    for a in range(n):
-        system = system_of_set(sets, s, sets.rows[s, a])
-        forced = forced_of_set(flow, s, a)
-        if is_joined(s, a):
-            solve_tip_signal(system, forced)
-            solve_guard(system, window, absorbers.mass[a], forced)
-        else:
-            solve_guard(system, window, None, forced)
-    flow.solved[s] = True
+    flow.solved[s, :] = False
+    flow.solved[s, n] = True
 
 
 @jit
-def update_static_deflection(sets, contact_states, s, own, deflection):
-    """Write the static response to the constant forces of all absorbers in set s.
+def update_guard_response(sets, absorbers, window, s, a, flow):
+    """Solve the forced part of absorber a's guard signal in the set at place s, whose response is known, unless it is known, too."""
+    if flow.solved[s, a]:
+        return
+    system = system_of_set(sets, s, sets.rows[s, a])
+    forced = forced_of_set(flow, s, a)
+    if is_joined(sets, s, a):
+        solve_tip_signal(system, forced)
+        solve_guard(system, window, absorbers.mass[a], forced)
+    else:
+        solve_guard(system, window, None, forced)
+    flow.solved[s, a] = True
+
+
+@jit
+def compute_constant_force(absorbers, contact_state, joined, a):
+    """Return the constant force (N) between absorber a and the beam, as on the absorber: friction, or the weight of a joined one."""
+    if joined:
+        return absorbers.mass[a] * absorbers.gravity[a]
+    return contact_state.force
+
+
+@jit
+def update_static_deflection(sets, absorbers, contact_states, s, own, deflection):
+    """Write the static response to the constant forces of all absorbers in the set at place s.
 
     The amplitudes' rest part goes to own[s], the displacement (m) of each place to ``deflection``.
     """
@@ -228,18 +289,19 @@ def update_static_deflection(sets, contact_states, s, own, deflection):
     own[s, REST + 1, :] = 0.0
     deflection[:] = 0.0
     for b in range(n):
-        if not is_joined(s, b) and contact_states[b].force != 0.0:
-            add_weighted(sets.rows[s, b], REST, contact_states[b].force, own[s, REST : REST + 2])
+        force = compute_constant_force(absorbers, contact_states[b], is_joined(sets, s, b), b)
+        if force != 0.0:
+            add_weighted(sets.rows[s, b], REST, force, own[s, REST : REST + 2])
             for place in range(n + 1):
-                deflection[place] += contact_states[b].force * sets.deflection[s, place, b]
+                deflection[place] += force * sets.deflection[s, place, b]
 
 
 @jit
-def enter_set(sets, window, s, workspace, state):
-    """Write the free part of the amplitudes of set s for a state and the absorbers' constant forces."""
+def enter_set(sets, absorbers, window, s, workspace, state):
+    """Write the free part of the amplitudes of the set at place s for a state and the absorbers' constant forces."""
     z = workspace.buffers.z
     update_static_deflection(
-        sets, workspace.contact_states, s, workspace.place_rows, workspace.deflection
+        sets, absorbers, workspace.contact_states, s, workspace.place_rows, workspace.deflection
     )
     compute_amplitudes(sets.into[s], state, z)
     add_forced(

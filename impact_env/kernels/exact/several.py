@@ -2,7 +2,8 @@
 
 Each absorber has its own guard signal in the regime of the current set, and the next event is the
 earliest one. Signals, searches, impact law and friction are those of the single absorber. What one
-absorber's event does to the others is in several_events.py.
+absorber's event does to the others is in several_events.py; which guards need not be searched, since
+none of them can be reached before the earliest event found, is in safe_times.py.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating
-from impact_env.kernels.energy.account import new_account, with_energy_account
+from impact_env.kernels.energy.account import forget_regime, new_account, with_energy_account
 from impact_env.kernels.energy.energies import add_energy
-from impact_env.kernels.events.signals import NOTHING, REVERSAL, GuardEvent
+from impact_env.kernels.events.signals import NOTHING, REVERSAL, GuardEvent, time_resolution
 from impact_env.kernels.exact.budget import count_progress, limit_searches
 from impact_env.kernels.exact.check import check_set
 from impact_env.kernels.exact.joint_forces import Joints, new_joints
@@ -28,12 +29,18 @@ from impact_env.kernels.exact.rigid_contact import (
     new_contact_states,
     record_joined_phase,
 )
+from impact_env.kernels.exact.safe_times import (
+    SAFE_TIME,
+    find_most_urgent,
+    forget_safe_times,
+    update_safe_time,
+    update_safe_times_after_event,
+)
 from impact_env.kernels.exact.sets import (
     Absorbers,
     ForcedSets,
     Sets,
     SignalSet,
-    compute_impulse_bounds,
     find_joined_set,
     forced_of_set,
     is_joined,
@@ -42,9 +49,11 @@ from impact_env.kernels.exact.sets import (
     regime_of_set,
     signal_of_absorber,
     system_of_set,
+    update_guard_response,
     update_set_response,
 )
 from impact_env.kernels.exact.several_events import (
+    fill_guard_signal,
     handle_impact,
     handle_reversal,
     init_joined_set,
@@ -53,7 +62,13 @@ from impact_env.kernels.exact.several_events import (
 )
 from impact_env.kernels.motion.forced import add_forced
 from impact_env.kernels.motion.modal_system import copy_amplitudes, propagate
-from impact_env.kernels.motion.observers import ABSORBER_MOTION, DONE, JOINTS_UNSOLVED, NOT_FINITE
+from impact_env.kernels.motion.observers import (
+    ABSORBER_MOTION,
+    DONE,
+    JOINTS_UNSOLVED,
+    NOT_FINITE,
+    REGIME_FAILED,
+)
 from impact_env.kernels.motion.segments import (
     Buffers,
     Losses,
@@ -79,13 +94,14 @@ class Several(NamedTuple):
 
 
 class SeveralWorkspace(NamedTuple):
-    """Motion and scratch memory of a run with n absorbers.
+    """Motion and scratch memory of a run with n absorbers and K places for regimes.
 
-    ``contact_states`` (n,): RIGID_CONTACT_STATE records; ``place_rows`` (2^n, ROWS, J): weights of
+    ``contact_states`` (n,): RIGID_CONTACT_STATE records; ``place_rows`` (K, ROWS, J): weights of
     the level's place, with the rest part of all constant forces; ``deflection`` (n + 1,):
     displacement (m) of the places under them; ``motion`` (n,): as in `segments.Segment`, and
-    between two sets the relative motion; ``impulse_bounds`` (2^n, n): see
-    `sets.compute_impulse_bounds`.
+    between two sets the relative motion; ``safe_times`` (n,): SAFE_TIME records; ``last_fill`` and
+    ``last_account`` (K,): the filling of each place that forced responses and energies belong to;
+    ``forces`` (n,): constant forces (N) before an event.
     """
 
     contact_states: NDArray[Any]
@@ -96,7 +112,10 @@ class SeveralWorkspace(NamedTuple):
     place_rows: Array
     deflection: Array
     motion: NDArray[Any]
-    impulse_bounds: Array
+    safe_times: NDArray[Any]
+    last_fill: NDArray[np.int64]
+    last_account: NDArray[np.int64]
+    forces: Array
     scratch: Array
 
 
@@ -104,43 +123,44 @@ class SeveralWorkspace(NamedTuple):
 def new_several_workspace(sets, absorbers, state):
     """Return the workspace of a run."""
     n = absorbers.mass.shape[0]
+    count, _, rows, size = sets.rows.shape
     contact_states = new_contact_states(n)
     for a in range(n):
         contact_states[a].absorber = a
-    own = np.ascontiguousarray(sets.rows[:, n])
-    buffers = new_buffers(sets.rows.shape[3])
+    buffers = new_buffers(size)
     scratch = np.zeros_like(state)
-    kicks = compute_impulse_bounds(sets)
     return SeveralWorkspace(
         contact_states,
         buffers,
         new_signal_set(sets),
         new_forced_sets(sets),
         new_joints(n),
-        own,
+        np.zeros((count, rows, size)),
         np.zeros(n + 1),
         np.zeros(n, ABSORBER_MOTION),
-        kicks,
+        np.zeros(n, SAFE_TIME),
+        np.zeros(count, np.int64),
+        np.zeros(count, np.int64),
+        np.zeros(n),
         scratch,
     )
 
 
 @jit
 def next_event_of(scene, window, s, a, length, workspace):
-    """Return the first event of absorber a within ``length`` (s) in set s."""
+    """Return the first event of absorber a within ``length`` (s) in the set at place s, whose forced guard signal is known."""
     sets = scene.sets
     absorbers = scene.absorbers
     system = system_of_set(sets, s, sets.rows[s, a])
     forced = forced_of_set(workspace.forced_sets, s, a)
-    contact_state = workspace.contact_states[a]
     limit = absorbers.limit[a]
     body = AbsorberView(
         workspace.contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
     )
-    if is_joined(s, a):
-        return find_end_of_hold(system, forced, window, limit, 0.0, body, length)
-    walls = Walls(absorbers.gap[a], absorbers.restitution[a], None)
-    contact_state.a = contact_state.force / absorbers.mass[a]
+    if is_joined(sets, s, a):
+        weight = absorbers.mass[a] * absorbers.gravity[a]
+        return find_end_of_hold(system, forced, window, limit, weight, body, length)
+    walls = Walls(absorbers.gap[a], absorbers.restitution[a], absorbers.yield_velocity[a])
     if limit > 0.0:
         return find_end_of_flight(
             system, forced, window, walls, limit, body, workspace.deflection[a], length
@@ -152,26 +172,49 @@ def next_event_of(scene, window, s, a, length, workspace):
 
 @jit
 def find_earliest_event(scene, window, s, counters, workspace):
-    """Return the absorber with the earliest event, and the event; NOTHING at the window's end."""
+    """Return the absorber with the earliest event, and the event; NOTHING at the window's end.
+
+    The absorber whose next event may be the earliest is looked at first: its safe time is taken
+    anew, then it is searched, over a share of the window that doubles until the event is found or
+    another absorber comes first.
+    """
+    sets = scene.sets
+    safe_times = workspace.safe_times
+    n = safe_times.shape[0]
+    now = workspace.contact_states[0].tau
     first = 0
-    length = window.half - workspace.contact_states[0].tau
-    found = GuardEvent(NOTHING, length, 0.0, 0.0, 0.0, 0)
-    for a in range(workspace.contact_states.shape[0]):
+    found = GuardEvent(NOTHING, window.half - now, 0.0, 0.0, 0.0, 0)
+    resolution = time_resolution(sets.rows[s, 0], window.omega, window.half)
+    share = window.half / n
+    while found.offset > resolution or found.kind == NOTHING:
+        a = find_most_urgent(safe_times)
+        if not safe_times[a].until < now + found.offset:
+            break
+        update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
+        if safe_times[a].taken_at != now:
+            fill_guard_signal(scene, s, a, workspace)
+            update_safe_time(scene, window, s, a, workspace)
+            counters.counts.evaluations += 1
+            continue
+        length = min(found.offset, max(safe_times[a].until - now, 0.0) + share)
         event = next_event_of(scene, window, s, a, length, workspace)
         counters.counts.evaluations += event.evaluations
         if event.kind != NOTHING or np.isnan(event.offset):
             first = a
             found = event
-            length = event.offset
-        if np.isnan(length):
-            break
+            safe_times[a].until = now + event.offset
+            if np.isnan(event.offset):
+                break
+        else:
+            safe_times[a].until = now + length
+            share = 2.0 * share
     check_set(counters.check, scene, window, s, found.offset, workspace)
     return first, found
 
 
 @jit
 def observe_set_segment(scene, window, s, offset, workspace, observers):
-    """Pass a segment of ``offset`` (s) in set s to the observers."""
+    """Pass a segment of ``offset`` (s) in the set at place s to the observers."""
     n = workspace.contact_states.shape[0]
     sets = scene.sets
     tau = workspace.contact_states[0].tau
@@ -180,7 +223,7 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
     for a in range(n):
         contact_state = workspace.contact_states[a]
         motion = workspace.motion[a]
-        joined = is_joined(s, a)
+        joined = is_joined(sets, s, a)
         motion.q = contact_state.offset if joined else contact_state.q
         motion.v = 0.0 if joined else contact_state.v
         motion.a = 0.0 if joined else contact_state.a
@@ -197,35 +240,56 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
     )
     sample_level(segment, observers.clock, observers.level)
     sample_state(segment, observers.clock, observers.series)
+    if workspace.last_account[s] != sets.last_fill[s]:
+        workspace.last_account[s] = sets.last_fill[s]
+        forget_regime(observers.energy, s)
     add_energy(segment, scene.losses, workspace.scratch, s, observers.energy)
 
 
 @jit
-def advance_time(scene, window, s, offset, workspace, observers):
-    """Advance beam and absorbers by ``offset`` (s) in set s, without an event."""
+def observe_friction(scene, window, s, a, offset, workspace, energy):
+    """Add the friction loss of absorber a, which is apart, over ``offset`` (s) to the energies."""
+    if energy is None:
+        return
+    limit = scene.absorbers.limit[a]
+    if limit == 0.0:
+        return
     sets = scene.sets
-    absorbers = scene.absorbers
+    update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
+    fill_guard_signal(scene, s, a, workspace)
+    contact_state = workspace.contact_states[a]
+    body = AbsorberView(contact_state, workspace.buffers, signal_of_absorber(workspace.signals, a))
+    add_friction_loss(
+        limit,
+        system_of_set(sets, s, sets.rows[s, a]),
+        forced_of_set(workspace.forced_sets, s, a),
+        window.omega,
+        body,
+        contact_state.tau,
+        offset,
+        energy,
+    )
+
+
+@jit
+def advance_time(scene, window, s, offset, workspace, observers):
+    """Advance beam and absorbers by ``offset`` (s) in the set at place s, without an event."""
+    sets = scene.sets
     tau = workspace.contact_states[0].tau
     observe_set_segment(scene, window, s, offset, workspace, observers)
     for a in range(workspace.contact_states.shape[0]):
         contact_state = workspace.contact_states[a]
-        if is_joined(s, a):
+        if is_joined(sets, s, a):
             observers.counters.counts.stuck_time += offset
         else:
-            own = system_of_set(sets, s, sets.rows[s, a])
-            forced = forced_of_set(workspace.forced_sets, s, a)
-            body = AbsorberView(
-                contact_state, workspace.buffers, signal_of_absorber(workspace.signals, a)
-            )
-            add_friction_loss(
-                absorbers.limit[a], own, forced, window.omega, body, tau, offset, observers.energy
-            )
+            observe_friction(scene, window, s, a, offset, workspace, observers.energy)
             contact_state.q += offset * (contact_state.v + 0.5 * offset * contact_state.a)
             contact_state.v += offset * contact_state.a
             if offset > 0.0:
                 contact_state.side = 0.0
                 contact_state.at_rest = False
-        contact_state.tau = tau + offset
+    for a in range(workspace.contact_states.shape[0]):
+        workspace.contact_states[a].tau = tau + offset
     propagate(workspace.place_rows[s], sets.table[s], sets.scale[s], offset, workspace.buffers.z)
 
 
@@ -234,12 +298,12 @@ def enter_set_window(scene, window, started, workspace, state, events):
     """Begin a window: subtract the forced response from the amplitudes, or choose the first set of a run."""
     for a in range(workspace.contact_states.shape[0]):
         workspace.contact_states[a].tau = -window.half
-    workspace.forced_sets.solved[:] = False
+    workspace.forced_sets.solved[:, :] = False
     if not started:
         init_joined_set(scene, window, state, workspace, events)
     else:
-        s = find_joined_set(workspace.contact_states)
-        update_set_response(scene.sets, scene.absorbers, window, s, workspace.forced_sets)
+        s = find_joined_set(scene.sets, workspace.contact_states)
+        update_set_response(scene.sets, window, s, workspace)
         add_forced(
             workspace.forced_sets.polynomials[s],
             window.omega,
@@ -247,22 +311,40 @@ def enter_set_window(scene, window, started, workspace, state, events):
             -1.0,
             workspace.buffers.z,
         )
+    forget_safe_times(workspace.safe_times)
+
+
+@jit
+def update_free_accelerations(absorbers, contact_states):
+    """Set the accelerations of the absorbers from friction and weight."""
+    for a in range(contact_states.shape[0]):
+        contact_states[a].a = contact_states[a].force / absorbers.mass[a] - absorbers.gravity[a]
 
 
 @jit
 def advance_to_set_event(scene, window, state, workspace, observers):
     """Advance to the next event of any absorber, or to the window's end, and apply the event."""
-    s = find_joined_set(workspace.contact_states)
+    contact_states = workspace.contact_states
+    update_free_accelerations(scene.absorbers, contact_states)
+    s = find_joined_set(scene.sets, contact_states)
     a, event = find_earliest_event(scene, window, s, observers.counters, workspace)
     advance_time(scene, window, s, event.offset, workspace, observers)
     if event.kind == NOTHING:
         return
-    if is_joined(s, a):
+    for b in range(contact_states.shape[0]):
+        workspace.forces[b] = contact_states[b].force
+    before = contact_states[a].v
+    if is_joined(scene.sets, s, a):
         release_from_set(scene, window, s, a, event.kind, state, workspace, observers.events)
     elif event.kind == REVERSAL:
         handle_reversal(scene, window, s, a, event, state, workspace, observers.events)
     else:
         handle_impact(scene, window, s, a, event, state, workspace, observers)
+    if find_joined_set(scene.sets, contact_states) == s and not is_joined(scene.sets, s, a):
+        impulse = scene.absorbers.mass[a] * (contact_states[a].v - before)
+        update_safe_times_after_event(scene.sets, s, a, impulse, workspace)
+    else:
+        forget_safe_times(workspace.safe_times)
 
 
 @jit
@@ -296,9 +378,11 @@ def integrate_several_section(scene, schedule, k, started, workspace, state, obs
             )
             if workspace.joints.unsolved[0]:
                 status = JOINTS_UNSOLVED
+            if scene.sets.request.failed:
+                status = REGIME_FAILED
             if status != DONE:
                 add_forced(
-                    flow.polynomials[find_joined_set(contact_states)],
+                    flow.polynomials[find_joined_set(scene.sets, contact_states)],
                     window.omega,
                     contact_states[0].tau,
                     1.0,
@@ -307,7 +391,11 @@ def integrate_several_section(scene, schedule, k, started, workspace, state, obs
                 return status
             last = contact_states[0].tau
         add_forced(
-            flow.polynomials[find_joined_set(contact_states)], window.omega, window.half, 1.0, z
+            flow.polynomials[find_joined_set(scene.sets, contact_states)],
+            window.omega,
+            window.half,
+            1.0,
+            z,
         )
         if not is_workspace_finite(workspace):
             return NOT_FINITE
@@ -346,7 +434,7 @@ def several_lane(scene, plan, state, observers):
 def finish_several_run(scene, end, workspace, state, observers):
     """Write the final state, record open joined phases, and take the sample at ``end`` (s)."""
     contact_states = workspace.contact_states
-    s = find_joined_set(workspace.contact_states)
+    s = find_joined_set(scene.sets, workspace.contact_states)
     w = workspace.buffers.rows[0]
     copy_amplitudes(workspace.buffers.z, w)
     write_state_from(scene.sets, s, w, workspace, state)

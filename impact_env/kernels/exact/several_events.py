@@ -8,15 +8,25 @@
   joints, and the joint takes out what it gives, as coming to rest again would: bounces go on dying
   out.
 - Where a force jumps (a reversal, an impact with friction, a new joint), all absorbers without
-  relative velocity are settled together (joint_forces.py). Events at the same time are taken one
-  after the other, in the order of the absorbers. Impacts at two places at once have no unique
-  outcome in rigid-body mechanics: this is a choice.
+  relative velocity are resolved together (joint_forces.py), and so are those that come to rest, or
+  leave their joint, at the same time. Impacts at the same time are taken one after the other.
+  Impacts at two places at once have no unique outcome in rigid-body mechanics: this is a choice. It
+  does not matter where the places have no mobility in common, as the masses of a chain with all its
+  modes.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from impact_env.kernels.compiling.jit import jit, jit_view
-from impact_env.kernels.events.signals import HIT_HIGH, evaluate_at_offset
+from impact_env.kernels.events.signals import (
+    HIT_HIGH,
+    HIT_LOW,
+    NOTHING,
+    evaluate_at_offset,
+    signal_scale,
+)
 from impact_env.kernels.exact.joint_forces import (
     begin_slip,
     compute_contact_kinematics,
@@ -29,6 +39,7 @@ from impact_env.kernels.exact.rigid_contact import (
     ContactLaw,
     Walls,
     apply_impact,
+    compute_restitution,
     compute_tip_motion,
     detect_wall_contact,
     joint_bounds,
@@ -36,6 +47,7 @@ from impact_env.kernels.exact.rigid_contact import (
     update_friction_force,
     update_wall_contact,
 )
+from impact_env.kernels.exact.safe_times import forget_safe_times, may_turn
 from impact_env.kernels.exact.sets import (
     enter_set,
     find_joined_set,
@@ -43,6 +55,7 @@ from impact_env.kernels.exact.sets import (
     is_joined,
     signal_of_absorber,
     system_of_set,
+    update_guard_response,
     update_set_response,
     update_static_deflection,
 )
@@ -66,7 +79,7 @@ BEFORE_FIRST_SET = -1  # before a run's first regime
 def contact_of_absorber(scene, s, a, restitution):
     """Return the contact law of absorber a in set s."""
     absorbers = scene.absorbers
-    walls = Walls(absorbers.gap[a], restitution, None)
+    walls = Walls(absorbers.gap[a], restitution, absorbers.yield_velocity[a])
     return ContactLaw(
         absorbers.mass[a],
         scene.sets.compliance[s, a, a],
@@ -98,7 +111,7 @@ def write_state_from(sets, s, w, workspace, state):
     n = workspace.contact_states.shape[0]
     half = state.shape[0] // 2
     for a in range(n):
-        if is_joined(s, a):
+        if is_joined(sets, s, a):
             state[half - n + a] += contact_states[a].offset
             contact_states[a].q = state[half - n + a]
             contact_states[a].v = state[2 * half - n + a]
@@ -114,38 +127,57 @@ def change_set(scene, window, before, state, workspace):
     forces change. In another set the relative motion of the absorbers is kept: otherwise bounces
     and slips as small as that rounding would never end.
     """
-    s = find_joined_set(workspace.contact_states)
-    z = workspace.buffers.z
     sets = scene.sets
+    s = find_joined_set(sets, workspace.contact_states)
+    z = workspace.buffers.z
     if s == before:
         add_weighted(workspace.place_rows[s], REST, 1.0, z)
         update_static_deflection(
-            sets, workspace.contact_states, s, workspace.place_rows, workspace.deflection
+            sets,
+            scene.absorbers,
+            workspace.contact_states,
+            s,
+            workspace.place_rows,
+            workspace.deflection,
         )
         add_weighted(workspace.place_rows[s], REST, -1.0, z)
         return
     if before != BEFORE_FIRST_SET:
         save_relative_motion(scene, window, before, workspace)
-    update_set_response(sets, scene.absorbers, window, s, workspace.forced_sets)
-    enter_set(sets, window, s, workspace, state)
+    update_set_response(sets, window, s, workspace)
+    enter_set(sets, scene.absorbers, window, s, workspace, state)
     if before != BEFORE_FIRST_SET:
-        restore_relative_motion(sets, window, s, workspace)
+        restore_relative_motion(scene, window, s, workspace)
 
 
 @jit
-def compute_relative_motion(sets, window, s, a, workspace):
-    """Return relative displacement and velocity (absorber minus beam) of the sliding absorber a in set s."""
+def fill_guard_signal(scene, s, a, workspace):
+    """Fill the free part of absorber a's guard signal in the set at place s, from the current time on."""
+    sets = scene.sets
     contact_state = workspace.contact_states[a]
-    system = system_of_set(sets, s, sets.rows[s, a])
     signal = signal_of_absorber(workspace.signals, a)
-    apply_weights(system.rows, GUARD, workspace.buffers.z, signal.u)
-    signal.polynomial[0], signal.polynomial[1], signal.polynomial[2] = (
-        contact_state.q - workspace.deflection[a],
-        contact_state.v,
-        contact_state.a,
-    )
+    apply_weights(sets.rows[s, a], GUARD, workspace.buffers.z, signal.u)
+    p = signal.polynomial
+    if is_joined(sets, s, a):
+        p[0], p[1], p[2] = scene.absorbers.mass[a] * scene.absorbers.gravity[a], 0.0, 0.0
+    else:
+        p[0], p[1], p[2] = (
+            contact_state.q - workspace.deflection[a],
+            contact_state.v,
+            contact_state.a,
+        )
+
+
+@jit
+def compute_relative_motion(scene, window, s, a, workspace):
+    """Return relative displacement and velocity (absorber minus beam) of the sliding absorber a in set s."""
+    sets = scene.sets
+    contact_state = workspace.contact_states[a]
+    update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
+    fill_guard_signal(scene, s, a, workspace)
+    signal = signal_of_absorber(workspace.signals, a)
     value, rate, _ = evaluate_at_offset(
-        system,
+        system_of_set(sets, s, sets.rows[s, a]),
         forced_of_set(workspace.forced_sets, s, a).signals,
         window.omega,
         signal,
@@ -178,8 +210,8 @@ def save_relative_motion(scene, window, s, workspace):
         if contact_state.regime == FREE:
             value, rate = (
                 (contact_state.offset, 0.0)
-                if is_joined(s, a)
-                else compute_relative_motion(sets, window, s, a, workspace)
+                if is_joined(sets, s, a)
+                else compute_relative_motion(scene, window, s, a, workspace)
             )
             if scene.absorbers.limit[a] > 0.0 and abs(
                 rate
@@ -192,13 +224,13 @@ def save_relative_motion(scene, window, s, workspace):
 
 
 @jit
-def restore_relative_motion(sets, window, s, workspace):
+def restore_relative_motion(scene, window, s, workspace):
     """Restore the relative motion that was lost to rounding on the way through the state."""
     for a in range(workspace.contact_states.shape[0]):
         contact_state = workspace.contact_states[a]
         motion = workspace.motion[a]
         if contact_state.regime == FREE:
-            value, rate = compute_relative_motion(sets, window, s, a, workspace)
+            value, rate = compute_relative_motion(scene, window, s, a, workspace)
             contact_state.q += motion.q - value
             contact_state.v += motion.v - rate
 
@@ -207,13 +239,14 @@ def restore_relative_motion(sets, window, s, workspace):
 def resolve_resting_absorbers(scene, window, s, state, workspace, events):
     """Decide for all absorbers without relative velocity whether they stick or slip, and continue in the resulting set."""
     absorbers = scene.absorbers
-    write_set_state(scene.sets, window, s, workspace, state)
+    sets = scene.sets
+    write_set_state(sets, window, s, workspace, state)
     for a in range(workspace.contact_states.shape[0]):
         row = workspace.contact_states[a]
         contact = contact_of_absorber(scene, 0, a, absorbers.restitution[a])
-        if row.at_rest and not is_joined(s, a):
+        if row.at_rest and not is_joined(sets, s, a):
             update_wall_contact(contact.walls, row, compute_tip_motion(contact, state)[0])
-        workspace.joints.undecided[a] = is_joined(s, a) or (
+        workspace.joints.undecided[a] = is_joined(sets, s, a) or (
             row.at_rest and (absorbers.limit[a] > 0.0 or row.side != 0.0)
         )
     resolve_joints(
@@ -230,20 +263,77 @@ def resolve_resting_absorbers(scene, window, s, state, workspace, events):
 
 
 @jit
-def release_from_set(scene, window, s, a, event, state, workspace, events):
-    """Release absorber a from set s, as its joint force has left its bounds. No force jumps."""
-    write_set_state(scene.sets, window, s, workspace, state)
-    compute_contact_kinematics(scene.absorbers, state, workspace.joints)
-    time = window.centre + workspace.contact_states[0].tau
-    begin_slip(
-        scene.absorbers.limit[a],
-        workspace.contact_states[a],
-        workspace.joints.beam_velocity[a],
-        -1.0 if event == HIT_HIGH else 1.0,
-        time,
-        events,
+def leaves_joint_now(scene, window, s, b, workspace):
+    """Return the guard that the joint force of a joined absorber b is at and goes beyond, up to rounding; NOTHING where it is at none."""
+    fill_guard_signal(scene, s, b, workspace)
+    sets = scene.sets
+    update_guard_response(sets, scene.absorbers, window, s, b, workspace.forced_sets)
+    signal = signal_of_absorber(workspace.signals, b)
+    forced = forced_of_set(workspace.forced_sets, s, b)
+    contact_state = workspace.contact_states[b]
+    f, rate, _ = evaluate_at_offset(
+        system_of_set(sets, s, sets.rows[s, b]),
+        forced.signals,
+        window.omega,
+        signal,
+        contact_state.tau,
+        0.0,
     )
+    low, high = joint_bounds(scene.absorbers.limit[b], contact_state.side)
+    slack = POSITION_ROUNDING * signal_scale(signal, forced.bound)
+    if rate > 0.0 and f >= high - slack:
+        return HIT_HIGH
+    if rate < 0.0 and f <= low + slack:
+        return HIT_LOW
+    return NOTHING
+
+
+@jit
+def release_from_set(scene, window, s, a, event, state, workspace, events):
+    """Release absorber a from set s, as its joint force has left its bounds, and with it all others whose force does so now.
+
+    No force jumps.
+    """
+    sets = scene.sets
+    contact_states = workspace.contact_states
+    write_set_state(sets, window, s, workspace, state)
+    compute_contact_kinematics(scene.absorbers, state, workspace.joints)
+    time = window.centre + contact_states[0].tau
+    for b in range(contact_states.shape[0]):
+        kind = event if b == a else NOTHING
+        if b != a and is_joined(sets, s, b):
+            kind = leaves_joint_now(scene, window, s, b, workspace)
+        if kind != NOTHING:
+            begin_slip(
+                scene.absorbers.limit[b],
+                contact_states[b],
+                workspace.joints.beam_velocity[b],
+                -1.0 if kind == HIT_HIGH else 1.0,
+                time,
+                events,
+            )
     change_set(scene, window, s, state, workspace)
+
+
+@jit
+def stop_simultaneous_reversals(scene, window, s, a, workspace, events):
+    """Set at rest the other absorbers whose relative velocity is zero now, too, up to rounding, as in motions that many share."""
+    contact_states = workspace.contact_states
+    for b in range(contact_states.shape[0]):
+        other = contact_states[b]
+        if (
+            b != a
+            and other.regime == FREE
+            and not other.at_rest
+            and scene.absorbers.limit[b] > 0.0
+            and not workspace.safe_times[b].until > other.tau
+        ):
+            _, rate = compute_relative_motion(scene, window, s, b, workspace)
+            if abs(rate) <= POSITION_ROUNDING * compute_relative_rate_scale(
+                scene.sets, s, b, workspace
+            ):
+                other.at_rest = True
+                push_reversal(events, window.centre + other.tau, other.absorber)
 
 
 @jit
@@ -253,6 +343,7 @@ def handle_reversal(scene, window, s, a, event, state, workspace, events):
     sets = scene.sets
     limit = scene.absorbers.limit[a]
     push_reversal(events, window.centre + contact_states[0].tau, contact_states[a].absorber)
+    stop_simultaneous_reversals(scene, window, s, a, workspace, events)
     alone = s == 0
     for b in range(contact_states.shape[0]):
         if b != a and contact_states[b].at_rest:
@@ -266,7 +357,12 @@ def handle_reversal(scene, window, s, a, event, state, workspace, events):
             system_of_set(sets, s, sets.rows[s, a]), contact, limit, body, event
         ):
             update_static_deflection(
-                sets, contact_states, s, workspace.place_rows, workspace.deflection
+                sets,
+                scene.absorbers,
+                contact_states,
+                s,
+                workspace.place_rows,
+                workspace.deflection,
             )
             return
     contact_states[a].at_rest = True
@@ -284,8 +380,9 @@ def remains_stuck(scene, window, s, b, kick, state, workspace):
     u = workspace.buffers.u
     sets = scene.sets
     absorbers = scene.absorbers
+    update_guard_response(sets, absorbers, window, s, b, workspace.forced_sets)
     apply_weights(sets.rows[s, b], GUARD, z, u)
-    f = evaluate_signal(
+    f = absorbers.mass[b] * absorbers.gravity[b] + evaluate_signal(
         workspace.forced_sets.signals[s, b], 0, window.omega, workspace.contact_states[0].tau
     )
     for j in range(u.shape[1]):
@@ -304,18 +401,24 @@ def remains_stuck(scene, window, s, b, kick, state, workspace):
 def release_by_impact(scene, window, s, a, event, state, workspace, events):
     """Release the joined absorbers that an impact of absorber a tears loose; return True if there are any."""
     contact_states = workspace.contact_states
-    compliance = scene.sets.compliance[0]
+    sets = scene.sets
+    compliance = sets.compliance[0]
     absorbers = scene.absorbers
-    impulse = -(1.0 + absorbers.restitution[a]) * event.rate / compliance[a, a]
-    write_set_state(scene.sets, window, s, workspace, state)
+    freed = workspace.joints.freed
+    e = compute_restitution(
+        contact_of_absorber(scene, s, a, absorbers.restitution[a]).walls, event.rate
+    )
+    impulse = -(1.0 + e) * event.rate / compliance[a, a]
+    write_set_state(sets, window, s, workspace, state)
     compute_contact_kinematics(absorbers, state, workspace.joints)
-    freed = 0
+    changed = False
     for b in range(contact_states.shape[0]):
-        if is_joined(s, b):
-            if not remains_stuck(scene, window, s, b, compliance[b, a] * impulse, state, workspace):
-                freed |= 1 << b
+        freed[b] = is_joined(sets, s, b) and not remains_stuck(
+            scene, window, s, b, compliance[b, a] * impulse, state, workspace
+        )
+        changed = changed or freed[b]
     for b in range(contact_states.shape[0]):
-        if is_joined(freed, b):
+        if freed[b]:
             begin_slip(
                 absorbers.limit[b],
                 contact_states[b],
@@ -324,62 +427,55 @@ def release_by_impact(scene, window, s, a, event, state, workspace, events):
                 window.centre + contact_states[b].tau,
                 events,
             )
-    if freed != 0:
+    if changed:
         change_set(scene, window, s, state, workspace)
-    return freed != 0
+    return changed
 
 
 @jit
 def propagate_impulse(scene, window, s, a, impulse, state, workspace):
     """Update the slip directions of the other absorbers after an impulse (N s) on absorber a."""
     contact_states = workspace.contact_states
-    joints = workspace.joints
     absorbers = scene.absorbers
-    others = 0
-    for b in range(contact_states.shape[0]):
-        if (
-            b != a
-            and contact_states[b].regime == FREE
-            and (absorbers.limit[b] > 0.0 or contact_states[b].at_rest)
-        ):
-            others |= 1 << b
-    if others == 0:
-        return
-    write_set_state(scene.sets, window, s, workspace, state)
-    compute_contact_kinematics(absorbers, state, joints)
     turned = False
     for b in range(contact_states.shape[0]):
-        if is_joined(others, b):
-            # of one that had none it is what the impulse gave, free of rounding
+        other = contact_states[b]
+        if (
+            b != a
+            and other.regime == FREE
+            and (absorbers.limit[b] > 0.0 or other.at_rest)
+            and may_turn(scene.sets, s, a, b, impulse, workspace)
+        ):
+            # an absorber at rest has the speed of the impulse's response, which is free of rounding
             speed = (
                 scene.sets.compliance[s, b, a] * impulse
-                if contact_states[b].at_rest
-                else contact_states[b].v - joints.beam_velocity[b]
+                if other.at_rest
+                else compute_relative_motion(scene, window, s, b, workspace)[1]
             )
             if speed != 0.0:
                 sign = 1.0 if speed > 0.0 else -1.0
-                turned = turned or sign != contact_states[b].sign
-                contact_states[b].sign = sign
-                contact_states[b].at_rest = False
-                update_friction_force(absorbers.limit[b], contact_states[b])
+                turned = turned or sign != other.sign
+                other.sign = sign
+                other.at_rest = False
+                update_friction_force(absorbers.limit[b], other)
     if turned:
+        write_set_state(scene.sets, window, s, workspace, state)
         change_set(scene, window, s, state, workspace)
 
 
 @jit
-def compute_set_restitution(sets, absorbers, s, a):
-    """Return the effective restitution of an impact of absorber a in set s, in which joined absorbers stay joined.
+def compute_set_restitution(scene, s, a, rate):
+    """Return the effective restitution of an impact of absorber a with a ``rate`` (m/s) in set s, in which joined absorbers stay joined.
 
     The impulse is that of the free beam. What it gives to joined absorbers is taken out by their
     joints, so the effective mass is larger.
     """
+    sets = scene.sets
+    restitution = scene.absorbers.restitution[a]
+    e = compute_restitution(contact_of_absorber(scene, s, a, restitution).walls, rate)
     if s == 0:
-        return absorbers.restitution[a]
-    return max(
-        (1.0 + absorbers.restitution[a]) * sets.compliance[s, a, a] / sets.compliance[0, a, a]
-        - 1.0,
-        0.0,
-    )
+        return e
+    return max((1.0 + e) * sets.compliance[s, a, a] / sets.compliance[0, a, a] - 1.0, 0.0)
 
 
 @jit
@@ -391,17 +487,23 @@ def handle_impact(scene, window, s, a, event, state, workspace, observers):
     changed = False
     if s != 0:
         changed = release_by_impact(scene, window, s, a, event, state, workspace, observers.events)
-        s = find_joined_set(contact_states)
-    contact_states[a].impulse_bound = NO_BOUND if changed else workspace.impulse_bounds[s, a]
+        if changed:
+            forget_safe_times(workspace.safe_times)
+        s = find_joined_set(sets, contact_states)
+    update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
+    contact_states[a].impulse_bound = NO_BOUND if changed else sets.acceleration_bound[s, a, a]
     system = system_of_set(sets, s, sets.rows[s, a])
     forced = forced_of_set(workspace.forced_sets, s, a)
     body = AbsorberView(
         contact_states[a], workspace.buffers, signal_of_absorber(workspace.signals, a)
     )
-    contact = contact_of_absorber(scene, s, a, compute_set_restitution(sets, scene.absorbers, s, a))
+    contact = contact_of_absorber(scene, s, a, compute_set_restitution(scene, s, a, event.rate))
+    walls = Walls(contact.walls.gap, contact.walls.restitution, np.inf)
     before = contact_states[a].v
-    rests = apply_impact(system, forced, window, contact.walls, contact, body, event, observers)
-    update_static_deflection(sets, contact_states, s, workspace.place_rows, workspace.deflection)
+    rests = apply_impact(system, forced, window, walls, contact, body, event, observers)
+    update_static_deflection(
+        sets, scene.absorbers, contact_states, s, workspace.place_rows, workspace.deflection
+    )
     contact_states[a].at_rest = rests
     propagate_impulse(scene, window, s, a, mass * (contact_states[a].v - before), state, workspace)
     if rests or s != 0:

@@ -36,6 +36,7 @@ DONE, TOO_MANY_EVENTS, NOT_FINITE, NO_PROGRESS, TOO_MANY_EVALUATIONS, SEARCH_GAV
 JOINTS_UNSOLVED = 7  # no joint forces of several absorbers meet the contact laws
 STEP_TOO_LONG = 8  # for the stiffness of a nonlinear spring where it is
 ORDER_REFUSED = 9  # of a lane under control, which did nothing
+REGIME_FAILED = 10  # the regime of a set of joined absorbers could not be made
 
 # what has been done: impacts, time in joined phases (s), steps or segments between events,
 # evaluations, events, time reached (s), which another thread reads while the run goes on; ``stop``

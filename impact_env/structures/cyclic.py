@@ -1,0 +1,288 @@
+"""Bladed disks and other cyclic structures: a ring of equal sectors, each coupled to its two neighbours, with engine-order forces and mistuning."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    count,
+    count_from,
+    instance,
+    keep_checked,
+    kind_of,
+    non_negative,
+    one_of,
+    positive,
+    require,
+)
+from impact_env.scene import Scene
+from impact_env.structures.matrices import check_matrix
+
+Array = NDArray[np.float64]
+MOST_SECTORS = 1000
+MOST_MISTUNING = 0.5  # standard deviation: more than half of a frequency is another structure
+DIRECTIONS = ("forward", "backward", "standing")
+
+
+@dataclass(frozen=True)
+class Mistuning:
+    """Random differences between sectors: independent, normal, with mean zero.
+
+    Parameters
+    ----------
+    frequency : float
+        Standard deviation of a sector's own frequency, as a share of it.
+    gap : float
+        Standard deviation of an absorber's clearance, as a share of it.
+    seed : int
+        Seed of the draws; the same seed gives the same disk.
+    """
+
+    frequency: float = 0.0
+    gap: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        keep_checked(self, frequency=non_negative, gap=non_negative, seed=count_from(0))
+        for name in ("frequency", "gap"):
+            allowed = f"at most {MOST_MISTUNING:g}, as a share"
+            require(getattr(self, name) <= MOST_MISTUNING, name, getattr(self, name), allowed)
+
+    def factors(self, name: str, sectors: int) -> Array:
+        """Return the factors (N,) of the sectors' frequencies or gaps, by the ``name`` of the quantity; frequencies and gaps are drawn separately."""
+        deviation = {"frequency": self.frequency, "gap": self.gap}[name]
+        generator = np.random.default_rng([self.seed, ("frequency", "gap").index(name)])
+        return np.asarray(1.0 + deviation * generator.standard_normal(sectors))
+
+
+@dataclass(frozen=True, eq=False)
+class CyclicStructure:
+    """A ring of N equal sectors.
+
+    Parameters
+    ----------
+    sectors : int
+        Number of sectors N, 1 or more; one sector has no neighbours, and of two each is the other's neighbour on both sides.
+    mass, stiffness : array_like, (d, d)
+        Mass (kg) and stiffness (N/m) of a sector with d degrees of freedom. The stiffness holds both couplings' share on its diagonal block.
+    coupling : array_like, (d, d)
+        Stiffness (N/m) between a sector's degrees of freedom (rows) and those of the next sector (columns): negative for a spring.
+    damping_ratio : float
+        Modal damping ratio of all modes.
+    force, absorber, response : int
+        Degree of freedom of a sector, counted from 0, on which the force acts, that carries the absorber, and whose motion is the response.
+    mistuning : Mistuning
+        Differences between sectors; a sector's stiffness, but not the coupling block, is multiplied by the square of its frequency's factor.
+    sector_mass : float, optional
+        Mass of a sector in kg, which mass ratios refer to. None: the entry of ``mass``, if it has only one.
+
+    Raises
+    ------
+    ParameterError
+        A matrix is not symmetric or of another size, the structure is not held, or a number is out of its range.
+
+    References
+    ----------
+    Weidemann, Bergman, Vakakis, Krack, Nonlinear Dynamics (2025), treat such a ring with an absorber in each sector.
+
+    Examples
+    --------
+    >>> from impact_env.structures.cyclic import ring_of_masses
+    >>> disk = ring_of_masses(sectors=10, coupling=0.01, frequency=100.0, damping_ratio=1e-3)
+    >>> model = disk.model(engine_order=1)
+    >>> print(model.modes, f"{model.omega[1] / (2 * 3.141592653589793):.2f} Hz")
+    10 100.19 Hz
+    """
+
+    sectors: int
+    mass: ArrayLike
+    stiffness: ArrayLike
+    coupling: ArrayLike
+    damping_ratio: float = 1e-3
+    force: int = 0
+    absorber: int = 0
+    response: int = 0
+    mistuning: Mistuning = Mistuning()
+    sector_mass: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sectors", count("sectors", self.sectors, 1, MOST_SECTORS))
+        mass = check_matrix("mass", np.atleast_2d(np.asarray(self.mass, dtype=float)))
+        size = len(mass)
+        stiffness = np.atleast_2d(np.asarray(self.stiffness, dtype=float))
+        coupling = np.atleast_2d(np.asarray(self.coupling, dtype=float))
+        require(
+            coupling.shape == (size, size) and bool(np.all(np.isfinite(coupling))),
+            "coupling",
+            coupling.tolist(),
+            f"{size} rows of {size} finite numbers",
+        )
+        object.__setattr__(self, "mass", mass)
+        object.__setattr__(self, "stiffness", check_matrix("stiffness", stiffness, size))
+        object.__setattr__(self, "coupling", coupling)
+        for name in ("force", "absorber", "response"):
+            allowed = f"a degree of freedom of a sector, 0 to {size - 1}"
+            place = count(name, getattr(self, name), 0, size - 1, allowed)
+            object.__setattr__(self, name, place)
+        if self.sector_mass is None:
+            require(size == 1, "sector_mass", None, "given, in kg, for more than one freedom")
+            object.__setattr__(self, "sector_mass", float(mass[0, 0]))
+        keep_checked(
+            self,
+            damping_ratio=non_negative,
+            mistuning=kind_of(Mistuning),
+            sector_mass=positive,
+        )
+
+    def assemble(self) -> tuple[Array, Array]:
+        """Return mass and stiffness matrix (N d, N d) of the whole ring, mistuned."""
+        n = self.sectors
+        mass, stiffness, coupling = (
+            np.asarray(block, dtype=float) for block in (self.mass, self.stiffness, self.coupling)
+        )
+        squares = self.mistuning.factors("frequency", n) ** 2
+        whole = np.kron(np.diag(squares), stiffness)
+        size = len(mass)
+        for sector in range(n if n > 1 else 0):
+            own = slice(sector * size, (sector + 1) * size)
+            after = (sector + 1) % n
+            following = slice(after * size, (after + 1) * size)
+            whole[own, following] += coupling
+            whole[following, own] += coupling.T
+        return np.kron(np.eye(n), mass), whole
+
+    def model(
+        self, engine_order: int = 0, direction: str = "forward", modes: int | None = None
+    ) -> ModalModel:
+        """Return the modal model of the ring under forces of one engine order, with a place for an absorber in every sector.
+
+        Parameters
+        ----------
+        engine_order : int
+            Number k of periods of the force around the ring, 0 to N/2. The force on sector s (counted from 0) has the phase
+            -2 pi k s/N for a wave that travels forward, the opposite one backward.
+        direction : str
+            "forward", "backward", or "standing": then the amplitudes are cos(2 pi k s/N), and all phases are equal.
+        modes : int, optional
+            Number of modes kept, from the lowest. None: all.
+
+        Raises
+        ------
+        ParameterError
+            The engine order is above N/2, or excites no mode that is kept; the ring is not held.
+        """
+        n = self.sectors
+        order = count(
+            "engine_order", engine_order, 0, n // 2, f"0 to {n // 2}, half of the sectors"
+        )
+        kind = one_of("direction", direction, DIRECTIONS)
+        mass, stiffness = self.assemble()
+        squares, shapes = scipy.linalg.eigh(stiffness, mass)
+        require(
+            bool(squares[0] > 1e-12 * squares[-1]),
+            "stiffness",
+            f"with the square of a frequency {squares[0]:.3g} 1/s^2",
+            "that of a ring that is held: all frequencies above 0",
+        )
+        kept = count("modes", len(squares) if modes is None else modes, 1, len(squares))
+        size = len(np.asarray(self.mass))
+
+        def rows(freedom: int) -> Array:
+            return np.asarray(shapes[freedom::size, :kept])
+
+        angle = 2 * np.pi * order * np.arange(n) / n
+        sizes = np.cos(angle) if kind == "standing" else np.ones(n)
+        sign = {"forward": -1.0, "backward": 1.0, "standing": 0.0}[kind]
+        omega = np.sqrt(squares[:kept])
+        model = ModalModel(
+            omega,
+            np.full(kept, self.damping_ratio),
+            rows(self.force)[0],
+            rows(self.response)[0],
+            n * (self.sector_mass or 0.0),
+            absorber_shapes=rows(self.absorber),
+        )
+        return model.with_forces(rows(self.force), sizes, sign * angle)
+
+    def response_shapes(self, modes: int | None = None) -> Array:
+        """Return the displacement (N, N_m) of each sector's response per modal displacement, in 1/sqrt(kg)."""
+        mass, stiffness = self.assemble()
+        shapes = scipy.linalg.eigh(stiffness, mass)[1]
+        return np.asarray(shapes[self.response :: len(np.asarray(self.mass)), :modes])
+
+    def scene(
+        self,
+        absorber: SlidingAbsorber,
+        engine_order: int = 0,
+        direction: str = "forward",
+        sectors: Iterable[int] | None = None,
+        modes: int | None = None,
+    ) -> Scene:
+        """Return the ring with an absorber in every sector, or in some ``sectors`` (counted from 0).
+
+        ``absorber``: its mass ratio is that of the absorber's to its sector's mass; its gap is mistuned. Other parameters and errors as `model`.
+        """
+        instance("absorber", absorber, SlidingAbsorber)
+        which = list(range(self.sectors)) if sectors is None else [int(s) for s in sectors]
+        allowed = f"two or more different sectors, 0 to {self.sectors - 1}"
+        ok = len(set(which)) == len(which) >= 2 and all(0 <= s < self.sectors for s in which)
+        require(ok, "sectors", which, allowed)
+        model = self.model(engine_order, direction, modes)
+        factors = self.mistuning.factors("gap", self.sectors)
+        walls = absorber.walls
+        ratio = absorber.mass_ratio / self.sectors
+        every = []
+        for sector in which:
+            own = walls
+            if walls is not None:
+                gap = positive(f"gap of sector {sector}", walls.gap * float(factors[sector]))
+                own = replace(walls, gap=gap)
+            every.append(replace(absorber, walls=own, mass_ratio=ratio))
+        places = model.with_absorbers_at([sector + 1 for sector in which])
+        return Scene(places, SeveralAbsorbers(tuple(every), (1.0,) * len(which)))
+
+
+def ring_of_masses(
+    sectors: int,
+    coupling: float,
+    frequency: float,
+    damping_ratio: float = 1e-3,
+    mass: float = 1.0,
+    mistuning: Mistuning | None = None,
+) -> CyclicStructure:
+    """Return a ring of equal masses on springs, each linked to both neighbours by a spring.
+
+    Parameters
+    ----------
+    sectors : int
+        Number of masses.
+    coupling : float
+        Stiffness of a linking spring over that of the spring to the ground, 0 or above.
+    frequency : float
+        Frequency of a mass on its own spring to the ground, in Hz.
+    damping_ratio : float
+        Modal damping ratio of all modes.
+    mass : float
+        A sector's mass in kg.
+    mistuning : Mistuning, optional
+        Differences between sectors; None: there are none.
+    """
+    n = count("sectors", sectors, 1, MOST_SECTORS)
+    link = non_negative("coupling", coupling)
+    kilograms = positive("mass", mass)
+    ground = kilograms * (2 * np.pi * positive("frequency", frequency)) ** 2
+    neighbours = 0.0 if n == 1 else 2.0
+    return CyclicStructure(
+        n,
+        [[kilograms]],
+        [[ground * (1 + neighbours * link)]],
+        [[-ground * link]],
+        damping_ratio,
+        mistuning=Mistuning() if mistuning is None else mistuning,
+    )
