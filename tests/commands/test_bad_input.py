@@ -289,6 +289,7 @@ benchmark_explorer
     --picture a.gif -> --picture = a.gif is not allowed
 benchmark_envs
 benchmark_periodic
+benchmark_sectors
 benchmark_start --quick
 cost_of_exact
 reference_levels

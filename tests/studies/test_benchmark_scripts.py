@@ -18,6 +18,7 @@ from studies.cli import (
     benchmark,
     benchmark_energies,
     benchmark_periodic,
+    benchmark_sectors,
     cost_of_exact,
     reference_levels,
     specialisation,
@@ -68,6 +69,12 @@ def check_lsim_rows(values: Any) -> None:
     assert values["cases"][0]["difference"] < 1e-9
 
 
+def sector_rows(values: Any) -> None:
+    """Each absorber of a disk hits its walls."""
+    assert [(row["sectors"], row["friction"]) for row in values["rows"]] == [(2, False), (2, True)]
+    assert all(row["impacts"] > row["sectors"] for row in values["rows"])
+
+
 LINEAR = tuple(column for column in reference_levels.COLUMNS if column.absorber is None)
 PLATEAU = replace(LINEAR[0], resonance=2)
 timed = benchmark_periodic.timed  # repeats tell about times alone: two
@@ -107,6 +114,13 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
         {"CASES": benchmark.CASES[:1], "CALLS": 200},
         parts,
         "cases",
+    ),
+    "benchmark_sectors": (
+        benchmark_sectors,
+        ["--quick"],
+        {"QUICK_SECTORS": (2,), "QUICK_PERIODS": 3},
+        sector_rows,
+        "rows",
     ),
     "benchmark_periodic": (
         benchmark_periodic,
