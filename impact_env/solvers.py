@@ -792,8 +792,8 @@ def check_load(scene: Scene, drive: Excitation, method: Method) -> None:
     """Raise ParameterError if a scene or a method cannot do a drive: a base that moves, or forces that differ in phase."""
     if scene.model.force_quadrature is not None:
         able = find_capability(scene, method).general
-        given = f"given with {method} and {scene.kind.value}"
-        require(able, "force_quadrature", given, f"forces of one phase; {MOVES_BASE}")
+        value = f"given with {method} and {scene.kind.value}"
+        require(able, "force_quadrature", value, f"forces of one phase; {MOVES_BASE}")
         check_phases(drive)
     if drive.moves_base:
         _check_base(scene, method, [type(part).__name__ for part in drive.parts], True)

@@ -170,12 +170,12 @@ class CyclicStructure:
         direction : str
             "forward", "backward", or "standing": then the amplitudes are cos(2 pi k s/N), and all phases are equal.
         modes : int, optional
-            Number of modes kept, from the lowest. None: all.
+            Number of modes number_of_modes, from the lowest. None: all.
 
         Raises
         ------
         ParameterError
-            The engine order is above N/2, or excites no mode that is kept; the ring is not held.
+            The engine order is above N/2, or excites no mode that is number_of_modes; the ring is not held.
         """
         n = self.sectors
         order = count(
@@ -190,19 +190,19 @@ class CyclicStructure:
             f"with the square of a frequency {squares[0]:.3g} 1/s^2",
             "that of a ring that is held: all frequencies above 0",
         )
-        kept = count("modes", len(squares) if modes is None else modes, 1, len(squares))
+        number_of_modes = count("modes", len(squares) if modes is None else modes, 1, len(squares))
         size = len(np.asarray(self.mass))
 
         def rows(freedom: int) -> Array:
-            return np.asarray(shapes[freedom::size, :kept])
+            return np.asarray(shapes[freedom::size, :number_of_modes])
 
         angle = 2 * np.pi * order * np.arange(n) / n
         sizes = np.cos(angle) if kind == "standing" else np.ones(n)
         sign = {"forward": -1.0, "backward": 1.0, "standing": 0.0}[kind]
-        omega = np.sqrt(squares[:kept])
+        omega = np.sqrt(squares[:number_of_modes])
         model = ModalModel(
             omega,
-            np.full(kept, self.damping_ratio),
+            np.full(number_of_modes, self.damping_ratio),
             rows(self.force)[0],
             rows(self.response)[0],
             n * (self.sector_mass or 0.0),

@@ -91,8 +91,8 @@ def _set_until(safe):
     low = _time_to_guard(safe.to_low, -safe.rate, safe.rate_change, safe.curvature)
     length = min(low, high)
     if safe.direction != 0.0:
-        kept = safe.direction * safe.rate - safe.rate_change
-        length = min(length, kept / (safe.curvature + 1e-300) if kept > 0.0 else 0.0)
+        least_rate = safe.direction * safe.rate - safe.rate_change
+        length = min(length, max(least_rate, 0.0) / (safe.curvature + 1e-300))
     safe.until = safe.taken_at + length
 
 

@@ -215,20 +215,20 @@ def find_joined_set(sets, contact_states):
     request = sets.request
     if _holds_set(sets, request.place, contact_states):
         return request.place
-    found = -1
+    place = -1
     for s in range(sets.joined.shape[0]):
         if sets.last_use[s] > 0 and _holds_set(sets, s, contact_states):
-            found = s
+            place = s
             break
-    if found < 0:
+    if place < 0:
         for a in range(contact_states.shape[0]):
             sets.wanted[a] = contact_states[a].regime == JOINED
         call_function(request.fill_address)
-        found = request.place
+        place = request.place
     request.uses += 1
-    request.place = found
-    sets.last_use[found] = request.uses
-    return found
+    request.place = place
+    sets.last_use[place] = request.uses
+    return place
 
 
 @jit

@@ -159,13 +159,13 @@ def fill_guard_signal(scene, s, a, workspace):
     apply_weights(sets.rows[s, a], GUARD, workspace.buffers.z, signal.u)
     p = signal.polynomial
     if is_joined(sets, s, a):
-        p[0], p[1], p[2] = scene.absorbers.mass[a] * scene.absorbers.gravity[a], 0.0, 0.0
+        p[0] = scene.absorbers.mass[a] * scene.absorbers.gravity[a]
+        p[1] = 0.0
+        p[2] = 0.0
     else:
-        p[0], p[1], p[2] = (
-            contact_state.q - workspace.deflection[a],
-            contact_state.v,
-            contact_state.a,
-        )
+        p[0] = contact_state.q - workspace.deflection[a]
+        p[1] = contact_state.v
+        p[2] = contact_state.a
 
 
 @jit
