@@ -31,8 +31,8 @@ from impact_env import (
     linear_sweep,
     regime_sets,
     simulate,
+    solvers,
 )
-from impact_env.families import exact
 from impact_env.kernels.exact import joint_forces
 from impact_env.kernels.exact.joint_forces import Joints, new_joints, solve_joint_forces
 from impact_env.kernels.exact.rigid_contact import new_contact_states
@@ -526,7 +526,7 @@ def test_a_regime_that_cannot_be_made_ends_the_run_in_words(
         return replace(find_set_layout(*args), speed=1.0)
 
     drive = drive_of(40.0, 1.02, periods=1.1)
-    monkeypatch.setattr(exact, "find_set_layout", narrow)
+    monkeypatch.setattr(solvers, "find_set_layout", narrow)
     with pytest.raises(ParameterError, match=r"damping_ratio = 0.01 \(the largest\) .* absorbers"):
         run(scene, drive)
 
