@@ -17,7 +17,7 @@ from optimisation.cli.common import (
 from optimisation.cli.orbits import CURVES, PARAMETER_NAMES, case_options, run
 from optimisation.files import write_files
 
-NOT_ASKED = ("at", "along", "folds", "thresholds")  # what `periodic orbits` has beside curves
+ORBIT_OPTIONS = ("at", "along", "folds", "thresholds")  # what `periodic orbits` has beside curves
 
 
 @command()
@@ -52,7 +52,7 @@ NOT_ASKED = ("at", "along", "folds", "thresholds")  # what `periodic orbits` has
 @file_option("--csv", "Write a row for each point, then one for each place located.")
 @plot_option
 @json_option("Write the curves, in SI units.")
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Follow bifurcations of exact periodic orbits over the frequency and a second parameter.
 
     Branches over the frequency, at the case that the options describe, have the bifurcations through which the curves lead: folds, broken symmetry,
@@ -63,10 +63,10 @@ def main(**given: Any) -> None:
     --with damping is the ratio of the first mode, to which the others keep theirs; --with position the place of the absorber on a beam.
     """
     with plain_errors():
-        check_targets(given, ".json", ".gz")
-        given |= dict.fromkeys(NOT_ASKED)
-        given |= {"points": 2, "starts": 0, "seed": 0}
-        text, files, complete = run(given)
+        check_targets(options, ".json", ".gz")
+        options |= dict.fromkeys(ORBIT_OPTIONS)
+        options |= {"points": 2, "starts": 0, "seed": 0}
+        text, files, complete = run(options)
         click.echo(text)
         name_files(write_files(files))
     end_early(complete, "what was finished is shown.")

@@ -328,15 +328,15 @@ def _on_own_beam(case: Case) -> Case:
 def test_a_grazing_curve_touches_a_wall_in_an_own_propagation_and_meets_the_fold() -> None:
     """N_m = 1, e = 0.8: the pair's grazing at 2.4 N leads to the grazing-fold of its curve of folds."""
     (_, known) = one_mode()[FOLD][:2]
-    (met,) = [event for event in known.branch.located if event.kind == GRAZING_FOLD]
+    (crossing,) = [event for event in known.branch.located if event.kind == GRAZING_FOLD]
     case = Case(model_of(1), 0.97 * FIRST, 2.4, restitution=0.8)
     limits = (0.965 * FIRST, 0.985 * FIRST)
     symmetric = list(orbit_branches(case, *limits, steps=COARSE_STEPS))
     pairs = [each for each in descendants(symmetric, limits, 1) if isinstance(each, OrbitBranch)]
     (curve,) = bifurcation_curves(pairs, (GRAZING,), "force", (2.25, 2.45), limits)
     (fold,) = [event for event in curve.branch.located if event.kind == GRAZING_FOLD]
-    assert fold.parameter == pytest.approx(met.parameter, rel=1e-8)
-    assert fold.point[-1] == pytest.approx(met.point[-1], rel=1e-8)
+    assert fold.parameter == pytest.approx(crossing.parameter, rel=1e-8)
+    assert fold.point[-1] == pytest.approx(crossing.point[-1], rel=1e-8)
     assert all(isinstance(orbit, Orbit) for orbit in curve.orbits)
     for orbit in curve.orbits[:: len(curve.orbits) // 2]:
         assert isinstance(orbit, Orbit)
