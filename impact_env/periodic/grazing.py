@@ -64,10 +64,10 @@ def _confirm_nearby(
             reason = "the absorber passes another wall or another impact pulls"
             result = NoOrbit(solution.case, solution.schedule, reason, solution.phases)
             continue
-        found = confirmed(near)
-        if isinstance(found, Orbit):
-            return found
-        result = found
+        confirmation = confirmed(near)
+        if isinstance(confirmation, Orbit):
+            return confirmation
+        result = confirmation
     return result
 
 
