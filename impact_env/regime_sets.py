@@ -106,7 +106,8 @@ def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> Set
         1 + np.flatnonzero(np.abs(np.diff(values)) > EQUAL_VALUES_TOL * np.abs(values[1:])),
     )
     n = model.modes
-    v, weights = np.zeros((2, len(values), n), complex)
+    v = np.zeros((len(values), n), complex)
+    weights = np.zeros((len(values), n), complex)
     into = np.zeros((len(values), 2 * n), complex)
     for group in groups:
         s = np.mean(values[group])
@@ -118,7 +119,8 @@ def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> Set
         weights[rows, which] = left
         into[rows, which] = left @ (s * mass + np.diag(rate))
         into[rows, n + which] = left @ mass
-    coupled = SetModes(values, v, into, weights, v @ shapes.T)
+    places = np.asarray(v @ shapes.T, dtype=np.complex128)
+    coupled = SetModes(values, v, into, weights, places)
     return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
 
 
@@ -290,14 +292,14 @@ class RegimePlaces:
         self._function = ctypes.CFUNCTYPE(None)(self._fill)  # as long as a kernel may call it
         address = ctypes.cast(self._function, ctypes.c_void_p).value or 0
         self._arrays = [np.empty((count, *array.shape)) for array in free]
-        self.sets = Sets(
-            *self._arrays,
+        places = (
             np.zeros((count, absorbers), np.bool_),
             np.zeros(count, np.int64),
             np.zeros(count, np.int64),
             np.zeros(absorbers, np.bool_),
             new_record(SET_REQUEST, fill_address=address),
         )
+        self.sets = Sets._make([*self._arrays, *places])
         self._error: BaseException | None = None
         self._put(0, free)
 

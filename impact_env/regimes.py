@@ -467,8 +467,12 @@ def require_complete(
     """
     best = None
     least = np.inf
-    ways = [] if modes_for is None else [partial(modes_for, weak) for weak in WEAK_COUPLINGS]
-    for way in ways if otherwise is None else [*ways, otherwise]:
+    ways: list[Callable[[], M]] = []
+    if modes_for is not None:
+        ways += [partial(modes_for, weak) for weak in WEAK_COUPLINGS]
+    if otherwise is not None:
+        ways.append(otherwise)
+    for way in ways:
         try:
             modes = way()
         except (np.linalg.LinAlgError, ValueError):
