@@ -28,6 +28,7 @@ from impact_env.periodic.bifurcations import (
 from impact_env.periodic.branch import FOLD, KINK
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.codimension_two import (
+    CHENCINER,
     CODIMENSION_TWO,
     DEGENERATE_SYMMETRY_BREAKING,
     FOLD_FLIP,
@@ -390,6 +391,24 @@ def test_special_points_of_a_fold_curve_have_two_critical_multipliers_in_an_own_
         else:
             pair = values[np.abs(values.imag) > 0.05]
             assert np.min(np.abs(np.abs(pair) - 1)) < 2e-3
+
+
+def test_a_chenciner_point_has_a_critical_pair_in_an_own_propagation() -> None:
+    """N_m = 1, e = 0.8: on the torus curve of the symmetric orbits, where the coefficient changes its sign."""
+    limits = (0.94 * FIRST, 1.0 * FIRST)
+    case = Case(model_of(1), 0.97 * FIRST, 2.39, restitution=0.8)
+    branches = [
+        branch for branch in orbit_branches(case, *limits, steps=COARSE_STEPS) if branch.of(TORUS)
+    ]
+    curve = bifurcation_curve(branches[0].of(TORUS)[0].solution, TORUS, "force", (2.3, 2.5), limits)
+    (orbit,) = [orbit for kind, orbit in curve.located if kind == CHENCINER]
+    assert isinstance(orbit, Orbit)
+    assert isinstance(orbit.motion, Motion)
+    values = multipliers_by_reference(orbit.motion)
+    pair = values[np.abs(values.imag) > 0.05]
+    assert np.min(np.abs(np.abs(pair) - 1)) < 2e-3
+    coefficients = [point.coefficient for point in curve.critical_points if point is not None]
+    assert min(coefficients) < 0 < max(coefficients)
 
 
 def test_resonances_of_a_torus_have_their_angles_in_an_own_propagation() -> None:
