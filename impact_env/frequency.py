@@ -155,13 +155,13 @@ def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: Arra
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
     if model.response_shape is not None:
-        rows = model.response_shape, model.force_shape
+        rows = model.response_shape, model.one_phase_force_shape
         return (
             receptance(model, w, *rows)
             if absorber is None
             else coupled_receptance(model, absorber, w, *rows)
         )
-    d, by_force, by_tip = scaled_receptances(model, w, model.force_shape, model.tip_shape)
+    d, by_force, by_tip = scaled_receptances(model, w, model.one_phase_force_shape, model.tip_shape)
     with np.errstate(divide="ignore", invalid="ignore"):
         if absorber is None:
             return _bounded(w, np.asarray(by_force / d))
@@ -244,7 +244,8 @@ def state_space(
     inverse = np.linalg.inv(mass)
     reference = positive("reference", reference)
     force, tip = (
-        np.pad(row, (0, size - model.modes)) for row in (model.force_shape, model.level_shape)
+        np.pad(row, (0, size - model.modes))
+        for row in (model.one_phase_force_shape, model.level_shape)
     )
     matrix = np.block(
         [

@@ -160,7 +160,7 @@ def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tupl
 
 def _modal_displacements(model: ModalModel, base: bool) -> Array:
     """Return each mode's part of the displacement where the level is read, under a unit force or base acceleration, (N_m,)."""
-    drives = model.base_participation if base else model.force_shape
+    drives = model.base_participation if base else model.one_phase_force_shape
     return np.asarray(model.level_shape * (0.0 if drives is None else drives))
 
 

@@ -280,6 +280,15 @@ class ModalModel:
         return len(self.omega)
 
     @property
+    def one_phase_force_shape(self) -> NDArray[np.float64]:
+        """Mode shape (N_m,) of the force, for formulas of one force; raises ParameterError where forces at several places differ in phase."""
+        quadrature = self.force_quadrature
+        require(
+            quadrature is None, "force_quadrature", quadrature, "None here: forces of one phase"
+        )
+        return self.force_shape
+
+    @property
     def force_pattern(self) -> NDArray[np.complex128]:
         """Complex modal shape (N_m,) of the force: a force Re(F exp(i phi)) acts on the modes as Re(F exp(i phi) times it)."""
         quadrature = 0.0 if self.force_quadrature is None else self.force_quadrature
@@ -380,6 +389,17 @@ class ModalModel:
         """Return a resonance (counted from 1) as an int; raises ParameterError if the model lacks that mode."""
         allowed = f"a mode of the model, 1 to {self.modes}"
         return count("resonance", resonance, 1, self.modes, allowed)
+
+
+def require_one_phase(model: ModalModel, what: str) -> None:
+    """Raise ParameterError where forces at several places differ in phase, which ``what`` does not model."""
+    quadrature = model.force_quadrature
+    require(
+        quadrature is None,
+        "force_quadrature",
+        quadrature,
+        f"None for {what}: forces of one phase",
+    )
 
 
 Structure = Beam | ModalModel  # what a structure is given as

@@ -56,7 +56,7 @@ def best_friction(
     omega = model.resonance_omega(resonance)
     k = resonance - 1
     tip = float(model.tip_shape[k])
-    at_force = float(model.force_shape[k])
+    at_force = float(model.one_phase_force_shape[k])
     damping = float(model.damping_ratio[k])
     require(
         tip != 0,

@@ -208,7 +208,7 @@ def stress_shape(structure: Structure) -> Array | None:
     near = 0.5 / structure.elements
     far = 1.0 / structure.elements
     first, second = (
-        modal_model(replace(structure, force_position=x)).force_shape for x in (near, far)
+        modal_model(replace(structure, force_position=x)).one_phase_force_shape for x in (near, far)
     )
     slopes = [shape / (x * structure.length) ** 2 for shape, x in ((first, near), (second, far))]
     a = (slopes[0] * far - slopes[1] * near) / (far - near)

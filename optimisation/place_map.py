@@ -382,10 +382,10 @@ def _linear_terms(
         + 2j * model.damping_ratio * model.omega * omega[..., None]
     )
     level = model.level_shape
-    from_force = np.einsum("pfn,pn,n->pf", compliance, shapes, model.force_shape)
+    from_force = np.einsum("pfn,pn,n->pf", compliance, shapes, model.one_phase_force_shape)
     own = np.einsum("pfn,pn,pn->pf", compliance, shapes, shapes)
     to_level = np.einsum("pfn,pn,n->pf", compliance, shapes, level)
-    free_level = compliance @ (model.force_shape * level)
+    free_level = compliance @ (model.one_phase_force_shape * level)
     inertia = mass * omega**2
     kappa = inertia * own
     with np.errstate(divide="ignore", invalid="ignore"):

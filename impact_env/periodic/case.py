@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.kernels.periodic.structure import Point, Scale, Structure
-from impact_env.modes import ModalModel
+from impact_env.modes import ModalModel, require_one_phase
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     CompliantWalls,
@@ -71,6 +71,7 @@ class Case:
             friction_limit=labelled("friction limit", non_negative),
             mass_ratio=positive,
         )
+        require_one_phase(self.model, "periodic orbits")
 
     @property
     def scene(self) -> Scene:
@@ -214,7 +215,7 @@ def make_structure(model: ModalModel, mass_ratio: float) -> Structure:
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     static = float(np.sum((tip / omega) ** 2))
     rates = 2 * damping * omega
-    push = np.array(model.force_shape)
+    push = np.array(model.one_phase_force_shape)
     return Structure(
         values,
         weights,

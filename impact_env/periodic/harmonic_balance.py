@@ -110,8 +110,10 @@ class JointOfMass:
         drive = np.zeros_like(stiffness)
         drive_slope = np.zeros_like(stiffness)
         k = self.multiple - 1
-        moved = complex(receptance(self.model, omega, tip, self.model.force_shape))
-        moved_slope = complex(receptance_slope(self.model, omega, tip, self.model.force_shape))
+        moved = complex(receptance(self.model, omega, tip, self.model.one_phase_force_shape))
+        moved_slope = complex(
+            receptance_slope(self.model, omega, tip, self.model.one_phase_force_shape)
+        )
         drive[k], drive_slope[k] = (
             stiffness[k] * moved,
             stiffness_slope[k] * moved + stiffness[k] * moved_slope,
@@ -126,7 +128,7 @@ class JointOfMass:
         level = self.model.level_shape
         moved = -receptance(self.model, w, level, self.model.tip_shape) * dynamic
         moved[self.multiple] += force * complex(
-            receptance(self.model, omega, level, self.model.force_shape)
+            receptance(self.model, omega, level, self.model.one_phase_force_shape)
         )
         return np.asarray(moved)
 

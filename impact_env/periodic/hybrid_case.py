@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.modes import require_one_phase
 from impact_env.parameters import (
     CompliantWalls,
     ElasticCoulombFriction,
@@ -97,6 +98,7 @@ class HybridCase:
             force=labelled("force amplitude", finite),
         )
         require_weightless(self.scene.absorber, "periodic orbits")
+        require_one_phase(self.scene.model, "periodic orbits")
         for absorber in self.absorbers:
             _check_absorber(absorber)
 

@@ -81,7 +81,7 @@ def _rigid_model(scene: Scene, joined: tuple[bool, ...]) -> RegimeModel:
         modes.values,
         out,
         into,
-        modes.weights @ model.force_shape,
+        modes.weights @ model.one_phase_force_shape,
         -modes.weights @ shapes.T,
         tuple(a for a, held in enumerate(joined) if not held),
         tuple(which),
@@ -308,7 +308,7 @@ class LinearPiece:
         half = n + case.scene.places
         pull = case.force * np.cos(self.phase + case.omega * dt)
         return np.asarray(
-            model.force_shape * pull
+            model.one_phase_force_shape * pull
             - 2 * model.damping_ratio * model.omega * state[half : half + n]
             - model.omega**2 * state[:n]
         )

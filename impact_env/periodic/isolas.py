@@ -278,7 +278,7 @@ def truncate_model(model: ModalModel, modes: int) -> ModalModel:
     rows = (
         model.omega[:modes],
         model.damping_ratio[:modes],
-        model.force_shape[:modes],
+        model.one_phase_force_shape[:modes],
         model.tip_shape[:modes],
     )
     return ModalModel(*rows, model.beam_mass, response_shape=level)

@@ -277,7 +277,7 @@ class SlowManifold:
         case = self.case
         offset, slope = self.coefficients
         shape = float(case.model.tip_shape[self._mode])
-        push = float(case.model.force_shape[self._mode])
+        push = float(case.model.one_phase_force_shape[self._mode])
         require(push != 0, "resonance", self.resonance, "one whose mode the force excites")
         friction = 4j * case.friction_limit / np.pi if self.variant in VARIANTS[2:] else 0j
         scale = shape / push

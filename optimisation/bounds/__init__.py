@@ -110,7 +110,7 @@ def lines(model: ModalModel, masses: Real, omega: ArrayLike, at: Real) -> Lines:
     )
     # in units in which each mode's stiffness is 1, so that high modes do not drown the others
     shapes = places(model) / model.omega
-    force = model.force_shape / model.omega
+    force = model.one_phase_force_shape / model.omega
     row = at / model.omega
     ratio = w[..., None] / model.omega
     inertia = (shapes.T * masses) @ shapes
@@ -366,7 +366,7 @@ def design_force(
     require(
         bool(np.isfinite(forces.min())),
         "force_shape",
-        model.force_shape,
+        model.one_phase_force_shape,
         "a force that moves the tip",
     )
     return smallest(lambda ratio: float(needed(np.asarray(ratio))), grid, forces)[0]

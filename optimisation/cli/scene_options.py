@@ -256,7 +256,7 @@ def warn_of_nodes(model: ModalModel, *resonances: int, moves_base: bool = False)
     """Print a warning for each resonance whose mode does not move a place in use, at a node of which nothing is excited, absorbed or read."""
     places = {
         "the base's motion": model.base_participation if moves_base else None,
-        "the force's place": None if moves_base else model.force_shape,
+        "the force's place": None if moves_base else model.one_phase_force_shape,
         "the absorber's place": np.max(np.abs(model.places), axis=0),
         "the place of the level": model.level_shape,
     }

@@ -38,7 +38,10 @@ def rows(model: ModalModel) -> list[dict[str, float]]:
     for k in range(model.modes):
         omega = float(model.omega[k])
         damping = float(model.damping_ratio[k])
-        shapes = [float(row[k]) for row in (model.force_shape, model.tip_shape, model.level_shape)]
+        shapes = [
+            float(row[k])
+            for row in (model.one_phase_force_shape, model.tip_shape, model.level_shape)
+        ]
         rows_of_modes.append(
             {
                 "mode": k + 1,

@@ -110,8 +110,10 @@ class Loading:
         if self.kind == "base":
             assert self.model.base_participation is not None
             return (
-                float(np.abs(self.model.base_participation[k] / self.model.force_shape[k]))
-                if self.model.force_shape[k]
+                float(
+                    np.abs(self.model.base_participation[k] / self.model.one_phase_force_shape[k])
+                )
+                if self.model.one_phase_force_shape[k]
                 else float("inf")
             )
         return omega**2 if self.kind == "unbalance" else 1.0
@@ -127,7 +129,7 @@ class Loading:
         k = self.resonance - 1
         omega = self.model.resonance_omega(self.resonance)
         damping = max(float(self.model.damping_ratio[k]), LEAST_DAMPING)
-        shapes = self.model.force_shape[k] * self.model.tip_shape[k]
+        shapes = self.model.one_phase_force_shape[k] * self.model.tip_shape[k]
         return float(START * intensity * np.abs(shapes) / omega**2 * np.sqrt(np.pi / (4 * damping)))
 
     def driven(self, omega: NDArray[np.float64]) -> tuple[ModalModel, NDArray[np.float64] | float]:

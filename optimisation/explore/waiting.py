@@ -145,7 +145,7 @@ def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsor
     shapes = (
         model.omega,
         model.damping_ratio,
-        model.force_shape,
+        model.one_phase_force_shape,
         model.tip_shape,
         model.level_shape,
     )

@@ -266,7 +266,7 @@ def _tuned_loads(table: TuningTable, absorber: TunedAbsorber, ratios: Array) -> 
     model = table.model
     omega = ratios * table.omega
     mass = absorber.mass_ratio * table.model.beam_mass
-    place = coupled_receptance(model, absorber, omega, model.tip_shape, model.force_shape)
+    place = coupled_receptance(model, absorber, omega, model.tip_shape, model.one_phase_force_shape)
     stroke = (
         place
         * mass

@@ -116,7 +116,7 @@ def save_structure(path: Path, structure: Structure) -> None:
     drawn = min(model.modes, MOST)
     figure, panels = figure_of(8, 1.0 + 1.1 * drawn, drawn, sharex=True)
     panels = np.ravel(panels)
-    shapes = (model.force_shape, model.tip_shape, model.level_shape)
+    shapes = (model.one_phase_force_shape, model.tip_shape, model.level_shape)
     beam = with_response_point(structure) if isinstance(structure, Beam) else None
     for k, panel in enumerate(panels):
         panel.axhline(0, color="0.8", lw=0.8)

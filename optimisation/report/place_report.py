@@ -548,7 +548,7 @@ def _draw_nodes(axes: Any, places: Places, reach: Array) -> Any:
     y = places.points[order, second]
     drawn = axes.scatter(x, y, c=reach[order], cmap="viridis", s=36, edgecolor="0.3", lw=0.3)
     for shape, mark, tint, name in (
-        (places.model.force_shape, "v", ORANGE, "force"),
+        (places.model.one_phase_force_shape, "v", ORANGE, "force"),
         (places.model.level_shape, "o", "#F0E442", "level"),
     ):
         k = place_with(places, shape)

@@ -330,7 +330,9 @@ class GapScale:
     def lines(self, ratio: Array) -> tuple[Array, Array]:
         """Return G_f (m/N) and kappa, complex (L,), at frequency ratios."""
         omega = ratio * self.omega
-        by_force = receptance(self.model, omega, self.model.force_shape, self.model.tip_shape)
+        by_force = receptance(
+            self.model, omega, self.model.one_phase_force_shape, self.model.tip_shape
+        )
         kappa = (
             receptance(self.model, omega, self.model.tip_shape, self.model.tip_shape)
             * self.mass

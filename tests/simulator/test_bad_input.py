@@ -250,7 +250,7 @@ PLAIN: list[tuple[Any, str]] = [
         {"absorber": {"kind": "friction", "friction_limit": 0}},
         "scene.absorber.friction_limit = 0 is not allowed: above 0 for a friction damper",
     ),
-    (several(), "scene.absorber: number of absorbers = 0 is not allowed: 2 to 4"),
+    (several(), "scene.absorber: number of absorbers = 0 is not allowed: 2 to 128"),
     (
         several({"position": 1}, {}),
         "scene.absorber.absorbers[1] = {} is not allowed: the key position must be given",

@@ -17,9 +17,10 @@ from impact_env import (
     modal_model,
     simulate,
 )
-from impact_env.frequency import receptance
+from impact_env.frequency import receptance, tip_response
 from impact_env.loads import Loads, Samples
 from impact_env.modes import mode_shapes
+from impact_env.periodic.case import Case
 from impact_env.structures.cyclic import CyclicStructure, Mistuning, ring_of_masses
 
 HERTZ = OMEGA / (2 * np.pi)
@@ -145,6 +146,8 @@ RECORD = Samples(np.linspace(0, 0.1, 11), np.ones(11))
         (lambda: RING.model(1, "sideways"), "direction = 'sideways'"),
         (lambda: RING.scene(impact_absorber(), sectors=[1, 1]), r"sectors = \[1, 1\]"),
         (lambda: RING.scene(impact_absorber(), sectors=[1, 4]), r"sectors = \[1, 4\]"),
+        (lambda: tip_response(WAVE.model, None, OMEGA), "forces of one phase"),
+        (lambda: Case(RING.model(1), OMEGA, 1.0), "forces of one phase"),
         (lambda: Mistuning(0.6), "frequency = 0.6 is not allowed: at most 0.5"),
         (
             lambda: CyclicStructure(3, 1.0, 2.0, -1.0).model(),

@@ -28,6 +28,7 @@ from impact_env.envs.settings import TaskSettings
 from impact_env.laws import make, values
 from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
+from impact_env.periodic.hybrid_case import HybridCase
 from impact_env.plain import from_scene, to_scene
 from optimisation.cli.scene_options import OPTIONS, SCENE_OPTIONS, make_absorber
 
@@ -194,11 +195,12 @@ def test_the_moreau_scheme_comes_closer_with_its_step() -> None:
 def test_what_knows_the_constant_law_alone_refuses_it() -> None:
     walls = SlidingAbsorber(0.02, YieldingWalls(0.1))
     scene = beam_scene(Beam(modes=2), walls)
+    two = beam_scene(Beam(modes=2), SeveralAbsorbers((walls, walls), (0.5, 1.0)))
     omega = 0.95 * scene.model.resonance_omega(1)
     for known in (
         lambda: harmonic_balance(scene, omega, 1.5),
         lambda: case_of(scene, 1.5, omega),
-        lambda: SeveralAbsorbers((walls, walls), (0.5, 1.0)),
+        lambda: HybridCase(two, 1.5, omega),
     ):
         with pytest.raises(ParameterError, match="is not allowed"):
             known()
