@@ -276,8 +276,11 @@ class YieldLimit:
     def __post_init__(self) -> None:
         for name in self.materials:
             material(name)
-        positive("radius of --contact in m", self.radius)
-        positive("constraint yield_stress", self.yield_stress)
+        for name, label in (
+            ("radius", "radius of --contact in m"),
+            ("yield_stress", "constraint yield_stress"),
+        ):
+            object.__setattr__(self, name, positive(label, getattr(self, name)))
 
     def speed(self, model: ModalModel, absorber_mass: float) -> float:
         """Return the impact speed in m/s at which yield begins, for an absorber's mass in kg at the place of a model."""

@@ -228,7 +228,7 @@ class CyclicStructure:
 
         ``absorber``: its mass ratio is that of the absorber's to its sector's mass; its gap is mistuned. Other parameters and errors as `model`.
         """
-        instance("absorber", absorber, SlidingAbsorber)
+        absorber = instance("absorber", absorber, SlidingAbsorber)
         which = list(range(self.sectors)) if sectors is None else [int(s) for s in sectors]
         allowed = f"two or more different sectors, 0 to {self.sectors - 1}"
         ok = len(set(which)) == len(which) >= 2 and all(0 <= s < self.sectors for s in which)

@@ -105,7 +105,7 @@ def values_of(
     name, low, high = over
     require(low < high, option, (low, high), "two numbers, the lower one first")
     if name in (FREQUENCY, "force"):
-        positive(f"{option} {name}", low)
+        low = positive(f"{option} {name}", low)
     for value in (low, high):
         change_parameter(case, name, value)
     return np.linspace(low, high, count("--points", points, 2))

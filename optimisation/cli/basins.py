@@ -208,9 +208,9 @@ def main(**options: Any) -> None:
 def shares(options: dict[str, Any], case: Case) -> bool:
     """Print and write basin fractions; return whether all were computed."""
     settling = settling_from(options)
-    count("--starts", options["starts"], 1)
-    positive("--match", options["match_tolerance"])
-    non_negative("--burn-in", options["burn_in"])
+    starts = count("--starts", options["starts"], 1)
+    match_tolerance = positive("--match", options["match_tolerance"])
+    burn_in = non_negative("--burn-in", options["burn_in"])
     over = options["over"]
     parameter = None if over is None else over[0]
     values = [] if over is None else values_of("--over", over, options["points"], case).tolist()
@@ -221,19 +221,19 @@ def shares(options: dict[str, Any], case: Case) -> bool:
 
         def progress(done: int, _here: int) -> None:
             show(
-                len(points) * options["starts"] + min(done, options["starts"]),
-                total * options["starts"],
+                len(points) * starts + min(done, starts),
+                total * starts,
             )
 
         for point in basin_fractions(
             case,
             parameter,
             values,
-            starts=options["starts"],
+            starts=starts,
             options=settling,
             reach=options["reach"],
-            match_tolerance=options["match_tolerance"],
-            burn_in=options["burn_in"],
+            match_tolerance=match_tolerance,
+            burn_in=burn_in,
             seed=options["seed"],
             threads=options["threads"],
             progress=progress,

@@ -160,7 +160,7 @@ def yield_limit_of(options: dict[str, Any], limits: dict[str, float]) -> YieldLi
     first, second, radius = contact
     for name in (first, second):
         material(name)
-    positive("radius of --contact in m", radius)
+    radius = positive("radius of --contact in m", radius)
     if "yield_stress" in limits:
         return YieldLimit((first, second), radius, limits["yield_stress"])
     if options["no_card"]:

@@ -11,7 +11,7 @@ from places import ROOT, SUPPORT
 # Results are not source: what is committed of them stays small.
 
 
-FILES_RESULTS = 800
+FILES_RESULTS = 850
 DOCS_BYTES = 8e6
 SDIST_BYTES = 9e6
 

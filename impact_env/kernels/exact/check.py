@@ -22,13 +22,13 @@ from impact_env.kernels.events.signals import (
 )
 from impact_env.kernels.exact.rigid_contact import JOINT_FORCE_TOL, joint_bounds
 from impact_env.kernels.exact.sets import (
+    fill_guard_signal,
     forced_of_set,
     is_joined,
     signal_of_absorber,
     system_of_set,
     update_guard_response,
 )
-from impact_env.kernels.exact.several_events import fill_guard_signal
 from impact_env.kernels.motion.modal_system import SPEED
 from impact_env.kernels.motion.observers import GUARD_PASSED, JOINT_EXCEEDED, RATE_TURNED
 

@@ -30,7 +30,13 @@ from impact_env.kernels.motion.forced import (
     solve_response,
     solve_tip_signal,
 )
-from impact_env.kernels.motion.modal_system import REST, ModalSystem, add_weighted
+from impact_env.kernels.motion.modal_system import (
+    GUARD,
+    REST,
+    ModalSystem,
+    add_weighted,
+    apply_weights,
+)
 from impact_env.kernels.motion.observers import call_function
 from impact_env.kernels.motion.search_block import BLOCK, POINTS, TERMS
 from impact_env.kernels.motion.segments import LinearRegime, compute_amplitudes
@@ -276,6 +282,24 @@ def compute_constant_force(absorbers, contact_state, joined, a):
     if joined:
         return absorbers.mass[a] * absorbers.gravity[a]
     return contact_state.force
+
+
+@jit
+def fill_guard_signal(scene, s, a, workspace):
+    """Fill the free part of absorber a's guard signal in the set at place s, from the current time on."""
+    sets = scene.sets
+    contact_state = workspace.contact_states[a]
+    signal = signal_of_absorber(workspace.signals, a)
+    apply_weights(sets.rows[s, a], GUARD, workspace.buffers.z, signal.u)
+    p = signal.polynomial
+    if is_joined(sets, s, a):
+        p[0] = scene.absorbers.mass[a] * scene.absorbers.gravity[a]
+        p[1] = 0.0
+        p[2] = 0.0
+    else:
+        p[0] = contact_state.q - workspace.deflection[a]
+        p[1] = contact_state.v
+        p[2] = contact_state.a
 
 
 @jit

@@ -41,6 +41,7 @@ from impact_env.kernels.exact.sets import (
     ForcedSets,
     Sets,
     SignalSet,
+    fill_guard_signal,
     find_joined_set,
     forced_of_set,
     is_joined,
@@ -53,7 +54,6 @@ from impact_env.kernels.exact.sets import (
     update_set_response,
 )
 from impact_env.kernels.exact.several_events import (
-    fill_guard_signal,
     handle_impact,
     handle_reversal,
     init_joined_set,

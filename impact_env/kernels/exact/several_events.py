@@ -50,6 +50,7 @@ from impact_env.kernels.exact.rigid_contact import (
 from impact_env.kernels.exact.safe_times import forget_safe_times, may_turn
 from impact_env.kernels.exact.sets import (
     enter_set,
+    fill_guard_signal,
     find_joined_set,
     forced_of_set,
     is_joined,
@@ -148,24 +149,6 @@ def change_set(scene, window, before, state, workspace):
     enter_set(sets, scene.absorbers, window, s, workspace, state)
     if before != BEFORE_FIRST_SET:
         restore_relative_motion(scene, window, s, workspace)
-
-
-@jit
-def fill_guard_signal(scene, s, a, workspace):
-    """Fill the free part of absorber a's guard signal in the set at place s, from the current time on."""
-    sets = scene.sets
-    contact_state = workspace.contact_states[a]
-    signal = signal_of_absorber(workspace.signals, a)
-    apply_weights(sets.rows[s, a], GUARD, workspace.buffers.z, signal.u)
-    p = signal.polynomial
-    if is_joined(sets, s, a):
-        p[0] = scene.absorbers.mass[a] * scene.absorbers.gravity[a]
-        p[1] = 0.0
-        p[2] = 0.0
-    else:
-        p[0] = contact_state.q - workspace.deflection[a]
-        p[1] = contact_state.v
-        p[2] = contact_state.a
 
 
 @jit
