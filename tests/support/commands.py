@@ -14,7 +14,7 @@ from optimisation.cli.group import imported
 FAST = ["--modes", 2, "--rate", 40, "--members", 2, "--batch", 4]  # the numbers do not matter here
 SHORT = ["--modes", 2, "--from", 0.98, "--to", 1, "--rate", 10]  # of sweep: 20 pseudo periods
 SIZES = ExplanationSizes(forces=3, detunings=3, gap_map=3, samples=2, draws=2)
-SMALL = {"SIZES": SIZES, "QUICK": SIZES, "SOBOL": 2, "QUICK_SOBOL": 2}
+SMALL = {"SIZES": SIZES, "QUICK_SIZES": SIZES, "SOBOL": 2, "QUICK_SOBOL": 2}
 
 
 def load(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
