@@ -61,7 +61,6 @@ QUICK_DESIGNS = 80
 AT_HELP = "Resonance and force in N; may be repeated.  [default: 1:3.5 and 2:35, with --structure by the design rule]"
 USUAL = ((1, 3.5), (2, 35.0))
 SIZES = ExplanationSizes()
-QUICK = QUICK_SIZES
 
 
 def searched_share(problem: Problem, plan: SearchOptions) -> float:
@@ -122,7 +121,7 @@ def run_concept(
             def stage(label: str) -> AbstractContextManager[LaneProgress | None]:
                 return runs_bar(f"{concept}: {label}")
 
-            sizes = QUICK if options["quick"] else SIZES
+            sizes = QUICK_SIZES if options["quick"] else SIZES
             findings = run_around_winner(findings, executor, sizes, stage)
             frequency = runs.frequency_levels(executor)
         if options["history"] is not None:
