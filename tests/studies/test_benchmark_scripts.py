@@ -72,7 +72,7 @@ def check_lsim_rows(values: Any) -> None:
 def sector_rows(values: Any) -> None:
     """Each absorber of a disk hits its walls."""
     assert [(row["sectors"], row["friction"]) for row in values["rows"]] == [(2, False), (2, True)]
-    assert all(row["impacts"] > row["sectors"] for row in values["rows"])
+    assert all(row["impacts"] > 0.5 * row["sectors"] for row in values["rows"])
 
 
 LINEAR = tuple(column for column in reference_levels.COLUMNS if column.absorber is None)
@@ -118,7 +118,7 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
     "benchmark_sectors": (
         benchmark_sectors,
         ["--quick"],
-        {"QUICK_SECTORS": (2,), "QUICK_PERIODS": 3},
+        {"QUICK_SECTORS": (2,), "QUICK_PERIODS": 40},
         sector_rows,
         "rows",
     ),
