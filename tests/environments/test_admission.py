@@ -27,8 +27,8 @@ KINDS = {"best constant", "blind schedule", "rule of 4", "rule of 8"}
 BRIEF: dict[str, Any] = {"time_budget": 10.0}
 
 
-ACTIVE = TASKS["ActiveGap-v0"].looking
-PAIRS = TASKS["Passage-v0"].looking
+ACTIVE = TASKS["ActiveGap-v0"].feedback
+PAIRS = TASKS["Passage-v0"].feedback
 
 
 @pytest.mark.parametrize("family", [*ACTIVE, *PAIRS])
