@@ -180,7 +180,7 @@ def compare(
         What the absorbers are on; default: the paper's beam.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
-    **options
+    options
         As in `optimisation.comparison.compare`: ``resonances``, ``mass_ratio``, ``force`` (N), ``gap`` (m), ``device``, ``forces``, ``members``,
         ``seed``, ``percent_per_100_periods``, ``progress``.
 
