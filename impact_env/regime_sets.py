@@ -89,8 +89,9 @@ def _solve_coupled(model: ModalModel, masses: Real, shapes: Real, weak: float) -
 def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
     """Return the modes of beam and masses by a dense eigensolver, also where eigenvalues coincide, as those of a ring of equal sectors do.
 
-    An eigenvalue that occurs g times has g eigenvectors V, and v^T (2 s M + C) v becomes the matrix V^T (2 s M + C) V. Digits are lost where one
-    frequency is far above another, but no more than their ratio times the rounding.
+    An eigenvalue that occurs g times has g eigenvectors. Left eigenvectors are the dual basis: the matrix v_i^T ((s_i + s_j) M + C) v_j is diagonal
+    but for rounding, which close eigenvalues magnify, and is inverted as a whole. Digits are lost where one frequency is far above another, but no
+    more than their ratio times the rounding.
     """
     which, own = split_modes(shapes)
     omega = model.omega[which]
@@ -105,20 +106,21 @@ def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> Set
         np.arange(len(values)),
         1 + np.flatnonzero(np.abs(np.diff(values)) > EQUAL_VALUES_TOL * np.abs(values[1:])),
     )
+    for group in groups:
+        values[group] = np.mean(values[group])
+        vectors[:, group] = np.linalg.qr(vectors[:, group])[0]
+    pairs = vectors.T @ mass @ vectors * (values[:, None] + values)
+    pairs = pairs + vectors.T @ (rate[:, None] * vectors)
+    left = np.linalg.solve(pairs, vectors.T)
+    by_displacement = np.linalg.solve(pairs, vectors.T @ mass * values[:, None] + vectors.T * rate)
     n = model.modes
     v = np.zeros((len(values), n), complex)
     weights = np.zeros((len(values), n), complex)
     into = np.zeros((len(values), 2 * n), complex)
-    for group in groups:
-        s = np.mean(values[group])
-        values[group] = s
-        basis = np.linalg.qr(vectors[:, group])[0]
-        left = np.linalg.solve(basis.T @ (2 * s * mass + np.diag(rate)) @ basis, basis.T)
-        rows = group[:, None]
-        v[rows, which] = basis.T
-        weights[rows, which] = left
-        into[rows, which] = left @ (s * mass + np.diag(rate))
-        into[rows, n + which] = left @ mass
+    v[:, which] = vectors.T
+    weights[:, which] = left
+    into[:, which] = by_displacement
+    into[:, n + which] = left @ mass
     places = np.asarray(v @ shapes.T, dtype=np.complex128)
     coupled = SetModes(values, v, into, weights, places)
     return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
