@@ -1,8 +1,8 @@
 """Forces at several places with phases of their own, as the exact kernels take them.
 
 A force Re(F exp(i phi)) on a complex modal shape p + i q is the sum of a force on the real shape p and of one on q that is a quarter period
-ahead, Re(i F exp(i phi)). The second has the channel of a base that moves: its acceleration is that force, and its participation -q. It gives
-nothing to an absorber that is apart. So a structure under one force, or under forces of one phase, has the kernels of one channel.
+ahead, Re(i F exp(i phi)). Kernels take the second force as the acceleration of a moving base with the participation -q, which does not act on an
+absorber apart from the structure. A structure under one force, or under forces of one phase, has no such base and no kernels for one.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from impact_env.loads import Loads
 from impact_env.parameters import require
 from impact_env.scene import Scene
 
-MOST_SCENES = 64  # whose scenes of two channels are held
+MOST_SCENES = 64  # whose form for the kernels is cached
 
 
 @dataclass(frozen=True, eq=False)

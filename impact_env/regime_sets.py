@@ -99,7 +99,7 @@ def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> Set
     coupling = np.sqrt(masses)[:, None] * shapes[:, which]
     mass = np.eye(len(which)) + coupling.T @ coupling
     values, vectors = quadratic_modes(mass, np.diag(rate), np.diag(omega**2))
-    order = np.argsort(values.imag, kind="stable")
+    order = np.lexsort((values.real, values.imag))
     values = values[order]
     vectors = vectors[:, order]
     groups = np.split(

@@ -1,4 +1,4 @@
-"""Until when no event of an absorber is possible, whatever the other absorbers' signals do: it need not be searched before.
+"""The time before which an absorber has no event, whatever the other absorbers do: until then it is not searched.
 
 Among n absorbers an event of one changes the signals of all others, and a search of every guard
 after every event would cost n^2 modal sums for each of about 2 n events a period. But an impulse p
@@ -8,8 +8,8 @@ derivative by no more than A_ab |p|, at any later time (`Sets.velocity_bound`,
 than V_ab |F|. So value, rate and a bound of the second derivative at one time (`SAFE_TIME`) bound
 the signal from then on, through all events of others, and give a time before which none of its
 guards can be reached. Only an absorber whose safe time comes before the earliest event found is
-evaluated anew and, where that is not enough, searched. That is a modal sum for some ten times a
-period and absorber, so a period of n absorbers on n modes costs about n^2.
+evaluated again and, where that is not enough, searched. In rings of 10 to 64 sectors that is 36 to
+54 evaluations a period and absorber, so a period of n absorbers on n modes costs about n^2.
 
 While absorbers stick, in a set that changes, all safe times are forgotten at its changes.
 """
@@ -52,7 +52,7 @@ RETURN_SHARE = 0.5
 
 @jit
 def forget_safe_times(safe_times):
-    """Forget all safe times: each absorber is evaluated anew when it is looked at."""
+    """Forget all safe times: each absorber is evaluated again before its next search."""
     for a in range(safe_times.shape[0]):
         safe_times[a].taken_at = np.nan
         safe_times[a].until = -np.inf
@@ -98,7 +98,7 @@ def _set_until(safe):
 
 @jit
 def update_safe_time(scene, window, s, a, workspace):
-    """Take the safe time of absorber a at the current time, in the set at place s; its guard signal is filled."""
+    """Compute the safe time of absorber a at the current time, in the set at place s; its guard signal is filled."""
     sets = scene.sets
     absorbers = scene.absorbers
     contact_state = workspace.contact_states[a]
