@@ -70,3 +70,16 @@ def plot_envelope(
     axes.set_ylabel("displacement in mm")
     axes.grid(visible=True, lw=0.3)
     return axes
+
+
+def plot_waterfall(
+    x: Array, rms: Array, swept: bool, axes: Axes | None, options: dict[str, Any]
+) -> Axes:
+    """Draw the RMS displacement (B, N) in m of each sector as a colour, over ``x`` (B,): the frequency ratio of a sweep, or the time in s."""
+    axes = axes_or_new(axes)
+    sectors = np.arange(rms.shape[1])
+    mesh = axes.pcolormesh(x, sectors, MM * rms.T, **{"shading": "nearest"} | options)
+    axes.figure.colorbar(mesh, ax=axes, label="displacement in mm (RMS)")
+    axes.set_xlabel("frequency over the resonance's" if swept else "time in s")
+    axes.set_ylabel("sector")
+    return axes

@@ -210,11 +210,14 @@ class CyclicStructure:
         )
         return model.with_forces(rows(self.force), sizes, sign * angle)
 
+    def all_shapes(self, modes: int | None = None) -> Array:
+        """Return the displacement (N d, N_m) of every freedom, sector by sector, per modal displacement, in 1/sqrt(kg)."""
+        mass, stiffness = self.assemble()
+        return np.asarray(scipy.linalg.eigh(stiffness, mass)[1][:, :modes])
+
     def response_shapes(self, modes: int | None = None) -> Array:
         """Return the displacement (N, N_m) of each sector's response per modal displacement, in 1/sqrt(kg)."""
-        mass, stiffness = self.assemble()
-        shapes = scipy.linalg.eigh(stiffness, mass)[1]
-        return np.asarray(shapes[self.response :: len(np.asarray(self.mass)), :modes])
+        return self.all_shapes(modes)[self.response :: len(np.asarray(self.mass))]
 
     def scene(
         self,

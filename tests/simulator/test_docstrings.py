@@ -8,12 +8,24 @@ import pytest
 
 import impact_env
 from impact_env.ensemble import Lane, Members, run_lanes
+from impact_env.sectors import (
+    amplification_factor,
+    diameter_energies,
+    participation_ratio,
+    simulate_sectors,
+)
 
 PUBLIC = {
     name: value
     for name, value in ((name, getattr(impact_env, name)) for name in impact_env.__all__)
     if callable(value)
-} | {value.__name__: value for value in (Lane, Members, run_lanes)}
+} | {
+    value.__name__: value
+    for value in (
+        *(Lane, Members, run_lanes, simulate_sectors),
+        *(amplification_factor, diameter_energies, participation_ratio),
+    )
+}
 EXAMPLES = {
     test.name: test
     for value in PUBLIC.values()
@@ -24,7 +36,8 @@ EXAMPLES = {
 DESCRIBED = (
     "simulate performance_curve evaluate linear_sweep constant_frequency FrequencySchedule Drive impact_absorber friction_damper Beam "
     "Section RigidWalls ElasticCoulombFriction InitialState beam_scene Record RungeKutta Moreau CurveCase Pass Window Scene ModalModel "
-    "SlidingAbsorber SeveralAbsorbers Lane Members run_lanes curve_passes prepare"
+    "SlidingAbsorber SeveralAbsorbers Lane Members run_lanes curve_passes prepare "
+    "simulate_sectors diameter_energies"
 )
 
 
