@@ -32,6 +32,7 @@ from impact_env.parameters import (
     suspension_frequencies,
     text,
 )
+from impact_env.plain_disks import disk_codec_for
 from impact_env.plain_files import (
     NUMBER_CODEC,
     ROW_CODEC,
@@ -47,6 +48,7 @@ from impact_env.plain_structures import BEAM_CODEC, MODEL_CODEC, STRUCTURES
 from impact_env.scene import Scene, beam_scene
 from impact_env.structures.checks import StructureWarning as StructureWarning
 from impact_env.structures.checks import list_warnings
+from impact_env.structures.cyclic import BladedDisk
 from impact_env.structures.modal import order_by_frequency, require_modes_once
 
 Plain = dict[str, Any]
@@ -188,6 +190,47 @@ def _write_absorber(absorber: Absorber) -> Plain:
     }
 
 
+def _read_disk_absorbers(path: str, plain: Any, number: int) -> tuple[SlidingAbsorber, ...]:
+    """Return the absorbers of a disk's ``number`` of sectors with one: of one table, whose values may be lists, or of a table for each."""
+    require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
+    kinds = ("impact", "friction", SEVERAL_KEY)
+    kind = one_of(f"{path}.kind", plain.get("kind"), kinds)
+    if kind == SEVERAL_KEY:
+        keys = {key: value for key, value in plain.items() if key != "kind"}
+        require_keys(path, keys, dict.fromkeys(("absorbers",)), ("absorbers",))
+        tables = plain["absorbers"]
+        listed = isinstance(tables, list | tuple)
+        require(listed, f"{path}.absorbers", tables, "a list of tables, one for each absorber")
+        lengths = {"absorbers": len(tables)}
+        places = [f"{path}.absorbers[{i}]" for i in range(len(tables))]
+    else:
+        lists = {key: value for key, value in plain.items() if isinstance(value, list | tuple)}
+        lengths = {key: len(value) for key, value in lists.items()}
+        places = [f"{path}[{i}]" if lists else path for i in range(number if lists else 1)]
+    for key, length in lengths.items():
+        allowed = f"one for each of the {number} sectors with an absorber"
+        require(length == number, f"{path}.{key}", f"{length} of them", allowed)
+    if kind != SEVERAL_KEY:
+        tables = [
+            {**plain, **{key: value[i] for key, value in lists.items()}} for i in range(len(places))
+        ]
+    every = []
+    for place, table in zip(places, tables, strict=True):
+        one, _ = _read_single_absorber(place, table)
+        own_kind = table.get("kind")
+        allowed = "impact or friction in the sectors of a disk"
+        require(isinstance(one, SlidingAbsorber), f"{place}.kind", own_kind, allowed)
+        assert isinstance(one, SlidingAbsorber)
+        every.append(one)
+    return tuple(every) if len(every) == number else tuple(every) * number
+
+
+def _write_disk_absorbers(absorbers: tuple[SlidingAbsorber, ...]) -> Plain:
+    if len(set(absorbers)) == 1:
+        return _write_single_absorber(absorbers[0])
+    return {"kind": SEVERAL_KEY, "absorbers": [_write_single_absorber(one) for one in absorbers]}
+
+
 ABSORBER_KINDS = tuple(name for name in CONCEPTS if name != "none")
 SEVERAL_KEY = "several"
 ABSORBER_CODEC = Codec(_read_absorber, _write_absorber)
@@ -227,6 +270,12 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
     '3 modes, stuck absorber, mass ratio 0.05'
     """
     folder = instance("folder", folder, Path | None)
+    disk = to_disk(plain, folder)
+    if disk is not None:
+        try:
+            return disk.scene()
+        except ParameterError as error:
+            raise error.at_key("scene", {}) from error
     structure = to_structure(plain, folder)
     absorber = optional_codec(ABSORBER_CODEC).read("scene.absorber", plain.get("absorber"))
     try:
@@ -244,6 +293,12 @@ def to_structure(
     """
     folder = instance("folder", folder, Path | None)
     path = text("path", path)
+    kind = _find_structure_kind(plain, path)
+    return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
+
+
+def _find_structure_kind(plain: Mapping[str, Any], path: str) -> str:
+    """Return which of `STRUCTURES` a scene's plain form has, a beam if it names none; raises ParameterError for other keys and for two of them."""
     require_keys(path.rstrip(".") or "structure", plain, dict.fromkeys(SCENE_KEYS))
     kinds = [kind for kind in STRUCTURES if kind in plain]
     allowed = "left out beside another structure: a scene has one of them"
@@ -253,8 +308,37 @@ def to_structure(
         plain.get(kinds[0]) if kinds else None,
         allowed,
     )
-    kind = kinds[0] if kinds else "beam"
-    return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
+    return kinds[0] if kinds else "beam"
+
+
+def to_disk(plain: Mapping[str, Any], folder: Path | None = None) -> BladedDisk | None:
+    """Return the bladed disk with absorbers that a scene's plain form describes, or None if it has another structure.
+
+    Arguments and errors are those of `to_scene`; `from_disk` is its inverse.
+
+    >>> masses = {"sectors": 10, "coupling": 0.01, "frequency_hz": 100.0, "mass_kg": 1.0}
+    >>> disk = to_disk({"cyclic": masses, "absorber": {"kind": "impact", "gap": 5e-5}})
+    >>> len(disk.absorbers)
+    10
+    """
+    folder = instance("folder", folder, Path | None)
+    if _find_structure_kind(plain, "scene.") != "cyclic":
+        return None
+    disk = disk_codec_for(folder or Path()).read("scene.cyclic", plain["cyclic"])
+    assert isinstance(disk, BladedDisk)
+    if plain.get("absorber") is None:
+        return disk
+    number = len(disk.absorber_sectors or ())
+    return disk.with_absorbers(_read_disk_absorbers("scene.absorber", plain["absorber"], number))
+
+
+def from_disk(disk: BladedDisk) -> Plain:
+    """Return a bladed disk's plain form, with the matrices of a sector: `to_disk` gives the same disk back, bit for bit."""
+    disk = instance("disk", disk, BladedDisk)
+    assert isinstance(disk.absorbers, tuple)
+    absorbers = disk.absorbers
+    absorber = {"absorber": _write_disk_absorbers(absorbers)} if absorbers else {}
+    return {"cyclic": disk_codec_for(Path()).write(disk), **absorber}
 
 
 NEEDED_BEAM_KEYS = (
@@ -287,7 +371,8 @@ def load_structure(path: Path | str) -> Structure:
             math.isclose(a, 2 * math.pi * b, rel_tol=1e-12)
             for a, b in zip(model.omega, suspension_frequencies(own, model.modes), strict=True)
         )
-    for warning in list_warnings(model, beam, rigid):
+    # the modes of a ring come in pairs of one frequency
+    for warning in () if "cyclic" in plain else list_warnings(model, beam, rigid):
         warnings.warn(f"{path}: {warning}", StructureWarning, stacklevel=2)
     return structure
 
@@ -323,7 +408,7 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
         return structure
     if "model" in plain:
         require_modes_once(structure)
-    return order_by_frequency(structure)
+    return structure if "cyclic" in plain else order_by_frequency(structure)
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
@@ -340,7 +425,7 @@ def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
     """Return a scene's plain form, with all keys: `to_scene` gives the same scene back, bit for bit.
 
     A scene knows its modes and not the beam they came from, so the form has the modal model; with the ``beam`` of the scene it has the beam
-    instead, which is shorter. Raises ParameterError if that is not the scene's beam.
+    instead, which is shorter. Raises ParameterError if that is not the scene's beam. Bladed disks have `from_disk`.
     """
     scene = instance("scene", scene, Scene)
     beam = instance("beam", beam, Beam | None)

@@ -28,6 +28,7 @@ from impact_env.parameters import (
     row,
     word_of,
 )
+from impact_env.plain_disks import disk_codec_for
 from impact_env.plain_files import (
     NUMBER_CODEC,
     ROW_CODEC,
@@ -736,6 +737,13 @@ def read_structure_shapes(folder: Path, plain: Mapping[str, Any]) -> NodalShapes
     return NodalShapes(result.omega, freedoms, result.shapes.T)
 
 
+def _ring_codec_for(folder: Path) -> Codec:
+    """Return the form of a bladed disk, which is read as the modes of its ring under its force; `impact_env.plain.to_disk` reads it as a disk."""
+    return Codec(
+        lambda path, plain: disk_codec_for(folder).read(path, plain).model, MODEL_CODEC.write
+    )
+
+
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names
 STRUCTURES: dict[str, Callable[[Path], Codec]] = {
     "beam": lambda _: BEAM_CODEC,
@@ -752,4 +760,5 @@ STRUCTURES: dict[str, Callable[[Path], Codec]] = {
     "ansys": lambda folder: dataclass_codec(
         partial(_read_ansys, folder), RESULT_KEYS, NEEDED_OF_RESULTS
     ),
+    "cyclic": _ring_codec_for,
 }

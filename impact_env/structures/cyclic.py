@@ -1,7 +1,8 @@
 """Bladed disks and other cyclic structures: a ring of equal sectors, each coupled to its two neighbours, with engine-order forces and mistuning."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -16,8 +17,10 @@ from impact_env.parameters import (
     instance,
     keep_checked,
     kind_of,
+    listed,
     non_negative,
     one_of,
+    or_none,
     positive,
     require,
 )
@@ -26,6 +29,7 @@ from impact_env.structures.matrices import check_matrix
 
 Array = NDArray[np.float64]
 MOST_SECTORS = 1000
+MOST_FREEDOMS = 4000  # of a ring, whose eigenproblem is solved densely
 MOST_MISTUNING = 0.5  # standard deviation: more than half of a frequency is another structure
 DIRECTIONS = ("forward", "backward", "standing")
 
@@ -115,6 +119,8 @@ class CyclicStructure:
         object.__setattr__(self, "sectors", count("sectors", self.sectors, 1, MOST_SECTORS))
         mass = check_matrix("mass", np.atleast_2d(np.asarray(self.mass, dtype=float)))
         size = len(mass)
+        allowed = f"at most {MOST_FREEDOMS // size} with {size} degrees of freedom a sector"
+        require(self.sectors * size <= MOST_FREEDOMS, "sectors", self.sectors, allowed)
         stiffness = np.atleast_2d(np.asarray(self.stiffness, dtype=float))
         coupling = np.atleast_2d(np.asarray(self.coupling, dtype=float))
         require(
@@ -157,6 +163,22 @@ class CyclicStructure:
             whole[following, own] += coupling.T
         return np.kron(np.eye(n), mass), whole
 
+    @cached_property
+    def _modes(self) -> tuple[Array, Array]:
+        """Squares of the frequencies (N d,) in 1/s^2, rising, and mass-normalised shapes (N d, N d) as columns."""
+        mass, stiffness = self.assemble()
+        lightest = float(np.min(np.linalg.eigvalsh(np.asarray(self.mass, dtype=float))))
+        allowed = "a positive definite matrix: each degree of freedom of a sector has a mass"
+        require(lightest > 0, "mass", f"a matrix with the eigenvalue {lightest:.3g} kg", allowed)
+        squares, shapes = scipy.linalg.eigh(stiffness, mass)
+        require(
+            bool(squares[0] > 1e-12 * squares[-1]),
+            "stiffness",
+            f"with the square of a frequency {squares[0]:.3g} 1/s^2",
+            "that of a ring that is held: all frequencies above 0",
+        )
+        return squares, shapes
+
     def model(
         self, engine_order: int = 0, direction: str = "forward", modes: int | None = None
     ) -> ModalModel:
@@ -170,26 +192,19 @@ class CyclicStructure:
         direction : str
             "forward", "backward", or "standing": then the amplitudes are cos(2 pi k s/N), and all phases are equal.
         modes : int, optional
-            Number of modes number_of_modes, from the lowest. None: all.
+            Number of modes kept, from the lowest. None: all.
 
         Raises
         ------
         ParameterError
-            The engine order is above N/2, or excites no mode that is number_of_modes; the ring is not held.
+            The engine order is above N/2, or excites no mode that is kept; the ring is not held.
         """
         n = self.sectors
         order = count(
             "engine_order", engine_order, 0, n // 2, f"0 to {n // 2}, half of the sectors"
         )
         kind = one_of("direction", direction, DIRECTIONS)
-        mass, stiffness = self.assemble()
-        squares, shapes = scipy.linalg.eigh(stiffness, mass)
-        require(
-            bool(squares[0] > 1e-12 * squares[-1]),
-            "stiffness",
-            f"with the square of a frequency {squares[0]:.3g} 1/s^2",
-            "that of a ring that is held: all frequencies above 0",
-        )
+        squares, shapes = self._modes
         number_of_modes = count("modes", len(squares) if modes is None else modes, 1, len(squares))
         size = len(np.asarray(self.mass))
 
@@ -208,12 +223,16 @@ class CyclicStructure:
             n * (self.sector_mass or 0.0),
             absorber_shapes=rows(self.absorber),
         )
-        return model.with_forces(rows(self.force), sizes, sign * angle)
+        shapes_at_force = rows(self.force)
+        pattern = np.abs((sizes * np.exp(1j * sign * angle)) @ shapes_at_force)
+        excites = bool(np.any(pattern > 1e-10 * np.max(np.abs(shapes_at_force))))
+        allowed = f"one that excites a mode of the {number_of_modes} kept"
+        require(excites, "engine_order", order, allowed)
+        return model.with_forces(shapes_at_force, sizes, sign * angle)
 
     def all_shapes(self, modes: int | None = None) -> Array:
         """Return the displacement (N d, N_m) of every freedom, sector by sector, per modal displacement, in 1/sqrt(kg)."""
-        mass, stiffness = self.assemble()
-        return np.asarray(scipy.linalg.eigh(stiffness, mass)[1][:, :modes])
+        return np.asarray(self._modes[1][:, :modes])
 
     def response_shapes(self, modes: int | None = None) -> Array:
         """Return the displacement (N, N_m) of each sector's response per modal displacement, in 1/sqrt(kg)."""
@@ -221,7 +240,7 @@ class CyclicStructure:
 
     def scene(
         self,
-        absorber: SlidingAbsorber,
+        absorber: SlidingAbsorber | Sequence[SlidingAbsorber],
         engine_order: int = 0,
         direction: str = "forward",
         sectors: Iterable[int] | None = None,
@@ -229,26 +248,141 @@ class CyclicStructure:
     ) -> Scene:
         """Return the ring with an absorber in every sector, or in some ``sectors`` (counted from 0).
 
-        ``absorber``: its mass ratio is that of the absorber's to its sector's mass; its gap is mistuned. Other parameters and errors as `model`.
+        ``absorber``: one for all sectors, or one for each of ``sectors``. Its mass ratio is that of the absorber's to its sector's mass;
+        its gap is mistuned. Other parameters and errors as `model`.
         """
-        absorber = instance("absorber", absorber, SlidingAbsorber)
-        which = list(range(self.sectors)) if sectors is None else [int(s) for s in sectors]
-        allowed = f"two or more different sectors, 0 to {self.sectors - 1}"
-        ok = len(set(which)) == len(which) >= 2 and all(0 <= s < self.sectors for s in which)
-        require(ok, "sectors", which, allowed)
-        model = self.model(engine_order, direction, modes)
+        which = check_sectors("sectors", sectors, self.sectors)
+        every = _absorber_of_each(absorber, which)
         factors = self.mistuning.factors("gap", self.sectors)
-        walls = absorber.walls
-        ratio = absorber.mass_ratio / self.sectors
-        every = []
-        for sector in which:
-            own = walls
-            if walls is not None:
+        mistuned = []
+        for one, sector in zip(every, which, strict=True):
+            walls = one.walls
+            if walls is not None and np.isfinite(walls.gap):
                 gap = positive(f"gap of sector {sector}", walls.gap * float(factors[sector]))
-                own = replace(walls, gap=gap)
-            every.append(replace(absorber, walls=own, mass_ratio=ratio))
+                walls = replace(walls, gap=gap)
+            mistuned.append(replace(one, walls=walls, mass_ratio=one.mass_ratio / self.sectors))
+        model = self.model(engine_order, direction, modes)
+        if len(which) == 1:
+            return Scene(model.with_absorber_at(which[0] + 1), mistuned[0])
         places = model.with_absorbers_at([sector + 1 for sector in which])
-        return Scene(places, SeveralAbsorbers(tuple(every), (1.0,) * len(which)))
+        return Scene(places, SeveralAbsorbers(tuple(mistuned), (1.0,) * len(which)))
+
+
+def check_sectors(name: str, sectors: Iterable[int] | None, number: int) -> tuple[int, ...]:
+    """Return different sectors, counted from 0, of a ring with a ``number`` of them; None stands for all of them."""
+    if sectors is None:
+        return tuple(range(number))
+    every = listed(name, sectors)
+    allowed = f"one or more different sectors, 0 to {number - 1}"
+    require(len(every) > 0, name, list(every), allowed)
+    result = tuple(count(name, sector, 0, number - 1, allowed) for sector in every)
+    require(len(set(result)) == len(result), name, list(result), allowed)
+    return result
+
+
+def _absorber_of_each(
+    absorber: SlidingAbsorber | Sequence[SlidingAbsorber], sectors: tuple[int, ...]
+) -> tuple[SlidingAbsorber, ...]:
+    """Return an absorber for each of ``sectors``, of one for all of them or of as many."""
+    if isinstance(absorber, SlidingAbsorber):
+        return (absorber,) * len(sectors)
+    every = listed("absorber", absorber)
+    for one in every:
+        instance("absorber", one, SlidingAbsorber)
+    allowed = f"one for all sectors, or one for each of the {len(sectors)} sectors"
+    require(len(every) == len(sectors), "absorber", f"{len(every)} absorbers", allowed)
+    return every
+
+
+@dataclass(frozen=True, eq=False)
+class BladedDisk:
+    """A cyclic structure with its engine-order force and its absorbers: what the table ``[cyclic]`` of a file describes.
+
+    Parameters
+    ----------
+    ring : CyclicStructure
+        The sectors, with their mistuning.
+    engine_order : int
+        Number k of periods of the force around the ring, 0 to N/2.
+    direction : str
+        "forward", "backward" or "standing", as in `CyclicStructure.model`.
+    amplitude : float, optional
+        Amplitude in N of the force on each sector (of a standing one its largest). None: given by each drive.
+    absorbers : SlidingAbsorber or sequence of SlidingAbsorber
+        One for all sectors of ``absorber_sectors``, or one for each; empty: no absorber. Mass ratios refer to a sector's mass.
+    absorber_sectors : sequence of int, optional
+        Sectors with an absorber, counted from 0. None: all.
+    modes : int, optional
+        Number of modes kept, from the lowest. None: all.
+
+    Raises
+    ------
+    ParameterError
+        The engine order is above N/2, a sector is named twice or does not exist, or there are not as many absorbers as sectors.
+
+    Examples
+    --------
+    >>> from impact_env import impact_absorber
+    >>> from impact_env.structures.cyclic import BladedDisk, ring_of_masses
+    >>> ring = ring_of_masses(sectors=10, coupling=0.01, frequency=100.0)
+    >>> disk = BladedDisk(ring, 1, absorbers=impact_absorber(5e-5, 0.8), absorber_sectors=[0, 5])
+    >>> print(disk.scene().places, "absorbers")
+    2 absorbers
+    """
+
+    ring: CyclicStructure
+    engine_order: int = 0
+    direction: str = DIRECTIONS[0]
+    amplitude: float | None = None
+    absorbers: SlidingAbsorber | Sequence[SlidingAbsorber] = ()
+    absorber_sectors: Sequence[int] | None = None
+    modes: int | None = None
+
+    def __post_init__(self) -> None:
+        keep_checked(self, ring=kind_of(CyclicStructure), amplitude=or_none(positive))
+        n = self.ring.sectors
+        self.ring.model(self.engine_order, self.direction, self.modes)  # raises what is wrong
+        keep_checked(self, engine_order=count_from(0))
+        sectors = check_sectors("absorber_sectors", self.absorber_sectors, n)
+        object.__setattr__(self, "absorber_sectors", sectors)
+        every: tuple[SlidingAbsorber, ...] = ()
+        if isinstance(self.absorbers, SlidingAbsorber) or len(listed("absorbers", self.absorbers)):
+            every = _absorber_of_each(self.absorbers, sectors)
+        object.__setattr__(self, "absorbers", every)
+
+    @property
+    def model(self) -> ModalModel:
+        """Modal model of the mistuned ring under its force."""
+        return self.ring.model(self.engine_order, self.direction, self.modes)
+
+    @property
+    def response_shapes(self) -> Array:
+        """Displacement (N, N_m) of each sector's response per modal displacement, in 1/sqrt(kg)."""
+        return self.ring.response_shapes(self.modes)
+
+    def scene(self) -> Scene:
+        """Return the scene: the mistuned ring with its absorbers, whose gaps are mistuned too."""
+        if not self.absorbers:
+            return Scene(self.model)
+        return self.ring.scene(
+            self.absorbers, self.engine_order, self.direction, self.absorber_sectors, self.modes
+        )
+
+    def member(self, number: int) -> "BladedDisk":
+        """Return the disk of a member of an ensemble, the disk itself for 0: its mistuning is drawn with the seed plus ``number``."""
+        mistuning = self.ring.mistuning
+        drawn = replace(mistuning, seed=mistuning.seed + count("number", number, 0))
+        return replace(self, ring=replace(self.ring, mistuning=drawn))
+
+    def tuned(self) -> "BladedDisk":
+        """Return the disk without mistuning."""
+        return replace(self, ring=replace(self.ring, mistuning=Mistuning()))
+
+    def with_absorbers(
+        self, absorbers: SlidingAbsorber | Sequence[SlidingAbsorber]
+    ) -> "BladedDisk":
+        """Return the disk with other absorbers in the same sectors; an empty sequence: without absorbers."""
+        return replace(self, absorbers=absorbers)
 
 
 def ring_of_masses(

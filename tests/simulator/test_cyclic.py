@@ -1,11 +1,17 @@
 """Cyclic structures and forces at several places: closed forms, symmetry under rotation, and refusals."""
 
+import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 from core import OMEGA, drive_of
+from places import EXAMPLES, ROOT
 
 from impact_env import (
     Beam,
@@ -21,7 +27,10 @@ from impact_env.frequency import receptance, tip_response
 from impact_env.loads import Loads, Samples
 from impact_env.modes import mode_shapes
 from impact_env.periodic.case import Case
-from impact_env.structures.cyclic import CyclicStructure, Mistuning, ring_of_masses
+from impact_env.plain import from_disk, load_structure, to_beam, to_disk, to_scene
+from impact_env.plain_disks import CYCLIC_KEYS
+from impact_env.plain_files import read_plain
+from impact_env.structures.cyclic import BladedDisk, CyclicStructure, Mistuning, ring_of_masses
 
 HERTZ = OMEGA / (2 * np.pi)
 
@@ -132,6 +141,207 @@ def test_a_wave_that_travels_turns_the_motion_with_it() -> None:
     )
 
 
+MASSES: dict[str, Any] = {
+    "sectors": 10,
+    "coupling": 0.01,
+    "frequency_hz": 100.0,
+    "mass_kg": 2.0,
+}
+BLADE: dict[str, Any] = {
+    "sectors": 4,
+    "mass": [[1.0, 0.0], [0.0, 0.2]],
+    "stiffness": [[3e4, -1e4], [-1e4, 1e4]],
+    "coupling_stiffness": [[-2e3, 0.0], [500.0, 0.0]],
+    "mass_kg": 1.2,
+    "absorber": 1,
+    "response": 1,
+}
+ABSORBER: dict[str, Any] = {"kind": "impact", "gap": 5e-5, "restitution": 0.8}
+
+
+def read_disk(absorber: dict[str, Any] | None = None, **changes: Any) -> BladedDisk:
+    """Return the disk of the table of masses with some keys changed."""
+    plain: dict[str, Any] = {"cyclic": MASSES | changes}
+    disk = to_disk(plain if absorber is None else plain | {"absorber": absorber})
+    assert disk is not None
+    return disk
+
+
+def test_a_table_of_masses_is_the_ring_in_closed_form() -> None:
+    scene = to_scene({"cyclic": MASSES | {"engine_order": 2}, "absorber": ABSORBER})
+    wave = np.array([0, 1, 1, 2, 2, 3, 3, 4, 4, 5])
+    wanted = 200 * np.pi * np.sqrt(1 + 0.04 * np.sin(np.pi * wave / 10) ** 2)
+    np.testing.assert_allclose(scene.model.omega, wanted, rtol=1e-13)
+    np.testing.assert_array_equal(scene.model.damping_ratio, 1e-3)
+    assert scene.model.beam_mass == 20.0
+    np.testing.assert_allclose(scene.absorber_masses, 0.02 * 2.0, rtol=1e-14)  # of a sector
+    driven = np.flatnonzero(np.abs(scene.model.force_pattern) > 1e-9)
+    np.testing.assert_array_equal(wave[driven], [2, 2])
+    assert to_beam({"cyclic": MASSES}) is None
+    assert to_disk({"beam": {}}) is None
+
+
+def test_absorbers_of_some_sectors_have_values_of_their_own() -> None:
+    gaps = [1e-5, 2e-5, 3e-5]
+    limits = [0.1, 0.0, 0.2]
+    lists = ABSORBER | {"gap": gaps, "friction_limit": limits, "mass_ratio": [0.01, 0.02, 0.03]}
+    disk = read_disk(lists, absorber_sectors=[7, 0, 4])
+    scene = disk.scene()
+    np.testing.assert_allclose(scene.absorber_masses, [0.02, 0.04, 0.06])
+    assert [scene.cavity(k).gap for k in range(3)] == gaps
+    read_limits = [0.0 if one.friction is None else one.friction.limit for one in disk.absorbers]
+    assert read_limits == limits
+    shapes = disk.response_shapes  # of single masses also those at the absorbers
+    np.testing.assert_array_equal(scene.absorber_shapes, shapes[[7, 0, 4]])
+    tables = [
+        {**ABSORBER, "gap": gap, "friction_limit": limit, "mass_ratio": mass}
+        for gap, limit, mass in zip(gaps, limits, lists["mass_ratio"], strict=True)
+    ]
+    same = read_disk({"kind": "several", "absorbers": tables}, absorber_sectors=[7, 0, 4])
+    assert same.absorbers == disk.absorbers
+
+
+def test_one_sector_with_an_absorber_is_a_single_absorber() -> None:
+    disk = read_disk(ABSORBER, absorber_sectors=[3])
+    scene = disk.scene()
+    assert scene.places == 1
+    np.testing.assert_array_equal(scene.model.tip_shape, disk.response_shapes[3])
+    np.testing.assert_array_equal(scene.model.level_shape, disk.response_shapes[0])
+    assert scene.absorber_mass == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("form", [MASSES, BLADE])
+@pytest.mark.parametrize(
+    "absorber",
+    [
+        None,
+        ABSORBER,
+        {"kind": "friction", "friction_limit": [0.1, 0.2]},
+        {"kind": "several", "absorbers": [ABSORBER, {"kind": "friction"}]},
+    ],
+)
+def test_a_disk_is_written_and_read_back_bit_for_bit(
+    form: dict[str, Any], absorber: dict[str, Any] | None
+) -> None:
+    own = {
+        "mistuning": {"frequency": 0.02, "gap": 0.05, "seed": 3},
+        "absorber_sectors": [2, 0],
+        "engine_order": 1,
+        "direction": "backward",
+        "amplitude_n": 0.3,
+        "modes": 4,
+    }
+    plain: dict[str, Any] = {"cyclic": form | own} | ({"absorber": absorber} if absorber else {})
+    disk = to_disk(plain)
+    assert disk is not None
+    written = from_disk(disk)
+    again = to_disk(json.loads(json.dumps(written, allow_nan=False)))
+    assert again is not None
+    assert from_disk(again) == written
+    assert again.absorbers == disk.absorbers
+    for name in ("omega", "force_pattern", "absorber_shapes", "level_shape"):
+        assert getattr(again.model, name).tobytes() == getattr(disk.model, name).tobytes()
+    assert again.amplitude == 0.3
+
+
+def test_a_sector_is_read_from_files_of_matrices_in_their_units(tmp_path: Path) -> None:
+    """The ring is assembled here by hand, in t, mm and s as in the files."""
+    mass, stiffness, block = (
+        np.array(BLADE[k]) for k in ("mass", "stiffness", "coupling_stiffness")
+    )
+    np.savez(tmp_path / "sector.npz", M=mass / 1e3, K=stiffness / 1e3)
+    scipy.io.mmwrite(tmp_path / "coupling.mtx", block / 1e3)
+    files = {
+        "mass": "sector.npz",
+        "stiffness": "sector.npz",
+        "coupling_stiffness": "coupling.mtx",
+        "units": "t, mm, s",
+    }
+    disk = to_disk({"cyclic": BLADE | files}, tmp_path)
+    assert disk is not None
+    ring = np.zeros((8, 8))
+    for sector in range(4):
+        own = slice(2 * sector, 2 * sector + 2)
+        after = slice(2 * ((sector + 1) % 4), 2 * ((sector + 1) % 4) + 2)
+        ring[own, own] = stiffness
+        ring[own, after] += block
+        ring[after, own] += block.T
+    squares = np.linalg.eigvals(np.linalg.solve(np.kron(np.eye(4), mass), ring)).real
+    np.testing.assert_allclose(disk.model.omega, np.sqrt(np.sort(squares)), rtol=1e-9)
+    (tmp_path / "disk.json").write_text(json.dumps({"cyclic": BLADE | files}))
+    loaded = load_structure(tmp_path / "disk.json")
+    np.testing.assert_array_equal(modal_model(loaded).omega, disk.model.omega)
+
+
+def test_the_page_names_every_key_of_a_disk() -> None:
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    described = set(re.findall(r"`([a-z_]+)`", page))
+    assert set(CYCLIC_KEYS) <= described
+    assert to_scene(read_plain(EXAMPLES / "disk.toml")).places == 10
+
+
+def test_members_are_other_disks_of_the_same_kind() -> None:
+    disk = read_disk(ABSORBER, mistuning={"frequency": 0.02, "gap": 0.05, "seed": 5})
+    other = read_disk(ABSORBER, mistuning={"frequency": 0.02, "gap": 0.05, "seed": 8})
+    np.testing.assert_array_equal(disk.member(3).model.omega, other.model.omega)
+    assert disk.member(3).scene().absorber == other.scene().absorber
+    np.testing.assert_array_equal(disk.member(0).model.omega, disk.model.omega)
+    assert len({one.walls.gap for one in disk.scene().absorber.absorbers}) == 10
+    assert len({one.walls.gap for one in disk.tuned().scene().absorber.absorbers}) == 1
+
+
+LEFT_OUT = object()
+
+
+@pytest.mark.parametrize(
+    ("table", "changes", "message"),
+    [
+        ("cyclic", {"coupling": -0.1}, r"scene.cyclic.coupling = -0.1 .* 0 or above"),
+        ("cyclic", {"sectors": 0}, "scene.cyclic.sectors = 0 is not allowed: a whole number, 1"),
+        ("cyclic", {"sectors": 2.5}, "scene.cyclic.sectors = 2.5"),
+        ("cyclic", {"sectors": LEFT_OUT}, "the key sectors must be given"),
+        ("cyclic", {"engine_order": 6}, "engine_order = 6 is not allowed: 0 to 5, half of the"),
+        ("cyclic", {"direction": "up"}, "one of forward, backward, standing"),
+        ("cyclic", {"absorber_sectors": [0, 2, 2]}, "one or more different sectors, 0 to 9"),
+        ("cyclic", {"absorber_sectors": [10]}, "absorber_sectors = 10"),
+        ("cyclic", {"absorber_sectors": []}, r"absorber_sectors = \[\]"),
+        ("cyclic", {"absorber_sectors": 3}, "a list of sectors, counted from 0"),
+        ("cyclic", {"absorber_sectors": [1.5]}, "absorber_sectors = 1.5"),
+        ("cyclic", {"modes": 1, "engine_order": 3}, "one that excites a mode of the 1 kept"),
+        ("cyclic", {"mistuning": {"frequency": -0.1}}, "scene.cyclic.mistuning.frequency = -0.1"),
+        ("cyclic", {"mistuning": {"gaps": 0.1}}, "only the keys frequency, gap, seed"),
+        ("cyclic", {"mass_kg": LEFT_OUT}, "scene.cyclic.mass_kg = None .* given, in kg"),
+        ("cyclic", {"coupling": LEFT_OUT}, "scene.cyclic.coupling = None"),
+        ("cyclic", {"mass": [[1.0]]}, "coupling = 0.01 .* left out of a sector with matrices"),
+        ("cyclic", {"force": 0}, "scene.cyclic.force = 0 .* left out of a sector of one mass"),
+        ("cyclic", {"colour": 1}, "scene.cyclic.colour = 1 is not allowed: only the keys"),
+        ("cyclic", {"amplitude_n": 0.0}, "scene.cyclic.amplitude_n = 0.0"),
+        ("absorber", {"gap": [1e-5]}, "'1 of them' .* one for each of the 10 sectors"),
+        ("absorber", {"gap": [-1.0] * 10}, r"scene.absorber\[0\].gap = -1.0"),
+        ("absorber", {"kind": "tuned", "gap": LEFT_OUT}, "one of impact, friction, several"),
+        ("absorber", {"contact_stiffness": 1e5}, "rigid contact"),
+        ("blade", {"coupling": 0.1}, "left out of a sector with matrices"),
+        ("blade", {"mass": [[1.0, 0.0], [0.0, 0.0]]}, "each degree of freedom of a sector has a"),
+        ("blade", {"mass_kg": LEFT_OUT}, "scene.cyclic.mass_kg = None"),
+        ("blade", {"force": 2}, "a degree of freedom of a sector, 0 to 1"),
+        ("blade", {"coupling_stiffness": [[1.0]]}, "2 rows of 2 finite numbers, as the mass"),
+        ("blade", {"coupling_stiffness": "x.full"}, "a file that ends in .npz or .mtx"),
+        ("blade", {"stiffness": "none.npz"}, "scene.cyclic.stiffness = 'none.npz'"),
+        ("blade", {"stiffness": [[3e4, -1e4], [-1e4, 1e3]]}, "all frequencies above 0"),
+        ("blade", {"units": "stone"}, "scene.cyclic.units = 'stone'"),
+        ("blade", {"sectors": 3000}, "scene.cyclic.sectors = 3000"),
+    ],
+)
+def test_what_does_not_fit_in_a_table_is_one_error(
+    table: str, changes: dict[str, Any], message: str
+) -> None:
+    plain = {"cyclic": BLADE if table == "blade" else MASSES, "absorber": ABSORBER}
+    name = "cyclic" if table == "blade" else table
+    plain[name] = {k: v for k, v in (plain[name] | changes).items() if v is not LEFT_OUT}
+    with pytest.raises(ParameterError, match=message):
+        to_scene(plain)
+
+
 RING = ring_of_masses(4, 0.05, HERTZ)
 WAVE = RING.scene(impact_absorber(), 1)
 RECORD = Samples(np.linspace(0, 0.1, 11), np.ones(11))
@@ -145,7 +355,9 @@ RECORD = Samples(np.linspace(0, 0.1, 11), np.ones(11))
         (lambda: RING.model(3), "engine_order = 3 is not allowed: 0 to 2, half of the sectors"),
         (lambda: RING.model(1, "sideways"), "direction = 'sideways'"),
         (lambda: RING.scene(impact_absorber(), sectors=[1, 1]), r"sectors = \[1, 1\]"),
-        (lambda: RING.scene(impact_absorber(), sectors=[1, 4]), r"sectors = \[1, 4\]"),
+        (lambda: RING.scene(impact_absorber(), sectors=[1, 4]), "sectors = 4 is not allowed"),
+        (lambda: RING.scene([impact_absorber()] * 3), "one for each of the 4 sectors"),
+        (lambda: BladedDisk(RING, absorbers=[impact_absorber()]), "'1 absorbers'"),
         (lambda: tip_response(WAVE.model, None, OMEGA), "forces of one phase"),
         (lambda: Case(RING.model(1), OMEGA, 1.0), "forces of one phase"),
         (lambda: Mistuning(0.6), "frequency = 0.6 is not allowed: at most 0.5"),
