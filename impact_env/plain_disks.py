@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, positive, require
+from impact_env.parameters import positive, require
 from impact_env.plain_files import (
     NUMBER_CODEC,
     ROWS_CODEC,
@@ -84,8 +84,6 @@ CYCLIC_KEYS: Keys = {
 
 def _require_one_form(path: str, plain: Mapping[str, Any]) -> None:
     """Raise ParameterError unless the keys are those of one of the two forms of a sector."""
-    if "sectors" in plain:  # before a matrix or a direction is looked up
-        count(f"{path}.sectors", plain["sectors"], 1)
     form = MATRIX_FORM if any(key in plain for key in MATRIX_FORM) else MASS_FORM
     if form is MATRIX_FORM:
         for key in MASS_FORM:

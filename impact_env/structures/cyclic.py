@@ -14,7 +14,7 @@ from impact_env.parameters import (
     SlidingAbsorber,
     count,
     count_from,
-    instance,
+    each_of,
     keep_checked,
     kind_of,
     listed,
@@ -286,12 +286,10 @@ def _absorber_of_each(
     """Return an absorber for each of ``sectors``, of one for all of them or of as many."""
     if isinstance(absorber, SlidingAbsorber):
         return (absorber,) * len(sectors)
-    every = listed("absorber", absorber)
-    for one in every:
-        instance("absorber", one, SlidingAbsorber)
+    every = each_of(kind_of(SlidingAbsorber))("absorber", absorber)
     allowed = f"one for all sectors, or one for each of the {len(sectors)} sectors"
     require(len(every) == len(sectors), "absorber", f"{len(every)} absorbers", allowed)
-    return every
+    return tuple(every)
 
 
 @dataclass(frozen=True, eq=False)

@@ -297,7 +297,11 @@ LEFT_OUT = object()
     ("table", "changes", "message"),
     [
         ("cyclic", {"coupling": -0.1}, r"scene.cyclic.coupling = -0.1 .* 0 or above"),
-        ("cyclic", {"sectors": 0}, "scene.cyclic.sectors = 0 is not allowed: a whole number, 1"),
+        (
+            "cyclic",
+            {"sectors": 0},
+            "scene.cyclic.sectors = 0 is not allowed: a whole number from 1",
+        ),
         ("cyclic", {"sectors": 2.5}, "scene.cyclic.sectors = 2.5"),
         ("cyclic", {"sectors": LEFT_OUT}, "the key sectors must be given"),
         ("cyclic", {"engine_order": 6}, "engine_order = 6 is not allowed: 0 to 5, half of the"),
