@@ -328,16 +328,14 @@ def to_disk(plain: Mapping[str, Any], folder: Path | None = None) -> BladedDisk 
     assert isinstance(disk, BladedDisk)
     if plain.get("absorber") is None:
         return disk
-    number = len(disk.absorber_sectors or ())
+    number = len(disk.absorber_sectors)
     return disk.with_absorbers(_read_disk_absorbers("scene.absorber", plain["absorber"], number))
 
 
 def from_disk(disk: BladedDisk) -> Plain:
     """Return a bladed disk's plain form, with the matrices of a sector: `to_disk` gives the same disk back, bit for bit."""
     disk = instance("disk", disk, BladedDisk)
-    assert isinstance(disk.absorbers, tuple)
-    absorbers = disk.absorbers
-    absorber = {"absorber": _write_disk_absorbers(absorbers)} if absorbers else {}
+    absorber = {"absorber": _write_disk_absorbers(disk.absorbers)} if disk.absorbers else {}
     return {"cyclic": disk_codec_for(Path()).write(disk), **absorber}
 
 

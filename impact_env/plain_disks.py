@@ -184,7 +184,7 @@ def _build_disk(
         engine_order,
         direction,
         amplitude,
-        absorber_sectors=absorber_sectors,
+        absorber_sectors=absorber_sectors,  # type: ignore[arg-type]  # checked there
         modes=modes,
     )
 
@@ -224,6 +224,6 @@ def _write_disk(disk: BladedDisk) -> dict[str, Any]:
         "engine_order": disk.engine_order,
         "direction": disk.direction,
         "mistuning": MISTUNING_CODEC.write(ring.mistuning),
-        "absorber_sectors": list(disk.absorber_sectors or ()),
+        "absorber_sectors": list(disk.absorber_sectors),
         **{name: value for name, value in options.items() if value is not None},
     }

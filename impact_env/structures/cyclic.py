@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -306,8 +307,8 @@ class BladedDisk:
         "forward", "backward" or "standing", as in `CyclicStructure.model`.
     amplitude : float, optional
         Amplitude in N of the force on each sector (of a standing one its largest). None: given by each drive.
-    absorbers : SlidingAbsorber or sequence of SlidingAbsorber
-        One for all sectors of ``absorber_sectors``, or one for each; empty: no absorber. Mass ratios refer to a sector's mass.
+    absorbers : sequence of SlidingAbsorber
+        One for each sector of ``absorber_sectors``, or one absorber for all; empty: no absorber. Mass ratios refer to a sector's mass.
     absorber_sectors : sequence of int, optional
         Sectors with an absorber, counted from 0. None: all.
     modes : int, optional
@@ -323,7 +324,8 @@ class BladedDisk:
     >>> from impact_env import impact_absorber
     >>> from impact_env.structures.cyclic import BladedDisk, ring_of_masses
     >>> ring = ring_of_masses(sectors=10, coupling=0.01, frequency=100.0)
-    >>> disk = BladedDisk(ring, 1, absorbers=impact_absorber(5e-5, 0.8), absorber_sectors=[0, 5])
+    >>> pair = (impact_absorber(5e-5, 0.8), impact_absorber(6e-5, 0.8))
+    >>> disk = BladedDisk(ring, 1, absorbers=pair, absorber_sectors=(0, 5))
     >>> print(disk.scene().places, "absorbers")
     2 absorbers
     """
@@ -332,8 +334,8 @@ class BladedDisk:
     engine_order: int = 0
     direction: str = DIRECTIONS[0]
     amplitude: float | None = None
-    absorbers: SlidingAbsorber | Sequence[SlidingAbsorber] = ()
-    absorber_sectors: Sequence[int] | None = None
+    absorbers: tuple[SlidingAbsorber, ...] = ()  # or one for all sectors
+    absorber_sectors: tuple[int, ...] = None  # type: ignore[assignment]  # None: all
     modes: int | None = None
 
     def __post_init__(self) -> None:
@@ -343,10 +345,10 @@ class BladedDisk:
         keep_checked(self, engine_order=count_from(0))
         sectors = check_sectors("absorber_sectors", self.absorber_sectors, n)
         object.__setattr__(self, "absorber_sectors", sectors)
-        every: tuple[SlidingAbsorber, ...] = ()
-        if isinstance(self.absorbers, SlidingAbsorber) or len(listed("absorbers", self.absorbers)):
-            every = _absorber_of_each(self.absorbers, sectors)
-        object.__setattr__(self, "absorbers", every)
+        absorbers: Any = self.absorbers
+        if isinstance(absorbers, SlidingAbsorber) or len(listed("absorbers", absorbers)):
+            absorbers = _absorber_of_each(absorbers, sectors)
+        object.__setattr__(self, "absorbers", tuple(absorbers))
 
     @property
     def model(self) -> ModalModel:
@@ -379,8 +381,11 @@ class BladedDisk:
     def with_absorbers(
         self, absorbers: SlidingAbsorber | Sequence[SlidingAbsorber]
     ) -> "BladedDisk":
-        """Return the disk with other absorbers in the same sectors; an empty sequence: without absorbers."""
-        return replace(self, absorbers=absorbers)
+        """Return the disk with other absorbers in the same sectors; an empty tuple: without absorbers."""
+        every = (
+            absorbers if absorbers == () else _absorber_of_each(absorbers, self.absorber_sectors)
+        )
+        return replace(self, absorbers=every)
 
 
 def ring_of_masses(

@@ -26,10 +26,18 @@ from impact_env.parameters import (
     positive,
     require,
 )
-from impact_env.plain import StructureWarning, from_scene, load_structure, to_beam, to_scene
+from impact_env.plain import (
+    StructureWarning,
+    from_scene,
+    load_structure,
+    to_beam,
+    to_disk,
+    to_scene,
+)
 from impact_env.plain_files import read_plain
 from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene, beam_scene
+from impact_env.structures.cyclic import BladedDisk
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import BadInput, Command, file_option, stack_options
 from optimisation.extremes import usable_mass_ratio
@@ -57,7 +65,11 @@ mass_option = click.option(
 
 
 def read_structure(path: Path) -> Structure:
-    """Return the structure of a file; its warnings are printed, a line each."""
+    """Return the structure of a file; its warnings are printed, a line each. Raises BadInput for a bladed disk."""
+    if "cyclic" in read_plain(path):
+        raise BadInput(
+            f"--structure = {path} is not allowed: a bladed disk is given with its absorbers, as --scene of sweep, compare or design gap"
+        )
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StructureWarning)
         structure = load_structure(path)
@@ -69,6 +81,14 @@ def read_structure(path: Path) -> Structure:
                 warning.message, warning.category, warning.filename, warning.lineno
             )
     return structure
+
+
+def read_disk(path: Path | None) -> BladedDisk | None:
+    """Return the bladed disk of a scene's file, None for no file and for another structure."""
+    if path is None:
+        return None
+    plain = read_plain(path)
+    return to_disk(plain, path.parent) if "cyclic" in plain else None
 
 
 def structure_of(
@@ -256,7 +276,7 @@ def warn_of_nodes(model: ModalModel, *resonances: int, moves_base: bool = False)
     """Print a warning for each resonance whose mode does not move a place in use, at a node of which nothing is excited, absorbed or read."""
     places = {
         "the base's motion": model.base_participation if moves_base else None,
-        "the force's place": None if moves_base else model.one_phase_force_shape,
+        "the force's place": None if moves_base else np.abs(model.force_pattern),
         "the absorber's place": np.max(np.abs(model.places), axis=0),
         "the place of the level": model.level_shape,
     }

@@ -18,7 +18,9 @@ from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbs
 from impact_env.results import MOST_SAMPLES_PER_PERIOD, Record, Response
 from impact_env.scene import Scene
 from impact_env.solvers import check_load, find_solver
+from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import simulate
+from optimisation.answers.disk import sweep_disk
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     FIGURES,
@@ -29,10 +31,11 @@ from optimisation.cli.common import (
     json_option,
     plain_errors,
 )
+from optimisation.disks import find_disk_range, find_excited_resonance, force_of
 from optimisation.duration import announce_duration
 from optimisation.executors import cluster_option, workers
 from optimisation.extremes import sweep_ratio
-from optimisation.files import STANDARD_OUTPUT, replacing, write_json
+from optimisation.files import STANDARD_OUTPUT, replacing, write_files, write_json
 from optimisation.machine import Timed
 from optimisation.measures import SAMPLES, check_size, stress_shape
 from optimisation.progress import Bar
@@ -226,6 +229,10 @@ def run(options: scenes.Options) -> None:
     )
     check_target("--json", options["json"])
     check_target("--plot", options["plot"], FIGURES)
+    disk = scenes.read_disk(options["scene"])
+    if disk is not None:
+        run_disk(options, disk)
+        return
     scene, beam = scenes.make_scene(options)
     method = scenes.make_method(options)
     find_solver(scene, method)
@@ -260,6 +267,58 @@ def run(options: scenes.Options) -> None:
         result = replace(result, sweep_ratio=ratio)
     click.echo(summary(result, options["resonance"]))
     write(result, options, beam)
+
+
+NOT_OF_DISKS = ("energy", "time", "measures", "absolute")
+
+
+def run_disk(options: scenes.Options, disk: BladedDisk) -> None:
+    """Sweep a bladed disk, print the levels of its sectors, and write files."""
+    for name in NOT_OF_DISKS:
+        if scenes.is_option_set(name):
+            raise BadInput(f"{scenes.option_name(name)} does not go with a bladed disk")
+    given = scenes.is_option_set
+    chosen = options["resonance"] if given("resonance") else find_excited_resonance(disk)
+    model = disk.tuned().model
+    resonance = model.check_resonance(chosen)
+    method = scenes.make_method(options)
+    if options["load"] is None:
+        low, high = find_disk_range(disk, resonance)
+        start = options["start"] if given("start") else low
+        stop = options["stop"] if given("stop") else high
+        wanted = options | {"start": start, "stop": stop, "resonance": resonance}
+        schedule = scenes.make_schedule(wanted, Scene(model))
+        force = force_of(disk, options["force"] if given("force") else None)
+        drive: Excitation = Drive(force, schedule, options["phase"])
+    else:
+        drive = scenes.loads_of(options["load"], model, resonance)
+        size = disk.scene()
+        refuse_long("a load", size, drive.schedule, Record().samples_per_period)
+    check_load(disk.scene(), drive, method)
+    total = round(drive.schedule.periods)
+    with (
+        workers(None, options["cluster"]) as executor,
+        Bar(total=total, desc="integrating", bar_format=TIME_BAR, delay=1, leave=False) as bar,
+    ):
+
+        def show(time: float, _end: float) -> None:
+            bar.update(round(time / drive.schedule.pseudo_period) - bar.n)
+            bar.refresh()
+
+        answer = sweep_disk(
+            disk,
+            drive=drive,
+            resonance=resonance,
+            members=count("members", options["members"], 1),
+            seed=options["seed"],
+            steady_start=options["initial_state"] == STEADY,
+            method=method,
+            most_events=options["most_events"],
+            watch=show,
+            executor=executor,
+        )
+    click.echo(str(answer))
+    write_files({options["json"]: answer.to_json(), options["plot"]: answer.save_figure})
 
 
 def make_drive(options: scenes.Options, scene: Scene) -> Excitation:
