@@ -135,7 +135,7 @@ def draw_disk_runs(run: DiskRun, members: int, seed: int = 0) -> list[DiskRun]:
 
     Each other member is another disk, with the mistuning of the next seed, and has a phase and force of its own as in `draw_members`.
     """
-    instance("run", run, DiskRun)
+    run = instance("run", run, DiskRun)
     drives = drives_of(draw_members(count("members", members, 1), seed), run.drive)
     others = [
         DiskRun(run.disk.member(k), drive, run.steady_start, None, run.method, run.most_events)

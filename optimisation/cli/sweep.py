@@ -277,18 +277,18 @@ def run_disk(options: scenes.Options, disk: BladedDisk) -> None:
     for name in NOT_OF_DISKS:
         if scenes.is_option_set(name):
             raise BadInput(f"{scenes.option_name(name)} does not go with a bladed disk")
-    given = scenes.is_option_set
-    chosen = options["resonance"] if given("resonance") else find_excited_resonance(disk)
+    is_set = scenes.is_option_set
+    chosen = options["resonance"] if is_set("resonance") else find_excited_resonance(disk)
     model = disk.tuned().model
     resonance = model.check_resonance(chosen)
     method = scenes.make_method(options)
     if options["load"] is None:
         low, high = find_disk_range(disk, resonance)
-        start = options["start"] if given("start") else low
-        stop = options["stop"] if given("stop") else high
+        start = options["start"] if is_set("start") else low
+        stop = options["stop"] if is_set("stop") else high
         wanted = options | {"start": start, "stop": stop, "resonance": resonance}
         schedule = scenes.make_schedule(wanted, Scene(model))
-        force = force_of(disk, options["force"] if given("force") else None)
+        force = force_of(disk, options["force"] if is_set("force") else None)
         drive: Excitation = Drive(force, schedule, options["phase"])
     else:
         drive = scenes.loads_of(options["load"], model, resonance)
