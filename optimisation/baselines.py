@@ -13,8 +13,8 @@ from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Absorber, ParameterError, TunedAbsorber, friction_damper
 from impact_env.scene import Scene
+from optimisation.absorber_rules import best_friction
 from optimisation.bounds import free_amplitude
-from optimisation.friction_rule import best_friction
 from optimisation.tuned import smallest_amplitude
 
 DAMPER_STEP = float(np.log(2.2))  # of ln friction limit

@@ -34,11 +34,10 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
+from optimisation.absorber_rules import rigid_walls, scaled_friction
 from optimisation.baselines import estimate_damper, find_best_damper
 from optimisation.bounds import design_force, design_gap, reach, resonance_limit
 from optimisation.extremes import stationary_level, usable_force, usable_mass_ratio, usable_rate
-from optimisation.friction_rule import scaled_friction
-from optimisation.gap_check import rigid_walls
 from optimisation.mounting import model_with_absorber_at
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import HIGH, LOW, minimax, smallest_amplitude

@@ -1,4 +1,8 @@
-"""What `design_gap` answers: the gap with the lowest level, the one that is best over a tolerance of the force, and the runs that both rest on."""
+"""Which gap: levels at gaps that were run, the gap with the lowest, and the one that is best over a tolerance of the force.
+
+`search_gap` brackets the best gap (`optimisation.gap_search`) under a load case (`optimisation.load_cases`); `check_gap` runs gaps around the design
+rule's for a swept force.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,18 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.curve import CurveCase, PerformanceCurve
-from impact_env.drive import PAPER_RATE, default_rate
-from impact_env.ensemble import (
-    Executor,
-    Lane,
-    LaneLevels,
-    LaneProgress,
-    draw_members,
-    each_lane,
-    run_lanes,
-)
-from impact_env.methods import Exact
+from impact_env.curve import DEFAULT_MEMBERS, PerformanceCurve, performance_curves
+from impact_env.drive import PAPER_RATE
+from impact_env.ensemble import Executor, Lane, LaneLevels, LaneProgress, draw_members
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     ParameterError,
@@ -31,12 +26,9 @@ from impact_env.parameters import (
     positive,
     require,
 )
-from impact_env.results import Record
-from impact_env.scene import Scene
-from impact_env.sweep import simulate
-from optimisation.bounds import design_gap, free_amplitude, reach
-from optimisation.extremes import usable_force, usable_rate
-from optimisation.gap_check import GapCheck, rigid_walls, scaled_absorber
+from optimisation.absorber_rules import rigid_walls, scaled_absorber
+from optimisation.bounds import free_amplitude, resonance_limit, share_reached
+from optimisation.extremes import LEAST_RATIO, stationary_level, usable_force
 from optimisation.gap_search import (
     CHECK_MEMBERS,
     NARROWEST,
@@ -49,8 +41,18 @@ from optimisation.gap_search import (
     level_between,
     search_gaps,
 )
+from optimisation.load_cases import (
+    NO_READING,
+    AppliedLoads,
+    LoadCase,
+    Reading,
+    RunOptions,
+    SweptForce,
+    find_reading,
+    swept_force,
+)
 from optimisation.statistics import Prediction, predict
-from optimisation.sweep_range import find_reading_ratios, find_sweep_range
+from optimisation.sweep_range import find_reading_ratios
 
 Array = NDArray[np.float64]
 MEMBERS = 3
@@ -66,6 +68,7 @@ LOW_REACH = (
 )
 LOW_REACH_START = 0.4  # of the free amplitude
 USELESS = 0.85  # of the level without absorber: a device that leaves more does not help
+SPAN = 2.5  # gaps reach from the rule's over this to the rule's times this
 
 
 @dataclass(frozen=True)
@@ -120,12 +123,146 @@ class Answer:
 
 
 @dataclass(frozen=True, eq=False)
+class GapCheck:
+    """Levels over the gap under a load case.
+
+    ``absorber``: mass, restitution and friction of the device. ``rule``: the design rule's gap in m, NaN where there is no rule. ``gaps`` (G,) in m,
+    rising. ``curves`` has the runs at each gap, ``without`` those without absorber.
+    """
+
+    case: LoadCase
+    absorber: SlidingAbsorber
+    rule: float
+    gaps: Array
+    curves: tuple[PerformanceCurve, ...]
+    without: PerformanceCurve
+
+    @property
+    def model(self) -> ModalModel:
+        """Structure without absorber."""
+        return self.case.model
+
+    @property
+    def swept(self) -> SweptForce:
+        """The swept force; raises TypeError under other loads."""
+        if not isinstance(self.case, SweptForce):
+            raise TypeError("levels under loads have neither resonance nor limit")
+        return self.case
+
+    @property
+    def force(self) -> float:
+        """Amplitude of the swept force in N."""
+        return self.swept.force
+
+    @property
+    def resonance(self) -> int:
+        """Resonance near which the force is swept, counted from 1."""
+        return self.swept.resonance
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Ends of the sweeps over the resonance."""
+        return self.swept.limits
+
+    @property
+    def rate(self) -> float:
+        """Rate of the sweeps in % of the resonance per 100 pseudo periods."""
+        return self.swept.rate
+
+    @cached_property
+    def reach(self) -> float:
+        """Free amplitude over the rule's gap, `optimisation.bounds.reach`; NaN where there is no rule."""
+        return self.case.reach(self.mass)
+
+    @property
+    def sweep_ratio(self) -> float:
+        """Level of the sweeps without absorber over the stationary one; NaN where nothing is finished. Below `LEAST_RATIO` shares are left out."""
+        return float(self.without.median[0]) / (
+            self.force * stationary_level(self.model, self.resonance, self.limits)
+        )
+
+    @property
+    def mass(self) -> float:
+        """Absorber mass in kg."""
+        return self.absorber.mass_ratio * self.model.beam_mass
+
+    @property
+    def complete(self) -> bool:
+        """Whether all runs were made."""
+        return self.without.complete and all(curve.complete for curve in self.curves)
+
+    @property
+    def level(self) -> Array:
+        """Median level in m at each gap, (G,); NaN where nothing is finished."""
+        return np.array([curve.median[0] for curve in self.curves])
+
+    @property
+    def band(self) -> Array:
+        """5 and 95 % quantiles of the level in m, (2, G)."""
+        return np.array([curve.band[:, 0] for curve in self.curves]).reshape(-1, 2).T
+
+    @property
+    def relative(self) -> Array:
+        """Median level over that without absorber, (G,)."""
+        return np.asarray(self.level / self.without.median[0])
+
+    @cached_property
+    def limit(self) -> Array:
+        """Limit in m of the stationary level over the sweep's range at each gap, (G,)."""
+        return np.array([float(self.limit_at(gap)) for gap in self.gaps])
+
+    def limit_at(self, gap: float) -> float:
+        """Return the limit in m for a gap in m."""
+        return float(
+            resonance_limit(self.model, self.mass, gap, self.force, self.resonance, *self.limits)
+        )
+
+    @property
+    def out_of_reach(self) -> NDArray[np.bool_]:
+        """Gaps whose limit is not below the stationary level without absorber, (G,): the response is near a node of the resonance."""
+        without = self.force * stationary_level(self.model, self.resonance, self.limits)
+        return np.asarray(self.limit >= without)
+
+    @cached_property
+    def share(self) -> Array:
+        """Share of the possible reduction that each gap reached, (G,).
+
+        NaN where nothing is finished or nothing is possible (`out_of_reach`), and all NaN for sweeps too fast to tell.
+        """
+        shares = np.full(len(self.gaps), np.nan)
+        if not self.sweep_ratio >= LEAST_RATIO:
+            return shares
+        for k in np.flatnonzero(~np.isnan(self.level) & ~self.out_of_reach):
+            shares[k] = share_reached(
+                self.model,
+                self.mass,
+                float(self.gaps[k]),
+                self.force,
+                self.level[k],
+                self.resonance,
+                *self.limits,
+            )
+        return shares
+
+    @property
+    def at_rule(self) -> int:
+        """Index of the rule's gap."""
+        return int(np.argmin(np.abs(self.gaps - self.rule)))
+
+    @property
+    def best(self) -> int | None:
+        """Index of the gap with the smallest median level, None if nothing is finished."""
+        return None if np.isnan(self.level).all() else int(np.nanargmin(self.level))
+
+
+@dataclass(frozen=True, eq=False)
 class Advice:
-    """The answers and what they rest on.
+    """The gap with the lowest level (``sharp``) and the recommended one, and what they rest on.
 
     ``check`` has the runs; ``samples`` has their levels by steps from the gap ``reference`` (m). ``sweeps`` counts all runs, one member and one
     direction each. ``tried`` has what was tried of free variables: name, value, the lowest level of a single run there and its gap (m). The answers
-    are None where nothing was finished. ``widest``: step of the widest gap that was allowed.
+    are None where nothing was finished. ``widest``: step of the widest gap that was allowed. ``reading``: where the level of the recommended device
+    was read under loads with a schedule.
     """
 
     check: GapCheck
@@ -141,6 +278,12 @@ class Advice:
     narrowest: int = NARROWEST
     widest: int = WIDEST
     tried: tuple[tuple[str, float, float, float], ...] = ()
+    reading: Reading = NO_READING
+
+    @property
+    def case(self) -> LoadCase:
+        """What acts on the structure."""
+        return self.check.case
 
     @property
     def single_runs(self) -> tuple[tuple[float, float], ...]:
@@ -156,9 +299,8 @@ class Advice:
     def band(self) -> Array:
         """Ends in m of the interval that holds 90 % of fresh runs at each gap of ``check``, (2, G); NaN where no gap ran twice."""
         ends = []
-        for gap, curve in zip(self.check.gaps, self.check.curves, strict=True):
+        for step, curve in zip(sorted(self.samples.levels), self.check.curves, strict=True):
             values = curve.combined[0][~np.isnan(curve.combined[0])]
-            step = math.log(float(gap) / self.reference) / STEP
             prediction = predict(values, self.samples.groups_near(step)) if values.size else None
             ends.append((math.nan, math.nan) if prediction is None else prediction.interval())
         return np.array(ends).reshape(-1, 2).T
@@ -198,69 +340,27 @@ class SearchStopped(Exception):  # noqa: N818 - no error: what is finished is ke
     """A search was interrupted."""
 
 
-def run_with_speeds(
-    lanes: Sequence[Lane],
-    speeds: bool,
-    threads: int | None = None,
-    progress: LaneProgress | None = None,
-    executor: Executor | None = None,
-) -> tuple[LaneLevels, Array | None]:
-    """Run lanes; return their levels and, with ``speeds``, the largest impact speed of each in m/s, (L,). Arguments as in `run_lanes`."""
-    if not speeds:
-        return run_lanes(lanes, threads=threads, progress=progress, executor=executor), None
-    pairs = each_lane(
-        lanes,
-        measure_level_and_speed,
-        Exact(),
-        threads=threads,
-        progress=progress,
-        executor=executor,
-    )
-    rows = np.array([(math.nan,) * 7 if one is None else one for one in pairs]).T
-    level, time, ratio, tip, impacts, stuck, largest = rows
-    complete = not np.isnan(level).any()
-    return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=complete), largest
-
-
-def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
-    """Run a lane; return the numbers of `LaneLevels` and the largest impact speed in m/s."""
-    response = simulate(lane.scene, lane.drive, initial=lane.start, record=Record(events=True))
-    level = response.level
-    impacts = response.impacts
-    assert level is not None
-    assert impacts is not None
-    return (
-        level.value,
-        level.time,
-        level.frequency_ratio,
-        level.max_tip,
-        float(response.impact_count),
-        response.stuck_time,
-        float(np.max(np.abs(impacts.relative_velocity), initial=0.0)),
-    )
+# lanes and the number of runs before -> their levels, and their impact speeds where these are wanted
+RunLanes = Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
 
 
 @dataclass(eq=False)
 class GapRuns:
     """Runs at gaps by steps from the absorber's own gap, kept and continued member by member.
 
-    ``range`` of the sweeps over the resonance; ``friction_goes``: the friction limit is in proportion to the gap; ``run`` returns the levels of
-    lanes, and their impact speeds where these are wanted, for the lanes and the number of sweeps before (see `run_with_speeds`).
+    ``friction_goes``: the friction limit is in proportion to the gap. ``runs``: number of runs so far.
     """
 
-    model: ModalModel
-    force: float
-    resonance: int
+    case: LoadCase
     absorber: SlidingAbsorber
-    range: tuple[float, float]
     seed: int
     friction_goes: bool
-    run: Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
-    sweeps: int = 0
+    run: RunLanes
+    runs: int = 0
 
     def __post_init__(self) -> None:
-        self.curves: dict[tuple[float | None, float], PerformanceCurve] = {}
-        self.speeds: dict[tuple[float | None, float], float] = {}
+        self.curves: dict[float | None, PerformanceCurve] = {}
+        self.speeds: dict[float | None, float] = {}
 
     def device(self, step: float) -> SlidingAbsorber:
         """Return the absorber of a gap; friction goes with it unless it was given."""
@@ -273,90 +373,72 @@ class GapRuns:
             self.absorber, walls=replace(walls, gap=walls.gap * factor), friction=friction
         )
 
-    def curve(self, step: float | None, members: int, rate: float) -> PerformanceCurve:
+    def curve(self, step: float | None, members: int) -> PerformanceCurve:
         """Return the levels of the first members at a gap, None for no absorber; those that were run before are not run again."""
-        known = self.curves.get((step, rate))
+        known = self.curves.get(step)
         have = 0 if known is None else len(known.members)
         if known is not None and have >= members:
             return known
-        scene = Scene(self.model, None if step is None else self.device(step))
         every = draw_members(members, self.seed)
-        case = CurveCase(
-            scene, np.array([self.force]), self.resonance, self.range, rate, steady_start=True
-        )
-        lanes = [
-            Lane(scene, drive, steady_start=True)
-            for m in range(have, members)
-            for schedule in case.schedules()
-            for drive in every[m : m + 1].drives(self.force, schedule)
-        ]
-        levels, speeds = self.run(lanes, self.sweeps)
+        lanes = self.case.lanes(None if step is None else self.device(step), every, have)
+        levels, speeds = self.run(lanes, self.runs)
         if not levels.complete:
             raise SearchStopped
-        self.sweeps += len(lanes)
+        self.runs += len(lanes)
         names = [f.name for f in fields(LaneLevels) if f.name != "complete"]
-        arrays = {name: getattr(levels, name).reshape(1, members - have, 2) for name in names}
+        arrays = {name: getattr(levels, name).reshape(1, members - have, -1) for name in names}
         if known is not None:
             arrays = {
                 name: np.concatenate([getattr(known.lanes, name), arrays[name]], axis=1)
                 for name in names
             }
-        curve = PerformanceCurve(case.forces, every, LaneLevels(**arrays, complete=True))
-        self.curves[step, rate] = curve
+        curve = PerformanceCurve(
+            np.array([self.case.amplitude]), every, LaneLevels(**arrays, complete=True)
+        )
+        self.curves[step] = curve
         if speeds is not None:
-            before = self.speeds.get((step, rate), 0.0)
-            self.speeds[step, rate] = max(before, float(np.max(speeds)))
+            self.speeds[step] = max(self.speeds.get(step, 0.0), float(np.max(speeds)))
         return curve
 
-    def levels(self, step: float, members: int, rate: float) -> Array:
-        """Return the members' levels in m at a gap."""
-        return self.curve(step, members, rate).combined[0, :members]
+    def levels(self, step: float, members: int) -> Array:
+        """Return the members' levels at a gap."""
+        return self.curve(step, members).combined[0, :members]
 
-    def at_rate(self, rate: float) -> dict[float, PerformanceCurve]:
-        """Return the runs with an absorber at a rate, by steps in their order."""
+    def by_step(self) -> dict[float, PerformanceCurve]:
+        """Return the runs with an absorber, by steps in their order."""
         return dict(
-            sorted(
-                (step, curve)
-                for (step, of), curve in self.curves.items()
-                if of == rate and step is not None
-            )
+            sorted((step, curve) for step, curve in self.curves.items() if step is not None)
         )
 
-    def check(self, rule: float, free_over_rule: float, rate: float) -> GapCheck:
-        """Return the runs at a rate; levels without an absorber that were not finished are NaN."""
-        reference = rigid_walls(self.absorber).gap
-        gaps = reference * np.exp(STEP * np.array([*self.at_rate(rate)], dtype=float))
-        none = np.full((1, 1, 2), np.nan)
+    def check(self) -> GapCheck:
+        """Return the runs; levels without an absorber that were not finished are NaN."""
+        walls = rigid_walls(self.absorber)
+        curves = self.by_step()
+        gaps = walls.gap * np.exp(STEP * np.array([*curves], dtype=float))
+        none = np.full((1, 1, 1), np.nan)
         nothing = PerformanceCurve(
-            np.array([self.force]),
+            np.array([self.case.amplitude]),
             draw_members(1, 0),
             LaneLevels(none, none, none, none, none, none, complete=False),
         )
         return GapCheck(
-            self.model,
-            self.resonance,
-            self.force,
+            self.case,
             self.absorber,
-            rule,
+            self.case.rule_gap(self.absorber.mass_ratio * self.case.model.beam_mass),
             gaps,
-            self.range,
-            tuple(self.at_rate(rate).values()),
-            self.curves.get((None, rate), nothing),
-            free_over_rule,
-            rate,
+            tuple(curves.values()),
+            self.curves.get(None, nothing),
         )
 
     def forget_gaps(self) -> None:
         """Forget the runs with an absorber, whose other numbers have changed."""
-        self.curves = {key: curve for key, curve in self.curves.items() if key[0] is None}
-        self.speeds = {key: speed for key, speed in self.speeds.items() if key[0] is None}
+        self.curves = {step: curve for step, curve in self.curves.items() if step is None}
+        self.speeds = {step: speed for step, speed in self.speeds.items() if step is None}
 
 
-def advise(
-    model: ModalModel,
-    force: float,
-    resonance: int = 1,
-    absorber: SlidingAbsorber | None = None,
+def search_gap(
+    case: LoadCase,
+    absorber: SlidingAbsorber,
     *,
     tolerance: float = TOLERANCE,
     free: Sequence[str] = (),
@@ -364,21 +446,55 @@ def advise(
     factors: Sequence[float] = (),
     members: int = MEMBERS,
     seed: int = 0,
-    percent_per_100_periods: float | None = None,
     limits: Limits | None = None,
     threads: int | None = None,
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Advice:
-    """Search the gap of an impact absorber for a ``force`` in N near a resonance by simulation, see `optimisation.gap_search`.
+    """Search the gap of an impact absorber under a load case by simulation, see `optimisation.gap_search`.
 
-    ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its friction limit belongs to the rule's gap and goes with the
-    gap, unless it is ``friction_fixed``. ``tolerance``: share of the force. ``free``: names of `CANDIDATES`. ``factors``: further gaps to run, over
-    the rule's. ``limits`` that the answers keep, if a gap that ran does. Interruption and the other arguments as in
-    `impact_env.curve.performance_curves`. Raises ParameterError for numbers out of range, for an absorber without rigid walls, and where no gap that
-    was simulated leaves less than `USELESS` of the level without absorber.
+    Parameters
+    ----------
+    case : SweptForce or AppliedLoads
+        What acts on which structure.
+    absorber : SlidingAbsorber
+        Mass, restitution and friction; its gap is replaced. Its friction limit is that at the case's `LoadCase.reference_gap`, and in proportion to
+        the gap.
+    tolerance : float
+        Share by which the force, or the loads, may be larger or smaller.
+    free : sequence of str
+        Names of `CANDIDATES`, to search as well; for a swept force.
+    friction_fixed : bool
+        Whether the friction limit is the same at every gap.
+    factors : sequence of float
+        Further gaps to run, over the reference gap.
+    members, seed : int
+        Runs of each gap of an answer, and their seed.
+    limits : Limits, optional
+        Limits that the answers keep, if a gap that ran does; of the impact speed for a swept force.
+    threads, progress, executor
+        As in `impact_env.curve.performance_curves`, interruption too: what is finished is returned.
+
+    Returns
+    -------
+    Advice
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range, for an absorber without rigid walls, and where no gap that was simulated leaves less than `USELESS` of the level
+        without absorber under a swept force.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, modal_model
+    >>> from optimisation.absorber_rules import scaled_absorber
+    >>> model = modal_model(Beam(modes=2))
+    >>> case = swept_force(model, 3.5, rate=40.0)
+    >>> found = search_gap(case, scaled_absorber(model, 3.5), members=1)
+    >>> bool(found.recommended.level < found.check.without.median[0])
+    True
     """
-    force = usable_force("force", force)
     require(
         0 <= tolerance <= MOST_TOLERANCE,
         "force_tolerance",
@@ -387,95 +503,95 @@ def advise(
     )
     limits = Limits() if limits is None else limits
     wanted = [one_of("free", name, tuple(CANDIDATES)) for name in listed("free", free)]
+    if not isinstance(case, SweptForce):
+        require(not wanted, "free", wanted, "left out under loads: the gap alone is searched")
+        speed = limits.impact_speed
+        require(speed is None, "limit of impact_speed", speed, "left out under loads")
     members = count("members", members, 1)
-    own = scaled_absorber(model, force, resonance) if absorber is None else absorber
-    walls = rigid_walls(own)
-    mass = own.mass_ratio * model.beam_mass
-    free_over_rule = reach(model, mass, resonance)
-    sweep_range = find_sweep_range(model, own.mass_ratio, resonance)
-    rule = design_gap(model, mass, force, resonance)
-    rate = usable_rate(
-        "rate",
-        default_rate(model, (resonance,))
-        if percent_per_100_periods is None
-        else percent_per_100_periods,
-        [sweep_range],
-    )
+    walls = rigid_walls(absorber)
+    mass = absorber.mass_ratio * case.model.beam_mass
+    base = case.reference_gap(mass)
     pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
-    expected = 2 * (1 + pairs + (CHECK_MEMBERS if members > 1 else 0))
+    expected = case.runs_a_member * (1 + pairs + (CHECK_MEMBERS if members > 1 else 0))
 
     def run(lanes: Sequence[Lane], before: int) -> tuple[LaneLevels, Array | None]:
-        show = (
-            None
-            if progress is None
-            else lambda done, _all: progress(before + done, max(expected, before + len(lanes)))
+        stopped = False
+
+        def show(done: int, _all: int) -> None:
+            nonlocal stopped
+            if progress is None:
+                return
+            try:
+                progress(before + done, max(expected, before + len(lanes)))
+            except KeyboardInterrupt:
+                stopped = True
+                raise
+
+        measured = case.run(
+            lanes, RunOptions(threads, executor, show), limits.impact_speed is not None
         )
-        return run_with_speeds(lanes, limits.impact_speed is not None, threads, show, executor)
+        if stopped:  # all lanes may have been finished or under way
+            raise SearchStopped
+        return measured
 
     # the stroke limit is a gap that can be run itself
-    reference = rule if limits.stroke is None else limits.stroke
-    rule_step = math.log(rule / reference) / STEP
-    friction = own.friction
+    reference = base if limits.stroke is None else limits.stroke
+    base_step = math.log(base / reference) / STEP
+    friction = absorber.friction
     if friction is not None and not friction_fixed:
-        friction = replace(friction, limit=friction.limit * reference / rule)
-    runs = GapRuns(
-        model,
-        force,
-        resonance,
-        replace(own, walls=replace(walls, gap=reference), friction=friction),
-        sweep_range,
-        seed,
-        not friction_fixed,
-        run,
-    )
-    start = round(math.log(rule / reference * expected_factor(free_over_rule)) / STEP)
+        friction = replace(friction, limit=friction.limit * reference / base)
+    device = replace(absorber, walls=replace(walls, gap=reference), friction=friction)
+    runs = GapRuns(case, device, seed, not friction_fixed, run)
+    known_reach = case.reach(mass)
+    factor = 1.0 if math.isnan(known_reach) else expected_factor(known_reach)
+    start = round(math.log(base / reference * factor) / STEP)
     widest = start + WIDEST if limits.stroke is None else min(start + WIDEST, 0)
     start = min(start, widest)
     narrowest = start + NARROWEST
-    samples = LevelSamples()
+    samples = LevelSamples(power=case.power)
     complete = True
     tried: list[tuple[str, float, float, float]] = []
 
     def levels(step: float, number: int) -> Array:
-        measured = runs.levels(step, number, rate)
+        measured = runs.levels(step, number)
         if limits.impact_speed is not None:
-            samples.excess[step] = math.log(
-                max(runs.speeds[step, rate], 1e-300) / limits.impact_speed
-            )
+            samples.excess[step] = math.log(max(runs.speeds[step], 1e-300) / limits.impact_speed)
         return measured
 
     try:
-        runs.curve(None, 1, rate)
+        runs.curve(None, case.reference_members(members))
         for name in wanted:
-            fast = max(rate, min(PAPER_RATE, FASTER * rate))
-            start = _choose_free(runs, name, start, widest, fast, tried)
+            start = _choose_free(runs, name, start, widest, tried)
         search_gaps(
-            levels, start, tolerance, members, pairs, samples, (narrowest, widest), rule_step
+            levels, start, tolerance, members, pairs, samples, (narrowest, widest), base_step
         )
         for factor in factors:
-            step = rule_step + math.log(factor) / STEP
+            step = base_step + math.log(factor) / STEP
             if step <= widest:
                 samples.levels[step] = levels(step, members)
     except SearchStopped:
         complete = False
-    samples.levels |= {step: curve.combined[0] for step, curve in runs.at_rate(rate).items()}
+    samples.levels |= {step: curve.combined[0] for step, curve in runs.by_step().items()}
     ran = max((len(levels) for levels in samples.levels.values()), default=0)
     sharp = recommended = None
     if ran:
         best = find_best(samples, tolerance, min(members, ran))
-        sharp, recommended = in_order(
-            *(_answer(runs, samples, step, tolerance, rate) for step in best)
-        )
-    check = runs.check(rule, free_over_rule, rate)
-    if complete and sharp is not None:
-        _require_help(sharp, check, free_amplitude(model, mass, force, resonance))
+        sharp, recommended = in_order(*(_answer(runs, samples, step, tolerance) for step in best))
+    check = runs.check()
+    reading = NO_READING
+    if complete and sharp is not None and recommended is not None:
+        if isinstance(case, AppliedLoads):
+            drive = case.lanes(None, draw_members(1, seed))[0].drive
+            reading = find_reading(case.model, recommended.absorber, drive)
+        else:
+            _require_help(sharp, check)
     return Advice(
         check,
         samples,
         reference,
         tolerance,
         members,
-        runs.sweeps,
+        runs.runs,
         sharp,
         recommended,
         complete,
@@ -483,6 +599,7 @@ def advise(
         narrowest,
         widest,
         tuple(tried),
+        reading,
     )
 
 
@@ -493,10 +610,11 @@ def expected_factor(free_over_rule: float) -> float:
     return 1.57 / (1 + 1.14 / free_over_rule)
 
 
-def _require_help(sharp: Answer, check: GapCheck, free: float) -> None:
-    """Raise ParameterError where even the best gap leaves more than `USELESS` of the level without absorber; ``free`` amplitude in m."""
+def _require_help(sharp: Answer, check: GapCheck) -> None:
+    """Raise ParameterError where even the best gap leaves more than `USELESS` of the level without absorber."""
     share = sharp.level / float(check.without.median[0])
     if share > USELESS:
+        free = free_amplitude(check.model, check.mass, check.force, check.resonance)
         raise ParameterError(
             f"no gap helps for {check.force:g} N near resonance {check.resonance}: at best {100 * share:.0f} % of the level without absorber, with "
             f"{1e3 * sharp.gap:.4g} mm to either wall; without it its place moves {1e3 * free:.4g} mm, {check.reach:.3g} of the rule's gap (choose "
@@ -504,16 +622,18 @@ def _require_help(sharp: Answer, check: GapCheck, free: float) -> None:
         )
 
 
-def _answer(
-    runs: GapRuns, samples: LevelSamples, step: float, tolerance: float, rate: float
-) -> Answer:
+def _answer(runs: GapRuns, samples: LevelSamples, step: float, tolerance: float) -> Answer:
     """Return a device that ran, with where its level was read and its impact speed."""
-    (ratio,) = find_reading_ratios(runs.curves[step, rate])
-    answer = answer_at(runs.device(step), samples, step, tolerance)
-    return replace(
-        answer,
-        frequency_ratio=float(ratio),
-        impact_speed=runs.speeds.get((step, rate)),
+    (ratio,) = find_reading_ratios(runs.curves[step])
+    values = samples.levels[step]
+    return Answer(
+        runs.device(step),
+        float(np.median(values)),
+        samples.worst(step, tolerance),
+        len(values),
+        predict(values, samples.groups_near(step)),
+        float(ratio),
+        runs.speeds.get(step),
     )
 
 
@@ -524,25 +644,16 @@ def in_order(sharp: Answer, recommended: Answer) -> tuple[Answer, Answer]:
     return lower, steadier
 
 
-def answer_at(
-    absorber: SlidingAbsorber, samples: LevelSamples, step: float, tolerance: float
-) -> Answer:
-    """Return a device of the samples with its level, or what else is measured."""
-    values = samples.levels[step]
-    level = float(np.median(values))
-    prediction = predict(values, samples.groups_near(step))
-    return Answer(absorber, level, samples.worst(step, tolerance), len(values), prediction)
-
-
 def _choose_free(
     runs: GapRuns,
     name: str,
     start: int,
     widest: int,
-    rate: float,
     tried: list[tuple[str, float, float, float]],
 ) -> int:
-    """Put the value of a free variable with the lowest single run into the runs' absorber, the gap searched for each; return the step of its gap."""
+    """Give the runs' absorber the value of a free variable with the lowest single run, the gap searched for each; return the step of that gap."""
+    case = runs.case
+    assert isinstance(case, SweptForce)
     usual = runs.absorber
     walls = rigid_walls(usual)
     friction = usual.friction
@@ -551,32 +662,94 @@ def _choose_free(
         if name == "restitution"
         else (1.0, *CANDIDATES[name])
     )
+    fast_rate = max(case.rate, min(PAPER_RATE, FASTER * case.rate))
+    fast = replace(runs, case=replace(case, rate=fast_rate))
     best: tuple[float, int, SlidingAbsorber] | None = None
     for value in values:
         if name == "restitution":
-            runs.absorber = replace(usual, walls=replace(walls, restitution=value))
+            fast.absorber = replace(usual, walls=replace(walls, restitution=value))
         else:
-            runs.absorber = replace(
+            fast.absorber = replace(
                 usual, friction=None if friction is None else friction_law(value * friction.limit)
             )
-        runs.forget_gaps()
-        logs = bracket(
-            lambda n: math.log(float(runs.levels(n, 1, rate)[0])),
-            start,
-            (start + NARROWEST, widest),
-            wide_runs=False,
-        )
+        fast.forget_gaps()
+        try:
+            logs = bracket(
+                lambda n: math.log(float(fast.levels(n, 1)[0])),
+                start,
+                (start + NARROWEST, widest),
+                wide_runs=False,
+            )
+        finally:
+            runs.runs = fast.runs
         step = min(logs, key=lambda n: logs[n])
         level = math.exp(logs[step])
-        device = runs.device(step)
+        device = fast.device(step)
         number = value
         if name == "friction_limit":
             number = 0.0 if device.friction is None else device.friction.limit
         tried.append((name, number, level, rigid_walls(device).gap))
         if best is None or level < best[0]:
-            best = (level, step, runs.absorber)
+            best = (level, step, fast.absorber)
         start = step
     assert best is not None
     runs.absorber = best[2]
-    runs.forget_gaps()
     return best[1]
+
+
+FACTORS = "an odd number, 3 or more (the rule's gap is the middle one)"
+MOST_GAPS = 1001  # a curve is simulated for each
+
+
+def gap_factors(number: int) -> Array:
+    """Return an odd number of factors of the rule's gap, geometric, 1 in the middle."""
+    number = count("gaps", number, 3, MOST_GAPS, FACTORS)
+    require(number % 2 == 1, "gaps", number, FACTORS)
+    half = np.geomspace(1, SPAN, number // 2 + 1)
+    return np.concatenate([1 / half[:0:-1], half])
+
+
+def check_gap(
+    model: ModalModel,
+    force: float,
+    resonance: int = 1,
+    absorber: SlidingAbsorber | None = None,
+    *,
+    factors: Sequence[float] | Array | None = None,
+    members: int = DEFAULT_MEMBERS,
+    seed: int = 0,
+    percent_per_100_periods: float | None = None,
+    threads: int | None = None,
+    progress: LaneProgress | None = None,
+    executor: Executor | None = None,
+) -> GapCheck:
+    """Simulate sweeps up and down at one force (N) for gaps around the rule's.
+
+    ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its gap is replaced. ``factors`` of the rule's gap must
+    contain 1. ``percent_per_100_periods``: None is `default_rate`. Interruption and the other arguments as in `performance_curves`.
+    Raises ParameterError for numbers out of range, and for an absorber without rigid walls.
+    """
+    force = usable_force("force", force)
+    absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber
+    walls = rigid_walls(absorber)
+    case = swept_force(model, force, resonance, absorber.mass_ratio, percent_per_100_periods)
+    rule = case.rule_gap(absorber.mass_ratio * model.beam_mass)
+    multiples = np.sort(
+        np.asarray(gap_factors(11) if factors is None else factors, dtype=np.float64)
+    )
+    require(
+        bool(np.all(multiples > 0)) and 1.0 in multiples,
+        "factors",
+        factors,
+        "numbers above 0, one of them 1",
+    )
+    devices = [replace(absorber, walls=replace(walls, gap=float(rule * k))) for k in multiples]
+    without, *curves = performance_curves(
+        [case.curve_case(device) for device in [None, *devices]],
+        members,
+        seed,
+        threads=threads,
+        progress=progress,
+        executor=executor,
+    )
+    return GapCheck(case, absorber, rule, rule * multiples, tuple(curves), without)

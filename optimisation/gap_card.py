@@ -11,7 +11,6 @@ from impact_env.drive import Drive
 from impact_env.ensemble import Executor, Lane, draw_members, each_lane, run_lanes
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
-    Absorber,
     ParameterError,
     instance,
     non_negative,
@@ -20,11 +19,9 @@ from impact_env.parameters import (
     text,
 )
 from impact_env.results import Record, Response, require_recorded
-from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.baselines import Baselines, simulate_baselines
 from optimisation.gap_advice import Advice, Answer
-from optimisation.gap_check import GapCheck
 from optimisation.mounting import with_more_modes
 from optimisation.uncertain import Distribution, drawn, shares
 
@@ -69,7 +66,7 @@ class ServiceLoads:
 def service_loads(advice: Advice, answer: Answer, executor: Executor) -> ServiceLoads:
     """Run a device once up and once down with its impacts recorded, and other absorbers; raises KeyboardInterrupt if that is stopped."""
     check = advice.check
-    impacts = impact_loads(case_of(check, answer.absorber), executor)
+    impacts = impact_loads(check.swept.curve_case(answer.absorber), executor)
     forces = check.force * FACTORS
     without = float(check.without.median[0]) / check.force
     levels = np.array([advice.at_force(answer, float(factor)) for factor in FACTORS])
@@ -86,20 +83,6 @@ def service_loads(advice: Advice, answer: Answer, executor: Executor) -> Service
         executor,
     )
     return ServiceLoads(answer, forces, levels, impacts, works, helps, baselines)
-
-
-def case_of(
-    check: GapCheck, absorber: Absorber | None, model: ModalModel | None = None
-) -> CurveCase:
-    """Return the sweeps of a check with another absorber, or on another model too."""
-    return CurveCase(
-        Scene(check.model if model is None else model, absorber),
-        np.array([check.force]),
-        check.resonance,
-        check.limits,
-        check.rate,
-        steady_start=True,
-    )
 
 
 def impact_loads(case: CurveCase, executor: Executor) -> ImpactLoads:
@@ -126,7 +109,7 @@ def change_with_modes(
     check = advice.check
     if beam is None:
         return ""
-    case = case_of(check, answer.absorber, modal_model(beam))
+    case = check.swept.curve_case(answer.absorber, modal_model(beam))
     (curve,) = performance_curves([case], advice.members, seed, executor=executor)
     return f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, {curve.median[0] / answer.level:.2f} times as high"
 
@@ -136,7 +119,7 @@ def uncertain_levels(
 ) -> tuple[float, float, float]:
     """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
     check = advice.check
-    case = case_of(check, answer.absorber)
+    case = check.swept.curve_case(answer.absorber)
     ensemble = draw_members(DRAWS + 1, UNSEEN)[1:]
     pairs = zip(
         *(ensemble.drives(check.force, schedule) for schedule in case.schedules()), strict=True

@@ -1,4 +1,4 @@
-"""Absorbers under loads: each concept at its own best for the loads as they are, then over their intensity; and the gap with the least measure.
+"""Absorbers under loads: each concept at its own best for the loads as they are, then over their intensity.
 
 The tuned absorber's spring and damper, the friction damper's limit and the impact absorber's gap make smallest what is left of the measure
 (`measures`), in the mean over the members; the tuned one by a simplex search, the others on a grid and between its points. Under several
@@ -7,7 +7,6 @@ loads alone the tuned absorber is that of the least mean square that is expected
 ratios are paired.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,53 +16,31 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, Excitation, Member
+from impact_env.drive import Excitation, Member
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, drives_of, each_lane
 from impact_env.frequency import receptance
 from impact_env.loads import BASE_QUANTITY, Loads, Random
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
     Absorber,
-    SlidingAbsorber,
     TunedAbsorber,
     count,
     friction_damper,
     impact_absorber,
     positive,
-    require,
 )
-from impact_env.results import require_recorded
 from impact_env.scene import Scene
 from impact_env.solvers import check_load
-from impact_env.sweep import simulate
-from optimisation.bounds import design_gap, reach
-from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import (
-    MEMBERS,
-    MOST_TOLERANCE,
-    TOLERANCE,
-    Answer,
-    answer_at,
-    expected_factor,
-    in_order,
-)
-from optimisation.gap_check import RESTITUTION
-from optimisation.gap_search import CHECK_MEMBERS, PAIRS, STEP, LevelSamples, find_best, search_gaps
+from optimisation.absorber_rules import RESTITUTION
+from optimisation.load_cases import Reading, find_reading
 from optimisation.measures import (
-    DECAY,
-    LEVEL,
-    START,
     check_size,
     free_size,
     measure_of,
     measured,
-    record_of,
 )
 from optimisation.signals import band_levels, edges_of
-from optimisation.statistics import predict
-from optimisation.sweep_range import is_at_end
 from optimisation.tuned import minimax
 
 Array = NDArray[np.float64]
@@ -77,14 +54,6 @@ RECORDS = 4  # of a tuning alone
 # of the simplex search, in logarithms of stiffness and damping
 CLOSE = 1e-3
 MOST_TRIALS = 120
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Where a level under loads with a schedule was read: a frequency in ``hertz``, NaN for other measures; whether at an end of the schedule."""
-
-    hertz: float
-    at_end: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,22 +76,6 @@ class LoadComparison:
     def ratio(self, concept: str) -> Array:
         """Return a concept's measure over that without absorber, (F, M, B), member by member."""
         return np.asarray(self.values[concept] / self.values["none"])
-
-
-def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation) -> Reading:
-    """Return where an absorber's level is read under loads with one schedule, from one run; NaN for other measures, and where there are bands."""
-    if not isinstance(loads, Loads) or measure_of(loads) != LEVEL:
-        return Reading(math.nan, False)
-    if len(edges_of(model, loads)) > 2:
-        return Reading(math.nan, False)
-    lane = Lane(Scene(model, absorber), loads, steady_start=True)
-    response = simulate(lane.scene, lane.drive, initial=lane.start, record=record_of(loads))
-    ratio = require_recorded("level", response.level).frequency_ratio
-    schedule = loads.schedule
-    ends = np.array([schedule.omegas.min(), schedule.omegas.max()]) / schedule.reference
-    rate = 1e4 * float(np.ptp(schedule.omegas)) / schedule.reference / schedule.periods
-    at_end = ends[0] < ends[1] and is_at_end(ratio, (float(ends[0]), float(ends[1])), rate)
-    return Reading(ratio * schedule.reference / (2 * np.pi), bool(at_end))
 
 
 def _in_bands(lane: Lane) -> tuple[float, ...]:
@@ -342,149 +295,4 @@ def compare_loads(
         values,
         size,
         readings,
-    )
-
-
-# What `design_gap --load` answers: the gap with the least measure under loads, and the one that is best over a tolerance of their intensity.
-#
-# The search is that of `optimisation.gap_search`, on the measure that belongs to the loads (`optimisation.measures`). It begins at the design
-# rule's gap where the loads are one swept force, else, where there is no rule, at `START` times the free motion's RMS at the absorber, see
-# `measures.free_size`.
-
-
-@dataclass(frozen=True, eq=False)
-class LoadAdvice:
-    """The answers under ``loads``, whose measure they are told by, and what they rest on.
-
-    ``start``: the gap (m) from which ``samples`` counts; ``rule``: the design rule's gap (m), None where there is no rule; ``without`` (M,): the
-    measure without absorber, member by member; ``mass`` in kg. ``reading``: where the level of the recommended device was read.
-    """
-
-    loads: Loads
-    measure: str
-    mass: float
-    samples: LevelSamples
-    start: float
-    rule: float | None
-    free_rms: float
-    tolerance: float
-    without: Array
-    sharp: Answer
-    recommended: Answer
-    reading: Reading
-
-    @property
-    def gaps(self) -> Array:
-        """Gaps that were run, in m, rising."""
-        return np.asarray(self.start * np.exp(STEP * np.array(sorted(self.samples.levels))))
-
-    @property
-    def band(self) -> Array:
-        """Ends of the interval that holds 90 % of fresh runs at each of the gaps, (2, G); NaN where no gap ran twice."""
-        ends = []
-        for step in sorted(self.samples.levels):
-            prediction = predict(self.samples.levels[step], self.samples.groups_near(step))
-            ends.append((math.nan, math.nan) if prediction is None else prediction.interval())
-        return np.array(ends).reshape(-1, 2).T
-
-    @property
-    def size_of(self) -> str:
-        """What ``free_rms`` is, in words."""
-        return "largest displacement over the root of two" if self.measure == DECAY else "RMS"
-
-    @property
-    def runs(self) -> list[Array]:
-        """The members' measures at each of the gaps."""
-        return [self.samples.levels[step] for step in sorted(self.samples.levels)]
-
-
-def rule_gap(model: ModalModel, mass: float, loads: Loads, resonance: int) -> float | None:
-    """Return the design rule's gap in m for loads that are one swept force, None for others; ``mass`` in kg."""
-    part = loads.parts[0]
-    if len(loads.parts) > 1 or not isinstance(part, Drive):
-        return None
-    return design_gap(model, mass, part.amplitude, resonance)
-
-
-def advise_for_loads(
-    model: ModalModel,
-    loads: Loads,
-    resonance: int = 1,
-    *,
-    factor: float = 1.0,
-    mass_ratio: float = DEFAULT_MASS_RATIO,
-    restitution: float = RESTITUTION,
-    friction_limit: float | None = None,
-    tolerance: float = TOLERANCE,
-    members: int = MEMBERS,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: LaneProgress | None = None,
-    executor: Executor | None = None,
-) -> LoadAdvice:
-    """Search the gap of an impact absorber under ``factor`` times the loads.
-
-    ``friction_limit`` in N at any gap; None: the paper's by the scaling law, in proportion to the gap. ``tolerance``: share of the intensity.
-    ``progress`` is told finished runs and about how many there will be. An ``executor`` makes them elsewhere.
-    Raises ParameterError for what is out of range and for loads that a structure cannot have, and where nothing moves at the absorber.
-    """
-    require(
-        0 <= tolerance <= MOST_TOLERANCE,
-        "force_tolerance",
-        tolerance,
-        f"from 0 to {MOST_TOLERANCE:g}, a share of the force",
-    )
-    loads = loads.member(Member(factor=positive("force, a factor on the loads", factor)))
-    none = Scene(model, None)
-    check_load(none, loads, Exact())
-    every = draw_members(max(count("members", members, 1), CHECK_MEMBERS), seed)
-    all_drives = drives_of(every, loads)
-    drives = all_drives[:members]
-    mass = positive("mass_ratio", mass_ratio) * model.beam_mass
-    rms = free_size(Lane(none, drives[0], steady_start=True))
-    require(rms > 0, "load", 0.0, "one that moves the absorber's place")
-    rule = rule_gap(model, mass, loads, resonance)
-    start = START * rms if rule is None else rule
-
-    def device(step: float) -> SlidingAbsorber:
-        gap = start * float(np.exp(STEP * step))
-        return impact_absorber(
-            gap,
-            restitution,
-            scaled_friction(model, mass, gap) if friction_limit is None else friction_limit,
-            mass_ratio,
-        )
-
-    samples = LevelSamples(power=0.0 if measure_of(loads) == DECAY else 1.0)
-    pairs = PAIRS if members <= MEMBERS else 10 + 5 * members
-
-    def run_gap(step: float, number: int) -> Array:
-        if progress is not None:
-            progress(sum(map(len, samples.levels.values())), pairs)
-        known = samples.levels.get(step, np.empty(0))
-        more = all_drives[len(known) : number]
-        return np.append(known, runs_of(model, [device(step)], more, threads, executor=executor))
-
-    first = 0
-    if rule is not None:
-        first = round(math.log(expected_factor(reach(model, mass, resonance))) / STEP)
-    search_gaps(run_gap, first, tolerance, members, pairs, samples, also=0 if first else None)
-    best = find_best(samples, tolerance, members)
-    sharp, recommended = in_order(
-        *(answer_at(device(step), samples, step, tolerance) for step in best)
-    )
-    without = runs_of(model, [None], drives, threads, executor=executor)[0]
-    return LoadAdvice(
-        loads,
-        measure_of(loads),
-        mass,
-        samples,
-        start,
-        rule,
-        rms,
-        tolerance,
-        without,
-        sharp,
-        recommended,
-        find_reading(model, recommended.absorber, drives[0]),
     )

@@ -34,9 +34,9 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
+from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_friction
 from optimisation.bounds import design_gap, gap_unit, reach, resonance_limit
 from optimisation.extremes import usable_gap, usable_mass_ratio, usable_rate
-from optimisation.friction_rule import scaled_friction
 from optimisation.gap_advice import (
     MEMBERS,
     MOST_TOLERANCE,
@@ -44,11 +44,10 @@ from optimisation.gap_advice import (
     USELESS,
     GapRuns,
     Limits,
+    RunLanes,
     SearchStopped,
-    run_with_speeds,
 )
 from optimisation.gap_card import YieldLimit
-from optimisation.gap_check import RESTITUTION, rigid_walls
 from optimisation.gap_search import (
     CHECK_PAIRS,
     NARROWEST,
@@ -60,6 +59,7 @@ from optimisation.gap_search import (
     level_between,
     search_gaps,
 )
+from optimisation.load_cases import RunOptions, SweptForce, run_swept
 from optimisation.place_map import (
     PlaceMap,
     Places,
@@ -69,7 +69,7 @@ from optimisation.place_map import (
     shortlist,
 )
 from optimisation.statistics import Prediction, predict
-from optimisation.sweep_range import find_common_range
+from optimisation.sweep_range import find_common_range, find_reading_ratios
 from optimisation.tolerances import SURE as SURE
 
 Array = NDArray[np.float64]
@@ -317,14 +317,12 @@ class PlaceStudy:
 
     def case(self, model: ModalModel, absorber: Absorber | None, resonance: int) -> CurveCase:
         """Return the sweeps with an absorber near a resonance."""
-        return CurveCase(
-            Scene(model, absorber),
-            np.array([self.forces[resonance]]),
-            resonance,
-            self.ranges[resonance],
-            self.rates[resonance],
-            steady_start=True,
-        )
+        return self.load_case(model, resonance).curve_case(absorber)
+
+    def load_case(self, model: ModalModel, resonance: int) -> SweptForce:
+        """Return the force that is swept near a resonance, on a model."""
+        force = self.forces[resonance]
+        return SweptForce(model, force, resonance, self.ranges[resonance], self.rates[resonance])
 
     def absorber(self, model: ModalModel, mass_ratio: float, gap: float) -> SlidingAbsorber:
         """Return the absorber with a gap in m."""
@@ -334,7 +332,7 @@ class PlaceStudy:
         return impact_absorber(gap, self.restitution, limit, mass_ratio)
 
     def _friction_over_gap(self, model: ModalModel, mass_ratio: float) -> float:
-        """Return the friction limit over the gap in N/m, as `optimisation.gap_check.scaled_absorber` has it for the widest rule's gap."""
+        """Return the friction limit over the gap in N/m, as `optimisation.absorber_rules.scaled_absorber` has it for the widest rule's gap."""
         mass = mass_ratio * model.beam_mass
         rules = {r: design_gap(model, mass, force, r) for r, force in self.forces.items()}
         widest = max(rules, key=lambda r: rules[r])
@@ -351,9 +349,6 @@ def expected_gap(model: ModalModel, mass_ratio: float, forces: Mapping[int, floa
     return float(gap[0])
 
 
-Run = Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
-
-
 @dataclass(eq=False)
 class JointRuns:
     """Runs of one place and mass at gaps, near all resonances; ``parts`` by resonance, with one reference gap."""
@@ -365,19 +360,16 @@ class JointRuns:
     @property
     def sweeps(self) -> int:
         """Number of runs."""
-        return sum(part.sweeps for part in self.parts.values())
+        return sum(part.runs for part in self.parts.values())
 
     def shares(self, step: float, number: int) -> Array:
         """Return the members' largest levels over those without absorber at a gap, (M,)."""
         study = self.study
-        relative = [
-            part.levels(step, number, study.rates[r]) / study.without[r]
-            for r, part in self.parts.items()
-        ]
+        relative = [part.levels(step, number) / study.without[r] for r, part in self.parts.items()]
         if study.limits_speed:
-            speed = max(part.speeds[step, study.rates[r]] for r, part in self.parts.items())
+            speed = max(part.speeds[step] for part in self.parts.values())
             first = next(iter(self.parts.values()))
-            most = study.speed_limit(first.model, first.absorber.mass_ratio)
+            most = study.speed_limit(first.case.model, first.absorber.mass_ratio)
             self.samples.excess[step] = math.log(max(speed, 1e-300) / most)
         return np.asarray(np.max(relative, axis=0))
 
@@ -386,7 +378,7 @@ def search_place(
     study: PlaceStudy,
     model: ModalModel,
     mass_ratio: float,
-    run: Run,
+    run: RunLanes,
     pairs: int = PAIRS,
 ) -> tuple[JointRuns, float]:
     """Search the gap of an absorber at a model's place near all resonances; return the runs and the step of the best gap over the tolerance.
@@ -402,16 +394,9 @@ def search_place(
         study,
         {
             r: GapRuns(
-                model,
-                force,
-                r,
-                absorber,
-                study.ranges[r],
-                study.seed,
-                study.friction_limit is None,
-                run,
+                study.load_case(model, r), absorber, study.seed, study.friction_limit is None, run
             )
-            for r, force in study.forces.items()
+            for r in study.forces
         },
     )
     start = round(math.log(expected_gap(model, mass_ratio, study.forces) / reference) / STEP)
@@ -434,42 +419,41 @@ def describe_device(
     shares = samples.levels[step]
     parts = []
     for resonance, runs in joint.parts.items():
-        rate = study.rates[resonance]
+        case = runs.case
+        assert isinstance(case, SweptForce)
         own = LevelSamples(
-            {n: curve.combined[0] for n, curve in runs.at_rate(rate).items()}, samples.power
+            {n: curve.combined[0] for n, curve in runs.by_step().items()}, samples.power
         )
         values = own.levels[step]
-        lanes = runs.curves[step, rate].lanes
-        larger = np.argmax(lanes.level[0], axis=1)
-        ratios = np.take_along_axis(lanes.frequency_ratio[0], larger[:, None], axis=1)
+        (ratio,) = find_reading_ratios(runs.curves[step])
         level = float(np.median(values))
         device = runs.device(step)
         limit = resonance_limit(
-            runs.model,
-            device.mass_ratio * runs.model.beam_mass,
+            case.model,
+            device.mass_ratio * case.model.beam_mass,
             rigid_walls(device).gap,
-            runs.force,
+            case.force,
             resonance,
-            *runs.range,
-            at=runs.model.level_shape,
+            *case.limits,
+            at=case.model.level_shape,
         )
         parts.append(
             ResonanceLevel(
                 resonance,
-                runs.force,
+                case.force,
                 level,
                 float(np.fmax(level, own.worst(step, study.tolerance))),
                 study.without[resonance],
                 predict(values, own.groups_near(step)),
-                float(np.median(ratios)),
-                runs.range,
-                rate,
+                float(ratio),
+                case.limits,
+                case.rate,
                 float(limit),
             )
         )
     share = float(np.median(shares))
     first = next(iter(joint.parts.values()))
-    speeds = [part.speeds.get((step, study.rates[r])) for r, part in joint.parts.items()]
+    speeds = [part.speeds.get(step) for part in joint.parts.values()]
     known = [speed for speed in speeds if speed is not None]
     return PlacedDevice(
         place,
@@ -483,7 +467,7 @@ def describe_device(
         len(shares),
         _flat_range(samples, step, share, rigid_walls(first.absorber).gap),
         joint.sweeps,
-        {r: part.curves[step, study.rates[r]] for r, part in joint.parts.items()},
+        {r: part.curves[step] for r, part in joint.parts.items()},
         max(known) if known else None,
     )
 
@@ -720,13 +704,10 @@ class _PlaceSearch:
             self.progress(done, max(done, self.total))
 
     def _run_lanes(self, lanes: Sequence[Lane], _before: int) -> tuple[LaneLevels, Array | None]:
-        pairs = run_with_speeds(
-            lanes,
-            self.study.limits_speed,
-            self.threads,
-            lambda done, _all: self._show(self.done + done),
-            self.executor,
+        options = RunOptions(
+            self.threads, self.executor, lambda done, _all: self._show(self.done + done)
         )
+        pairs = run_swept(lanes, options, self.study.limits_speed)
         self.done += len(lanes)
         return pairs
 

@@ -32,8 +32,8 @@ from impact_env.parameters import (
     require,
     text,
 )
+from optimisation.absorber_rules import PAPER_FRICTION, scaled_friction
 from optimisation.bounds import free_amplitude, gap_unit
-from optimisation.friction_rule import PAPER_FRICTION, scaled_friction
 from optimisation.mounting import model_with_absorber_at
 
 IMPACT = "impact"

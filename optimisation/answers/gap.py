@@ -1,4 +1,7 @@
-"""Which gap: the search, and what is known of the recommended device: service loads, uncertainty, tolerances, levels over the frequency."""
+"""Which gap: the search, and what is known of the recommended device: service loads, uncertainty, tolerances, levels over the frequency.
+
+Under loads other than a swept force the answer is the search alone.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from impact_env.curve import PerformanceCurve
 from impact_env.ensemble import Executor, LaneProgress, Threads
+from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Beam, SlidingAbsorber, positive, require
-from optimisation import gap_advice
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Beam,
+    SlidingAbsorber,
+    instance,
+    positive,
+    require,
+)
+from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_absorber
 from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
 from optimisation.extremes import usable_force
 from optimisation.frequency_levels import (
@@ -26,17 +37,15 @@ from optimisation.frequency_levels import (
     record_worst_run,
     resonance_curves,
 )
-from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, Limits
+from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, Limits, search_gap
 from optimisation.gap_card import (
     ServiceLoads,
-    case_of,
     change_with_modes,
     material,
     service_loads,
     uncertain_levels,
 )
-from optimisation.gap_check import scaled_absorber
-from optimisation.load_comparison import LoadAdvice
+from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.mounting import model_with_absorber_at
 from optimisation.report import gap_report, load_gap_report
 from optimisation.report.card import Card, Row
@@ -203,8 +212,15 @@ class GapAnswer(CompleteAnswer):
         more = () if self.precision is None else self.precision.groups
         return replace(card, groups=(*card.groups, *more))
 
+    @property
+    def under_loads(self) -> bool:
+        """Whether other loads than a swept force act."""
+        return isinstance(self.advice.case, AppliedLoads)
+
     def __str__(self) -> str:
         """Return what `design_gap` prints."""
+        if self.under_loads:
+            return load_gap_report.text(self.advice)
         lines = gap_report.answer(self.advice)
         lines += gap_report.probability(self.advice, self.questions.limit_level)
         if self.service is not None:
@@ -220,17 +236,27 @@ class GapAnswer(CompleteAnswer):
 
     def to_json(self) -> Json:
         """Return the content of summary.json: plain data in SI units."""
+        if self.under_loads:
+            return load_gap_report.summary(self.advice)
         content = gap_report.summary(self.advice)
         if self.uncertainty is not None:
             content = content | {"uncertain": self.uncertainty.plain()}
         return content if self.precision is None else content | self.precision.to_json()
 
     def plot(self) -> Figure:
-        """Return the figure of level and limit over the gap."""
+        """Return the figure of level and limit over the gap, or of the loads' measure."""
+        if self.under_loads:
+            return load_gap_report.draw_measures(self.advice)
         return gap_report.draw_levels(self.advice)
 
     def files(self, folder: Path) -> dict[Path | None, object]:
         """Return tables, figures and JSON by their paths."""
+        if self.under_loads:
+            return {
+                folder / "runs.csv": (load_gap_report.COLUMNS, load_gap_report.rows(self.advice)),
+                folder / "summary.json": self.to_json(),
+                folder / "levels.png": partial(load_gap_report.save_figure, advice=self.advice),
+            }
         contents: dict[Path | None, object] = {
             folder / "levels.csv": (gap_report.COLUMNS, gap_report.rows(self.advice)),
             folder / "summary.json": self.to_json(),
@@ -243,39 +269,12 @@ class GapAnswer(CompleteAnswer):
         return contents | frequency_files(folder, self._curves)
 
     def worst_run(self) -> WorstRun | None:
-        """Return the recorded run of the recommended device with the highest level; None where the search did not end."""
+        """Return the recorded run of the recommended device with the highest level; None where the search did not end, and under loads."""
         best = self.advice.recommended
-        if best is None or not self.advice.complete:
+        if best is None or not self.advice.complete or self.under_loads:
             return None
-        case = case_of(self.advice.check, best.absorber)
+        case = self.advice.check.swept.curve_case(best.absorber)
         return record_worst_run(case, curve_of(self.advice, best))
-
-
-@dataclass(frozen=True, eq=False)
-class LoadGapAnswer(CompleteAnswer):
-    """The gap of an impact absorber under loads."""
-
-    advice: LoadAdvice
-
-    def __str__(self) -> str:
-        """Return what `design_gap --load` prints."""
-        return load_gap_report.text(self.advice)
-
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
-        return load_gap_report.summary(self.advice)
-
-    def plot(self) -> Figure:
-        """Return the figure of the loads' measure over the gap."""
-        return load_gap_report.draw_measures(self.advice)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return table, figure and JSON by their paths."""
-        return {
-            folder / "runs.csv": (load_gap_report.COLUMNS, load_gap_report.rows(self.advice)),
-            folder / "summary.json": self.to_json(),
-            folder / "levels.png": partial(load_gap_report.save_figure, advice=self.advice),
-        }
 
 
 def curve_of(advice: Advice, answer: Answer) -> PerformanceCurve:
@@ -288,8 +287,8 @@ def frequency_levels_of(advice: Advice, answer: Answer, executor: Executor) -> R
     curve = curve_of(advice, answer)
     member, _ = find_worst_run(curve)
     cases = {
-        RECOMMENDED: (case_of(advice.check, answer.absorber), member),
-        NO_ABSORBER: (case_of(advice.check, None), 0),
+        RECOMMENDED: (advice.check.swept.curve_case(answer.absorber), member),
+        NO_ABSORBER: (advice.check.swept.curve_case(None), 0),
     }
     return resonance_curves(cases, curve.members, executor)
 
@@ -304,7 +303,7 @@ def find_precision(
     """Return tolerances and Sobol shares of the recommended device, as far as they are asked for."""
     best = advice.recommended
     assert best is not None
-    case = case_of(advice.check, best.absorber)
+    case = advice.check.swept.curve_case(best.absorber)
     precision = DevicePrecision(best.absorber)
     if questions.tolerance_draws is not None:
         assert questions.limit_level is not None
@@ -342,7 +341,7 @@ def complete_gap_answer(
     """
     answer = GapAnswer(advice, structure, questions)
     best = advice.recommended
-    if best is None or not advice.complete:
+    if best is None or not advice.complete or answer.under_loads:
         return answer
     every = questions.uncertain
     if every:
@@ -399,10 +398,11 @@ def model_for_gap(structure: Structure) -> ModalModel:
 
 def advise(
     structure: Structure,
-    force: float,
+    force: float | None = None,
     resonance: int = 1,
     absorber: SlidingAbsorber | None = None,
     *,
+    loads: Loads | None = None,
     tolerance: float = TOLERANCE,
     free: Sequence[str] = (),
     friction_fixed: bool = False,
@@ -420,18 +420,22 @@ def advise(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> GapAnswer:
-    """Choose the gap of an impact absorber for a force near a resonance, as the command `design_gap` does.
+    """Choose the gap of an impact absorber for a force near a resonance, or for loads, as the command `design_gap` does.
 
     Parameters
     ----------
     structure : Beam or ModalModel
         What the absorber is on.
-    force : float
-        Amplitude of the harmonic force in N.
+    force : float, optional
+        Amplitude of the harmonic force in N; with ``loads`` a factor on them, by default 1.
     resonance : int
         Resonance near which the force acts, from 1.
     absorber : SlidingAbsorber, optional
-        Mass, restitution and friction; its gap is replaced. Default: `optimisation.gap_check.scaled_absorber`.
+        Mass, restitution and friction; its gap is replaced. Default: `optimisation.absorber_rules.scaled_absorber`, or under loads
+        `optimisation.load_cases.AppliedLoads.absorber`.
+    loads : Loads, optional
+        Loads in the place of a swept force; their measure is made small (`optimisation.measures.measure_of`). Only ``tolerance``,
+        ``friction_fixed``, ``factors``, ``members``, ``seed``, a limit of the stroke, ``progress`` and ``executor`` go with them.
     tolerance : float
         Share by which the force may be larger or smaller.
     free : sequence of str
@@ -457,7 +461,7 @@ def advise(
     card : bool
         Whether the device runs in service.
     progress : callable, optional
-        Takes the number of finished and of all sweeps of the search.
+        Takes the number of finished and of all runs of the search.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
 
@@ -469,7 +473,7 @@ def advise(
     Raises
     ------
     ParameterError
-        For numbers out of range, and where no gap helps.
+        For numbers out of range, for what does not go with loads, and where no gap helps.
 
     Examples
     --------
@@ -479,8 +483,36 @@ def advise(
     """
     model = model_for_gap(structure)
     executor = Threads() if executor is None else executor
-    force = usable_force("force", force)
+    search: dict[str, Any] = {
+        "tolerance": tolerance,
+        "free": free,
+        "friction_fixed": friction_fixed,
+        "factors": factors,
+        "members": members,
+        "seed": seed,
+        "limits": limits,
+        "progress": progress,
+        "executor": executor,
+    }
+    if loads is not None:
+        others = {
+            "rate": rate,
+            "uncertain": uncertain,
+            "limit_level": limit_level,
+            "contact": contact,
+            "tolerances": tolerances or None,
+            "sobol": sobol or None,
+        }
+        for name, value in others.items():
+            require(value is None, name, value, "left out under loads")
+        loads = instance("loads", loads, Loads)
+        applied = AppliedLoads(model, loads, resonance).times(1.0 if force is None else force)
+        if absorber is None:
+            absorber = applied.absorber(DEFAULT_MASS_RATIO, RESTITUTION)
+        return GapAnswer(search_gap(applied, absorber, **search), structure)
+    force = usable_force("force", force)  # type: ignore[arg-type]  # refuses None
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
+    rigid_walls(own)
     questions = GapQuestions(
         read_uncertain({} if uncertain is None else uncertain, own, friction_fixed),
         None if limit_level is None else positive("limit_level", limit_level),
@@ -496,20 +528,5 @@ def advise(
         limit_level,
         "a level in m, below which the device must stay, with tolerances",
     )
-    advice = gap_advice.advise(
-        model,
-        force,
-        resonance,
-        own,
-        tolerance=tolerance,
-        free=free,
-        friction_fixed=friction_fixed,
-        factors=factors,
-        members=members,
-        seed=seed,
-        percent_per_100_periods=rate,
-        limits=limits,
-        progress=progress,
-        executor=executor,
-    )
-    return complete_gap_answer(advice, structure, questions, executor)
+    case = swept_force(model, force, resonance, own.mass_ratio, rate)
+    return complete_gap_answer(search_gap(case, own, **search), structure, questions, executor)

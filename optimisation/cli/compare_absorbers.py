@@ -15,6 +15,7 @@ from impact_env.ensemble import Executor, available_cores
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, impact_absorber
 from impact_env.scene import Scene
+from optimisation.absorber_rules import RESTITUTION
 from optimisation.answers.comparison import LoadComparisonAnswer, complete_comparison
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli import scene_options as scenes
@@ -48,7 +49,6 @@ from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_mass_ratio
 from optimisation.files import require_writable, write_files
-from optimisation.gap_check import RESTITUTION
 from optimisation.load_comparison import LoadComparison, compare_loads
 from optimisation.machine import installed, peak_memory
 from optimisation.measures import design_gap_for

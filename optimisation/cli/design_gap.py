@@ -23,12 +23,13 @@ from impact_env.parameters import (
     positive,
 )
 from impact_env.scene import Scene
+from optimisation.absorber_rules import PAPER_FRICTION, RESTITUTION, rigid_walls, scaled_absorber
 from optimisation.answers.complete import Stages
 from optimisation.answers.gap import (
     SOBOL_SAMPLES,
     TOLERANCE_DRAWS,
+    GapAnswer,
     GapQuestions,
-    LoadGapAnswer,
     check_contact,
     complete_gap_answer,
     model_for_gap,
@@ -48,16 +49,22 @@ from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force, usable_gap, usable_rate
 from optimisation.files import require_writable, write_files
-from optimisation.friction_rule import PAPER_FRICTION
-from optimisation.gap_advice import CANDIDATES, MEMBERS, TOLERANCE, Advice, Limits, advise
+from optimisation.gap_advice import (
+    CANDIDATES,
+    MEMBERS,
+    TOLERANCE,
+    Advice,
+    Limits,
+    gap_factors,
+    search_gap,
+)
 from optimisation.gap_card import (
     ALLOWED,
     YIELD_PRESSURE,
     YieldLimit,
 )
-from optimisation.gap_check import RESTITUTION, gap_factors, rigid_walls, scaled_absorber
 from optimisation.gap_search import CHECK_MEMBERS, PAIRS
-from optimisation.load_comparison import LoadAdvice, advise_for_loads
+from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
 from optimisation.progress import runs_bar, sweeps_bar
 from optimisation.report.frequency_report import (
@@ -116,7 +123,7 @@ def runs_of(options: dict[str, Any]) -> dict[str, Any]:
     return {"tolerance": options["force_tolerance"], "members": members, "seed": options["seed"]}
 
 
-def search_gap(
+def search_swept(
     model: ModalModel,
     absorber: SlidingAbsorber,
     options: dict[str, Any],
@@ -131,15 +138,15 @@ def search_gap(
 
     def search(rate: float, factors: tuple[float, ...], **how: Any) -> Advice:
         with sweeps_bar("simulating", leave="members" not in how) as show:
-            return advise(
-                model,
-                options["force"],
-                options["resonance"],
+            case = swept_force(
+                model, options["force"], options["resonance"], absorber.mass_ratio, rate
+            )
+            return search_gap(
+                case,
                 absorber,
                 free=options["free"],
                 friction_fixed=options["friction_limit"] is not None,
                 factors=factors,
-                percent_per_100_periods=rate,
                 limits=limits,
                 progress=show,
                 executor=executor,
@@ -304,18 +311,17 @@ def under_load(options: dict[str, Any]) -> None:
     ratio = scenes.mass_ratio_of(options["mass_ratio"], options["mass_kg"], model.beam_mass)
 
     with workers(options["threads"], options["cluster"]) as executor:
+        case = AppliedLoads(model, loads, options["resonance"])
+        case = case.times(1.0 if options["force"] is None else options["force"])
+        absorber = case.absorber(ratio, options["restitution"], options["friction_limit"])
 
-        def search(**how: Any) -> LoadAdvice:
+        def search(**how: Any) -> Advice:
             with runs_bar("simulating") as show:
-                return advise_for_loads(
-                    model,
-                    loads,
-                    options["resonance"],
-                    factor=1.0 if options["force"] is None else options["force"],
+                return search_gap(
+                    case,
+                    absorber,
+                    friction_fixed=options["friction_limit"] is not None,
                     threads=options["threads"],
-                    mass_ratio=ratio,
-                    restitution=options["restitution"],
-                    friction_limit=options["friction_limit"],
                     progress=show,
                     executor=executor,
                     **runs_of(options) | how,
@@ -332,20 +338,25 @@ def under_load(options: dict[str, Any]) -> None:
         )
         if long and members > 1:
             coarse = search(members=1)
-            scale, unit = DISPLAY_UNITS[UNITS[coarse.measure]]
+            scale, unit = DISPLAY_UNITS[UNITS[case.measure]]
             best = coarse.recommended
+            if best is None:
+                raise KeyboardInterrupt
             click.echo(
-                f"Coarse answer, of one run a gap: a gap of {1e3 * best.gap:.3g} mm, {LABELS[coarse.measure]} {scale * best.level:.3g} {unit}.",
+                f"Coarse answer, of one run a gap: a gap of {1e3 * best.gap:.3g} mm, {LABELS[case.measure]} {scale * best.level:.3g} {unit}.",
                 err=True,
             )
         advice = search()
-    answer = LoadGapAnswer(advice)
+    if advice.recommended is None:
+        raise KeyboardInterrupt
+    answer = GapAnswer(advice, structure)
     click.echo(str(answer))
     files = answer.save(options["out"])
     if options["device"] is not None:
         scenes.write_device(options["device"], structure, advice.recommended.absorber)
         files.append(options["device"])
     common.name_files(files)
+    common.end_early(advice.complete, "the files hold the runs that were finished.")
 
 
 @common.command()
@@ -481,7 +492,7 @@ def main(**options: Any) -> None:
         )
         limits = limits_of(options, model, absorber)
         with executor_on(options["threads"], options["cluster"]) as executor:
-            advice = search_gap(model, absorber, options, rate, factors, limits, executor)
+            advice = search_swept(model, absorber, options, rate, factors, limits, executor)
             if advice.recommended is None:
                 raise KeyboardInterrupt
             stages = show_stages(options, Scene(model, advice.recommended.absorber), advice)

@@ -10,6 +10,7 @@ import click
 from impact_env.ensemble import Executor
 from impact_env.modes import Structure
 from impact_env.parameters import Beam, positive
+from optimisation.absorber_rules import RESTITUTION, rigid_walls
 from optimisation.baselines import simulate_baselines
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
@@ -36,7 +37,6 @@ from optimisation.frequency_levels import (
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Limits
 from optimisation.gap_card import YieldLimit, impact_loads, material
-from optimisation.gap_check import RESTITUTION, rigid_walls
 from optimisation.place_advice import (
     MASS_RATIOS,
     SURE,

@@ -15,6 +15,7 @@ from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.scene import Scene
+from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.bounds import reach
 from optimisation.cli.common import (
     check_page,
@@ -47,8 +48,7 @@ from optimisation.frequency_levels import (
     find_worst_run,
     resonance_curves,
 )
-from optimisation.gap_card import case_of
-from optimisation.gap_check import GapCheck, check_gap, rigid_walls, scaled_absorber
+from optimisation.gap_advice import GapCheck, check_gap
 from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.progress import runs_bar
@@ -174,10 +174,10 @@ def frequency_of(
             best = check.best
             assert best is not None
             walls = replace(rigid_walls(check.absorber), gap=float(check.gaps[best]))
-            case = case_of(check, replace(check.absorber, walls=walls))
+            case = check.swept.curve_case(replace(check.absorber, walls=walls))
             member, _ = find_worst_run(check.curves[best])
             cases[f"{100 * check.absorber.mass_ratio:.4g} % of the mass"] = (case, member)
-        cases[NO_ABSORBER] = (case_of(own[-1], None), 0)
+        cases[NO_ABSORBER] = (own[-1].swept.curve_case(None), 0)
         parts.append(resonance_curves(cases, own[0].without.members, executor))
     return parts
 

@@ -60,6 +60,7 @@ from impact_env.periodic.survey import (
 from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import to_scene
 from impact_env.plain_files import read_plain
+from optimisation.absorber_rules import rigid_walls
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import (
     BadInput,
@@ -82,7 +83,6 @@ from optimisation.cli.scene_options import (
     structure_option,
 )
 from optimisation.files import write_files
-from optimisation.gap_check import rigid_walls
 from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.progress import stages_bar

@@ -38,11 +38,11 @@ from impact_env.plain_files import read_plain
 from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene, beam_scene
 from impact_env.structures.cyclic import BladedDisk
+from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import BadInput, Command, file_option, stack_options
 from optimisation.extremes import usable_mass_ratio
 from optimisation.files import write_json
-from optimisation.friction_rule import best_friction
 from optimisation.mounting import model_with_absorber_at
 from optimisation.tuned import minimax
 

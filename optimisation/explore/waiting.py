@@ -20,11 +20,10 @@ from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.prepare import Preparation
 from impact_env.scene import Scene
 from impact_env.sweep import Stop
+from optimisation.absorber_rules import best_friction, scaled_absorber
 from optimisation.explore.settings import ControlValues, Loading
-from optimisation.friction_rule import best_friction
-from optimisation.gap_advice import advise
-from optimisation.gap_check import scaled_absorber
-from optimisation.load_comparison import advise_for_loads
+from optimisation.gap_advice import search_gap
+from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.measures import LABELS
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import smallest_amplitude
@@ -201,7 +200,8 @@ def recommended(
     own = scaled_absorber(
         model, values.intensity, resonance, values["mass_ratio"], values["restitution"]
     )
-    advice = advise(model, values.intensity, resonance, own, members=MEMBERS, progress=watch)
+    case = swept_force(model, values.intensity, resonance, values["mass_ratio"])
+    advice = search_gap(case, own, members=MEMBERS, progress=watch)
     best = advice.recommended or advice.sharp
     if stop.given or best is None:
         raise Newer
@@ -222,16 +222,10 @@ def _for_loads(
     mass_ratio, restitution, friction = (
         values[name] for name in ("mass_ratio", "restitution", "friction")
     )
-    options: dict[str, Any] = {
-        "mass_ratio": mass_ratio,
-        "restitution": restitution,
-        "friction_limit": friction,
-    }
-    try:
-        advice = advise_for_loads(
-            loading.model, loads, loading.resonance, members=MEMBERS, progress=watch, **options
-        )
-    except KeyboardInterrupt:
-        raise Newer from None
-    why = f"lowest {LABELS[advice.measure]} over {100 * advice.tolerance:.0f} % of the load, at {len(advice.runs)} gaps"
+    applied = AppliedLoads(loading.model, loads, loading.resonance)
+    absorber = applied.absorber(mass_ratio, restitution, friction)
+    advice = search_gap(applied, absorber, friction_fixed=True, members=MEMBERS, progress=watch)
+    if not advice.complete or advice.recommended is None:
+        raise Newer
+    why = f"lowest {LABELS[applied.measure]} over {100 * advice.tolerance:.0f} % of the load, at {len(advice.check.gaps)} gaps"
     return {"values": {"gap": advice.recommended.gap}, "why": why}

@@ -35,6 +35,7 @@ from impact_env.results import Record, Response
 from impact_env.scene import Scene
 from impact_env.solvers import kernel_key
 from impact_env.sweep import Stop, simulate
+from optimisation.absorber_rules import best_friction, scaled_absorber
 from optimisation.bounds import design_gap, reach, resonance_limit, share_reached
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import (
@@ -50,9 +51,7 @@ from optimisation.explore.settings import (
 )
 from optimisation.explore.waiting import Kernels, Newer, followed, tuned_to
 from optimisation.files import number
-from optimisation.friction_rule import best_friction
 from optimisation.gap_card import impact_numbers
-from optimisation.gap_check import scaled_absorber
 from optimisation.measures import read, settled_after
 from optimisation.mounting import scene_on
 from optimisation.signals import spectrum

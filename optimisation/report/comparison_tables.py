@@ -18,7 +18,8 @@ from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
 from optimisation.files import number, numbers
-from optimisation.load_comparison import LoadComparison, Reading, TunedUnder
+from optimisation.load_cases import Reading
+from optimisation.load_comparison import LoadComparison, TunedUnder
 from optimisation.measures import LABELS, UNITS
 from optimisation.report.card import with_band
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure

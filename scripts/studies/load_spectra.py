@@ -14,8 +14,8 @@ from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane, draw_members, drives_of
 from impact_env.loads import Loads, Random, Shock
 from impact_env.parameters import Absorber, Beam, impact_absorber
+from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_force
-from optimisation.friction_rule import scaled_friction
 from optimisation.load_comparison import expected_rms, runs_of, tuned_for
 from optimisation.measures import SAMPLES
 from optimisation.page import markdown

@@ -22,6 +22,7 @@ from impact_env.modes import modal_model
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.plain import to_scene
 from impact_env.scene import Scene
+from optimisation.absorber_rules import scaled_absorber
 from optimisation.bounds import design_gap, reach
 from optimisation.cli import mass_ratios
 from optimisation.cli.common import plain_errors
@@ -29,7 +30,7 @@ from optimisation.cli.design_duration import announce_search
 from optimisation.comparison import compare
 from optimisation.designs import design_space
 from optimisation.duration import announce_load_runs, duration_in_words
-from optimisation.gap_check import check_gap, scaled_absorber
+from optimisation.gap_advice import check_gap
 from optimisation.insight import sensitivity
 from optimisation.objectives import Condition
 from optimisation.problem import Problem

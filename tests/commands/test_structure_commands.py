@@ -17,8 +17,8 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.survey import closed_form_orbits
 from impact_env.plain import from_scene
 from impact_env.scene import Scene
+from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
-from optimisation.friction_rule import best_friction
 from optimisation.mounting import model_with_absorber_at
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, undamped_h2

@@ -6,12 +6,16 @@ from typing import Any
 
 import pytest
 from commands import FAST, SIZES, done, load
+from load_cases import file_of_one_mode
 
 import optimisation
+from impact_env.loads import Loads, Shock
 from impact_env.parameters import Beam, ParameterError
 from impact_env.plain import load_structure
+from impact_env.plain_loads import read_loads
 from optimisation.answers.complete import CompleteAnswer
 from optimisation.answers.gap import GapAnswer
+from optimisation.gap_advice import Limits
 from optimisation.search.find import find
 from optimisation.tuned import den_hartog
 
@@ -74,9 +78,53 @@ def test_advise_gives_what_design_gap_gives(
 def test_advise_refuses_before_it_runs(
     options: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("optimisation.gap_advice.advise", lambda *_a, **_b: pytest.fail("it ran"))
+    monkeypatch.setattr(
+        "optimisation.answers.gap.search_gap", lambda *_a, **_b: pytest.fail("it ran")
+    )
     with pytest.raises(ParameterError, match=words):
         optimisation.advise(Beam(modes=2), 3.5, **options)
+
+
+LOAD = '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 0.5\n'
+
+
+def test_advise_under_loads_gives_what_design_gap_gives(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    structure = tmp_path / "structure.toml"
+    load_file = tmp_path / "load.toml"
+    structure.write_text(file_of_one_mode(0.02))
+    load_file.write_text(LOAD)
+    line = ("--structure", structure, "--load", load_file, "--force", 2, "--members", 1)
+    result = done(load("design_gap", monkeypatch), *line, "--out", tmp_path / "command")
+    model = load_structure(structure)
+    loads = read_loads(load_file, model.omega[0])
+    answer = optimisation.advise(model, 2.0, loads=loads, members=1)
+    assert result.stdout.startswith(str(answer))
+    assert check_files(answer, tmp_path / "command", tmp_path / "python") == answer.to_json()
+    assert answer.worst_run() is None
+    assert answer.card is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"rate": 1.0}, "rate"),
+        ({"uncertain": {"gap": "5%"}}, "uncertain"),
+        ({"sobol": True}, "sobol"),
+        ({"free": ["restitution"]}, "free"),
+        ({"limits": Limits(impact_speed=1.0)}, "impact_speed"),
+        ({"force": -1.0}, "factor on the loads"),
+        ({"loads": "noise"}, "loads"),
+    ],
+)
+def test_advise_refuses_what_does_not_go_with_loads(
+    options: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("optimisation.gap_advice.search_gaps", lambda *_a: pytest.fail("it ran"))
+    shock = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), 250.0)
+    with pytest.raises(ParameterError, match=words):
+        optimisation.advise(Beam(modes=2), **{"loads": shock} | options)
 
 
 def test_compare_gives_what_compare_absorbers_gives(

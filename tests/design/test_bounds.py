@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from impact_env.frequency import receptance, tip_response
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, StuckAbsorber
+from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import (
     NEAR,
     common_gap,
@@ -27,7 +28,6 @@ from optimisation.bounds import (
     share_reached,
     stroke_limit_rms,
 )
-from optimisation.friction_rule import scaled_friction
 from optimisation.tuned import peak
 
 MODEL = modal_model(Beam())

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from design_studies import search_swept
 
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Threads
 from impact_env.scene import Scene
-from optimisation.gap_advice import advise
 from optimisation.gap_card import service_loads
 from optimisation.report.card import Card, Chart, Curve, Row, content, page, text, write_card
 from optimisation.report.cards import tuning_card
@@ -114,7 +114,7 @@ def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
 
 def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     model = modal_model(Beam(modes=2))
-    advice = advise(model, 3.5, members=1, percent_per_100_periods=40.0)
+    advice = search_swept(model, 3.5, members=1, rate=40.0)
     best = advice.recommended
     loads = service_loads(advice, best, Threads(1))
     card_rows = {

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 import scipy
 from commands import done
+from design_studies import search_swept
 
 from impact_env import Beam, ModalModel, ParameterError, SlidingAbsorber, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
+from optimisation.absorber_rules import scaled_absorber, scaled_friction
 from optimisation.baselines import find_best_damper
 from optimisation.bounds import free_amplitude
-from optimisation.friction_rule import scaled_friction
-from optimisation.gap_advice import Advice, Limits, advise
+from optimisation.gap_advice import Advice, Limits
 from optimisation.gap_card import estimate, speed_for_pressure
-from optimisation.gap_check import scaled_absorber
 from optimisation.gap_search import (
     CHECK_MEMBERS,
     CHECK_PAIRS,
@@ -121,7 +121,7 @@ def test_the_recommended_device_of_a_window_is_clear_of_its_cliff(seed: int) -> 
     (case,) = (case for case in CASES if case.name.startswith("window"))
     model = case.model()
     absorber = scaled_absorber(model, 1.0, case.resonance, case.mass_ratio)
-    advice = advise(model, 1.0, case.resonance, absorber, seed=seed)
+    advice = search_swept(model, 1.0, case.resonance, absorber, seed=seed)
     curve = performance_curve(
         Scene(model, advice.recommended.absorber),
         [1.0, 1.1],
@@ -212,7 +212,7 @@ def test_a_narrow_gap_helps_where_the_rules_is_not_reached() -> None:
     """The free amplitude is a tenth of the rule's gap: a gap of 0.4 to 0.8 of it leaves less than 70 %."""
     model = modal_model(Beam(modes=3, damping_ratio=0.003, absorber_position=0.72))
     absorber = scaled_absorber(model, 10.0, 2, 0.05)
-    advice = advise(model, 10.0, 2, absorber, members=1, percent_per_100_periods=1.0)
+    advice = search_swept(model, 10.0, 2, absorber, members=1, rate=1.0)
     assert advice.check.reach < 0.2
     free = free_amplitude(model, advice.check.mass, 10.0, 2)
     assert 0.2 < advice.sharp.gap / free < 0.9
@@ -223,20 +223,20 @@ def test_no_gap_helps_is_an_answer_of_the_simulation() -> None:
     model = modal_model(Beam(modes=3, damping_ratio=0.1))
     light = scaled_absorber(model, 5.0, 1, 0.005)
     with pytest.raises(ParameterError, match=r"no gap helps .* at best 9\d %"):
-        advise(model, 5.0, 1, light, members=1, percent_per_100_periods=20.0)
+        search_swept(model, 5.0, 1, light, members=1, rate=20.0)
 
 
 def test_answers_keep_limits_on_stroke_and_impact_speed() -> None:
     model = modal_model(Beam(modes=2))
-    settings = {"members": 1, "percent_per_100_periods": 40.0}
-    free = advise(model, 3.5, **settings)
+    settings = {"members": 1, "rate": 40.0}
+    free = search_swept(model, 3.5, **settings)
     stroke = 0.9 * free.recommended.gap
-    narrow = advise(model, 3.5, limits=Limits(stroke=stroke), **settings)
+    narrow = search_swept(model, 3.5, limits=Limits(stroke=stroke), **settings)
     assert max(narrow.check.gaps) <= stroke * (1 + 1e-12)
     assert narrow.recommended.gap <= stroke * (1 + 1e-12)
-    fast = advise(model, 3.5, limits=Limits(impact_speed=10.0), **settings)
+    fast = search_swept(model, 3.5, limits=Limits(impact_speed=10.0), **settings)
     most = 0.9 * fast.recommended.impact_speed
-    slow = advise(model, 3.5, limits=Limits(impact_speed=most), **settings)
+    slow = search_swept(model, 3.5, limits=Limits(impact_speed=most), **settings)
     assert fast.recommended.gap == free.recommended.gap
     if slow.keeps_limits:
         assert slow.recommended.impact_speed <= most
@@ -415,7 +415,7 @@ def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
 
 @pytest.fixture(scope="module")
 def advice() -> Advice:
-    return advise(MODEL, 6.0, members=2, percent_per_100_periods=20.0)
+    return search_swept(MODEL, 6.0, members=2, rate=20.0)
 
 
 def test_answers_are_runs(advice: Advice) -> None:
@@ -436,6 +436,8 @@ def test_answers_are_runs(advice: Advice) -> None:
         assert answer.friction_limit == pytest.approx(
             scaled_friction(MODEL, advice.check.mass, answer.gap)
         )
+        at = int(np.argmin(np.abs(advice.check.gaps - answer.gap)))
+        assert tuple(advice.band[:, at]) == (answer.low, answer.high)
     runs = sum(len(curve.members) for curve in (*advice.check.curves, advice.check.without))
     assert 2 * runs == advice.sweeps <= 2 * (1 + PAIRS + CHECK_PAIRS)
 

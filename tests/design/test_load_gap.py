@@ -21,7 +21,9 @@ from impact_env.sweep import simulate
 from optimisation.cli.group import imported
 from optimisation.designs import GAP, IMPACT, design_space
 from optimisation.evaluation import evaluate_arrays
-from optimisation.load_comparison import advise_for_loads, expected_rms, tuned_under
+from optimisation.gap_advice import Advice, search_gap
+from optimisation.load_cases import AppliedLoads
+from optimisation.load_comparison import expected_rms, tuned_under
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 
@@ -53,25 +55,45 @@ def of_members(gap: float) -> float:
     )
 
 
+def search(loads: Loads, factor: float = 1.0, **options: object) -> Advice:
+    """Return the gap under loads of an absorber without friction."""
+    case = AppliedLoads(MODEL, loads).times(factor)
+    absorber = case.absorber(0.02, 0.7, 0.0)
+    return search_gap(case, absorber, friction_fixed=True, **options)
+
+
 def test_the_gap_under_noise_is_among_the_best_of_a_scan() -> None:
-    advice = advise_for_loads(MODEL, NOISE, friction_limit=0.0)
-    scan = [of_members(float(gap)) for gap in advice.free_rms * np.geomspace(0.5, 4, 9)]
-    assert advice.rule is None
+    advice = search(NOISE)
+    scan = [
+        of_members(float(gap))
+        for gap in AppliedLoads(MODEL, NOISE).free_size * np.geomspace(0.5, 4, 9)
+    ]
+    assert np.isnan(advice.check.rule)
     assert advice.sharp.level == pytest.approx(of_members(advice.sharp.gap), rel=1e-3)
-    assert advice.sharp.level < 1.15 * min(scan) < 0.7 * np.median(advice.without)
+    assert advice.sharp.level < 1.15 * min(scan) < 0.7 * advice.check.without.median[0]
     assert advice.sharp.level <= advice.recommended.level <= advice.recommended.worst
 
 
 @pytest.mark.parametrize("loads", [NOISE, SHOCK])
 def test_twice_the_load_wants_twice_the_gap(loads: Loads) -> None:
     """The scaling law; a factor of two leaves all digits as they are."""
-    one, two = (
-        advise_for_loads(MODEL, loads, factor=factor, members=1, friction_limit=0.0)
-        for factor in (1.0, 2.0)
-    )
-    length = 2.0 if one.measure == "rms" else 1.0
+    one, two = (search(loads, factor, members=1) for factor in (1.0, 2.0))
+    length = 2.0 if one.case.measure == "rms" else 1.0
     assert two.sharp.gap == pytest.approx(2 * one.sharp.gap)
     assert two.sharp.level == pytest.approx(length * one.sharp.level, rel=1e-6)
+
+
+def test_a_search_under_loads_that_is_stopped_keeps_what_is_finished() -> None:
+    def stop(done: int, _total: int) -> None:
+        if done == 4:
+            raise KeyboardInterrupt
+
+    advice = search(SHOCK, members=1, progress=stop)
+    whole = search(SHOCK, members=1)
+    assert not advice.complete
+    assert 0 < len(advice.check.gaps) < len(whole.check.gaps)
+    for step, levels in advice.samples.levels.items():
+        assert whole.samples.levels[step] == levels
 
 
 def exact_rms(stiffness: float, damping: float) -> float:

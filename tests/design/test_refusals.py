@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from core import STEEL
 from design_studies import problem as study_problem
-from design_studies import settings
+from design_studies import search_swept, settings
 
 from impact_env import (
     Beam,
@@ -37,10 +37,9 @@ from optimisation.bounds.relaxation import passive_limit
 from optimisation.cli.design_options import load_conditions
 from optimisation.comparison import compare
 from optimisation.designs import DesignSpace, design_space
-from optimisation.gap_advice import advise
+from optimisation.gap_advice import check_gap
 from optimisation.gap_card import estimate, impact_numbers, material
-from optimisation.gap_check import check_gap
-from optimisation.load_comparison import advise_for_loads
+from optimisation.load_cases import AppliedLoads
 from optimisation.measures import STROKE, of_motion
 from optimisation.mounting import scene_on
 from optimisation.objectives import Condition, Constraint, Objective
@@ -127,10 +126,10 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     # gaps and comparisons
     (lambda: check_gap(TWO, 3.5, absorber=friction_damper()), "rigid walls"),
     (lambda: check_gap(TWO, 3.5, factors=[0.5, 2.0]), "factors"),
-    (lambda: advise(TWO, 6.0, tolerance=0.5), "force_tolerance"),
-    (lambda: advise(TWO, 6.0, free=["mass"]), "free"),
+    (lambda: search_swept(TWO, 6.0, tolerance=0.5), "force_tolerance"),
+    (lambda: search_swept(TWO, 6.0, free=["mass"]), "free"),
     (
-        lambda: advise_for_loads(ModalModel([250.0], [0.01], [0.0], [2.6], 0.5), NOISE, members=1),
+        lambda: AppliedLoads(ModalModel([250.0], [0.01], [0.0], [2.6], 0.5), NOISE).free_size,
         "moves the absorber",
     ),
     (lambda: compare(resonances=[True]), "resonances"),

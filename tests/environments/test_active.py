@@ -36,7 +36,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.drive import default_rate
-from optimisation.friction_rule import PAPER_FRICTION, paper_share
+from optimisation.absorber_rules import PAPER_FRICTION, paper_share
 
 SCENE: dict[str, Any] = {
     "modes": 2,

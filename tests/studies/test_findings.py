@@ -10,9 +10,9 @@ pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 
 from impact_env import Beam, modal_model
+from optimisation.absorber_rules import best_friction
 from optimisation.designs import VARIABLES
 from optimisation.files import read_json
-from optimisation.friction_rule import best_friction
 from optimisation.machine import peak_memory
 from optimisation.problem import Problem
 from studies.study import from_file_content

@@ -8,9 +8,13 @@ from numpy.typing import NDArray
 
 from impact_env import Beam
 from impact_env.ensemble import Lane, Threads
+from impact_env.modes import ModalModel
 from impact_env.parameters import SlidingAbsorber
+from optimisation.absorber_rules import scaled_absorber
 from optimisation.designs import Design, design_space
 from optimisation.evaluation import evaluate
+from optimisation.gap_advice import Advice, search_gap
+from optimisation.load_cases import swept_force
 from optimisation.measures import Chunk
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
@@ -38,6 +42,19 @@ def settings(
     sampler: str = "cma", seed: int = 0, rungs: tuple[Rung, ...] = (Rung(1, 1.0, 0.5), Rung(4))
 ) -> SearchSettings:
     return SearchSettings(sampler, BATCH, rungs if sampler != "nsga2" else rungs[-1:], seed)
+
+
+def search_swept(
+    model: ModalModel,
+    force: float,
+    resonance: int = 1,
+    absorber: SlidingAbsorber | None = None,
+    rate: float | None = None,
+    **options: object,
+) -> Advice:
+    """Return the gap for a swept force, of the absorber by rules if none is given."""
+    own = scaled_absorber(model, force, resonance) if absorber is None else absorber
+    return search_gap(swept_force(model, force, resonance, own.mass_ratio, rate), own, **options)
 
 
 def values_of(problem: Problem, design: Design | None = None) -> Array:

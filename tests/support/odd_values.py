@@ -95,6 +95,7 @@ from impact_env.plain import from_drive, from_scene, to_drive, to_method, to_sce
 from impact_env.plain_loads import to_loads
 from impact_env.results import Record, Window
 from impact_env.scene import InitialState, Scene, beam_scene
+from optimisation.absorber_rules import best_friction, rigid_walls, scaled_absorber, scaled_friction
 from optimisation.bounds import (
     common_gap,
     design_force,
@@ -105,9 +106,8 @@ from optimisation.bounds import (
 from optimisation.comparison import force_grid
 from optimisation.designs import Design, DesignSpace, design_space
 from optimisation.extremes import stationary_level, sweep_ratio, usable_force, usable_mass_ratio
-from optimisation.friction_rule import best_friction, scaled_friction
+from optimisation.gap_advice import gap_factors
 from optimisation.gap_card import estimate, material, meeting_mass
-from optimisation.gap_check import gap_factors, rigid_walls, scaled_absorber
 from optimisation.insight import neighbourhood, over_force, with_gaps
 from optimisation.mounting import detuned, model_with_absorber_at
 from optimisation.objectives import Condition, Constraint, Objective

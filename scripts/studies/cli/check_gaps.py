@@ -13,10 +13,11 @@ import numpy as np
 from impact_env import Drive, Scene, SlidingAbsorber, simulate
 from impact_env.drive import default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, each_lane
+from optimisation.absorber_rules import scaled_absorber
 from optimisation.cli.common import command, plain_errors, rate_option, threads_option
 from optimisation.executors import cluster_option, workers
-from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, advise, expected_factor
-from optimisation.gap_check import scaled_absorber
+from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, expected_factor, search_gap
+from optimisation.load_cases import swept_force
 from optimisation.machine import sources
 from studies.structures import CASES, HARD_CASES, StructureCase
 from studies.study import (
@@ -100,15 +101,8 @@ def row(case: StructureCase, settings: GapSettings) -> list[Json]:
     model = case.model()
     absorber = scaled_absorber(model, FORCE, case.resonance, case.mass_ratio)
     where: Json = {"threads": settings.threads, "executor": settings.executor}
-    result = advise(
-        model,
-        FORCE,
-        case.resonance,
-        absorber,
-        members=settings.members,
-        percent_per_100_periods=settings.rate,
-        **where,
-    )
+    swept = swept_force(model, FORCE, case.resonance, case.mass_ratio, settings.rate)
+    result = search_gap(swept, absorber, members=settings.members, **where)
     if not result.complete:
         raise KeyboardInterrupt
     scan = BruteForce(result, np.random.default_rng([SEED, case.resonance]), where)

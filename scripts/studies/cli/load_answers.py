@@ -24,9 +24,9 @@ from impact_env.drive import Excitation
 from impact_env.ensemble import Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.loads import Loads, Tone, Tones
 from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law, impact_absorber
+from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_gap
 from optimisation.cli.common import command
-from optimisation.friction_rule import scaled_friction
 from optimisation.page import DOCS, markdown, published
 from optimisation.signals import band_levels
 from studies import load_spectra as spectra

@@ -15,12 +15,12 @@ from impact_env.drive import PAPER_LIMITS, PAPER_RATE
 from impact_env.ensemble import Executor, Threads
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, RigidWalls
+from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
 from optimisation.comparison import WIDE_LIMITS
 from optimisation.designs import Design, design_space
 from optimisation.evaluation import evaluate
 from optimisation.files import number, read_json
-from optimisation.friction_rule import best_friction
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
 from optimisation.machine import peak_memory
 from optimisation.objectives import Condition

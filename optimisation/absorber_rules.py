@@ -1,4 +1,4 @@
-"""The friction limit of a damper in closed form, from the energy of one cycle; and the paper's friction of an impact absorber on any structure.
+"""Absorbers by rules: a friction damper's limit in closed form, from the energy of one cycle; gap and friction of an impact absorber.
 
 A mass m_a slides on a tip that moves with amplitude q at Omega. It is driven by the friction alone, whose first harmonic is F = 4 mu f_N/pi, so
 its own amplitude is F/(m_a Omega^2) at right angles to the sliding, which therefore has the amplitude X with X^2 + (F/(m_a Omega^2))^2 = q^2. The
@@ -16,9 +16,21 @@ from functools import cache
 import numpy as np
 
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, instance, positive, require
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Beam,
+    RigidWalls,
+    SlidingAbsorber,
+    impact_absorber,
+    instance,
+    positive,
+    require,
+)
+from optimisation.bounds import design_gap, gap_unit
+from optimisation.extremes import usable_mass_ratio
 
 PAPER_FRICTION = 0.1  # mu f_N in N of the paper's best impact absorber (section 6)
+RESTITUTION = 0.7  # of the paper's best absorber
 
 
 @cache
@@ -77,3 +89,30 @@ def best_friction(
     )
     level = amplitude * abs(float(model.level_shape[k]) / tip) / np.sqrt(2)
     return float(np.pi / 4 * own * square * amplitude / np.sqrt(2)), float(level)
+
+
+def scaled_absorber(
+    model: ModalModel,
+    force: float,
+    resonance: int = 1,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    restitution: float = RESTITUTION,
+) -> SlidingAbsorber:
+    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`)."""
+    model = instance("model", model, ModalModel)
+    mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
+    friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance))
+    return impact_absorber(
+        design_gap(model, mass, force, resonance), restitution, friction, mass_ratio
+    )
+
+
+def rigid_walls(absorber: SlidingAbsorber) -> RigidWalls:
+    """Return an absorber's rigid walls; raises ParameterError for one that has none."""
+    absorber = instance("absorber", absorber, SlidingAbsorber)
+    if not isinstance(absorber.walls, RigidWalls):
+        require(
+            False, "absorber", absorber, "one with rigid walls, since the rule is about their gap"
+        )
+        raise AssertionError
+    return absorber.walls

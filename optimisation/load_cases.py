@@ -1,0 +1,367 @@
+"""Load cases: a force that is swept near a resonance, or other loads; which runs they make with an absorber, and what these are measured by.
+
+A search for a gap and a comparison of absorbers go through a `LoadCase` and so exist once. Member m of an ensemble is a sweep up and one down with
+the member's phase and factor, whose larger response level counts, or one run under the member's own record of the loads. The runs of a design
+are a `PerformanceCurve` either way: of other loads with one run a member, and their measure (`optimisation.measures`) as the level.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.curve import CurveCase
+from impact_env.drive import Drive, Excitation, Member, default_rate
+from impact_env.ensemble import (
+    Executor,
+    Lane,
+    LaneLevels,
+    LaneProgress,
+    Members,
+    draw_members,
+    drives_of,
+    each_lane,
+    run_lanes,
+)
+from impact_env.loads import Loads
+from impact_env.methods import Exact
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Absorber,
+    SlidingAbsorber,
+    impact_absorber,
+    positive,
+    require,
+)
+from impact_env.results import Record, require_recorded
+from impact_env.scene import Scene
+from impact_env.solvers import check_load
+from impact_env.sweep import simulate
+from optimisation.absorber_rules import scaled_friction
+from optimisation.bounds import design_gap, reach
+from optimisation.extremes import usable_force, usable_rate
+from optimisation.measures import DECAY, LEVEL, START, free_size, measure_of, measured, record_of
+from optimisation.signals import edges_of
+from optimisation.sweep_range import find_sweep_range, is_at_end
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Where runs are made: ``threads`` of this process (None: all cores), or an ``executor``; ``progress`` takes finished and all runs of a call."""
+
+    threads: int | None = None
+    executor: Executor | None = None
+    progress: LaneProgress | None = None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Where a level under loads with a schedule was read: a frequency in ``hertz``, NaN for other measures; whether at an end of the schedule."""
+
+    hertz: float = math.nan
+    at_end: bool = False
+
+
+NO_READING = Reading()
+
+
+class LoadCase(Protocol):
+    """What acts on a structure while absorbers are judged: `SweptForce` or `AppliedLoads`."""
+
+    @property
+    def model(self) -> ModalModel:
+        """Structure without absorber."""
+
+    @property
+    def measure(self) -> str:
+        """Name of a run's measure."""
+
+    @property
+    def power(self) -> float:
+        """Power of a length with which the measure scales (the scaling law)."""
+
+    @property
+    def runs_a_member(self) -> int:
+        """Runs of one member: sweeps up and down, or one run."""
+
+    @property
+    def amplitude(self) -> float:
+        """Force in N, or 1 for loads as they are."""
+
+    def reference_gap(self, mass: float) -> float:
+        """Return the gap in m from which a search counts, for an absorber's mass in kg: the rule's, or one of the free motion's size."""
+        ...
+
+    def rule_gap(self, mass: float) -> float:
+        """Return the design rule's gap in m for an absorber's mass in kg; NaN where there is no rule."""
+        ...
+
+    def reach(self, mass: float) -> float:
+        """Return the free amplitude over the rule's gap, for an absorber's mass in kg; NaN where there is no rule."""
+        ...
+
+    def reference_members(self, members: int) -> int:
+        """Return how many of the members run without absorber."""
+        ...
+
+    def lanes(self, absorber: Absorber | None, members: Members, first: int = 0) -> list[Lane]:
+        """Return the runs of the members from number ``first`` on, one member after the other."""
+        ...
+
+    def run(
+        self, lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
+    ) -> tuple[LaneLevels, Array | None]:
+        """Run lanes; return their levels and, with ``speeds``, the largest impact speed of each in m/s, (L,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SweptForce:
+    """A harmonic ``force`` in N, swept up and down near a resonance.
+
+    ``limits``: ends of the sweeps over the resonance's frequency; ``rate`` in % of it per 100 pseudo periods.
+    """
+
+    model: ModalModel
+    force: float
+    resonance: int
+    limits: tuple[float, float]
+    rate: float
+    measure = LEVEL
+    power = 1.0
+    runs_a_member = 2
+
+    @property
+    def amplitude(self) -> float:
+        """The force in N."""
+        return self.force
+
+    def rule_gap(self, mass: float) -> float:
+        """Return the design rule's gap in m for an absorber's mass in kg."""
+        return design_gap(self.model, mass, self.force, self.resonance)
+
+    def reference_gap(self, mass: float) -> float:
+        """Return the rule's gap."""
+        return self.rule_gap(mass)
+
+    def reach(self, mass: float) -> float:
+        """Return the free amplitude over the rule's gap, for an absorber's mass in kg."""
+        return reach(self.model, mass, self.resonance)
+
+    def reference_members(self, _members: int) -> int:
+        """Return 1: without absorber the members' levels differ by their factors of the force alone, a millionth."""
+        return 1
+
+    def curve_case(self, absorber: Absorber | None, model: ModalModel | None = None) -> CurveCase:
+        """Return the sweeps with an absorber or none, on another model if one is given."""
+        return CurveCase(
+            Scene(self.model if model is None else model, absorber),
+            np.array([self.force]),
+            self.resonance,
+            self.limits,
+            self.rate,
+            steady_start=True,
+        )
+
+    def lanes(self, absorber: Absorber | None, members: Members, first: int = 0) -> list[Lane]:
+        """Return the runs of the members from number ``first`` on, each up and down."""
+        case = self.curve_case(absorber)
+        up, down = case.schedules()
+        return [
+            Lane(case.scene, drive, steady_start=True)
+            for m in range(first, len(members))
+            for schedule in (up, down)
+            for drive in members[m : m + 1].drives(self.force, schedule)
+        ]
+
+    def run(
+        self, lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
+    ) -> tuple[LaneLevels, Array | None]:
+        """Run lanes, `run_swept`."""
+        return run_swept(lanes, options, speeds)
+
+
+def run_swept(
+    lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
+) -> tuple[LaneLevels, Array | None]:
+    """Run sweeps; return their response levels and, with ``speeds``, the largest impact speed of each in m/s, (L,)."""
+    if not speeds:
+        levels = run_lanes(
+            lanes, threads=options.threads, progress=options.progress, executor=options.executor
+        )
+        return levels, None
+    pairs = _measure_lanes(lanes, measure_level_and_speed, options)
+    rows = np.array([(math.nan,) * 7 if one is None else one for one in pairs]).T
+    level, time, ratio, tip, impacts, stuck, largest = rows
+    complete = not np.isnan(level).any()
+    return LaneLevels(level, time, ratio, tip, impacts, stuck, complete=complete), largest
+
+
+def swept_force(
+    model: ModalModel,
+    force: float,
+    resonance: int = 1,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    rate: float | None = None,
+) -> SweptForce:
+    """Return a force in N swept over the range of all absorbers of a mass ratio, `optimisation.sweep_range`.
+
+    ``rate`` in % per 100 pseudo periods; None: `impact_env.drive.default_rate`. Raises ParameterError for numbers out of range.
+    """
+    force = usable_force("force", force)
+    limits = find_sweep_range(model, mass_ratio, resonance)
+    own = default_rate(model, (resonance,)) if rate is None else rate
+    return SweptForce(model, force, resonance, limits, usable_rate("rate", own, [limits]))
+
+
+def _measure_lanes(
+    lanes: Sequence[Lane], measure: Callable[[Lane], object], options: RunOptions
+) -> list[object | None]:
+    return each_lane(
+        lanes,
+        measure,
+        Exact(),
+        threads=options.threads,
+        progress=options.progress,
+        executor=options.executor,
+    )
+
+
+def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
+    """Run a lane; return the numbers of `LaneLevels` and the largest impact speed in m/s."""
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=Record(events=True))
+    level = response.level
+    impacts = response.impacts
+    assert level is not None
+    assert impacts is not None
+    return (
+        level.value,
+        level.time,
+        level.frequency_ratio,
+        level.max_tip,
+        float(response.impact_count),
+        response.stuck_time,
+        float(np.max(np.abs(impacts.relative_velocity), initial=0.0)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class AppliedLoads:
+    """Loads that act on a structure, whose measure is `optimisation.measures.measure_of`; ``resonance``: that of the rule's gap for a swept force.
+
+    Raises ParameterError for loads that the structure cannot have.
+    """
+
+    model: ModalModel
+    loads: Loads
+    resonance: int = 1
+    runs_a_member = 1
+    amplitude = 1.0
+
+    def __post_init__(self) -> None:
+        check_load(Scene(self.model), self.loads, Exact())
+
+    @property
+    def measure(self) -> str:
+        """Name of the measure that belongs to the loads."""
+        return measure_of(self.loads)
+
+    @property
+    def power(self) -> float:
+        """Power of a length with which the measure scales: 0 for a decay time."""
+        return 0.0 if self.measure == DECAY else 1.0
+
+    def times(self, factor: float) -> "AppliedLoads":
+        """Return the same loads times a factor."""
+        factor = positive("force, a factor on the loads", factor)
+        return replace(self, loads=self.loads.member(Member(factor=factor)))
+
+    @cached_property
+    def free_size(self) -> float:
+        """Size in m of the free motion at the absorber's place, `optimisation.measures.free_size`, of an ensemble's first member."""
+        size = free_size(self.lanes(None, draw_members(1, 0))[0])
+        require(size > 0, "load", 0.0, "one that moves the absorber's place")
+        return size
+
+    @cached_property
+    def swept_amplitude(self) -> float:
+        """Amplitude in N of loads that are one swept force, for which there is a rule; NaN for others."""
+        part = self.loads.parts[0]
+        if len(self.loads.parts) > 1 or not isinstance(part, Drive):
+            return math.nan
+        return part.amplitude
+
+    def rule_gap(self, mass: float) -> float:
+        """Return the design rule's gap in m for loads that are one swept force, NaN for others; ``mass`` in kg."""
+        force = self.swept_amplitude
+        return (
+            math.nan if math.isnan(force) else design_gap(self.model, mass, force, self.resonance)
+        )
+
+    def reference_gap(self, mass: float) -> float:
+        """Return the rule's gap in m, or `START` times the free motion's size."""
+        size = self.free_size
+        rule = self.rule_gap(mass)
+        return START * size if math.isnan(rule) else rule
+
+    def absorber(
+        self, mass_ratio: float, restitution: float, friction_limit: float | None = None
+    ) -> SlidingAbsorber:
+        """Return an impact absorber with the reference gap; ``friction_limit`` in N, None: the paper's by the scaling law."""
+        mass = positive("mass_ratio", mass_ratio) * self.model.beam_mass
+        gap = self.reference_gap(mass)
+        if friction_limit is None:
+            friction_limit = scaled_friction(self.model, mass, gap)
+        return impact_absorber(gap, restitution, friction_limit, mass_ratio)
+
+    def reach(self, mass: float) -> float:
+        """Return the free amplitude over the rule's gap of loads that are one swept force, NaN for others; ``mass`` in kg."""
+        return (
+            math.nan
+            if math.isnan(self.swept_amplitude)
+            else reach(self.model, mass, self.resonance)
+        )
+
+    def reference_members(self, members: int) -> int:
+        """Return all of them: each has a record of its own."""
+        return members
+
+    def lanes(self, absorber: Absorber | None, members: Members, first: int = 0) -> list[Lane]:
+        """Return the runs of the members from number ``first`` on."""
+        scene = Scene(self.model, absorber)
+        drives = drives_of(members, self.loads)[first:]
+        return [Lane(scene, drive, steady_start=True) for drive in drives]
+
+    def run(
+        self, lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
+    ) -> tuple[LaneLevels, Array | None]:
+        """Run lanes; return the loads' measure of each as the level, and no speeds."""
+        assert not speeds
+        values = _measure_lanes(lanes, measured, options)
+        level = np.array([math.nan if one is None else one for one in values], dtype=np.float64)
+        other = np.full(len(lanes), np.nan)
+        complete = not np.isnan(level).any()
+        return LaneLevels(level, other, other, other, other, other, complete=complete), None
+
+
+def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation) -> Reading:
+    """Return where an absorber's level is read under loads with one schedule, from one run; NaN for other measures, and where there are bands."""
+    if not isinstance(loads, Loads) or measure_of(loads) != LEVEL:
+        return NO_READING
+    if len(edges_of(model, loads)) > 2:
+        return NO_READING
+    lane = Lane(Scene(model, absorber), loads, steady_start=True)
+    response = simulate(lane.scene, lane.drive, initial=lane.start, record=record_of(loads))
+    ratio = require_recorded("level", response.level).frequency_ratio
+    schedule = loads.schedule
+    ends = np.array([schedule.omegas.min(), schedule.omegas.max()]) / schedule.reference
+    rate = 1e4 * float(np.ptp(schedule.omegas)) / schedule.reference / schedule.periods
+    at_end = ends[0] < ends[1] and is_at_end(ratio, (float(ends[0]), float(ends[1])), rate)
+    return Reading(ratio * schedule.reference / (2 * np.pi), bool(at_end))
