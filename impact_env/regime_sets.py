@@ -106,9 +106,11 @@ def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> Set
         np.arange(len(values)),
         1 + np.flatnonzero(np.abs(np.diff(values)) > EQUAL_VALUES_TOL * np.abs(values[1:])),
     )
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
     for group in groups:
-        values[group] = np.mean(values[group])
-        vectors[:, group] = np.linalg.qr(vectors[:, group])[0]
+        if len(group) > 1:
+            values[group] = np.mean(values[group])
+            vectors[:, group] = np.linalg.qr(vectors[:, group])[0]
     pairs = vectors.T @ mass @ vectors * (values[:, None] + values)
     pairs = pairs + vectors.T @ (rate[:, None] * vectors)
     left = np.linalg.solve(pairs, vectors.T)
@@ -183,33 +185,24 @@ def _rows(
 ) -> Real:
     """Return the rows of weights (n + 1, ROWS, J) of a set, or (n + 1, ROWS_WITH_BASE, J) where the base ``moves``."""
     s = modes.values
-    every = []
+    n = len(masses)
     at_places = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
     at_places[:, joined] = modes.places
     at_places *= _double(s)[:, None]
-    for a, (mass, shape) in enumerate(zip(masses, shapes, strict=True)):
-        guard = mass * s**2 * at_places[:, a] if a in joined else -at_places[:, a]
-        every.append(
-            slot_rows(
-                s,
-                modes.weights @ model.force_shape,
-                -modes.weights @ shape,
-                guard,
-                at_places[:, a],
-                size,
-            )
-        )
-    nothing = np.zeros_like(s)
-    every.append(
-        slot_rows(s, modes.weights @ model.force_shape, nothing, nothing, at_places[:, -1], size)
-    )
+    tip = np.ascontiguousarray(at_places.T)
+    relative = np.zeros((n + 1, len(s)), complex)
+    guard = np.zeros((n + 1, len(s)), complex)
+    for a in range(n):
+        relative[a] = -modes.weights @ shapes[a]
+        guard[a] = masses[a] * s**2 * tip[a] if a in joined else -tip[a]
+    rows = slot_rows(s, modes.weights @ model.force_shape, relative, guard, tip, size)
     if not moves:
-        return np.array(every)
+        return rows
     assert model.base_participation is not None
     carried = model.base_at_absorber * (masses[joined] @ shapes[joined])
     response = -(modes.weights @ (model.base_participation + carried))
     base = split_re_im(order_slots(response, s, size))
-    return np.array([np.concatenate([rows, base]) for rows in every])
+    return np.concatenate([rows, np.broadcast_to(base, (n + 1, *base.shape))], axis=1)
 
 
 @dataclass(frozen=True)

@@ -393,10 +393,14 @@ def _regime(
 
 def order_slots(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) -> Complex:
     """Return values (one a slot along ``axis``) in the order of growing |s|, padded with zeros to ``size``."""
-    values = np.take(values, np.argsort(np.abs(eigenvalues), kind="stable"), axis=axis)
-    return np.pad(
-        values, [(0, size - len(eigenvalues)) if a == axis else (0, 0) for a in range(values.ndim)]
-    )
+    order = np.argsort(np.abs(eigenvalues), kind="stable")
+    shape = list(values.shape)
+    shape[axis] = size
+    ordered = np.zeros(shape, values.dtype)
+    slots = [slice(None)] * values.ndim
+    slots[axis] = slice(len(order))
+    ordered[tuple(slots)] = np.take(values, order, axis=axis)
+    return ordered
 
 
 def split_re_im(values: Complex) -> Real:
@@ -415,7 +419,11 @@ def _decaying(eigenvalues: Complex, size: int) -> Complex:
 def slot_rows(
     eigenvalues: Complex, drive: Complex, relative: Complex, guard: Complex, tip: Complex, size: int
 ) -> Real:
-    """Return Slots.rows from what belongs to each eigenvalue, all (J,) and unsorted."""
+    """Return the rows of weights (..., ROWS, size) of a modal system from what belongs to each eigenvalue, unsorted.
+
+    ``eigenvalues`` and ``drive`` (J,); ``relative``, ``guard`` and ``tip`` (..., J), one set of
+    weights for each leading index.
+    """
     used = len(eigenvalues)
     s = _decaying(eigenvalues, size)
     real = np.arange(size) < used
@@ -424,14 +432,19 @@ def slot_rows(
         / np.array([float(math.factorial(p)) for p in range(TAYLOR_TERMS)])[:, None]
     )
     taylor[1:, used:] = 0
-    drive, relative, guard, tip = (
-        order_slots(values, eigenvalues, size) for values in (drive, relative, guard, tip)
+    drive = order_slots(drive, eigenvalues, size)
+    relative, guard, tip = (
+        order_slots(values, eigenvalues, size, values.ndim - 1)
+        for values in (relative, guard, tip)
     )
     pairs = [s, s**2, drive, relative, np.where(real, -relative / s, 0), guard, tip, *taylor[1:]]
     speed = np.where(real, np.abs(s), 0)
-    return np.array(
-        [part for pair in pairs for part in (pair.real, pair.imag)] + [speed, speed**2, speed**3]
-    )
+    parts = [part for pair in pairs for part in (pair.real, pair.imag)]
+    parts += [speed, speed**2, speed**3]
+    rows = np.empty((*relative.shape[:-1], len(parts), size))
+    for row, part in enumerate(parts):
+        rows[..., row, :] = part
+    return rows
 
 
 def slot_tables(
