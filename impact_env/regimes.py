@@ -434,8 +434,7 @@ def slot_rows(
     taylor[1:, used:] = 0
     drive = order_slots(drive, eigenvalues, size)
     relative, guard, tip = (
-        order_slots(values, eigenvalues, size, values.ndim - 1)
-        for values in (relative, guard, tip)
+        order_slots(values, eigenvalues, size, values.ndim - 1) for values in (relative, guard, tip)
     )
     pairs = [s, s**2, drive, relative, np.where(real, -relative / s, 0), guard, tip, *taylor[1:]]
     speed = np.where(real, np.abs(s), 0)

@@ -178,14 +178,15 @@ def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
 
 
 def build_base_motion(scene: Scene) -> loads.BaseParticipation:
-    """Return the participations of a scene's modes and absorber in a base that moves."""
+    """Return the participations of a scene's modes and absorbers in a base that moves."""
     model = scene.model
-    mass = scene.absorber_mass or 0.0
+    several = isinstance(scene.absorber, SeveralAbsorbers)
+    masses = scene.absorber_masses if several else np.array([scene.absorber_mass or 0.0])
     assert model.base_participation is not None
     return loads.BaseParticipation(
         np.array(model.base_participation),
         model.base_at_absorber,
-        mass * model.base_at_absorber,
+        masses * model.base_at_absorber,
     )
 
 
@@ -740,11 +741,11 @@ CAPABILITIES: dict[tuple[SceneKind, type[Method]], Capability] = {
     ),
     (SceneKind.SMOOTH, Moreau): Capability(None, "RungeKutta for a nonlinear spring"),
     (SceneKind.SMOOTH, RungeKutta): Capability(RUNGE_KUTTA_SOLVER),
-    (SceneKind.SEVERAL, Exact): Capability(SEVERAL_SOLVER, general=True),
+    (SceneKind.SEVERAL, Exact): Capability(SEVERAL_SOLVER, moves_base=True, general=True),
     (SceneKind.SEVERAL, Moreau): Capability(None, "Exact for several absorbers"),
     (SceneKind.SEVERAL, RungeKutta): Capability(None, "Exact for several absorbers"),
 }
-MOVES_BASE = "for that Exact, and a scene without absorber, or with one that is stuck, tuned, or has rigid contact"
+MOVES_BASE = "for that Exact, and a scene without absorber, with one that is stuck or tuned, or with rigid contact"
 
 
 def find_capability(scene: Scene, method: Method) -> Capability:

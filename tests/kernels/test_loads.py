@@ -58,6 +58,9 @@ SOFT = SlidingAbsorber(0.02, CompliantWalls(2e5, 5e-4), ElasticCoulombFriction(0
 TWO = SeveralAbsorbers(
     (SMOOTH, SlidingAbsorber(0.01, RigidWalls(4e-4, 0.6), CoulombFriction(0.05))), (1.0, 0.6)
 )
+HEAVY = SeveralAbsorbers(
+    (BOTH, SlidingAbsorber(0.01, RigidWalls(4e-4, 0.6), gravity=1.5)), (1.0, 0.6)
+)
 BARE = Record(series=True, events=True)
 
 
@@ -127,6 +130,8 @@ CASES: dict[str, tuple[tuple[Load, ...], Inputs]] = {
 FORCED = FORCES, Inputs(lambda t: orders(t) + 3 * noise(t), np.zeros_like, CLOCK, 3.2 * W1)
 EVENTS = {f"{name}, friction and gravity": (*case, BOTH) for name, case in CASES.items()}
 EVENTS |= {f"{name}, smooth": (*case, SMOOTH) for name, case in CASES.items()}
+EVENTS |= {f"{name}, several": (*CASES[name], TWO) for name in ("base", "run-up and noise")}
+EVENTS |= {"orders and base, several with gravity": (*CASES["orders and base"], HEAVY)}
 EVENTS |= {"forces, compliant": (*FORCED, SOFT), "forces, several": (*FORCED, TWO)}
 
 
@@ -441,7 +446,7 @@ def test_each_load_on_each_absorber_from_each_start_balances_or_is_refused_by_na
     name: str,
 ) -> None:
     scene = structure(EVERY_ABSORBER[name])
-    general = scene.kind in (SceneKind.LINEAR, SceneKind.RIGID)
+    general = scene.kind in (SceneKind.LINEAR, SceneKind.RIGID, SceneKind.SEVERAL)
     for kind, load in EACH.items():
         for start in EVERY_START:
             reasons = {"start"} if start == "base-mean-rest" and "base" not in kind else set()

@@ -42,21 +42,29 @@ def compute_force_at(window, size, phase, tau):
 
 
 @jit
-def compute_base_power(window, losses, own, state, tau):
-    """Return the power of the base in a state (W), in coordinates relative to it: -a_b (Gamma q' + m_a r Y'), Y' = ``own`` (m/s)."""
+def compute_base_power(window, losses, motion, since, state, tau):
+    """Return the power of the base (W), in coordinates relative to it: -a_b (Gamma q' + sum of m_a r Y'_a).
+
+    ``state`` holds the modal velocities q' and those of the absorbers without their ``motion`` (n,), whose
+    segment began ``since`` (s) ago.
+    """
     load = window.load
     if load is None:
         return 0.0
-    return _compute_base_power(load.base, window.omega, losses, own, state, tau)
+    return _compute_base_power(load.base, window.omega, losses, motion, since, state, tau)
 
 
 @jit
-def _compute_base_power(base, omega, losses, own, state, tau):
+def _compute_base_power(base, omega, losses, motion, since, state, tau):
     if base is None:
         return 0.0
-    momentum = base.carried * own
+    momentum = 0.0
     half = state.shape[0] // 2
-    for i in range(losses.rate.shape[0]):
+    modes = losses.rate.shape[0]
+    for a in range(motion.shape[0]):
+        own = state[half + modes + a] + motion[a].v + motion[a].a * since
+        momentum += base.carried[a] * own
+    for i in range(modes):
         momentum += base.participation[i] * state[half + i]
     return -evaluate_load(base.terms, omega, tau) * momentum
 
@@ -99,7 +107,9 @@ def add_by_quadrature(segment, losses, state, energy):
                 energy.modal[i] += weight * losses.rate[i] * v * v
             energy.totals[0].work += weight * f * power
             own = state[half + modes] + absorber.v + absorber.a * (c - tau)
-            energy.totals[0].work += weight * compute_base_power(window, losses, own, state, c)
+            energy.totals[0].work += weight * compute_base_power(
+                window, losses, segment.motion, c - tau, state, c
+            )
             relative = own - tip
             energy.totals[0].absorber_damping += weight * losses.damper * relative * relative
         propagate(system.rows, system.table, system.scale, h, p)

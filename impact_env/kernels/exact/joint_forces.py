@@ -52,7 +52,8 @@ class Joints(NamedTuple):
     ``undecided``: absorbers without relative velocity, which may stick or slip; ``case`` of each
     joint force. ``system`` (n, n + 1): matrix and right-hand side of the forces inside their
     bounds, whose absorbers are ``inside`` (n,). ``unsolved`` (1,): whether a problem had no
-    solution up to rounding. ``freed``: absorbers that an impact tears loose.
+    solution up to rounding. ``freed``: absorbers that an impact tears loose. ``complete``: absorbers
+    whose contact state holds the motion that a moving base gives them, too.
     """
 
     relative_acceleration: NDArray[np.float64]
@@ -66,6 +67,7 @@ class Joints(NamedTuple):
     system: NDArray[np.float64]
     unsolved: NDArray[np.bool_]
     freed: NDArray[np.bool_]
+    complete: NDArray[np.bool_]
 
 
 @jit_allocating
@@ -82,6 +84,7 @@ def new_joints(n):
         np.zeros(n, np.int64),
         np.zeros((n, n + 1)),
         np.zeros(1, np.bool_),
+        np.zeros(n, np.bool_),
         np.zeros(n, np.bool_),
     )
 
@@ -127,6 +130,22 @@ def _base_acceleration(base, omega, tau):
 
 
 @jit
+def find_base_share(window):
+    """Return the displacement of the absorbers' places for a unit motion of the base, 0 where it does not move."""
+    load = window.load
+    if load is None:
+        return 0.0
+    return _base_share(load.base)
+
+
+@jit
+def _base_share(base):
+    if base is None:
+        return 0.0
+    return base.at_absorber
+
+
+@jit
 def find_base_participation(window, i):
     """Return the participation of mode ``i`` in the motion of the base, 0 where it does not move."""
     load = window.load
@@ -150,9 +169,10 @@ def compute_relative_accelerations(absorbers, losses, window, contact_states, st
     tau = contact_states[0].tau
     force = compute_force_at(window, tau)
     base = compute_base_acceleration(window, tau)
+    inertia = find_base_share(window) * base
     for a in range(n):
-        joints.relative_acceleration[a] = -absorbers.gravity[a]
-        joints.acceleration_slack[a] = abs(absorbers.gravity[a])
+        joints.relative_acceleration[a] = -absorbers.gravity[a] - inertia
+        joints.acceleration_slack[a] = abs(absorbers.gravity[a]) + abs(inertia)
         if not joints.undecided[a] and contact_states[a].regime == FREE:
             joints.relative_acceleration[a] += contact_states[a].force / absorbers.mass[a]
     for i in range(modes):

@@ -26,6 +26,8 @@ from impact_env.kernels.motion.forced import (
     SIGNALS,
     Forced,
     add_forced,
+    base_motion,
+    integrate_base,
     solve_guard,
     solve_response,
     solve_tip_signal,
@@ -256,7 +258,9 @@ def update_set_response(sets, window, s, workspace):
         flow.solved[s, :] = False
     if flow.solved[s, n]:
         return
-    solve_response(system_of_set(sets, s, sets.rows[s, n]), window, forced_of_set(flow, s, n))
+    forced = forced_of_set(flow, s, n)
+    solve_response(system_of_set(sets, s, sets.rows[s, n]), window, forced)
+    integrate_base(window, forced)
     flow.solved[s, :] = False
     flow.solved[s, n] = True
 
@@ -274,6 +278,22 @@ def update_guard_response(sets, absorbers, window, s, a, flow):
     else:
         solve_guard(system, window, None, forced)
     flow.solved[s, a] = True
+
+
+@jit
+def add_base_motion(sets, window, s, a, sign, workspace):
+    """Add the motion that a moving base gives the free absorber a, times ``sign``, to its contact state; the response of the set at place s is known.
+
+    Between events the contact state holds the rest of the motion, a polynomial of second order.
+    """
+    load = window.load
+    if load is not None:
+        contact_state = workspace.contact_states[a]
+        n = sets.deflection.shape[2]
+        signals = forced_of_set(workspace.forced_sets, s, n).signals
+        q, v = base_motion(load, signals, window.omega, contact_state.tau)
+        contact_state.q += sign * q
+        contact_state.v += sign * v
 
 
 @jit

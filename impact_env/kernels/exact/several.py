@@ -41,6 +41,7 @@ from impact_env.kernels.exact.sets import (
     ForcedSets,
     Sets,
     SignalSet,
+    add_base_motion,
     fill_guard_signal,
     find_joined_set,
     forced_of_set,
@@ -227,6 +228,7 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
         motion.q = contact_state.offset if joined else contact_state.q
         motion.v = 0.0 if joined else contact_state.v
         motion.a = 0.0 if joined else contact_state.a
+        motion.base_share = 0.0 if joined else 1.0
     segment = Segment(
         regime,
         forced,
@@ -311,7 +313,24 @@ def enter_set_window(scene, window, started, workspace, state, events):
             -1.0,
             workspace.buffers.z,
         )
+        add_base_motion_to_free(scene.sets, window, s, -1.0, workspace)
     forget_safe_times(workspace.safe_times)
+
+
+@jit
+def leave_set_window(scene, window, tau, workspace):
+    """End a window, or a run, at ``tau`` (s): add the forced response to the amplitudes, and the base's motion to the free absorbers."""
+    s = find_joined_set(scene.sets, workspace.contact_states)
+    add_forced(workspace.forced_sets.polynomials[s], window.omega, tau, 1.0, workspace.buffers.z)
+    add_base_motion_to_free(scene.sets, window, s, 1.0, workspace)
+
+
+@jit
+def add_base_motion_to_free(sets, window, s, sign, workspace):
+    """Add the motion that a moving base gives all absorbers that are apart in the set at place s, times ``sign``."""
+    for a in range(workspace.contact_states.shape[0]):
+        if not is_joined(sets, s, a):
+            add_base_motion(sets, window, s, a, sign, workspace)
 
 
 @jit
@@ -363,8 +382,6 @@ def integrate_several_section(scene, schedule, k, started, workspace, state, obs
     ``started`` False: the first section of a run, which begins with ``state``.
     """
     contact_states = workspace.contact_states
-    flow = workspace.forced_sets
-    z = workspace.buffers.z
     count = count_windows(schedule, k)
     for w in range(count):
         window = expand_window(schedule, k, w, count)
@@ -381,22 +398,10 @@ def integrate_several_section(scene, schedule, k, started, workspace, state, obs
             if scene.sets.request.failed:
                 status = REGIME_FAILED
             if status != DONE:
-                add_forced(
-                    flow.polynomials[find_joined_set(scene.sets, contact_states)],
-                    window.omega,
-                    contact_states[0].tau,
-                    1.0,
-                    z,
-                )
+                leave_set_window(scene, window, contact_states[0].tau, workspace)
                 return status
             last = contact_states[0].tau
-        add_forced(
-            flow.polynomials[find_joined_set(scene.sets, contact_states)],
-            window.omega,
-            window.half,
-            1.0,
-            z,
-        )
+        leave_set_window(scene, window, window.half, workspace)
         if not is_workspace_finite(workspace):
             return NOT_FINITE
     return DONE

@@ -49,6 +49,7 @@ from impact_env.kernels.exact.rigid_contact import (
 )
 from impact_env.kernels.exact.safe_times import forget_safe_times, may_turn
 from impact_env.kernels.exact.sets import (
+    add_base_motion,
     enter_set,
     fill_guard_signal,
     find_joined_set,
@@ -60,7 +61,7 @@ from impact_env.kernels.exact.sets import (
     update_set_response,
     update_static_deflection,
 )
-from impact_env.kernels.motion.forced import add_forced, evaluate_signal
+from impact_env.kernels.motion.forced import add_forced, base_motion, evaluate_signal
 from impact_env.kernels.motion.modal_system import (
     GUARD,
     REST,
@@ -101,6 +102,16 @@ def write_set_state(sets, window, s, workspace, state):
         workspace.forced_sets.polynomials[s], window.omega, workspace.contact_states[0].tau, 1.0, w
     )
     write_state_from(sets, s, w, workspace, state)
+    load = window.load
+    if load is not None:
+        n = workspace.contact_states.shape[0]
+        half = state.shape[0] // 2
+        signals = forced_of_set(workspace.forced_sets, s, n).signals
+        q, v = base_motion(load, signals, window.omega, workspace.contact_states[0].tau)
+        for a in range(n):
+            if not is_joined(sets, s, a):
+                state[half - n + a] += q
+                state[2 * half - n + a] += v
 
 
 @jit
@@ -227,7 +238,9 @@ def resolve_resting_absorbers(scene, window, s, state, workspace, events):
     for a in range(workspace.contact_states.shape[0]):
         row = workspace.contact_states[a]
         contact = contact_of_absorber(scene, 0, a, absorbers.restitution[a])
+        workspace.joints.complete[a] = row.at_rest or is_joined(sets, s, a)
         if row.at_rest and not is_joined(sets, s, a):
+            add_base_motion(sets, window, s, a, 1.0, workspace)
             update_wall_contact(contact.walls, row, compute_tip_motion(contact, state)[0])
         workspace.joints.undecided[a] = is_joined(sets, s, a) or (
             row.at_rest and (absorbers.limit[a] > 0.0 or row.side != 0.0)
@@ -242,6 +255,9 @@ def resolve_resting_absorbers(scene, window, s, state, workspace, events):
         workspace.joints,
         events,
     )
+    for a in range(workspace.contact_states.shape[0]):
+        if workspace.joints.complete[a] and workspace.contact_states[a].regime == FREE:
+            add_base_motion(sets, window, s, a, -1.0, workspace)
     change_set(scene, window, s, state, workspace)
 
 
@@ -295,6 +311,7 @@ def release_from_set(scene, window, s, a, event, state, workspace, events):
                 time,
                 events,
             )
+            add_base_motion(sets, window, s, b, -1.0, workspace)
     change_set(scene, window, s, state, workspace)
 
 
@@ -410,6 +427,7 @@ def release_by_impact(scene, window, s, a, event, state, workspace, events):
                 window.centre + contact_states[b].tau,
                 events,
             )
+            add_base_motion(sets, window, s, b, -1.0, workspace)
     if changed:
         change_set(scene, window, s, state, workspace)
     return changed
@@ -522,3 +540,7 @@ def init_joined_set(scene, window, state, workspace, events):
         events,
     )
     change_set(scene, window, BEFORE_FIRST_SET, state, workspace)
+    s = find_joined_set(scene.sets, contact_states)
+    for a in range(n):
+        if contact_states[a].regime == FREE:
+            add_base_motion(scene.sets, window, s, a, -1.0, workspace)

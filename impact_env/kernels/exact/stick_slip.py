@@ -244,6 +244,7 @@ def advance_free_regime(scene, window, workspace, observers):
     motion.q = contact_state.q
     motion.v = contact_state.v
     motion.a = contact_state.a
+    motion.base_share = 1.0
     observe_segment(
         scene,
         Segment(
@@ -294,6 +295,7 @@ def advance_joined_regime(scene, window, workspace, observers):
     motion.q = contact_state.offset
     motion.v = 0.0
     motion.a = 0.0
+    motion.base_share = 0.0
     segment = Segment(
         joined,
         forced,

@@ -274,6 +274,23 @@ def solve_tip_signal(system, forced):
 @jit
 def add_base_displacement(window, forced):
     """Add the displacement that a moving base gives a free absorber to the guard signal: Y'' = -r a_b."""
+    integrate_base(window, forced)
+    load = window.load
+    if load is not None:
+        _add_base_displacement(load.base, forced.signals)
+
+
+@jit
+def _add_base_displacement(base, signals):
+    if base is not None:
+        for n in range(TERMS):
+            for part in range(2):
+                signals[0, n, part, 0] += signals[1, n, part, 3]
+
+
+@jit
+def integrate_base(window, forced):
+    """Fill the signal of the displacement that a moving base gives a free absorber, for `base_motion`."""
     load = window.load
     if load is not None:
         _integrate_base(load.base, window.omega, window.half, forced.signals)
@@ -281,7 +298,7 @@ def add_base_displacement(window, forced):
 
 @jit
 def _integrate_base(base, omega, half, signals):
-    """Fill the signal of a free absorber's displacement, which is twice the integral of what the base does to it, and add it to the guard signal.
+    """Fill the signal of a free absorber's displacement, which is twice the integral of what the base does to it.
 
     P' + i Omega P = F as in `solve_response`, with s = 0: where Omega is small the polynomial is
     built upwards.
@@ -311,9 +328,6 @@ def _integrate_base(base, omega, half, signals):
                 p_r = x_i / omega
                 p_i = -x_r / omega
                 signals[1, n, 0, 3], signals[1, n, 1, 3] = p_r, p_i
-    for n in range(TERMS):
-        for part in range(2):
-            signals[0, n, part, 0] += signals[1, n, part, 3]
 
 
 @jit

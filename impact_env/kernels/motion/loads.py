@@ -43,13 +43,14 @@ NUMBERS = 10
 class BaseParticipation(NamedTuple):
     """Response of a scene to a unit acceleration of the base.
 
-    ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorber's
-    place for a unit rigid motion; ``carried``: absorber mass times that (kg).
+    ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorbers'
+    places for a unit rigid motion; ``carried`` (n,): each absorber's mass times that (kg), 0 without
+    an absorber.
     """
 
     participation: Array
     at_absorber: float
-    carried: float
+    carried: Array
 
 
 class LoadPieces(NamedTuple):
@@ -72,7 +73,7 @@ class MovingBase(NamedTuple):
     terms: Array
     participation: Array
     at_absorber: float
-    carried: float
+    carried: Array
 
 
 class LoadWorkspace(NamedTuple):

@@ -69,9 +69,9 @@ LIST_COUNTS = record_type(impacts=INTEGER, phases=INTEGER, reversals=INTEGER, em
 TOTALS = record_type(work=NUMBER, friction_loss=NUMBER, impact_loss=NUMBER, absorber_damping=NUMBER)
 CHECK_COUNTS = record_type(searches=INTEGER, misses=INTEGER)
 MISS_RECORD = record_type(time=NUMBER, kind=INTEGER, share=NUMBER)
-ABSORBER_MOTION = record_type(
-    q=NUMBER, v=NUMBER, a=NUMBER
-)  # an absorber's displacement, velocity and acceleration
+# an absorber's displacement, velocity and acceleration, and which share of the motion that a moving
+# base gives a free absorber comes on top of it: 1 or 0
+ABSORBER_MOTION = record_type(q=NUMBER, v=NUMBER, a=NUMBER, base_share=NUMBER)
 FIRST_MISSES = 16
 
 

@@ -301,12 +301,16 @@ def _write_states(segment, clock, series):
 
 @jit_inline
 def add_base_motion_to_state(segment, tau, state):
-    """Add the motion that the base gives a single free absorber to a state; nothing where the base is at rest."""
+    """Add the motion that the base gives free absorbers to a state; nothing where the base is at rest."""
     load = segment.window.load
     if load is not None:
         q, v = base_motion(load, segment.forced.signals, segment.window.omega, tau)
-        state[state.shape[0] // 2 - 1] += q
-        state[state.shape[0] - 1] += v
+        motion = segment.motion
+        n = motion.shape[0]
+        half = state.shape[0] // 2
+        for a in range(n):
+            state[half - n + a] += motion[a].base_share * q
+            state[2 * half - n + a] += motion[a].base_share * v
 
 
 @jit
