@@ -1,6 +1,21 @@
-"""Impact absorbers on a vibrating beam: models, exact and stepping integration, response levels and performance curves.
+"""Simulation of impact absorbers: a small mass that rattles in a cavity of a vibrating structure.
 
-The names below are the public interface; everything is in SI units.
+>>> from impact_env import Beam, Drive, beam_scene, impact_absorber, linear_sweep, simulate
+>>> scene = beam_scene(Beam(modes=3), impact_absorber(gap=1e-3, restitution=0.7))
+>>> schedule = linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06)
+>>> response = simulate(scene, Drive(3.5, schedule))
+>>> print(f"{1e3 * response.level.value:.2f} mm, {response.impact_count > 1000}")
+0.67 mm, True
+
+- **Structure**: `Beam`, `load_structure` (a file), `ModalModel` (modes).
+- **Absorber**: `impact_absorber`, `friction_damper`, `tuned_absorber`, `impact_absorbers`; structure and
+  absorber together are a `Scene` (`beam_scene`).
+- **Load**: `Drive` with `linear_sweep` or `constant_frequency`; others in `impact_env.loads`.
+- **Run**: `simulate` returns a `Response`; `Record` says what it records.
+- **Many runs**: `performance_curve`, the level over the force with its band; `impact_env.ensemble`.
+- **Environments**: `gymnasium.make("ImpactAbsorber/ActiveGap-v0")`; `evaluate` scores a policy.
+
+Everything is in SI units. Wrong values raise `ParameterError`.
 """
 
 from importlib.metadata import PackageNotFoundError, version
@@ -29,6 +44,7 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
     impact_absorbers,
+    tuned_absorber,
 )
 from impact_env.plain import StructureWarning, load_structure
 from impact_env.prepare import Preparation, is_ready, prepare
@@ -62,6 +78,7 @@ __all__ += [
     "friction_damper",
     "impact_absorber",
     "impact_absorbers",
+    "tuned_absorber",
 ]
 __all__ += [
     "Drive",
@@ -92,6 +109,11 @@ def __getattr__(name: str) -> Any:
 
         return evaluate
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return sorted(__all__)
 
 
 try:

@@ -54,7 +54,7 @@ from impact_env.parameters import (
     row_of,
     two,
 )
-from impact_env.result_files import SavedResult
+from impact_env.result_files import SavedResult, TableResult
 from impact_env.results import DEFAULT_SAMPLES, Record, html_table
 from impact_env.scene import Scene
 from impact_env.sweep import Stop, Stopped
@@ -161,8 +161,8 @@ class Optimum:
 
 
 @dataclass(frozen=True, eq=False)
-class PerformanceCurve(SavedResult):
-    """Response levels over the force. Runs that an interruption left out are NaN.
+class PerformanceCurve(SavedResult, TableResult):
+    """Response levels over the force, as `performance_curve` returns them. Runs that an interruption left out are NaN.
 
     Attributes
     ----------
@@ -202,6 +202,21 @@ class PerformanceCurve(SavedResult):
     def band(self) -> Array:
         """5 and 95 % quantiles of `combined` over the members in m, (2, F)."""
         return quantiles(self.combined, BAND)
+
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return all runs as columns, (2 F M,) each: force, member, direction of the sweep, and results."""
+        shape = self.level.shape
+        force, member, direction = np.indices(shape).reshape(3, -1)
+        return {
+            "force_n": self.forces[force],
+            "member": member,
+            "direction": np.where(direction == UP, "up", "down"),
+            "level_m": self.lanes.level.ravel(),
+            "frequency_ratio": self.lanes.frequency_ratio.ravel(),
+            "largest_displacement_m": self.lanes.max_tip.ravel(),
+            "impacts": self.lanes.impacts.ravel(),
+            "stuck_time_s": self.lanes.stuck_time.ravel(),
+        }
 
     def __repr__(self) -> str:
         return f"PerformanceCurve({', '.join(text for _, text in self._table_rows())})"

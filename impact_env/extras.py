@@ -14,6 +14,7 @@ OF_EXTRAS = {  # extras of pyproject.toml: the packages that they bring, as they
     "optimise": ("cvxpy", "optuna", "cmaes", "moocore"),
     "cluster": ("distributed",),
     "files": ("pyuff",),
+    "dataframe": ("pandas",),
     "nastran": ("pyNastran", "cpylog"),
     "ansys": ("ansys",),
     "explore": ("starlette", "uvicorn", "websockets"),

@@ -26,7 +26,17 @@ _purpose: ContextVar[tuple[object, object, str]] = ContextVar("_purpose", defaul
 
 @dataclass(frozen=True)
 class Compilation:
-    """A kernel is being compiled or was: ``what`` it is for, whether that has "started" or "finished", and the ``seconds`` that it took by then."""
+    """The compilation of a kernel.
+
+    Attributes
+    ----------
+    what : str
+        What the kernel is for.
+    state : {"started", "finished"}
+        Whether the compilation begins or has ended.
+    seconds : float
+        How long it has taken so far in s.
+    """
 
     what: str
     state: Literal["started", "finished"]
@@ -37,14 +47,32 @@ _callbacks: list[Callable[[Compilation], object]] = []
 
 
 def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
-    """Call ``callback`` with a `Compilation` when a kernel begins to be compiled and when that ends; return what ends these calls.
+    """Call a function when a kernel begins to be compiled, and when that ends.
 
-    It is called in the thread that compiles, which waits for it. What it raises is logged as a warning, and stops nothing. A kernel that is
-    loaded from the folder where kernels are kept calls nobody.
+    It is called in the thread that compiles, which waits for it. What it raises is logged as a
+    warning and stops nothing. A kernel that is loaded from the cache calls nothing.
 
-    >>> told = []
-    >>> end = on_compile(told.append)
-    >>> end()
+    Parameters
+    ----------
+    callback : callable
+        Function of one `Compilation`.
+
+    Returns
+    -------
+    callable
+        Function without arguments that ends these calls.
+
+    Raises
+    ------
+    ParameterError
+        The callback cannot be called.
+
+    Examples
+    --------
+    >>> from impact_env import on_compile
+    >>> compilations = []
+    >>> end_calls = on_compile(compilations.append)
+    >>> end_calls()
     """
     require(callable(callback), "callback", callback, "a function of one argument")
     own = [callback]  # the same callback may be given twice

@@ -406,11 +406,34 @@ Structure = Beam | ModalModel  # what a structure is given as
 
 
 def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> ModalModel:
-    """Return the lowest ``beam.modes`` modes of a beam, with the shapes at the ``positions`` (shares of the length) of several absorbers, if given.
+    """Return the lowest modes of a beam.
 
-    A modal model is given back as it is; it has no positions. The inverse problem M v = (1/omega^2) K v is solved because the low modes,
-    the ones that matter, then are the largest eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies
+    The inverse problem M v = (1/omega^2) K v is solved because the low modes, the ones that matter,
+    then are the largest eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies
     follow from the shapes. Modes of a beam on a soft suspension begin with the rigid-body motions.
+
+    Parameters
+    ----------
+    beam : Beam or ModalModel
+        The beam, of which ``beam.modes`` modes are kept. A modal model is returned as it is.
+    positions : iterable of float, (n,), optional
+        Places of several absorbers as shares of the beam's length.
+
+    Returns
+    -------
+    ModalModel
+        The modes, with their shapes at force, absorber and response.
+
+    Raises
+    ------
+    ParameterError
+        A position is not on the beam, or is given for a modal model.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, modal_model
+    >>> round(modal_model(Beam()).omega[0], 1)
+    252.3
     """
     if isinstance(beam, ModalModel):
         require(
@@ -453,9 +476,26 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
 
 
 def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
-    """Return the mass-normalised shapes of a beam's modes at positions (P,), shares of its length from 0 to 1, as (P, N_m) in 1/sqrt(kg).
+    """Return the mass-normalised shapes of a beam's modes at positions along it.
 
     They are what `modal_model` has at the force and the absorber, also at ends that are held.
+
+    Parameters
+    ----------
+    beam : Beam
+        The beam, of which ``beam.modes`` modes are kept.
+    positions : array_like, (P,)
+        Shares of the length, 0 to 1.
+
+    Returns
+    -------
+    array, (P, N_m)
+        Shapes in 1/sqrt(kg).
+
+    Raises
+    ------
+    ParameterError
+        A position is not on the beam.
     """
     beam = instance("beam", beam, Beam)
     allowed = "one or more shares of the length, 0 to 1"

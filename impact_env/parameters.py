@@ -340,8 +340,22 @@ def check_restitution(name: str, value: object) -> float:
 class YieldingWalls:
     """Rigid cavity walls where contact yields: restitution falls with the relative velocity v at impact, e(v) = e (1 + v/v_y)^(-1/4).
 
-    At low velocity it is ``restitution``; far above ``yield_velocity`` v_y in m/s it goes with v^(-1/4), as for a fully plastic sphere
-    (K. L. Johnson, Contact Mechanics, 1985, section 11.5). ``gap`` in m.
+    Far above v_y it goes with v^(-1/4), as for a fully plastic sphere (K. L. Johnson, Contact
+    Mechanics, 1985, section 11.5).
+
+    Parameters
+    ----------
+    yield_velocity : float
+        Velocity v_y in m/s above which restitution falls.
+    gap : float, optional
+        Clearance to either wall in m, above 0.
+    restitution : float, optional
+        Coefficient of restitution e of slow impacts, 0 to 1.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
     """
 
     yield_velocity: float
@@ -371,13 +385,19 @@ class CompliantWalls:
 
     Parameters
     ----------
-    stiffness
+    stiffness : float
         Spring k_n of a wall in N/m.
-    gap
-        Clearance to either wall in m.
-    restitution
-        Velocity after over velocity before a free impact, above 0 to 1. It sets the damper; 1 is the paper's spring without a
-        damper. The damper acts as long as the wall is overlapped, so that it may pull just before the contact ends (Kelvin-Voigt).
+    gap : float, optional
+        Clearance to either wall in m, 0 or above.
+    restitution : float, optional
+        Velocity after over velocity before a free impact, above 0 to 1. It sets the damper; 1 is the
+        paper's spring without a damper. The damper acts as long as the wall is overlapped, so that
+        it may pull just before the contact ends (Kelvin-Voigt).
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
     """
 
     stiffness: float
@@ -397,7 +417,26 @@ class CompliantWalls:
     def from_loss_factor(
         cls, stiffness: float, loss_factor: float, gap: float = RigidWalls.gap
     ) -> "CompliantWalls":
-        """Return walls whose contact has a loss factor (loss angle's tangent at the contact's own frequency), from 0 to below 2.
+        """Return walls whose contact has a loss factor.
+
+        Parameters
+        ----------
+        stiffness : float
+            Spring k_n of a wall in N/m.
+        loss_factor : float
+            Tangent of the loss angle at the contact's own frequency, from 0 to 1.95.
+        gap : float, optional
+            Clearance to either wall in m, 0 or above.
+
+        Returns
+        -------
+        CompliantWalls
+            Walls with the restitution of that loss factor.
+
+        Raises
+        ------
+        ParameterError
+            A value is out of range.
 
         Examples
         --------
@@ -441,10 +480,16 @@ class CoulombFriction:
 
     Parameters
     ----------
-    limit
-        Force of sliding friction mu f_N in N.
-    static_ratio
-        Force that breaks a sticking absorber loose over that of sliding friction, 1 or above; the paper has 1.
+    limit : float
+        Force of sliding friction mu f_N in N, above 0.
+    static_ratio : float, optional
+        Force that breaks a sticking absorber loose over that of sliding friction, 1 or above; the
+        paper has 1.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
     """
 
     limit: float
@@ -491,7 +536,20 @@ DEFAULT_MASS_RATIO = 0.02
 
 @dataclass(frozen=True)
 class StuckAbsorber:
-    """An absorber that never moves in its cavity: mass added to the beam (paper, section 3.1); ``gravity`` in m/s^2 as in `SlidingAbsorber`."""
+    """An absorber that never moves in its cavity: mass added to the structure (paper, section 3.1).
+
+    Parameters
+    ----------
+    mass_ratio : float, optional
+        Mass of the absorber over the mass of the structure.
+    gravity : float, optional
+        Gravity in m/s^2 along the motion, as in `SlidingAbsorber`.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+    """
 
     mass_ratio: float = DEFAULT_MASS_RATIO
     gravity: float = 0.0
@@ -502,9 +560,23 @@ class StuckAbsorber:
 
 @dataclass(frozen=True)
 class TunedAbsorber:
-    """Linear tuned absorber, LTVA (paper, section 6): ``stiffness`` in N/m, ``damping`` in N s/m. Defaults are the paper's.
+    """Linear tuned absorber, LTVA: a mass on a spring and a damper (paper, section 6). The defaults are the paper's.
 
-    ``gravity`` in m/s^2 as in `SlidingAbsorber`.
+    Parameters
+    ----------
+    mass_ratio : float, optional
+        Mass of the absorber over the mass of the structure.
+    stiffness : float, optional
+        Stiffness of the spring in N/m.
+    damping : float, optional
+        Coefficient of the damper in N s/m, 0 or above.
+    gravity : float, optional
+        Gravity in m/s^2 along the motion, as in `SlidingAbsorber`.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
     """
 
     mass_ratio: float = DEFAULT_MASS_RATIO
@@ -524,9 +596,25 @@ class TunedAbsorber:
 
 @dataclass(frozen=True)
 class NonlinearSink:
-    """Nonlinear energy sink: a mass on a spring whose force is ``cubic_stiffness`` k_3 (N/m^3) times the cube of the relative displacement, and a
-    linear damper ``damping`` (N s/m). Without a linear spring it has no frequency of its own (O. Gendelman et al., J. Appl. Mech. 68, 2001).
-    """  # noqa: D205
+    """Nonlinear energy sink: a mass on a cubic spring and a linear damper.
+
+    Without a linear spring it has no frequency of its own (O. Gendelman et al., J. Appl. Mech. 68,
+    2001).
+
+    Parameters
+    ----------
+    cubic_stiffness : float
+        Force of the spring over the cube of its stretch, k_3 in N/m^3.
+    mass_ratio : float, optional
+        Mass of the absorber over the mass of the structure.
+    damping : float, optional
+        Coefficient of the damper in N s/m, 0 or above.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+    """
 
     cubic_stiffness: float
     mass_ratio: float = DEFAULT_MASS_RATIO
@@ -808,6 +896,45 @@ def friction_damper(
     return SlidingAbsorber(mass_ratio, None, friction)
 
 
+def tuned_absorber(
+    stiffness: float = TunedAbsorber.stiffness,
+    damping: float = TunedAbsorber.damping,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+) -> TunedAbsorber:
+    """Return a linear tuned absorber: a mass on a spring and a damper.
+
+    Parameters
+    ----------
+    stiffness : float, optional
+        Stiffness of the spring in N/m (default: the paper's, for its beam's first resonance).
+    damping : float, optional
+        Coefficient of the damper in N s/m, 0 or above.
+    mass_ratio : float, optional
+        Mass of the absorber over the mass of the structure.
+
+    Returns
+    -------
+    TunedAbsorber
+        The absorber, to be put on a structure by `beam_scene`.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
+
+    See Also
+    --------
+    optimisation.tuned : Tunings for a structure.
+
+    Examples
+    --------
+    >>> from impact_env import tuned_absorber
+    >>> tuned_absorber(stiffness=700.0, damping=0.7).stiffness
+    700.0
+    """
+    return TunedAbsorber(mass_ratio, stiffness, damping)
+
+
 def shared_masses(
     number: int, mass_ratio: float = DEFAULT_MASS_RATIO, shares: Iterable[float] | None = None
 ) -> tuple[float, ...]:
@@ -831,10 +958,38 @@ def impact_absorbers(
     mass_ratio: float = DEFAULT_MASS_RATIO,
     shares: Iterable[float] | None = None,
 ) -> SeveralAbsorbers:
-    """Return impact absorbers with rigid contact that share one mass: ``mass_ratio`` all together, of which each has its share (default: equal ones).
+    """Return impact absorbers with rigid contact that share one mass.
 
-    ``gaps`` in m and ``positions`` (shares of the beam's length): one each. ``restitution`` and ``friction_limit`` (N; 0 or None: none): one for
-    all, or one each.
+    Parameters
+    ----------
+    gaps : iterable of float, (n,)
+        Clearance of each absorber to either wall in m.
+    positions : iterable of float, (n,)
+        Place of each absorber as a share of the beam's length, from the left end.
+    restitution : float or iterable of float, optional
+        Coefficient of restitution of all absorbers, or one for each.
+    friction_limit : float or iterable of float, optional
+        Force of sliding friction in N of all absorbers, or one for each. None or 0: no friction.
+    mass_ratio : float, optional
+        Mass of all absorbers together over the mass of the structure.
+    shares : iterable of float, (n,), optional
+        Share of that mass that each absorber has, 1 in all. Default: equal shares.
+
+    Returns
+    -------
+    SeveralAbsorbers
+        The absorbers, to be put on a structure by `beam_scene`.
+
+    Raises
+    ------
+    ParameterError
+        A value is out of range, or the arguments are not of one length.
+
+    Examples
+    --------
+    >>> from impact_env import impact_absorbers
+    >>> impact_absorbers(gaps=[5e-4, 1e-3], positions=[0.7, 1.0]).mass_ratio
+    0.02
     """
     gaps = listed("gaps", gaps)
     positions = listed("positions", positions)

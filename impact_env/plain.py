@@ -347,12 +347,32 @@ NEEDED_BEAM_KEYS = (
 
 
 def load_structure(path: Path | str) -> Structure:
-    """Return the structure that a TOML or JSON file describes: a `Beam`, or the `ModalModel` of what the other tables name.
+    """Return the structure that a TOML or JSON file describes.
 
-    The file has one of the tables ``beam``, ``model``, ``universal``, ``matrices``, ``nastran`` and ``ansys``, and no absorber
-    (`docs/scenes.md`). Level and limits are read at the response's place, or at the absorber's if it names none. Raises
-    ParameterError that names file, key, value and what is allowed; warns with a StructureWarning about what looks wrong: shapes that
-    are not mass-normalised, frequencies that coincide, units, resonances that move no place in use.
+    The file has one of the tables ``beam``, ``model``, ``universal``, ``matrices``, ``nastran`` and
+    ``ansys``, and no absorber (`docs/scenes.md`). Level and limits are read at the response's place,
+    or at the absorber's if the file names none.
+
+    Parameters
+    ----------
+    path : path
+        Name of the file.
+
+    Returns
+    -------
+    Beam or ModalModel
+        A beam from the table ``beam``, else modes.
+
+    Raises
+    ------
+    ParameterError
+        The file cannot be read, or a value is not allowed; the message names file, key and value.
+
+    Warns
+    -----
+    StructureWarning
+        Something looks wrong: shapes that are not mass-normalised, frequencies that coincide, units,
+        resonances that move no place in use.
     """
     path = Path(instance("path", path, str | Path))
     plain = read_plain(path)

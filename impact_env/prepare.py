@@ -94,16 +94,47 @@ def is_ready(
     record: Record | None = None,
     loads: Loads | None = None,
 ) -> bool:
-    """Return whether `simulate` with these compiles nothing (and load what is kept, in up to half a second); with ``loads``, run them.
+    """Return whether `simulate` needs no compilation for a scene.
 
-    Raises ParameterError if the method (default: Exact) cannot do the scene.
+    Kernels in the cache are loaded, in up to half a second.
+
+    Parameters
+    ----------
+    scene : Scene
+        Structure with or without absorber.
+    method : Exact, Moreau or RungeKutta, optional
+        Integration method (default: `Exact`).
+    record : Record, optional
+        What the run records. Default: the response level.
+    loads : Loads, optional
+        Loads of the run, which is made for the answer. None: one force.
+
+    Returns
+    -------
+    bool
+        Whether all kernels are compiled.
+
+    Raises
+    ------
+    ParameterError
+        The method cannot simulate the scene.
+
+    See Also
+    --------
+    prepare : Compile them in another process.
     """
     _checked(scene, method, record)
     return not COMPILED or is_cached(partial(short_run, scene, method, record, loads))
 
 
 class Preparation:
-    """A process that compiles kernels by doing ``job``, which can be pickled."""
+    """A process that compiles kernels, as `prepare` returns it.
+
+    Parameters
+    ----------
+    job : callable
+        Function without arguments that needs the kernels; it must be picklable.
+    """
 
     def __init__(self, job: Callable[[], object]) -> None:
         self._began = time.monotonic()

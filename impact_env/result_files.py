@@ -1,4 +1,8 @@
-"""Results in files: any result, with the scene, load and method behind it, as JSON or as a NumPy archive, and back with every bit."""
+"""Results as files and tables.
+
+`SavedResult`: any result, with the scene, load and method behind it, as JSON or as a NumPy archive, and back with every bit.
+`TableResult`: a result that is a table, as columns or as a data frame of pandas.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
 from impact_env.plain_files import replacing, require_readable
+
+if TYPE_CHECKING:
+    import pandas
 
 FORMATS = (".json", ".npz")
 SKELETON = "result"  # of a NumPy archive: all but the arrays, as JSON
@@ -61,6 +69,43 @@ def decode(plain: Any, arrays: Mapping[str, NDArray[Any]] | None = None) -> Any:
     return tuple(values) if kind == "tuple" else list(values)
 
 
+def to_plain_data(value: Any) -> Any:
+    """Return a value made of dataclasses, arrays and plain data as dictionaries, lists and numbers."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if is_dataclass(value):
+        return {field.name: to_plain_data(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: to_plain_data(part) for key, part in value.items()}
+    if isinstance(value, tuple | list):
+        return [to_plain_data(part) for part in value]
+    return value
+
+
+class TableResult:
+    """A result that is a table, or holds one."""
+
+    def to_columns(self) -> Arrays:
+        """Return the columns of the table, each (R,), by names that end in the unit."""
+        raise NotImplementedError
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the table as a data frame, with the columns of `to_columns`.
+
+        Raises
+        ------
+        MissingExtraError
+            pandas is not installed; the message says what installs it.
+        ParameterError
+            The run has not recorded what the table holds.
+        """
+        with optional():
+            import pandas
+        return pandas.DataFrame(self.to_columns())
+
+
 class SavedResult:
     """A result that can be written to a file and read back."""
 
@@ -68,6 +113,11 @@ class SavedResult:
 
     def __init_subclass__(cls) -> None:
         SavedResult.classes[cls.__name__] = cls
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as dictionaries, lists and numbers, by the names of the attributes."""
+        plain: dict[str, Any] = to_plain_data(self)
+        return plain
 
     def to_json(self) -> str:
         """Return the result as JSON, with the scene, load and method behind it.

@@ -41,7 +41,7 @@ from impact_env.parameters import (
     labelled,
     require,
 )
-from impact_env.result_files import SavedResult
+from impact_env.result_files import SavedResult, TableResult
 from impact_env.scene import InitialState, Scene
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ INSTANT_TOL = 1e-13  # of the time: what the rounding of two events' times may p
 
 
 @dataclass(frozen=True, eq=False)
-class Impacts:
+class Impacts(TableResult):
     """Impacts, (K,) each: time (s), relative velocity absorber - tip before (m/s), impulse on the absorber (N s), energy lost (J).
 
     ``absorber`` says which absorber it was, counted from 0. Impacts of several absorbers at one instant have no unique outcome in rigid-body
@@ -248,9 +248,19 @@ class Impacts:
         close &= np.diff(self.absorber) != 0
         return np.append(False, close) | np.append(close, False)
 
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the impacts as columns, (K,) each."""
+        return {
+            "time_s": self.time,
+            "relative_velocity_m_s": self.relative_velocity,
+            "impulse_n_s": self.impulse,
+            "energy_lost_j": self.energy_lost,
+            "absorber": self.absorber,
+        }
+
 
 @dataclass(frozen=True, eq=False)
-class ContactPhases:
+class ContactPhases(TableResult):
     """Joined phases, (K,) each: start and end (s), kind (0 stuck inside the cavity, 1 held at the lower wall, 2 at the upper wall).
 
     ``absorber`` says which absorber it was, counted from 0.
@@ -260,6 +270,15 @@ class ContactPhases:
     end: Array
     kind: NDArray[np.int64]
     absorber: NDArray[np.int64]
+
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the phases as columns, (K,) each."""
+        return {
+            "start_s": self.start,
+            "end_s": self.end,
+            "kind": self.kind,
+            "absorber": self.absorber,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +290,7 @@ class Reversals:
 
 
 @dataclass(frozen=True, eq=False)
-class History:
+class History(TableResult):
     """State at the samples: time (S,) in s, modal displacement and velocity (S, N_m), absorber displacement and velocity (S,), tip shape (N_m,).
 
     Several absorbers have a column each: (S, n).
@@ -294,14 +313,38 @@ class History:
         """Tip velocity in m/s, (S,)."""
         return np.asarray(self.modal_velocity @ self.tip_shape)
 
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return time, motion of the tip and motion of each absorber as columns, (S,) each."""
+        columns: dict[str, NDArray[Any]] = {
+            "time_s": self.time,
+            "tip_displacement_m": self.tip_displacement,
+            "tip_velocity_m_s": self.tip_velocity,
+        }
+        displacement = self.absorber_displacement.reshape(len(self.time), -1)
+        velocity = self.absorber_velocity.reshape(len(self.time), -1)
+        for k in range(displacement.shape[1]):
+            name = "absorber" if displacement.shape[1] == 1 else f"absorber_{k + 1}"
+            columns[f"{name}_displacement_m"] = displacement[:, k]
+            columns[f"{name}_velocity_m_s"] = velocity[:, k]
+        return columns
+
 
 @dataclass(frozen=True, eq=False)
-class Envelope:
+class Envelope(TableResult):
     """Least and largest displacement in m, (B,) each, of the place where the level is read, between ``edges`` (B + 1,) in s; NaN without a sample."""
 
     edges: Array
     low: Array
     high: Array
+
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return start, end, least and largest displacement of each part as columns, (B,) each."""
+        return {
+            "start_s": self.edges[:-1],
+            "end_s": self.edges[1:],
+            "least_displacement_m": self.low,
+            "largest_displacement_m": self.high,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -381,7 +424,7 @@ class RecordedParts:
 
 
 @dataclass(frozen=True, eq=False)
-class Response(SavedResult):
+class Response(SavedResult, TableResult):
     """Result of a run. A part that was not recorded is None; `recorded` refuses such a part by name.
 
     Attributes
@@ -502,6 +545,10 @@ class Response(SavedResult):
         if level is not None:
             point = (level.frequency_ratio if swept else level.time, level.value)
         return plot_envelope(x, low, high, point, swept, axes, options)
+
+    def to_columns(self) -> dict[str, NDArray[Any]]:
+        """Return the state at the samples as columns, as `History.to_columns`; raises ParameterError unless the run recorded its series."""
+        return self.recorded.history.to_columns()
 
     def displacement_columns(self) -> tuple[Array, Array, Array]:
         """Return times (B,) in s, and least and largest displacement (B,) in m around each, where the level is read.

@@ -1,5 +1,6 @@
 """The scene of a run: a modal model and, if there is one, an absorber. Absent parts are None."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -167,8 +168,8 @@ def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) 
     beam : Beam or ModalModel, optional
         Beam, or the modal model of any structure (see `load_structure`). Default: the paper's beam.
     absorber : optional
-        `impact_absorber`, `friction_damper`, `TunedAbsorber`, `NonlinearSink`, `StuckAbsorber`,
-        `SlidingAbsorber` or `SeveralAbsorbers`. None: the structure alone.
+        What `impact_absorber`, `friction_damper`, `tuned_absorber` or `impact_absorbers` return, a
+        `StuckAbsorber` or a `NonlinearSink`. None: the structure alone.
 
     Returns
     -------
@@ -180,6 +181,11 @@ def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) 
     ParameterError
         An argument is of another class, or the beam's values fit no modal model.
 
+    Warns
+    -----
+    UserWarning
+        A gap is more than a tenth of the beam's length, as one that was meant in mm.
+
     Examples
     --------
     >>> from impact_env import Beam, beam_scene, impact_absorber
@@ -187,7 +193,11 @@ def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) 
     >>> round(scene.absorber_mass, 6)
     0.011275
     """
+    allowed = "a Beam or a ModalModel; an absorber is given as absorber=..."
+    require(not isinstance(beam, Absorber), "beam", beam, allowed)
     beam = Beam() if beam is None else instance("beam", beam, Beam | ModalModel)
+    if isinstance(beam, Beam):
+        _warn_of_wide_gaps(beam, absorber)
     if isinstance(beam, ModalModel) or not isinstance(absorber, SeveralAbsorbers):
         return Scene(modal_model(beam), absorber)
     if beam.response_position is not None:
@@ -196,6 +206,19 @@ def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) 
         allowed = "1, the free end, for several absorbers: they have positions of their own"
         require(beam.absorber_position == 1, "absorber_position", beam.absorber_position, allowed)
     return Scene(modal_model(beam, absorber.positions), absorber)
+
+
+WIDE_GAP_SHARE = 0.1  # of a beam's length: wider gaps are taken for ones that were meant in mm
+
+
+def _warn_of_wide_gaps(beam: Beam, absorber: Absorber | None) -> None:
+    """Warn if a gap is so wide for a beam that another unit may be meant."""
+    every = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
+    for one in every:
+        walls = getattr(one, "walls", None)
+        if walls is not None and WIDE_GAP_SHARE * beam.length < walls.gap < np.inf:
+            line = f"gap = {walls.gap:g} m is wide for a beam of {beam.length:g} m: gaps are in m"
+            warnings.warn(line, UserWarning, stacklevel=3)
 
 
 def _check_state(name: str, value: Any) -> float | NDArray[np.float64]:

@@ -122,7 +122,12 @@ class Stop:
 class IntegrationError(RuntimeError):
     """A run could not be finished; the message says why, when, and what to change.
 
-    ``time``: how far the run came in s; ``response``: what was observed up to there. Both are None where it is one of many lanes under control.
+    Attributes
+    ----------
+    time : float or None
+        How far the run came in s. None: it was one of many runs under control.
+    response : Response or None
+        What was recorded up to there. None: as above.
     """
 
     def __init__(

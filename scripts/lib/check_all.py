@@ -41,6 +41,7 @@ LAYERS = (
     "main",
     "test",
     "files",
+    "dataframe",
     "nastran",
     "ansys",
     "optimise",

@@ -283,3 +283,13 @@ def test_control_of_what_it_cannot_do_is_refused() -> None:
             RungeKutta(),
             samples_per_period=16,
         )
+
+
+def test_an_absorber_in_the_beam_s_place_and_a_gap_in_mm_are_noticed() -> None:
+    with pytest.raises(ParameterError, match=r"^beam = .* absorber is given as absorber=\.\.\."):
+        beam_scene(impact_absorber())
+    with pytest.warns(UserWarning, match=r"gap = 1 m is wide for a beam of 0\.5 m: gaps are in m"):
+        beam_scene(absorber=impact_absorber(gap=1.0))
+    pair = impact_absorbers([1e-3, 0.2], [0.7, 1.0])
+    with pytest.warns(UserWarning, match=r"gap = 0\.2 m"):
+        beam_scene(absorber=pair)

@@ -1,7 +1,7 @@
 """Results in files come back with every bit, and what is no such file is refused."""
 
 import json
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,9 @@ from impact_env import (
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.ensemble import LaneLevels, Members
 from impact_env.loads import Loads, ShakenBase, Tone, Tones
+from impact_env.results import Envelope
+
+EVERYTHING_BUT_SERIES = replace(EVERYTHING, series=False)
 
 
 def require_equal(first: Any, second: Any) -> None:
@@ -125,3 +128,52 @@ def test_nothing_is_written_under_a_name_that_is_refused(tmp_path: Path) -> None
     with pytest.raises(ParameterError, match=r"path = .*\.csv"):
         levels.save(tmp_path / "levels.csv")
     assert not list(tmp_path.iterdir())
+
+
+def test_tables_of_a_run_have_its_numbers() -> None:
+    pandas = pytest.importorskip("pandas")
+    response = forced()
+    frame = response.to_dataframe()
+    assert isinstance(frame, pandas.DataFrame)
+    assert list(frame) == [
+        "time_s",
+        "tip_displacement_m",
+        "tip_velocity_m_s",
+        "absorber_displacement_m",
+        "absorber_velocity_m_s",
+    ]
+    assert np.array_equal(frame["tip_displacement_m"], response.history.tip_displacement)
+    impacts = response.impacts.to_dataframe()
+    assert len(impacts) == response.impact_count
+    assert np.array_equal(impacts["impulse_n_s"], response.impacts.impulse)
+    envelope = Envelope(np.arange(3.0), np.array([-1.0, -2.0]), np.array([1.0, 2.0])).to_dataframe()
+    assert np.array_equal(envelope["end_s"][:-1], envelope["start_s"][1:])
+    assert response.phases.to_dataframe()["kind"].isin([0, 1, 2]).all()
+
+
+def test_a_table_of_what_was_not_recorded_is_refused_by_name() -> None:
+    scene = beam_scene(Beam(modes=2), impact_absorber(1e-4, 0.7, 0.1))
+    drive = Drive(8.0, constant_frequency(scene.model.resonance_omega(1), 1.0, 1.0))
+    with pytest.raises(ParameterError, match=r"history = None .*series=True"):
+        simulate(scene, drive, record=EVERYTHING_BUT_SERIES).to_columns()
+
+
+def test_a_table_of_a_curve_has_a_row_for_each_run() -> None:
+    level = np.arange(12.0).reshape(2, 3, 2)
+    lanes = LaneLevels(level, 10 * level, level + 0.5, 2 * level, 3 * level, level / 2, True)
+    members = Members([0.0, 1.0, 2.0], [1.0, 1.0, 1.0])
+    curve = PerformanceCurve(np.array([1.0, 4.0]), members, lanes)
+    columns = curve.to_columns()
+    rows = list(zip(*columns.values(), strict=True))
+    assert len(rows) == 12
+    force, member, direction, value, ratio, largest, impacts, stuck = rows[9]
+    assert (force, member, direction) == (4.0, 1, "down")
+    assert value == level[1, 1, 1]
+    assert (ratio, largest, impacts, stuck) == (value + 0.5, 2 * value, 3 * value, value / 2)
+
+
+def test_a_result_as_a_dictionary_has_plain_values() -> None:
+    plain = forced().to_dict()
+    assert plain["scene"]["absorber"]["walls"] == {"gap": 1e-4, "restitution": 0.7}
+    assert plain["level"]["value"] > 0
+    json.dumps(plain)  # nothing in it that JSON does not know
