@@ -177,7 +177,7 @@ class Record:
 
 @dataclass(frozen=True)
 class ResponseLevel:
-    """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest |q_tip| in m.
+    """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest displacement in m.
 
     The tip is the absorber's place on the beam (`Beam.absorber_position`), or the place where the
     level is read (`Beam.response_position`).

@@ -36,9 +36,19 @@ WINDOW_TOL = 1e-9  # of a window: rounding of a sample's time at the edge of two
 
 
 def participation_ratio(amplitudes: ArrayLike) -> Array:
-    """Return (sum a^2)^2/(N sum a^4) over the last axis of sectors' amplitudes a (..., N): 1 where all are equal, 1/N where one sector moves alone.
+    """Return the participation ratio (sum a^2)^2/(N sum a^4) of the amplitudes a of N sectors.
 
-    NaN where nothing moves.
+    It is 1 where all are equal and 1/N where one sector moves alone.
+
+    Parameters
+    ----------
+    amplitudes : array_like, (..., N)
+        Amplitudes of the sectors, in any unit.
+
+    Returns
+    -------
+    array, (...)
+        The ratio; NaN where nothing moves.
 
     Examples
     --------
@@ -188,6 +198,21 @@ class SectorResponse(SavedResult):
 
 def amplification_factor(mistuned: SectorLevels, tuned: SectorLevels) -> float:
     """Return the level of the worst sector of a mistuned disk over that of the tuned disk.
+
+    Parameters
+    ----------
+    mistuned, tuned : SectorLevels
+        Levels of both disks under the same force.
+
+    Returns
+    -------
+    float
+        The ratio of the two largest levels.
+
+    Raises
+    ------
+    ParameterError
+        The tuned disk does not move.
 
     Examples
     --------

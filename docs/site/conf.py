@@ -35,7 +35,16 @@ project = "Impact absorber workbench"
 author = PROJECT["authors"][0]["name"]
 copyright = author  # noqa: A001 - Sphinx's own name
 version = release = PROJECT["version"]
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+]
+autosummary_generate = False  # tables of names, without a page for each
+napoleon_google_docstring = False
+napoleon_use_rtype = False
 include_patterns = [
     "*.md",
     "docs/*.md",
@@ -63,7 +72,7 @@ myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 suppress_warnings = ["myst.header"]  # the changelog's and the README's own
 autodoc_member_order = "bysource"
-autodoc_typehints_format = "fully-qualified"
+autodoc_typehints = "none"  # docstrings have types, units and shapes
 python_use_unqualified_type_names = True
 autodoc_default_options = {"members": True}
 html_theme = "furo"

@@ -1,6 +1,8 @@
 """What checks a built site sees: links that lead nowhere, and what would be fetched from elsewhere; and what the site is told to hold."""
 
+import importlib
 import importlib.util
+import inspect
 import json
 import re
 import sys
@@ -42,17 +44,28 @@ def test_what_is_wrong_in_a_site_is_one_line(
         assert re.fullmatch(rf"a\.html: {re.escape(words)}.*\n", capsys.readouterr().err)
 
 
-def test_the_reference_has_the_package_and_modules_that_exist() -> None:
-    text = (ROOT / "docs" / "site" / "api.rst").read_text()
-    modules = re.findall(r"automodule:: (\S+)", text)
-    assert modules[0] == "impact_env"
-    assert {"impact_env.curve", "impact_env.plain", "impact_env.envs"} <= set(modules)
-    assert all(importlib.util.find_spec(module) for module in modules)
-    assert [
-        name
-        for name in impact_env.__all__
-        if not getattr(getattr(impact_env, name), "__doc__", None)
-    ] == []
+def test_the_reference_has_every_public_name_once() -> None:
+    folder = ROOT / "docs" / "site"
+    pages = re.findall(r"^   (reference_\w+)$", (folder / "api.rst").read_text(), re.MULTILINE)
+    assert {f"{page}.rst" for page in pages} == {file.name for file in folder.glob("reference_*")}
+    described: list[str] = []
+    for page in pages:
+        module = ""
+        for directive, name in re.findall(
+            r"^\.\. (currentmodule|autoclass|autofunction):: (\S+)",
+            (folder / f"{page}.rst").read_text(),
+            re.MULTILINE,
+        ):
+            if directive == "currentmodule":
+                module = name
+            else:
+                described.append(name if "." in name else f"{module}.{name}")
+    assert len(described) == len(set(described))
+    for name in described:
+        module, _, attribute = name.rpartition(".")
+        assert inspect.getdoc(getattr(importlib.import_module(module), attribute)), name
+    public = {f"impact_env.{name}" for name in impact_env.__all__ if name != "__version__"}
+    assert public <= set(described)
 
 
 def test_the_sites_contents_are_those_of_the_index() -> None:
