@@ -16,7 +16,7 @@ from typing import Any
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.laws import CONCEPTS, GRAVITY_KEY, HEAVY, concept, make, values
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
-from impact_env.modes import Structure, modal_model
+from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
@@ -44,7 +44,16 @@ from impact_env.plain_files import (
     read_plain,
     require_keys,
 )
-from impact_env.plain_structures import BEAM_CODEC, MODEL_CODEC, STRUCTURES
+from impact_env.plain_places import (
+    SCENE_KEYS,
+    SEVERAL_KEY,
+    find_force_shapes,
+    find_structure_kind,
+    read_structure,
+    resolve_absorber_places,
+)
+from impact_env.plain_places import find_force_amplitude as find_force_amplitude
+from impact_env.plain_structures import BEAM_CODEC, MODEL_CODEC, STRUCTURES, apply_forces
 from impact_env.scene import Scene, beam_scene
 from impact_env.structures.checks import StructureWarning as StructureWarning
 from impact_env.structures.checks import list_warnings
@@ -232,11 +241,9 @@ def _write_disk_absorbers(absorbers: tuple[SlidingAbsorber, ...]) -> Plain:
 
 
 ABSORBER_KINDS = tuple(name for name in CONCEPTS if name != "none")
-SEVERAL_KEY = "several"
 ABSORBER_CODEC = Codec(_read_absorber, _write_absorber)
 
 
-SCENE_KEYS = (*STRUCTURES, "absorber")
 SCHEDULE_CODEC = dataclass_codec(
     FrequencySchedule,
     {
@@ -276,10 +283,23 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
             return disk.scene()
         except ParameterError as error:
             raise error.at_key("scene", {}) from error
-    structure = to_structure(plain, folder)
-    absorber = optional_codec(ABSORBER_CODEC).read("scene.absorber", plain.get("absorber"))
+    table, numbers = resolve_absorber_places(plain, "scene.")
+    absorber = optional_codec(ABSORBER_CODEC).read("scene.absorber", table)
+    structure, forces = read_structure(plain, folder or Path(), "scene.")
     try:
-        return beam_scene(structure, absorber)
+        placed = structure
+        if isinstance(structure, ModalModel) and numbers is not None:
+            several = isinstance(absorber, SeveralAbsorbers)
+            placed = (
+                structure.with_absorbers_at(numbers)
+                if several
+                else structure.with_absorber_at(numbers[0])
+            )
+        scene = beam_scene(placed, absorber)
+        if forces is None:
+            return scene
+        shapes = find_force_shapes(structure, forces)
+        return Scene(apply_forces(scene.model, forces, shapes), scene.absorber)
     except ParameterError as error:
         raise error.at_key("scene", {}) from error
 
@@ -293,22 +313,11 @@ def to_structure(
     """
     folder = instance("folder", folder, Path | None)
     path = text("path", path)
-    kind = _find_structure_kind(plain, path)
-    return STRUCTURES[kind](folder or Path()).read(f"{path}{kind}", plain.get(kind, {}))
-
-
-def _find_structure_kind(plain: Mapping[str, Any], path: str) -> str:
-    """Return which of `STRUCTURES` a scene's plain form has, a beam if it names none; raises ParameterError for other keys and for two of them."""
-    require_keys(path.rstrip(".") or "structure", plain, dict.fromkeys(SCENE_KEYS))
-    kinds = [kind for kind in STRUCTURES if kind in plain]
-    allowed = "left out beside another structure: a scene has one of them"
-    require(
-        len(kinds) <= 1,
-        f"{path}{kinds[0] if kinds else ''}",
-        plain.get(kinds[0]) if kinds else None,
-        allowed,
-    )
-    return kinds[0] if kinds else "beam"
+    structure, forces = read_structure(plain, folder or Path(), path)
+    if forces is None:
+        return structure
+    model = modal_model(structure)
+    return apply_forces(model, forces, find_force_shapes(structure, forces))
 
 
 def to_disk(plain: Mapping[str, Any], folder: Path | None = None) -> BladedDisk | None:
@@ -322,7 +331,7 @@ def to_disk(plain: Mapping[str, Any], folder: Path | None = None) -> BladedDisk 
     10
     """
     folder = instance("folder", folder, Path | None)
-    if _find_structure_kind(plain, "scene.") != "cyclic":
+    if find_structure_kind(plain, "scene.") != "cyclic":
         return None
     disk = disk_codec_for(folder or Path()).read("scene.cyclic", plain["cyclic"])
     assert isinstance(disk, BladedDisk)
@@ -410,7 +419,7 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
         list(plain),
         f"a file with one of the tables {', '.join(STRUCTURES)}",
     )
-    if isinstance(structure, Beam):
+    if "beam" in plain:
         missing = [
             key
             for key in (NEEDED_BEAM_KEYS[:1] if "section" in plain["beam"] else NEEDED_BEAM_KEYS)
@@ -419,24 +428,24 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
         require(
             not missing, "beam", list(plain["beam"]), f"the keys {', '.join(missing)} must be given"
         )
-        if (
-            structure.response_position is None
-        ):  # in every command: where the absorber was, also if a search moves it
-            return replace(structure, response_position=structure.absorber_position)
-        return structure
+    if isinstance(structure, Beam):
+        # in every command: where the absorber was, also if a search moves it
+        at_absorber = structure.response_position is None
+        own = structure.absorber_position
+        return replace(structure, response_position=own) if at_absorber else structure
     if "model" in plain:
         require_modes_once(structure)
     return structure if "cyclic" in plain else order_by_frequency(structure)
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
-    """Return the beam that a scene's plain form names, the default one if it names none, or None if it has another structure."""
+    """Return the beam that a scene's plain form names, the default one if it names none; None for any other, and under several forces."""
     require_keys("scene", plain, dict.fromkeys(SCENE_KEYS))
-    return (
-        None
-        if any(kind in plain for kind in STRUCTURES if kind != "beam")
-        else BEAM_CODEC.read("scene.beam", plain.get("beam", {}))
-    )
+    if "force" in plain or any(kind in plain for kind in STRUCTURES if kind != "beam"):
+        return None
+    structure, _ = read_structure(plain, Path(), "scene.")
+    assert isinstance(structure, Beam)
+    return structure
 
 
 def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:

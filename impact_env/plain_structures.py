@@ -5,7 +5,7 @@ Each kind of structure is a table of a file. Keys with a unit end in it. Names o
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,9 +17,11 @@ from impact_env.checks import describe_error
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
     Beam,
+    ParameterError,
     Section,
     count,
     count_from,
+    finite,
     keep_checked,
     labelled,
     non_negative,
@@ -294,6 +296,61 @@ STRAINED_ROW_OR_PLACE = Codec(
 )
 
 
+@dataclass(frozen=True)
+class PointForce:
+    """One of the forces of a structure: its ``place``, as the structure's table has places, amplitude in N and phase in rad."""
+
+    place: Any
+    amplitude: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        keep_checked(self, amplitude=positive, phase=finite)
+
+
+def read_forces(path: str, plain: Any, place_codec: Codec) -> tuple[PointForce, ...]:
+    """Return the forces of a list of tables, each at another place."""
+    keys: Keys = {
+        "place": ("place", place_codec),
+        "amplitude_n": ("amplitude", NUMBER_CODEC),
+        "phase_rad": ("phase", NUMBER_CODEC),
+    }
+    require(
+        isinstance(plain, list | tuple) and len(plain) > 0,
+        path,
+        plain,
+        "a list of tables with the keys place, amplitude_n and phase_rad",
+    )
+    forces = tuple(list_codec(PointForce, keys).read(path, plain))
+    for k, force in enumerate(forces):
+        once = all(force.place != other.place for other in forces[:k])
+        require(once, f"{path}[{k}].place", plain[k]["place"], "each place once")
+    return forces
+
+
+def apply_forces(model: ModalModel, forces: Sequence[PointForce], shapes: Any) -> ModalModel:
+    """Return a model under forces at places with ``shapes`` (P, N_m); the drive's amplitude is that of the first of them."""
+    largest = forces[0].amplitude
+    try:
+        return model.with_forces(
+            shapes, [one.amplitude / largest for one in forces], [one.phase for one in forces]
+        )
+    except ParameterError as error:
+        sizes = [(one.amplitude, one.phase) for one in forces]
+        allowed = "amplitudes in N and phases in rad of forces that do not cancel on all modes kept"
+        raise describe_error("force", sizes, allowed) from error
+
+
+def _place_or_forces(place_codec: Codec) -> Codec:
+    """Return the sort of a place, or of forces that were read before."""
+
+    def read(path: str, plain: Any) -> Any:
+        read_before = isinstance(plain, tuple) and all(isinstance(x, PointForce) for x in plain)
+        return plain if read_before else place_codec.read(path, plain)
+
+    return Codec(read, place_codec.write)
+
+
 def _one_or_list(sort: Codec) -> Codec:
     """Return the sort of a list of things, or of one of them, which is a list of one."""
 
@@ -314,6 +371,7 @@ SHAPES_WITH_SIGN = (
     "response_shape",
     "stress_shape",
     "base_participation",
+    "force_quadrature",
 )  # with the modes' signs
 
 
@@ -330,6 +388,11 @@ def _signed(model: ModalModel) -> ModalModel:
     )
 
 
+def _force_places(force: Any) -> tuple[Any, ...]:
+    """Return the places of a structure's force, or of its forces."""
+    return tuple(one.place for one in force) if isinstance(force, tuple) else (force,)
+
+
 def _locate_rows(
     omega: Any,
     damping: Any,
@@ -340,17 +403,20 @@ def _locate_rows(
     stress: Any,
     base: Any = None,
     at_absorber: float = 1.0,
+    forces: Any = None,
 ) -> ModalModel:
     """Return the model of shapes (N_m,) at the places; of several places for absorbers one has the first, and several have those they are put on.
 
-    ``base`` (N_m,) and ``at_absorber`` as in `ModalModel`.
+    ``force`` has a shape for each place of a force, and ``forces`` their amplitudes and phases where there are several. ``base`` (N_m,) and
+    ``at_absorber`` as in `ModalModel`.
     """
     several = None if len(absorbers) == 1 else np.array(absorbers)
-    return _signed(
-        ModalModel(
-            omega, damping, force, absorbers[0], mass, several, response, stress, base, at_absorber
-        )
+    model = ModalModel(
+        omega, damping, force[0], absorbers[0], mass, several, response, stress, base, at_absorber
     )
+    if isinstance(forces, tuple):
+        model = apply_forces(model, forces, np.array(force))
+    return _signed(model)
 
 
 def _combine_strains(parts: StrainParts | None, shape: Callable[[Any], Any]) -> Any:
@@ -387,6 +453,8 @@ def _as_list(places: Any) -> list[_NodeDirection]:
     """Return the places of a key: one, a list of them, or weighted ones."""
     if places is None:
         return []
+    if isinstance(places, tuple):
+        return list(_force_places(places))
     parts = places if isinstance(places, list) else [places]
     return [part[1] if isinstance(part, tuple) else part for part in parts]
 
@@ -395,7 +463,7 @@ def _read_modes_table(
     result: list[MeasuredMode],
     path: Path,
     *,
-    force: _NodeDirection,
+    force: Any,
     absorber: list[_NodeDirection],
     mass: float,
     response: _NodeDirection | None = None,
@@ -428,13 +496,22 @@ def _read_modes_table(
     )
     omega = [m.omega for m in selected]
     return _locate_rows(
-        omega, ratios, shape("force", force), places, read, mass, strain, base, base_at_absorber
+        omega,
+        ratios,
+        [shape("force", place) for place in _force_places(force)],
+        places,
+        read,
+        mass,
+        strain,
+        base,
+        base_at_absorber,
+        force,
     )
 
 
 MODE_KEYS: Keys = {
     "file": ("file", TEXT_CODEC),
-    "force": ("force", PLACE_CODEC),
+    "force": ("force", _place_or_forces(PLACE_CODEC)),
     "absorber": ("absorber", _one_or_list(PLACE_CODEC)),
     "response": ("response", PLACE_CODEC),
     "mass_kg": ("mass", NUMBER_CODEC),
@@ -498,7 +575,7 @@ MATRIX_KEYS: Keys = {
     "stiffness": ("stiffness", TEXT_CODEC),
     "damping": ("damping", TEXT_CODEC),
     "units": ("units", TEXT_CODEC),
-    "force": ("force", ROW_OR_PLACE),
+    "force": ("force", _place_or_forces(ROW_OR_PLACE)),
     "absorber": ("absorber", _one_or_list(ROW_OR_PLACE)),
     "response": ("response", ROW_OR_PLACE),
     "mass_kg": ("structure_mass", NUMBER_CODEC),
@@ -585,9 +662,9 @@ def _build_from_matrices(
         return _find_row(solved.stiffness, name, place, size)
 
     places = [find("absorber", place) for place in absorber]
-    forced = find("force", force)
+    forced = [find("force", place) for place in _force_places(force)]
     read = None if response is None else find("response", response)
-    rows = {"force": forced[0], "absorber": places[0][0]} | (
+    rows = {"force": forced[0][0], "absorber": places[0][0]} | (
         {} if read is None else {"response": read[0]}
     )
     for line in list_matrix_warnings(inertia.diagonal() * solved.units.mass, structure_mass, rows):
@@ -612,13 +689,14 @@ def _build_from_matrices(
     return _locate_rows(
         solved.omega,
         ratios,
-        shape(forced),
+        [shape(place) for place in forced],
         [shape(place) for place in places],
         None if read is None else shape(read),
         structure_mass,
         strain,
         base,
         moved[0],
+        force,
     )
 
 
@@ -742,6 +820,15 @@ def _ring_codec_for(folder: Path) -> Codec:
     return Codec(
         lambda path, plain: disk_codec_for(folder).read(path, plain).model, MODEL_CODEC.write
     )
+
+
+# places in the tables of structures: how they are read, of those whose table has one for the force
+PLACE_CODECS = {
+    "universal": PLACE_CODEC,
+    "matrices": ROW_OR_PLACE,
+    "nastran": PLACE_CODEC,
+    "ansys": PLACE_CODEC,
+}
 
 
 # kinds of structure -> the form of their table, for the folder in which the files lie that it names

@@ -28,6 +28,7 @@ from impact_env.parameters import (
 )
 from impact_env.plain import (
     StructureWarning,
+    find_force_amplitude,
     from_scene,
     load_structure,
     to_beam,
@@ -89,6 +90,11 @@ def read_disk(path: Path | None) -> BladedDisk | None:
         return None
     plain = read_plain(path)
     return to_disk(plain, path.parent) if "cyclic" in plain else None
+
+
+def find_file_force(path: Path | None) -> float | None:
+    """Return the amplitude in N of the first force in a file of a scene or structure; None where it has none."""
+    return None if path is None else find_force_amplitude(read_plain(path))
 
 
 def structure_of(

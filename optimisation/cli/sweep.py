@@ -221,6 +221,8 @@ def run(options: scenes.Options) -> None:
     """
     scenes.refuse_parts(options)
     scenes.refuse_runs(options)
+    if options["force"] is None and options["load"] is None:
+        options["force"] = scenes.find_file_force(options["scene"] or options["structure"])
     options["force"] = (
         FORCE
         if options["force"] is None

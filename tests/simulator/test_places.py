@@ -14,6 +14,7 @@ from places import EXAMPLES
 from impact_env import (
     Beam,
     ModalModel,
+    ParameterError,
     beam_scene,
     impact_absorber,
     impact_absorbers,
@@ -21,7 +22,7 @@ from impact_env import (
     modal_model,
 )
 from impact_env.ensemble import Threads
-from impact_env.modes import assemble_matrices, deflection_row
+from impact_env.modes import assemble_matrices, deflection_row, mode_shapes
 from impact_env.plain import from_scene, to_scene
 from optimisation.bounds import design_gap
 from optimisation.designs import Design, design_space
@@ -240,3 +241,139 @@ def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -
     np.testing.assert_array_equal(
         fixed.space.default.scene(structure).model.tip_shape, structure.places[1]
     )
+
+
+PINNED: dict[str, Any] = {
+    "beam": {
+        "ends": "pinned-pinned",
+        "modes": 3,
+        "length_m": 1.0,
+        "bending_stiffness_n_m2": 100.0,
+        "mass_per_length_kg_m": 2.0,
+        "damping_ratio": 0.02,
+        "absorber_position": 0.5,
+        "response_position": 0.35,
+    },
+    "places": {"left": 0.25, "middle": 0.5},
+    "force": [
+        {"place": "left", "amplitude_n": 2.0},
+        {"place": 0.7, "amplitude_n": 1.0, "phase_rad": 1.0},
+    ],
+}
+MODEL: dict[str, Any] = {
+    "model": {
+        "omega_rad_s": [10.0, 20.0],
+        "damping_ratio": [0.01, 0.01],
+        "force_shape_per_sqrt_kg": [1.0, 1.0],
+        "tip_shape_per_sqrt_kg": [1.0, 2.0],
+        "beam_mass_kg": 1.0,
+        "absorber_shapes_per_sqrt_kg": [[1.0, 2.0], [1.0, -1.0]],
+    },
+    "places": {"root": 2},
+}
+MODE = np.arange(1, 4)
+
+
+def pinned_shapes(position: float) -> np.ndarray:
+    """Return the mass-normalised shapes (3,) of the pinned beam of 2 kg in closed form, up to their signs."""
+    return np.sin(MODE * np.pi * position)
+
+
+def test_forces_at_places_of_a_beam_are_those_of_the_closed_form(tmp_path: Path) -> None:
+    """The stationary level of a sweep, whose force is the first of the file unless one is given."""
+    omega = (MODE * np.pi) ** 2 * np.sqrt(100.0 / 2.0)
+    pattern = 2.0 * pinned_shapes(0.25) + np.exp(1j) * pinned_shapes(0.7)
+    modal = pattern / (omega**2 - omega[0] ** 2 + 0.04j * omega * omega[0])
+    level = abs(modal @ pinned_shapes(0.35)) / np.sqrt(2)
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(PINNED))
+    constant = ["--from", 1, "--to", 1, "--periods", 25, "--start", "steady"]
+    for force, factor in (([], 1.0), (["--force", 3.0], 1.5)):
+        target = tmp_path / "a.json"
+        result = sweep("--scene", file, *constant, *force, "--json", target)
+        assert result.exit_code == 0, result.output
+        level_of_run = json.loads(target.read_text())["response_level_m"][0]
+        assert level_of_run == pytest.approx(factor * level, rel=6e-3)
+
+
+def test_absorbers_are_placed_by_name_and_number() -> None:
+    several = {"kind": "several", "absorbers": [{"place": "middle"}, {"place": 0.3}]}
+    scene = to_scene(PINNED | {"absorber": several})
+    wanted = [pinned_shapes(0.5), pinned_shapes(0.3)]
+    np.testing.assert_allclose(np.abs(scene.absorber_shapes), np.abs(wanted), atol=2e-5)
+    written = to_scene(from_scene(scene))
+    np.testing.assert_array_equal(written.model.force_pattern, scene.model.force_pattern)
+    np.testing.assert_array_equal(written.absorber_shapes, scene.absorber_shapes)
+    beam = {key: value for key, value in PINNED["beam"].items() if key != "absorber_position"}
+    single = PINNED | {"beam": beam, "absorber": {"kind": "impact", "place": 0.25}}
+    shape = to_scene(single).model.tip_shape
+    np.testing.assert_allclose(np.abs(shape), np.abs(pinned_shapes(0.25)), atol=2e-5)
+    placed = to_scene(MODEL | {"absorber": {"kind": "impact", "place": "root"}})
+    np.testing.assert_array_equal(placed.model.tip_shape, [1.0, -1.0])
+    np.testing.assert_array_equal(placed.model.level_shape, [1.0, 2.0])
+
+
+def test_places_of_matrices_are_rows_or_names(tmp_path: Path) -> None:
+    """Forces on two rows, and absorbers in another order than the list of the structure; signs of modes are free."""
+    path = write(tmp_path, force=None, absorber=["end", "inside"])
+    plain = json.loads(path.read_text())
+    plain["places"] = {"end": row(1.0), "inside": row(0.8)}
+    plain["force"] = [
+        {"place": row(0.4), "amplitude_n": 1.0},
+        {"place": "inside", "amplitude_n": 0.5, "phase_rad": 2.0},
+    ]
+    members = [{"place": "inside"}, {"place": 1}]
+    scene = to_scene(plain | {"absorber": {"kind": "several", "absorbers": members}}, tmp_path)
+    beam = mode_shapes(BEAM, [0.4, 0.8, 1.0])
+    model = scene.model
+    force = model.force_pattern * model.absorber_shapes[1]  # free of the modes' signs
+    wanted = (beam[0] + 0.5 * np.exp(2j) * beam[1]) * beam[2]
+    np.testing.assert_allclose(force, wanted, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(model.absorber_shapes), np.abs(beam[[1, 2]]), rtol=1e-9)
+    structure = {key: plain[key] for key in ("matrices", "places", "force")}
+    path.write_text(json.dumps(structure))
+    loaded = load_structure(path)
+    np.testing.assert_array_equal(loaded.force_pattern, model.force_pattern)
+
+
+ONE = {"place": 0.2, "amplitude_n": 1.0}
+OPPOSITE = [{"place": 1, "amplitude_n": 1.0}, {"place": 2, "amplitude_n": 1.0, "phase_rad": np.pi}]
+
+
+@pytest.mark.parametrize(
+    ("base", "changes", "message"),
+    [
+        (PINNED, {"force": [ONE, ONE]}, r"force\[1\].place = 0.2 is not allowed: each place once"),
+        (PINNED, {"force": [{**ONE, "place": "tip"}]}, "one of the names in places: left, middle"),
+        (PINNED, {"force": []}, "a list of tables with the keys place, amplitude_n and phase_rad"),
+        (PINNED, {"force": ONE}, "a list of tables with the keys place, amplitude_n"),
+        (PINNED, {"force": [{"place": 0.2}]}, "the key amplitude_n must be given"),
+        (PINNED, {"force": [{**ONE, "place": 1.5}]}, r"force\[0\].place = 1.5"),
+        (PINNED, {"force": [{**ONE, "amplitude_n": -1.0}]}, r"force\[0\].amplitude_n = -1.0"),
+        (PINNED, {"places": 3}, "scene.places = 3 is not allowed: a table of names and places"),
+        (PINNED, {"beam": {"force_position": 0.3}}, "left out beside force"),
+        (
+            PINNED,
+            {"absorber": {"kind": "several", "absorbers": [{"place": 0.3}, {"position": 0.4}]}},
+            "a place for each of them, or for none",
+        ),
+        (MODEL, {"absorber": {"kind": "impact", "place": 3}}, "position = 3"),
+        (MODEL, {"absorber": {"kind": "impact", "place": "tip"}}, "one of the names in places"),
+        (
+            MODEL,
+            {"absorber": {"kind": "several", "absorbers": [{"place": 1}, {"place": 1}]}},
+            r"place \[1\] twice",
+        ),
+        (MODEL, {"force": [{"place": 3, "amplitude_n": 1.0}]}, r"force\[0\].place = 3"),
+        (
+            MODEL | {"model": MODEL["model"] | {"absorber_shapes_per_sqrt_kg": [[1.0, 2.0]] * 2}},
+            {"force": OPPOSITE},
+            "forces that do not cancel on all modes kept",
+        ),
+    ],
+)
+def test_places_that_do_not_fit_are_one_error(
+    base: dict[str, Any], changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ParameterError, match=message):
+        to_scene(base | changes)
