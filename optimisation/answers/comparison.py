@@ -31,7 +31,6 @@ from optimisation.frequency_levels import (
     record_worst_run,
     resonance_curves,
 )
-from optimisation.gap_card import ImpactLoads, impact_loads
 from optimisation.load_cases import AppliedLoads
 from optimisation.mounting import model_with_absorber_at
 from optimisation.report import comparison_tables as tables
@@ -39,6 +38,7 @@ from optimisation.report.card import Card
 from optimisation.report.cards import comparison_card
 from optimisation.report.design_figures import draw_comparison, save_figure
 from optimisation.report.frequency_report import frequency_files
+from optimisation.service import ImpactLoads, impact_loads
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

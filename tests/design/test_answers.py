@@ -195,7 +195,7 @@ def test_compare_refuses_what_does_not_go_with_loads(options: dict[str, Any], wo
 def test_explain_gives_what_optimise_design_gives(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("optimisation.insight.FREQUENCIES", 2)
+    monkeypatch.setattr("optimisation.service.FREQUENCIES", 2)
     command = load("optimise_design", monkeypatch)
     results = []
 
