@@ -1,4 +1,4 @@
-"""The explorer's server: one page and a socket for each tab of it, on this machine only. A tab's newest setting is what its thread works on."""
+"""The explorer's server: one page, and a socket for each tab of it, on this machine only. The thread of a tab computes its newest setting."""
 
 import asyncio
 import errno
@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
@@ -20,18 +20,20 @@ from impact_env.modes import Structure
 from impact_env.parameters import ParameterError
 from impact_env.plain import Plain
 from impact_env.sweep import IntegrationError, Stopped
+from optimisation.explore.advice import recommend_values
+from optimisation.explore.examples import OWN, PageStructure, examples_to_list, make_structures
+from optimisation.explore.explanations import CARD_NUMBERS, format_help
 from optimisation.explore.settings import (
     ControlValues,
     Refused,
+    commands_of,
     controls_to_dict,
-    load_file,
+    load_files,
     parse_controls,
     scene_file,
-    sweep_range_of,
 )
-from optimisation.explore.waiting import Kernels, Newer, recommended
+from optimisation.explore.waiting import Kernels, Newer
 from optimisation.explore.work import Message, Work
-from optimisation.measures import SAMPLES
 
 with optional():
     import uvicorn
@@ -52,6 +54,7 @@ REFUSED = "this page answers only to names of its own; another one is allowed by
 # of a message
 MOST_TABS = 8
 MOST_BYTES = 16384
+REPORT_INTERVAL = 0.1  # s between messages about a search
 FIRST_PASS = 0.4  # s that a first pass may take once a newer setting is there: a drag shows something, and does not lag behind
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
@@ -73,7 +76,7 @@ class Names:
     names: frozenset[str]
     anywhere: bool
 
-    def hold(self, host: str) -> bool:
+    def includes(self, host: str) -> bool:
         """Return whether a Host header has one of the names."""
         match = re.fullmatch(r"(\[[0-9a-f:.]+\]|[^:\[\]/@]+)(:\d+)?", host.lower())
         if match is None:
@@ -92,9 +95,9 @@ def is_numeric(name: str) -> bool:
 
 
 class Guard:
-    """Lets through only what a browser asks of this server by a name of its own, and from its own page.
+    """Passes on requests to a name of this server, and from its own page only.
 
-    Another site's page that reaches the port, by its address or by a name that was bound to it anew, has another Origin or Host.
+    The page of another site that reaches the port, by its address or by a name that was bound to it, has another Origin or Host.
     """
 
     def __init__(self, app: ASGIApp, names: Names) -> None:
@@ -111,7 +114,7 @@ class Guard:
         origins = [value for name, value in headers if name == b"origin"]
         own = (
             len(hosts) == 1
-            and self.names.hold(hosts[0])
+            and self.names.includes(hosts[0])
             and origins in ([], [f"http://{hosts[0]}"], [f"https://{hosts[0]}"])
         )
         if scope["type"] == "websocket":
@@ -136,7 +139,7 @@ class Guard:
 
 
 class Outbox:
-    """Messages on their way to a page. One of a sort that has not gone yet is replaced by a newer one, so that it never grows."""
+    """Messages to a page. A newer one replaces one of the same sort that was not sent yet, so that their number is bounded."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -162,60 +165,64 @@ class Outbox:
 
 
 class Tab:
-    """One open page: its newest setting, and the thread that works on it."""
+    """One open page: its newest setting, and the thread that computes it."""
 
-    def __init__(self, structure: Structure, kernels: Kernels, outbox: Outbox) -> None:
-        self.structure = structure
+    def __init__(
+        self, structures: dict[str, PageStructure], kernels: Kernels, outbox: Outbox
+    ) -> None:
+        self.structures = structures
         self.kernels = kernels
         self.outbox = outbox
         self._changed = threading.Condition()
         self._ended = False
-        self._next: tuple[int, ControlValues, bool] | None = None
+        self._next: tuple[int, ControlValues, Structure, bool] | None = None
         self._work: Work | None = None
         self._known: dict[tuple[Any, ...], list[Message]] = {}
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
-    def take(self, plain: Any) -> None:
-        """Take what a page says: ``{"number": n, "values": {...}}``, with ``"recommend": true`` for advice in place of a picture."""
+    def handle(self, plain: Any) -> None:
+        """Check a message of the page and begin with it.
+
+        It is ``{"number": n, "structure": key, "values": {...}}``, with ``"recommend": true`` for advice instead of figures.
+        """
         ok = (
             isinstance(plain, dict)
             and isinstance(plain.get("number"), int)
             and abs(plain["number"]) < 2**53
         )
         if not ok:
-            self.outbox.put(
-                {
-                    "type": "refused",
-                    "number": -1,
-                    "errors": {"": "a message is a table with number and values"},
-                }
-            )
+            self._refuse(-1, {"": "a message is a table with number and values"})
             return
         number = plain["number"]
+        key = plain.get("structure", OWN)
+        if not isinstance(key, str) or key not in self.structures:
+            self._refuse(number, {"": f"structure is not one of {', '.join(self.structures)}"})
+            return
+        structure = self.structures[key].structure
         try:
-            values = parse_controls(plain.get("values"), self.structure)
-            file = scene_file(values, self.structure)
-            load = load_file(values, self.structure)
-        except Refused as refused:
-            self.outbox.put({"type": "refused", "number": number, "errors": refused.errors})
-            return
-        except ParameterError as error:
-            self.outbox.put({"type": "refused", "number": number, "errors": {"": str(error)}})
-            return
-        self.outbox.put(
-            {
+            values = parse_controls(plain.get("values"), structure)
+            message = {
                 "type": "taken",
                 "number": number,
-                "scene": file,
-                "load": load,
-                "command": command_of(values, self.structure),
+                "scene": scene_file(values, structure),
+                "loads": load_files(values, structure),
+                "commands": commands_of(values, structure),
             }
-        )
+        except Refused as refused:
+            self._refuse(number, refused.errors)
+            return
+        except ParameterError as error:
+            self._refuse(number, {"": str(error)})
+            return
+        self.outbox.put(message)
         with self._changed:
-            self._next = number, values, plain.get("recommend") is True
+            self._next = number, values, structure, plain.get("recommend") is True
             self._hurry()
             self._changed.notify()
+
+    def _refuse(self, number: int, errors: dict[str, str]) -> None:
+        self.outbox.put({"type": "refused", "number": number, "errors": errors})
 
     def _hurry(self) -> None:
         """Stop what is under way; its first pass, which would leave nothing to see, only if it takes long."""
@@ -249,13 +256,11 @@ class Tab:
                 self._changed.wait_for(lambda: self._next is not None or self._ended)
                 if self._ended or self._next is None:
                     return
-                (number, values, advice), self._next = self._next, None
+                (number, values, structure, advice), self._next = self._next, None
                 try:
-                    work = self._work = Work(values, self.structure, self.kernels)
+                    work = self._work = Work(values, structure, self.kernels)
                 except ParameterError as error:
-                    self.outbox.put(
-                        {"type": "refused", "number": number, "errors": {"": str(error)}}
-                    )
+                    self._refuse(number, {"": str(error)})
                     continue
             try:
                 self._do(number, work, advice)
@@ -269,48 +274,28 @@ class Tab:
                     {
                         "type": "failed",
                         "number": number,
-                        "error": "an error of the explorer's own, told where it was started",
+                        "error": "an error of the explorer itself: details are printed where it was started",
                     }
                 )
 
     def _do(self, number: int, work: Work, advice: bool) -> None:
-        if advice:
-            last_report = time.monotonic()
-
-            def tell(done: int, total: int) -> None:
-                nonlocal last_report
-                if time.monotonic() - last_report > 0.1:
-                    last_report = time.monotonic()
-                    self.outbox.put(
-                        {"type": "advice", "number": number, "done": done, "total": total}
-                    )
-
-            for message in work.before_advice():
+        """Send all messages of a setting, or the advice for it."""
+        if not advice:
+            for message in work.messages(self._known):
                 self.outbox.put(message | {"number": number})
-            self.outbox.put(
-                {
-                    "type": "advice",
-                    "number": number,
-                    **recommended(work.values, work.alone, work.stop, tell),
-                }
-            )
             return
-        for message in work.messages(self._known):
+        last_report = time.monotonic()
+
+        def report(done: int, total: int) -> None:
+            nonlocal last_report
+            if time.monotonic() - last_report > REPORT_INTERVAL:
+                last_report = time.monotonic()
+                self.outbox.put({"type": "advice", "number": number, "done": done, "total": total})
+
+        for message in work.before_advice():
             self.outbox.put(message | {"number": number})
-
-
-def command_of(values: ControlValues, structure: Structure) -> str:
-    """Return the command that makes the same run and its numbers from the files of scene and load."""
-    words = f"impact-absorber sweep --scene scene.json --resonance {values.resonance} --members {values.members}"
-    if values.load != "random":
-        words += " --start steady"
-    if values.load != "force":
-        return f"{words} --load load.json --plot sweep.png" + (
-            f" --measures {SAMPLES} --json sweep.json" if values.load == "random" else " --energy"
-        )
-    low, high = sweep_range_of(values, structure)
-    words += f" --force {values['force']:.17g} --from {low:.17g} --to {high:.17g}"
-    return f"{words} --energy --plot sweep.png" + (" --down" if values.direction == "down" else "")
+        advised = recommend_values(work.values, work.own, work.alone, work.stop, report)
+        self.outbox.put({"type": "advice", "number": number, **advised._asdict()})
 
 
 def make_app(
@@ -322,12 +307,29 @@ def make_app(
     """Return the application for a structure of a ``name``; ``names``: what a Host header may say; ``started`` is called once it serves."""
     kernels = Kernels()
     tabs = set[Tab]()
+    structures = make_structures(structure, name)
 
     async def page(_request: Request) -> Response:
         return Response((ASSETS / "index.html").read_bytes(), media_type="text/html")
 
-    async def table(_request: Request) -> Response:
-        plain: Plain = controls_to_dict(structure, name)
+    async def explain(_request: Request) -> Response:
+        return Response(format_help(), media_type="text/html")
+
+    async def table(request: Request) -> Response:
+        key = request.query_params.get("structure", OWN)
+        if key not in structures:
+            return PlainTextResponse(f"structure is not one of {', '.join(structures)}", 404)
+        page_structure = structures[key]
+        plain: Plain = {
+            **controls_to_dict(page_structure.structure, page_structure.title),
+            "key": key,
+            "structures": {key: one.title for key, one in structures.items()},
+            "examples": examples_to_list(structures),
+            "numbers": [
+                {name: text for name, text in asdict(row).items() if name != "more"}
+                for row in CARD_NUMBERS
+            ],
+        }
         return JSONResponse(plain)
 
     async def talk(page: WebSocket) -> None:
@@ -338,7 +340,7 @@ def make_app(
             )
             return
         outbox = Outbox()
-        tab = Tab(structure, kernels, outbox)
+        tab = Tab(structures, kernels, outbox)
         tabs.add(tab)
 
         async def post() -> None:
@@ -357,7 +359,7 @@ def make_app(
                     plain = json.loads(text, parse_constant=float)
                 except (ValueError, RecursionError):
                     plain = None
-                tab.take(plain)
+                tab.handle(plain)
         except (WebSocketDisconnect, KeyError, RuntimeError):  # closed, or what it sent is no text
             pass
         finally:
@@ -378,6 +380,7 @@ def make_app(
     routes = [
         Route("/", page),
         Route("/controls", table),
+        Route("/help", explain),
         WebSocketRoute("/socket", talk),
         Mount("/assets", StaticFiles(directory=ASSETS)),
     ]

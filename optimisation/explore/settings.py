@@ -1,14 +1,13 @@
-"""What can be set on the explorer's page: one table of controls, and from their values to a scene. What a page sends is checked, never evaluated."""
+"""The controls of the explorer's page: one table, and from their values to a scene. Values that a page sends are checked, never evaluated."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from impact_env.curve import CurveCase, Measure
-from impact_env.drive import LEAST_DAMPING, Drive, Excitation, FrequencySchedule
-from impact_env.ensemble import Lane
+from impact_env.curve import CurveCase
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -17,136 +16,18 @@ from impact_env.parameters import (
     ParameterError,
     RigidWalls,
     TunedAbsorber,
-    count,
     friction_damper,
     impact_absorber,
     impact_absorbers,
-    number,
     one_of,
-    require,
 )
 from impact_env.plain import Plain, from_scene
-from impact_env.plain_loads import to_loads
-from impact_env.results import Record
 from impact_env.scene import Scene
-from impact_env.sweep import Stop, simulate
-from optimisation.bounds import design_force, design_gap
-from optimisation.measures import SAMPLES, START, read
+from optimisation.bounds import design_force
+from optimisation.explore.loading import LOADS, Loading
+from optimisation.measures import SAMPLES
 from optimisation.mounting import scene_on
 from optimisation.sweep_range import find_common_range
-
-# What acts on the explorer's structure: a force, an unbalance or a base that is swept, or a random force. One table for page, runs and files.
-
-
-LOADS = {
-    "force": "swept force",
-    "unbalance": "swept unbalance",
-    "base": "swept base",
-    "random": "random force",
-}
-BAND = (0.5, 1.5)  # of the resonance's frequency: where a random force has its flat spectrum
-FULL = Record(events=True, series=True)
-FINE = replace(FULL, samples_per_period=SAMPLES)
-
-
-@dataclass(frozen=True, eq=False)
-class Loading:
-    """A ``kind`` of `LOADS` near a ``resonance`` of a ``model``. Its intensity is in N, kg m, m/s^2, or N (RMS) of a random force."""
-
-    kind: str
-    model: ModalModel
-    resonance: int
-
-    @property
-    def swept(self) -> bool:
-        """Whether it goes through the resonance, up and down."""
-        return self.kind != "random"
-
-    def file(self, intensity: float, schedule: FrequencySchedule) -> Plain:
-        """Return it in the form of `docs/loads.md`; a random force lasts as long as a ``schedule``."""
-        sizes = {"force": "amplitude_n", "unbalance": "unbalance_kg_m", "base": "acceleration_m_s2"}
-        if self.swept:
-            own = {
-                "times_s": schedule.times.tolist(),
-                "omegas_rad_s": schedule.omegas.tolist(),
-                "reference_rad_s": schedule.reference,
-            }
-            return {"load": {"kind": self.kind, sizes[self.kind]: intensity, "schedule": own}}
-        low, high = (share * schedule.reference / (2 * np.pi) for share in BAND)
-        density = intensity**2 / (high - low)
-        spectrum = [[low, density], [high, density]]
-        return {
-            "load": {
-                "kind": "random",
-                "spectrum": spectrum,
-                "duration_s": float(schedule.times[-1]),
-                "seed": 0,
-            }
-        }
-
-    def act(self, intensity: float, schedule: FrequencySchedule) -> Excitation:
-        """Return the drive of a run."""
-        return (
-            Drive(intensity, schedule)
-            if self.kind == "force"
-            else to_loads(self.file(intensity, schedule), schedule.reference)
-        )
-
-    @property
-    def measure(self) -> Measure | None:
-        """What a curve shows: of a random force the RMS after the start, else the response level (None)."""
-        return None if self.swept else _rms
-
-    @property
-    def record(self) -> Record:
-        """What is recorded of the run that is shown."""
-        return FULL if self.swept else FINE
-
-    @property
-    def worth(self) -> float:
-        """The harmonic force in N that moves the resonance's mode as one unit of a swept load does; infinite where a force cannot."""
-        k = self.resonance - 1
-        omega = self.model.resonance_omega(self.resonance)
-        if self.kind == "base":
-            assert self.model.base_participation is not None
-            return (
-                float(
-                    np.abs(self.model.base_participation[k] / self.model.one_phase_force_shape[k])
-                )
-                if self.model.one_phase_force_shape[k]
-                else float("inf")
-            )
-        return omega**2 if self.kind == "unbalance" else 1.0
-
-    def rule_gap(self, mass: float, intensity: float) -> float:
-        """Return the gap in m from which a search would begin for an absorber of a ``mass`` in kg.
-
-        It is the design rule's for the force that a swept load is worth; of a random force `START` times the free motion's RMS, near enough: the
-        resonance's mode alone counts, and its damping is 1e-4 at least.
-        """
-        if self.swept:
-            return design_gap(self.model, mass, intensity * self.worth, self.resonance)
-        k = self.resonance - 1
-        omega = self.model.resonance_omega(self.resonance)
-        damping = max(float(self.model.damping_ratio[k]), LEAST_DAMPING)
-        shapes = self.model.one_phase_force_shape[k] * self.model.tip_shape[k]
-        return float(START * intensity * np.abs(shapes) / omega**2 * np.sqrt(np.pi / (4 * damping)))
-
-    def driven(self, omega: NDArray[np.float64]) -> tuple[ModalModel, NDArray[np.float64] | float]:
-        """Return a model whose force is this load, and by how much a unit of it drives it at frequencies in rad/s; random: in N/sqrt(Hz)."""
-        if self.kind == "base":
-            assert self.model.base_participation is not None
-            return replace(self.model, force_shape=-self.model.base_participation), 1.0
-        width = (BAND[1] - BAND[0]) * self.model.resonance_omega(self.resonance) / (2 * np.pi)
-        return self.model, {"force": 1.0, "unbalance": omega**2, "random": 1 / np.sqrt(width)}[
-            self.kind
-        ]
-
-
-def _rms(lane: Lane, stop: Stop) -> tuple[float, ...]:
-    response = simulate(lane.scene, lane.drive, initial=lane.start, record=FINE, stop=stop)
-    return read(response), np.nan, np.nan, np.nan, float(response.impact_count), np.nan
-
 
 CONCEPTS = {
     "impact": "impact absorber",
@@ -156,11 +37,21 @@ CONCEPTS = {
     "none": "no absorber",
 }
 DIRECTIONS = {"both": "larger of up and down", "up": "up", "down": "down"}
+VIEWS = {"levels": "level over the frequency", "orbits": "periodic motions"}
+CHOICES = ("concept", "load", "direction", "view")
+GROUPS = {
+    "absorber": "Absorber",
+    "load": "Load",
+    "structure": "Structure",
+    "numerics": "Numerics",
+}
 # each costs time in proportion, and a page is no place for long runs
 MOST_MEMBERS = 64
 MOST_MODES = 40
 MOST_RESONANCE = 6
 PAPER_FORCE = 3.5  # N
+SLACK = 1e-9  # of a control's range: values that pass through units are rounded
+LONGEST = 40  # characters of a refused value in its message
 
 
 @dataclass(frozen=True)
@@ -168,6 +59,7 @@ class Control:
     """One number: its value in SI units lies from ``low`` to ``high``; the page shows it times ``per`` in ``unit``.
 
     ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts`` and ``loads``: those that it is for, empty for all.
+    ``group``: the key of `GROUPS` under which it stands; ``about``: a sentence for who does not know it.
     """
 
     name: str
@@ -182,24 +74,38 @@ class Control:
     whole: bool = False
     concepts: tuple[str, ...] = ()
     loads: tuple[str, ...] = ()
+    group: str = "absorber"
+    about: str = ""
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values in words, in the page's unit."""
+        low = 0.0 if self.zero else self.low
+        if self.whole:
+            return f"a whole number from {low:g} to {self.high:g}"
+        return f"{low * self.per:g} to {self.high * self.per:g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
 class ControlValues:
-    """What a page asks for, checked; SI units. ``instant``: time into the sweep in s around which it is looked at, None for the level's own."""
+    """The checked values of a page's controls in SI units. ``instant``: time into the sweep in s around which motion is drawn.
+
+    None: the time of the level.
+    """
 
     concept: str
     load: str
     direction: str
     numbers: Mapping[str, float]
     instant: float | None
+    view: str = "levels"
 
     def __getitem__(self, name: str) -> float:
         return self.numbers[name]
 
     @property
     def intensity(self) -> float:
-        """How large the load is, in its unit."""
+        """Amplitude of the load, in its unit."""
         return self.numbers[self.load]
 
     @property
@@ -221,63 +127,68 @@ class Refused(ParameterError):  # noqa: N818 - an answer
         self.errors = errors
 
 
-def _own_values(structure: Structure) -> tuple[Beam | None, float]:
-    """Return the beam, None for other structures, and the force in N at which the page begins."""
-    beam = structure if isinstance(structure, Beam) else None
-    if beam == Beam():
-        return beam, PAPER_FORCE
-    model = modal_model(structure)
+def find_default_force(structure: Structure, model: ModalModel) -> float:
+    """Return the force in N at which the page begins: the paper's, or the design rule's for the default gap."""
+    if isinstance(structure, Beam) and structure == Beam():
+        return PAPER_FORCE
     try:
-        return beam, float(
-            f"{design_force(model, DEFAULT_MASS_RATIO * model.beam_mass, RigidWalls.gap):.3g}"
-        )
+        force = design_force(model, DEFAULT_MASS_RATIO * model.beam_mass, RigidWalls.gap)
     except ParameterError:  # the absorber's own place is a node
-        return beam, 1.0
+        return 1.0
+    return float(f"{force:.3g}")
 
 
-def _intensities(model: ModalModel, force: float) -> list[tuple[str, str, float, str, float]]:
-    """Return name, label, usual value, unit and factor of each load's intensity, all worth about the ``force`` in N at the first resonance."""
-    labels = [
-        ("force", "Force", force, "N", 1.0),
-        ("unbalance", "Unbalance", _two(force / model.resonance_omega(1) ** 2), "g mm", 1e6),
+def load_controls(structure: Structure, model: ModalModel) -> list[Control]:
+    """Return the controls of the loads' amplitudes, whose usual values are worth about the same force at the first resonance."""
+    force = find_default_force(structure, model)
+    rows = [
+        ("force", "Force", force, "N", 1.0, "Amplitude of the harmonic force."),
+        (
+            "unbalance",
+            "Unbalance",
+            round_to_two(force / model.resonance_omega(1) ** 2),
+            "g mm",
+            1e6,
+            "Rotating mass times its radius; its force grows with the square of the frequency.",
+        ),
     ]
-    if (
-        model.base_participation is not None
-        and np.isfinite(worth := Loading("base", model, 1).worth)
-        and worth > 0
-    ):
-        labels.append(("base", "Base acceleration", _two(force / worth), "m/s²", 1.0))
-    return [*labels, ("random", "Random force", force, "N RMS", 1.0)]
+    if model.base_participation is not None:
+        worth = Loading("base", model, 1).worth
+        if np.isfinite(worth) and worth > 0:
+            base = round_to_two(force / worth)
+            about = "Amplitude of the acceleration of the base on which the structure stands."
+            rows.append(("base", "Base acceleration", base, "m/s²", 1.0, about))
+    about = "RMS of a force with a flat spectrum from 0.5 to 1.5 times the resonance."
+    rows.append(("random", "Random force", force, "N RMS", 1.0, about))
+    return [
+        Control(
+            name,
+            label,
+            size / 100,
+            size * 30,
+            size,
+            unit,
+            per,
+            log=True,
+            loads=(name,),
+            group="load",
+            about=about,
+        )
+        for name, label, size, unit, per, about in rows
+    ]
 
 
-def _two(value: float) -> float:
+def round_to_two(value: float) -> float:
+    """Return a number with two digits."""
     return float(f"{value:.2g}")
 
 
-_KNOWN: dict[
-    int, tuple[Structure, tuple[Control, ...]]
-] = {}  # by identity, and with the structure, which keeps it: a beam has no hash
-
-
-def controls(structure: Structure) -> tuple[Control, ...]:
-    """Return the controls of a structure, in the order of the page."""
-    if id(structure) not in _KNOWN:
-        _KNOWN[id(structure)] = structure, _controls(structure)
-    return _KNOWN[id(structure)][1]
-
-
-def _controls(structure: Structure) -> tuple[Control, ...]:
-    beam, force = _own_values(structure)
-    modes = (beam or modal_model(structure)).modes
+def absorber_controls() -> list[Control]:
+    """Return the controls of absorbers on any structure."""
     tuned = TunedAbsorber()
     walls = RigidWalls()
     cavity = ("impact", "two")
-    table = [
-        *(
-            Control(name, label, size / 100, size * 30, size, unit, per, log=True, loads=(name,))
-            for name, label, size, unit, per in _intensities(modal_model(structure), force)
-        ),
-        Control("resonance", "Resonance", 1, min(MOST_RESONANCE, modes), 1, whole=True),
+    return [
         Control(
             "gap",
             "Gap to either wall",
@@ -288,6 +199,7 @@ def _controls(structure: Structure) -> tuple[Control, ...]:
             1e3,
             log=True,
             concepts=cavity,
+            about="Distance from the middle of the cavity to either wall: half of the free travel.",
         ),
         Control(
             "second_gap",
@@ -299,10 +211,28 @@ def _controls(structure: Structure) -> tuple[Control, ...]:
             1e3,
             log=True,
             concepts=("two",),
+            about="The same of the second absorber.",
         ),
-        Control("restitution", "Restitution", 0.0, 1.0, 0.7, concepts=cavity),
         Control(
-            "friction", "Friction limit", 1e-4, 20.0, 0.0, "N", log=True, zero=True, concepts=cavity
+            "restitution",
+            "Restitution",
+            0.0,
+            1.0,
+            0.7,
+            concepts=cavity,
+            about="Rebound speed over impact speed: 1 loses nothing, 0 does not rebound.",
+        ),
+        Control(
+            "friction",
+            "Friction limit",
+            1e-4,
+            20.0,
+            0.0,
+            "N",
+            log=True,
+            zero=True,
+            concepts=cavity,
+            about="Largest dry friction force between mass and structure.",
         ),
         Control(
             "damper_friction",
@@ -313,6 +243,7 @@ def _controls(structure: Structure) -> tuple[Control, ...]:
             "N",
             log=True,
             concepts=("friction",),
+            about="Largest dry friction force between mass and structure.",
         ),
         Control(
             "stiffness",
@@ -323,6 +254,7 @@ def _controls(structure: Structure) -> tuple[Control, ...]:
             "N/m",
             log=True,
             concepts=("tuned",),
+            about="Stiffness between mass and structure: tunes the absorber to a resonance.",
         ),
         Control(
             "damper",
@@ -334,6 +266,7 @@ def _controls(structure: Structure) -> tuple[Control, ...]:
             log=True,
             zero=True,
             concepts=("tuned",),
+            about="Damping constant between mass and structure.",
         ),
         Control(
             "mass_ratio",
@@ -344,73 +277,100 @@ def _controls(structure: Structure) -> tuple[Control, ...]:
             "% of the structure's",
             100,
             log=True,
-            concepts=tuple(CONCEPTS)[:-1],
+            concepts=tuple(name for name in CONCEPTS if name != "none"),
+            about="Mass of the absorber, of two of both together.",
         ),
     ]
-    alone = tuple(name for name in CONCEPTS if name != "two")
-    if beam is not None:
-        place = beam.absorber_position
-        table.append(
-            Control("place", "Place", 0.05, 1.0, place, "of the length", concepts=alone[:-1])
-        )
-        table.append(
-            Control(
-                "first_place",
-                "Place of the first",
-                0.05,
-                1.0,
-                1.0,
-                "of the length",
-                concepts=("two",),
-            )
-        )
-        table.append(
-            Control(
-                "second_place",
-                "Place of the second",
-                0.05,
-                1.0,
-                0.6,
-                "of the length",
-                concepts=("two",),
-            )
-        )
-        if isinstance(beam.damping_ratio, int | float):
-            table.append(
-                Control(
-                    "damping",
-                    "Damping ratio",
-                    1e-4,
-                    0.1,
-                    float(beam.damping_ratio),
-                    "%",
-                    100,
-                    log=True,
-                )
-            )
-        table.append(Control("modes", "Modes", 1, MOST_MODES, modes, whole=True))
+
+
+def place_controls(structure: Structure, model: ModalModel) -> list[Control]:
+    """Return the controls of the absorbers' places: shares of a beam's length, or numbers of a model's places."""
+    single = tuple(name for name in CONCEPTS if name not in ("two", "none"))
+    if isinstance(structure, Beam):
+        whole = False
+        low = 0.05
+        high = 1.0
+        unit = "of the length"
+        usual = (structure.absorber_position, 1.0, 0.6)
     else:
-        places = len(modal_model(structure).places)
-        table.append(
-            Control("place", "Place, its number", 1, places, 1, whole=True, concepts=alone[:-1])
-        )
-        table.append(
+        whole = True
+        low = 1.0
+        high = float(len(model.places))
+        unit = ""
+        usual = (1, 1, min(2, len(model.places)))
+    rows = (
+        ("place", "Place" if isinstance(structure, Beam) else "Place, its number", single),
+        ("first_place", "Place of the first", ("two",)),
+        ("second_place", "Place of the second", ("two",)),
+    )
+    return [
+        Control(name, label, low, high, value, unit, whole=whole, concepts=concepts)
+        for (name, label, concepts), value in zip(rows, usual, strict=True)
+    ]
+
+
+def structure_controls(structure: Structure) -> list[Control]:
+    """Return the controls of the structure, and of how much of it is computed."""
+    modes = structure.modes
+    resonance = Control(
+        "resonance",
+        "Resonance",
+        1,
+        min(MOST_RESONANCE, modes),
+        1,
+        whole=True,
+        group="load",
+        about="Which resonance the load passes, from the lowest.",
+    )
+    if not isinstance(structure, Beam):
+        return [resonance]
+    controls = [resonance]
+    if isinstance(structure.damping_ratio, int | float):
+        controls.append(
             Control(
-                "first_place", "Place of the first", 1, places, 1, whole=True, concepts=("two",)
+                "damping",
+                "Damping ratio",
+                1e-4,
+                0.1,
+                float(structure.damping_ratio),
+                "%",
+                100,
+                log=True,
+                group="structure",
+                about="Damping of each mode relative to critical damping.",
             )
         )
-        table.append(
-            Control(
-                "second_place",
-                "Place of the second",
-                1,
-                places,
-                min(2, places),
-                whole=True,
-                concepts=("two",),
-            )
-        )
-    table.append(Control("members", "Members", 1, MOST_MEMBERS, 4, whole=True))
+    about = "Modes of the beam that are computed; time grows with them."
+    controls.append(
+        Control("modes", "Modes", 1, MOST_MODES, modes, whole=True, group="numerics", about=about)
+    )
+    return controls
+
+
+_CONTROLS: dict[int, tuple[Structure, tuple[Control, ...]]] = {}
+# by identity, and with the structure, so that the identity stays its own: a beam has no hash
+
+
+def controls(structure: Structure) -> tuple[Control, ...]:
+    """Return the controls of a structure, in the order of the page."""
+    if id(structure) not in _CONTROLS:
+        _CONTROLS[id(structure)] = structure, make_controls(structure)
+    return _CONTROLS[id(structure)][1]
+
+
+def make_controls(structure: Structure) -> tuple[Control, ...]:
+    """Return the table of controls; those with one possible value are left out."""
+    model = modal_model(structure)
+    about = "Runs of each point; they differ in the phase and a millionth of the load."
+    table = [
+        *load_controls(structure, model),
+        *absorber_controls(),
+        *place_controls(structure, model),
+        *structure_controls(structure),
+        Control(
+            "members", "Members", 1, MOST_MEMBERS, 4, whole=True, group="numerics", about=about
+        ),
+    ]
     return tuple(control for control in table if control.low < control.high)
 
 
@@ -420,7 +380,7 @@ def loads_on(structure: Structure) -> dict[str, str]:
     return {name: words for name, words in LOADS.items() if name in names}
 
 
-def controls_to_dict(structure: Structure, name: str) -> Plain:
+def controls_to_dict(structure: Structure, name: str) -> dict[str, Any]:
     """Return the controls' description for the page."""
     return {
         "structure": name,
@@ -428,6 +388,9 @@ def controls_to_dict(structure: Structure, name: str) -> Plain:
         "concepts": CONCEPTS,
         "loads": loads_on(structure),
         "directions": DIRECTIONS,
+        "views": VIEWS,
+        "groups": GROUPS,
+        "advice": True,
         "controls": [asdict(control) for control in controls(structure)],
     }
 
@@ -437,39 +400,29 @@ def parse_controls(plain: object, structure: Structure) -> ControlValues:
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
     entries = dict(plain) if isinstance(plain, Mapping) else {}
-    strange = [
-        str(name)[:40]
-        for name in entries
-        if name not in table and name not in ("concept", "load", "direction", "instant")
-    ]
-    if strange or entries is plain or not isinstance(plain, Mapping):
-        errors[""] = f"values = {', '.join(strange)} is not allowed: a table of the page's controls"
+    unknown = [str(name)[:LONGEST] for name in entries if name not in (*table, *CHOICES, "instant")]
+    if unknown or not isinstance(plain, Mapping):
+        errors[""] = f"values = {', '.join(unknown)} is not allowed: a table of the page's controls"
     numbers = {}
     for name, control in table.items():
         try:
-            numbers[name] = _number(control, entries.get(name, control.value))
+            numbers[name] = read_number(control, entries.get(name, control.value))
         except ParameterError as error:
             errors[name] = str(error)
+    options = dict(zip(CHOICES, (CONCEPTS, loads_on(structure), DIRECTIONS, VIEWS), strict=True))
     words = {}
-    for name, known in (
-        ("concept", CONCEPTS),
-        ("load", loads_on(structure)),
-        ("direction", DIRECTIONS),
-    ):
+    for name, known in options.items():
         try:
             words[name] = one_of(name, entries.get(name, next(iter(known))), known)
         except ParameterError as error:
             errors[name] = str(error)[:200]
     instant = entries.get("instant")
-    if instant is not None and not 0 <= number(instant) <= 1e12:
+    if instant is not None and not (is_finite(instant) and 0 <= instant <= 1e12):
         errors["instant"] = "instant is not allowed: a time in s, 0 or above"
-    if "modes" in numbers and "resonance" in numbers and numbers["resonance"] > numbers["modes"]:
+    modes = numbers.get("modes", math.inf)
+    if numbers.get("resonance", 1) > modes:
         errors["resonance"] = (
-            f"resonance = {numbers['resonance']:g} is not allowed: a mode of the model, 1 to {numbers['modes']:g}"
-        )
-    if words.get("load") == "base" and words.get("concept") == "two":
-        errors["load"] = (
-            f"load = base is not allowed: {', '.join(LOADS)} with one absorber, without base with two"
+            f"Resonance = {numbers['resonance']:g} is not allowed: a mode of the model, 1 to {modes:g}"
         )
     if errors:
         raise Refused(errors)
@@ -478,26 +431,44 @@ def parse_controls(plain: object, structure: Structure) -> ControlValues:
         words["load"],
         words["direction"],
         numbers,
-        None if instant is None else number(instant),
+        None if instant is None else float(instant),
+        words["view"],
     )
 
 
-def _number(control: Control, value: object) -> float:
-    if control.whole:
-        return count(
-            control.name,
-            int(value) if isinstance(value, float) and value.is_integer() else value,
-            int(control.low),
-            int(control.high),
+def replace_numbers(values: ControlValues, numbers: Mapping[str, float]) -> ControlValues:
+    """Return the values with other numbers, each within its control's range as it is."""
+    return replace(values, numbers={**values.numbers, **numbers})
+
+
+def is_finite(value: object) -> bool:
+    """Return whether a value of a message is a finite number."""
+    try:
+        return (
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and math.isfinite(float(value))
         )
+    except OverflowError:
+        return False
+
+
+def read_number(control: Control, value: object) -> float:
+    """Return a control's value from a message; raises ParameterError in the page's unit."""
+    if value is None:
+        raise ParameterError(f"{control.label}: no number; allowed is {control.allowed}")
+    if not is_finite(value) or not isinstance(value, int | float):
+        raise ParameterError(
+            f"{control.label} = {str(value)[:LONGEST]} is not allowed: {control.allowed}"
+        )
+    number = float(value)
     low = 0.0 if control.zero else control.low
-    high = control.high
-    slack = 1e-9 * high
-    as_text = value if isinstance(value, int | float) else f"{value!r:.40}"
-    allowed = f"{low * control.per:g} to {high * control.per:g} {control.unit}".rstrip()
-    parsed = number(value)
-    require(low - slack <= parsed <= high + slack, control.label, as_text, allowed)
-    return min(max(parsed, low), high)
+    slack = SLACK * control.high
+    inside = low - slack <= number <= control.high + slack
+    if not inside or (control.whole and not number.is_integer()):
+        words = f"{number * control.per:.6g} {control.unit}".rstrip()
+        raise ParameterError(f"{control.label} = {words} is not allowed: {control.allowed}")
+    return min(max(number, low), control.high)
 
 
 def structure_of(values: ControlValues, structure: Structure) -> Structure:
@@ -521,8 +492,9 @@ def absorber_of(values: ControlValues) -> Absorber | None:
         return TunedAbsorber(mass, values["stiffness"], values["damper"])
     if values.concept == "two":
         gaps = (values["gap"], values["second_gap"])
-        places = (values["first_place"], values["second_place"])
-        return impact_absorbers(gaps, places, values["restitution"], values["friction"], mass)
+        return impact_absorbers(
+            gaps, places_of(values), values["restitution"], values["friction"], mass
+        )
     return None
 
 
@@ -544,18 +516,60 @@ def sweep_range_of(values: ControlValues, structure: Structure) -> tuple[float, 
     return find_common_range(models, values["mass_ratio"], values.resonance)
 
 
+def sweeps_of(values: ControlValues) -> tuple[str, ...]:
+    """Return the directions of the sweeps behind a level: one, or both."""
+    if values.load == "random":
+        return ("up",)
+    return ("up", "down") if values.direction == "both" else (values.direction,)
+
+
 def scene_file(values: ControlValues, structure: Structure) -> Plain:
     """Return the scene in the form of `docs/scenes.md`."""
     return from_scene(scene_of(values, structure))
 
 
-def load_file(values: ControlValues, structure: Structure) -> Plain | None:
-    """Return a load other than the force of a sweep in the form of `docs/loads.md`, as it acts in the sweep that is shown."""
+def load_files(values: ControlValues, structure: Structure) -> dict[str, Plain]:
+    """Return a load other than the force of a sweep in the form of `docs/loads.md`, by file name: one for each direction of `sweeps_of`."""
     if values.load == "force":
-        return None
+        return {}
     scene = scene_of(values, structure)
     limits = sweep_range_of(values, structure)
-    up, down = CurveCase(scene, np.ones(1), values.resonance, limits).schedules()
-    return Loading(values.load, scene.model, values.resonance).file(
-        values.intensity, down if values.direction == "down" else up
-    )
+    schedules = CurveCase(scene, np.ones(1), values.resonance, limits).schedules()
+    loading = Loading(values.load, scene.model, values.resonance)
+    sweeps = sweeps_of(values)
+    return {
+        load_name(sweep, sweeps): loading.file(
+            values.intensity, schedules[("up", "down").index(sweep)]
+        )
+        for sweep in sweeps
+    }
+
+
+def load_name(sweep: str, sweeps: tuple[str, ...]) -> str:
+    """Return the name of the load's file for the sweep of a direction."""
+    return "load.json" if len(sweeps) == 1 else f"load_{sweep}.json"
+
+
+def commands_of(values: ControlValues, structure: Structure) -> list[str]:
+    """Return the commands that make the runs behind the card's level: one for each direction of `sweeps_of`."""
+    sweeps = sweeps_of(values)
+    low, high = sweep_range_of(values, structure)
+    lines = []
+    for sweep in sweeps:
+        words = [
+            "impact-absorber sweep --scene scene.json",
+            f"--resonance {values.resonance} --members {values.members}",
+        ]
+        if values.load != "random":
+            words.append("--start steady")
+        if values.load == "force":
+            words.append(f"--force {values['force']:.17g} --from {low:.17g} --to {high:.17g}")
+            words += ["--down"] * (sweep == "down")
+        else:
+            words.append(f"--load {load_name(sweep, sweeps)}")
+        if values.load == "random":
+            words.append(f"--measures {SAMPLES}")
+        name = "sweep" if len(sweeps) == 1 else sweep
+        words.append(f"--plot {name}.png --json {name}.json")
+        lines.append(" ".join(words))
+    return lines

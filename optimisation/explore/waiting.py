@@ -1,4 +1,4 @@
-"""What the explorer's page waits for: kernels that other processes compile meanwhile, branches of periodic motions, and advice."""
+"""What the explorer's page waits for: kernels that other processes compile meanwhile, and branches of periodic motions."""
 
 from __future__ import annotations
 
@@ -7,26 +7,14 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from impact_env.curve import CurveCase
 from impact_env.kernels.compiling.parts import NotCached, only_cached
-from impact_env.loads import Loads
-from impact_env.modes import ModalModel
-from impact_env.parameters import RigidWalls, SlidingAbsorber, TunedAbsorber, require
+from impact_env.parameters import RigidWalls, SlidingAbsorber
 from impact_env.periodic.case import case_of
 from impact_env.periodic.orbit_branches import orbit_branches
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.prepare import Preparation
 from impact_env.scene import Scene
 from impact_env.sweep import Stop
-from optimisation.absorber_rules import best_friction, scaled_absorber
-from optimisation.explore.settings import ControlValues, Loading
-from optimisation.gap_advice import search_gap
-from optimisation.load_cases import AppliedLoads, swept_force
-from optimisation.measures import LABELS
-from optimisation.sweep_range import find_sweep_range
-from optimisation.tuned import smallest_amplitude
 
 
 class Newer(Exception):  # noqa: N818 - no error
@@ -131,101 +119,3 @@ def followed(
         curves = list(branches(*arguments, stop))
     kernels.ready.add(key)
     yield from curves
-
-
-MEMBERS = 1  # as `design_gap --quick`
-
-
-_TUNED: dict[tuple[object, ...], TunedAbsorber] = {}
-
-
-def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
-    """Return the linear absorber with the smallest amplitude over the sweep's range; known at once for the same numbers, as it takes seconds."""
-    shapes = (
-        model.omega,
-        model.damping_ratio,
-        model.one_phase_force_shape,
-        model.tip_shape,
-        model.level_shape,
-    )
-    key = (*(x.tobytes() for x in shapes), mass_ratio, resonance)
-    if key not in _TUNED:
-        limits = find_sweep_range(model, mass_ratio, resonance)
-        _TUNED[key] = smallest_amplitude(model, mass_ratio, resonance, *limits)
-    return _TUNED[key]
-
-
-def recommended(
-    values: ControlValues, model: ModalModel, stop: Stop, tell: Callable[[int, int], None]
-) -> dict[str, Any]:
-    """Return the advice of a search by quick sweeps at the marked force: new values by the controls' names, and why.
-
-    ``model`` has the absorber's place, ``tell`` is told finished and all runs. Raises `Newer` after a ``stop``.
-    """
-    mass = values["mass_ratio"] * model.beam_mass
-    resonance = values.resonance
-    loading = Loading(values.load, model, resonance)
-    if values.concept == "tuned":
-        tuned = tuned_to(model, values["mass_ratio"], resonance)
-        return {
-            "values": {"stiffness": tuned.stiffness, "damper": tuned.damping},
-            "why": "smallest peak of the linear response",
-        }
-    if values.concept == "friction":
-        require(
-            loading.swept,
-            "Recommended",
-            "friction damper",
-            "for a swept load: there is no closed form for a random force",
-        )
-        limit, _ = best_friction(model, mass, values.intensity * loading.worth, resonance)
-        return {
-            "values": {"damper_friction": limit},
-            "why": "most energy lost in a cycle at this force",
-        }
-    if values.concept == "two":
-        gap = loading.rule_gap(mass, values.intensity)
-        return {
-            "values": {"gap": gap, "second_gap": gap},
-            "why": "the gap from which a search would begin, as if both masses were one",
-        }
-
-    def watch(done: int, total: int) -> None:
-        if stop.given:
-            raise KeyboardInterrupt  # the sweeps end early, with what they have
-        tell(done, total)
-
-    if values.load != "force":
-        return _for_loads(values, loading, watch)
-    own = scaled_absorber(
-        model, values.intensity, resonance, values["mass_ratio"], values["restitution"]
-    )
-    case = swept_force(model, values.intensity, resonance, values["mass_ratio"])
-    advice = search_gap(case, own, members=MEMBERS, progress=watch)
-    best = advice.recommended or advice.sharp
-    if stop.given or best is None:
-        raise Newer
-    rule = 1e3 * advice.check.rule
-    why = f"lowest level over {100 * advice.tolerance:.0f} % of the force, by {advice.sweeps} sweeps; the design rule says {rule:.3g} mm"
-    return {"values": {"gap": best.gap, "friction": best.friction_limit}, "why": why}
-
-
-def _for_loads(
-    values: ControlValues, loading: Loading, watch: Callable[[int, int], None]
-) -> dict[str, Any]:
-    """Return the gap that a search under a load recommends, with the friction as it is."""
-    limits = find_sweep_range(loading.model, values["mass_ratio"], loading.resonance)
-    case = CurveCase(Scene(loading.model), np.ones(1), loading.resonance, limits)
-    schedule = case.schedules()[0]
-    loads = loading.act(values.intensity, schedule)
-    assert isinstance(loads, Loads)
-    mass_ratio, restitution, friction = (
-        values[name] for name in ("mass_ratio", "restitution", "friction")
-    )
-    applied = AppliedLoads(loading.model, loads, loading.resonance)
-    absorber = applied.absorber(mass_ratio, restitution, friction)
-    advice = search_gap(applied, absorber, friction_fixed=True, members=MEMBERS, progress=watch)
-    if not advice.complete or advice.recommended is None:
-        raise Newer
-    why = f"lowest {LABELS[applied.measure]} over {100 * advice.tolerance:.0f} % of the load, at {len(advice.check.gaps)} gaps"
-    return {"values": {"gap": advice.recommended.gap}, "why": why}

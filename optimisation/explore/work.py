@@ -3,9 +3,9 @@
 Each piece is a message, plain data that the page draws. `Work.pieces` runs in a thread of its own and is ended by a `Stop`.
 """
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cached_property, partial
 from itertools import chain
 from typing import Any
@@ -31,27 +31,30 @@ from impact_env.parameters import (
     friction_damper,
 )
 from impact_env.prepare import is_ready, prepare
-from impact_env.results import Record, Response
+from impact_env.results import Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.solvers import kernel_key
-from impact_env.sweep import Stop, simulate
+from impact_env.sweep import IntegrationError, Stop, simulate
 from optimisation.absorber_rules import best_friction, scaled_absorber
 from optimisation.bounds import design_gap, reach, resonance_limit, share_reached
 from optimisation.comparison import force_grid
+from optimisation.explore.advice import tuned_to
+from optimisation.explore.loading import BAND, LOADS, Loading
 from optimisation.explore.settings import (
-    BAND,
-    LOADS,
     ControlValues,
-    Loading,
     controls,
     places_of,
     scene_of,
     structure_of,
     sweep_range_of,
+    sweeps_of,
 )
-from optimisation.explore.waiting import Kernels, Newer, followed, tuned_to
+from optimisation.explore.verdict import judge_level
+from optimisation.explore.waiting import Kernels, Newer, followed
 from optimisation.files import number
-from optimisation.measures import impact_measures, read, settled_after
+from optimisation.frequency_levels import frequency_curve
+from optimisation.gap_card import impact_numbers
+from optimisation.measures import read, settled_after
 from optimisation.mounting import scene_on
 from optimisation.signals import spectrum
 from optimisation.statistics import prediction_band, prediction_interval
@@ -67,6 +70,8 @@ POINTS = 401
 ALONG = 41
 PERIODS = 6.0  # pseudo periods to either side of the instant
 MOST_MARKS = 2000  # impacts that are drawn
+INSTANTS = 90  # of the run, whose motion is drawn over a period each
+INSTANT_SAMPLES = 24
 
 
 def rounded(values: Any, digits: int = 6) -> list[Any]:
@@ -101,8 +106,9 @@ class Work:
 
     @property
     def curve_key(self) -> tuple[Any, ...]:
-        """What the curve and what it is compared with depend on: all but the load's intensity, direction and instant."""
+        """What the curve and what it is compared with depend on: all but the load's intensity, direction, instant and view."""
         return (
+            id(self.own),
             self.values.concept,
             self.values.load,
             *(item for item in sorted(self.values.numbers.items()) if item[0] not in LOADS),
@@ -211,16 +217,24 @@ class Work:
             yield from self.sweep()
             for message in again or chain(self._one_pass(passes), self._quick_lines(case)):
                 yield self._append(message, finished)
-            yield from self.card(case)
+            yield from self._report_problems("card", self.card(case))
             if again is None:
-                for message in chain(self._one_pass(passes), self._slow_lines(case)):
+                slow = self._report_problems("curve", self._slow_lines(case))
+                for message in chain(self._one_pass(passes), slow):
                     yield self._append(message, finished)
                 known.clear()  # one is enough: back and forth between two is no use of a page
                 known[self.curve_key] = [
                     message for message in finished if message.get("complete", True)
                 ]
-        yield from responses
+        yield from self._report_problems("response", responses)
         yield {"type": "done"}
+
+    def _report_problems(self, panel: str, messages: Iterable[Message]) -> Iterator[Message]:
+        """Yield a part's messages; where it cannot be computed, its reason in its panel, while the other parts go on."""
+        try:
+            yield from messages
+        except (ParameterError, IntegrationError) as error:
+            yield {"type": "problem", "what": panel, "error": str(error)}
 
     def before_advice(self) -> Iterator[Message]:
         """Yield messages about compilation until advice can be asked for."""
@@ -289,11 +303,12 @@ class Work:
         )
         yield self._sweep(response)
         yield self._motion(response)
+        yield self._whole_run(response)
         if self.gap() is not None:
             self.impacts = dict(
                 zip(
                     ("largest_speed", "rms_speed", "impacts_a_second", "power"),
-                    impact_measures(response),
+                    impact_numbers(response),
                     strict=True,
                 )
             )
@@ -335,109 +350,171 @@ class Work:
         }
 
     def _motion(self, response: Response) -> Message:
-        history = response.history
+        """Return the motion around the chosen instant, of `PERIODS` to either side."""
+        history = require_recorded("history", response.history)
+        level = require_recorded("level", response.level)
         schedule = response.drive.schedule
-        beam = self.structure
-        assert history is not None
-        assert response.level is not None
-        at = (
-            response.level.time
-            if self.values.instant is None
-            else min(self.values.instant, float(schedule.times[-1]))
-        )
+        chosen = self.values.instant
+        at = level.time if chosen is None else min(chosen, float(schedule.times[-1]))
         reach_s = PERIODS * schedule.pseudo_period
-        part = slice(*np.searchsorted(history.time, (at - reach_s, at + reach_s)))
-        moved = isinstance(self.scene.absorber, SlidingAbsorber | TunedAbsorber | SeveralAbsorbers)
-        along = np.linspace(0, 1, ALONG) if isinstance(beam, Beam) else None
-        absorbers = (
-            history.absorber_displacement[part].reshape(-1, self.scene.places) if moved else None
-        )
-        shapes = self.scene.absorber_shapes
-        times = np.zeros(0) if response.impacts is None else response.impacts.time
-        struck = (times >= at - reach_s) & (times <= at + reach_s)
+        first, last = np.searchsorted(history.time, (at - reach_s, at + reach_s))
+        rows = np.arange(first, last)
         return {
             "type": "motion",
             "at": at,
+            **self._shapes(),
+            **self._samples(response, rows, (at - reach_s, at + reach_s)),
+        }
+
+    def _whole_run(self, response: Response) -> Message:
+        """Return the motion over a period at each of `INSTANTS` of the whole run, one behind the other; ``part``: samples of each."""
+        history = require_recorded("history", response.history)
+        schedule = response.drive.schedule
+        end = float(schedule.times[-1]) - schedule.pseudo_period
+        starts = np.linspace(0.0, max(end, 0.0), INSTANTS)
+        offsets = np.arange(INSTANT_SAMPLES + 1) / INSTANT_SAMPLES * schedule.pseudo_period
+        times = (starts[:, None] + offsets).ravel()
+        rows = np.minimum(np.searchsorted(history.time, times), len(history.time) - 1)
+        return {
+            "type": "whole_run",
+            "part": INSTANT_SAMPLES + 1,
+            **self._shapes(),
+            **self._samples(response, rows, None, digits=4),
+        }
+
+    def _samples(
+        self,
+        response: Response,
+        rows: NDArray[np.int_],
+        limits: tuple[float, float] | None,
+        digits: int = 6,
+    ) -> Message:
+        """Return a run's states at some rows of its history, and its impacts between two times in s (None: near the rows)."""
+        history = require_recorded("history", response.history)
+        schedule = response.drive.schedule
+        moves = isinstance(self.scene.absorber, SlidingAbsorber | TunedAbsorber | SeveralAbsorbers)
+        absorbers = None
+        if moves:
+            absorbers = history.absorber_displacement[rows].reshape(-1, self.scene.places)
+        times = np.zeros(0)
+        struck = np.zeros(0, dtype=int)
+        if response.impacts is not None:
+            times = response.impacts.time
+            struck = response.impacts.absorber
+            if limits is None:
+                flash = schedule.pseudo_period / INSTANT_SAMPLES
+                before = np.clip(np.searchsorted(history.time[rows], times), 1, len(rows) - 1)
+                distance = np.minimum(
+                    np.abs(history.time[rows][before] - times),
+                    np.abs(history.time[rows][before - 1] - times),
+                )
+                near = distance <= flash
+            else:
+                near = (times >= limits[0]) & (times <= limits[1])
+            times, struck = times[near], struck[near]
+        return {
             "period": schedule.pseudo_period,
-            "time": rounded(history.time[part], 9),
-            "modal": rounded(history.modal_displacement[part]),
-            "absorbers": None if absorbers is None else rounded(absorbers),
+            "time": rounded(history.time[rows], 9),
+            "modal": rounded(history.modal_displacement[rows], digits),
+            "absorbers": None if absorbers is None else rounded(absorbers, digits),
+            "impacts": rounded(times[:MOST_MARKS], 9),
+            "struck": struck[:MOST_MARKS].tolist(),
+        }
+
+    def _shapes(self) -> Message:
+        """Return the shapes by which states are drawn, and the absorbers' places and gaps."""
+        beam = self.structure
+        shapes = self.scene.absorber_shapes
+        cavities = [self.scene.cavity(a) for a in range(len(shapes))]
+        along = np.linspace(0, 1, ALONG) if isinstance(beam, Beam) else None
+        return {
             "places": list(places_of(self.values))
             if isinstance(beam, Beam)
             else [1.0] * len(shapes),
             "place_shapes": rounded(shapes),
-            "gaps": [
-                None if (w := self.scene.cavity(a)) is None else w.gap for a in range(len(shapes))
-            ],
+            "gaps": [None if walls is None else walls.gap for walls in cavities],
             "along": None if along is None else rounded(along),
             "shapes": rounded(mode_shapes(beam, along))
             if along is not None and isinstance(beam, Beam)
             else None,
             "level_shape": rounded(self.model.level_shape),
-            "impacts": rounded(times[struck][:MOST_MARKS], 9),
-            "struck": []
-            if response.impacts is None
-            else response.impacts.absorber[struck][:MOST_MARKS].tolist(),
         }
 
     def card(self, case: CurveCase) -> Iterator[Message]:
-        """Yield the numbers at the marked force."""
-        here, free = (
-            self._last(replace(case, scene=scene, forces=np.array([self.intensity])), members)
-            for scene, members in (
-                (self.scene, self.values.members),
-                (Scene(_at_level(self.model)), 1),
-            )
+        """Yield the numbers at the marked load, and the verdict."""
+        members = self.values.members
+        own = self._last(
+            replace(case, scene=self.scene, forces=np.array([self.intensity])), members
         )
-        level = float(here.median[0])
-        without = float(free.median[0])
-        gap = self.gap()
+        free = own
+        if self.values.concept != "none":
+            # a linear scene: members differ only under a random force, whose records do
+            free = self._last(
+                replace(
+                    case, scene=Scene(_at_level(self.model)), forces=np.array([self.intensity])
+                ),
+                1 if self.loading.swept else members,
+            )
+        levels = self._levels(own)
+        level = float(np.median(levels))
+        without = float(np.median(self._levels(free)))
+        band = prediction_interval(levels)
         omega = self.model.resonance_omega(self.resonance)
-        low, high = prediction_interval(here.combined[0])
+        ratio = float(np.max(own.lanes.frequency_ratio))
         numbers: Message = {
-            "type": "card",
-            "force": self.intensity,
-            "members": self.values.members,
             "level": level,
-            "band": [number(low), number(high)],
+            "band": [number(end) for end in band],
             "without": without,
             "mass": self.scene.absorber_mass,
             "resonance_hz": omega / (2 * np.pi),
-            "impacts_a_period": float(np.nanmean(here.lanes.impacts)) / case.schedules()[0].periods,
-            "words": describe_absorber(self.scene.absorber),
+            "impacts_a_period": float(np.nanmean(own.lanes.impacts)) / case.schedules()[0].periods,
             "rate": case.percent_per_100_periods if self.loading.swept else None,
-            "acceleration": np.sqrt(2)
-            * level
-            * (float(np.max(here.lanes.frequency_ratio)) * omega) ** 2
+            "acceleration": np.sqrt(2) * level * (ratio * omega) ** 2
             if self.loading.swept
             else None,
+            **self._cavity_numbers(level),
         }
-        if gap is not None:
-            numbers |= {"gap": gap, "rule_gap": self.rule(self.intensity)} | self.impacts
-        if gap is not None and self.values.load == "force":
-            rule = design_gap(self.alone, self.mass, self.intensity, self.resonance)
-            numbers["reach"] = reach(self.alone, self.mass, self.resonance) * rule / gap
-            if self.values.concept == "impact":
-                numbers["limit"] = float(
-                    resonance_limit(
-                        self.model, self.mass, gap, self.intensity, self.resonance, *self.limits
-                    )
-                )
-                numbers["share"] = float(
-                    share_reached(
-                        self.model,
-                        self.mass,
-                        gap,
-                        self.intensity,
-                        level,
-                        self.resonance,
-                        *self.limits,
-                    )
-                )
-        yield {
+        verdict = judge_level(self.values.concept, level, without, band, numbers)
+        about: Message = {
+            "type": "card",
+            "force": self.intensity,
+            "members": members,
+            "direction": self.values.direction,
+            "words": describe_absorber(self.scene.absorber),
+            "verdict": asdict(verdict),
+        }
+        yield about | {
             name: None if isinstance(x, float) and not np.isfinite(x) else x
             for name, x in numbers.items()
         }
+
+    def _levels(self, curve: PerformanceCurve) -> Array:
+        """Return the members' levels in m at a curve's first load, in the direction of the page."""
+        sweeps = sweeps_of(self.values)
+        if len(sweeps) == 2:
+            return np.asarray(curve.combined[0])
+        return np.asarray(curve.level[0, :, ("up", "down").index(sweeps[0])])
+
+    def _cavity_numbers(self, level: float) -> Message:
+        """Return the numbers of masses between walls."""
+        gap = self.gap()
+        if gap is None:
+            return {}
+        numbers: Message = {"gap": gap, "rule_gap": self.rule(self.intensity)} | self.impacts
+        if self.values.load != "force":
+            return numbers
+        rule = design_gap(self.alone, self.mass, self.intensity, self.resonance)
+        numbers["reach"] = reach(self.alone, self.mass, self.resonance) * rule / gap
+        if self.values.concept == "impact":
+            place = self.model, self.mass, gap, self.intensity
+            limit = float(resonance_limit(*place, self.resonance, *self.limits))
+            numbers["limit"] = limit
+            try:
+                share = share_reached(*place, level, self.resonance, *self.limits)
+                numbers["share"] = float(share)
+            except ParameterError:  # the cavity is so small that nothing can be gained
+                numbers["share"] = None
+        return numbers
 
     def _last(self, case: CurveCase, members: int = 1) -> PerformanceCurve:
         """Return a whole curve."""
@@ -484,7 +561,9 @@ class Work:
 
     def _line(self, which: str, scene: Scene, case: CurveCase) -> Iterator[Message]:
         yield from self.ready(scene, Record(), which, self.stop)
-        curve = self._last(replace(case, scene=scene))
+        curve = self._last(
+            replace(case, scene=scene), 1 if self.loading.swept else self.values.members
+        )
         yield {
             "type": "line",
             "which": which,
@@ -533,7 +612,9 @@ class Work:
                 rounded(2 * np.pi * hertz[part] / reference),
                 rounded(np.sqrt(density[part])),
             ]
-        if self.values.load != "force":
+        if self.loading.swept and self.values.view == "levels":
+            message["levels"] = yield from self.frequency_levels()
+        if self.values.load != "force" or self.values.view != "orbits":
             yield dict(message, complete=True)
             return
         try:
@@ -559,6 +640,25 @@ class Work:
         except ParameterError as error:
             message["note"] = str(error)
         yield dict(message, branches=list(branches), complete=True)
+
+    def frequency_levels(self) -> Generator[Message, None, Message]:
+        """Return the levels over the frequency with and without the absorber, (n,) each in m; yield messages about compilation."""
+        scenes = {"with": self.scene, "without": Scene(_at_level(self.model))}
+        if self.values.concept == "none":
+            del scenes["with"]
+        levels: Message = {}
+        for name, scene in scenes.items():
+            yield from self.ready(scene, self.loading.record, "response", self.stop)
+            self._go_on()
+            schedules = dict(zip(("up", "down"), self.case().schedules(), strict=True))
+            lanes = [
+                Lane(scene, self.loading.act(self.intensity, schedules[sweep]), steady_start=True)
+                for sweep in sweeps_of(self.values)
+            ]
+            curve = frequency_curve(name, lanes, self.limits)
+            if curve is not None:
+                levels |= {"ratio": rounded(curve.ratio), name: rounded(curve.level)}
+        return levels
 
 
 def _at_level(model: ModalModel) -> ModalModel:

@@ -28,11 +28,13 @@ from impact_env import (
 )
 from impact_env.curve import CurveCase
 from impact_env.drive import constant_frequency
+from impact_env.ensemble import Lane
 from impact_env.parameters import ParameterError
 from impact_env.plain import to_scene
 from impact_env.plain_loads import to_loads
 from impact_env.steady_start import find_steady_start
 from optimisation.cli.group import imported
+from optimisation.explore.advice import recommend_values
 from optimisation.explore.server import (
     MOST_BYTES,
     MOST_TABS,
@@ -45,11 +47,14 @@ from optimisation.explore.settings import (
     Refused,
     controls,
     parse_controls,
+    replace_numbers,
     scene_of,
     sweep_range_of,
 )
+from optimisation.explore.verdict import judge_level
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import Work
+from optimisation.frequency_levels import frequency_curve
 from optimisation.measures import read
 from optimisation.statistics import prediction_interval
 from optimisation.sweep_range import find_sweep_range
@@ -89,8 +94,13 @@ def test_the_page_brings_all_that_it_needs(client: TestClient) -> None:
     assert "default-src 'none'" in page.headers["content-security-policy"]
     for name in (
         "main.js",
+        "address.js",
+        "charts.js",
+        "controls.js",
         "figure.js",
+        "format.js",
         "motion.js",
+        "verdict.js",
         "uplot.js",
         "uplot.css",
         "style.css",
@@ -104,6 +114,8 @@ def test_the_page_brings_all_that_it_needs(client: TestClient) -> None:
         )
         assert "://" not in foreign.replace("https://github.com/leeoniya/uPlot", ""), name
     assert client.get("/assets/../server.py").status_code == 404
+    explained = client.get("/help").text
+    assert "://" not in explained
     table = client.get("/controls").json()
     assert {control["name"] for control in table["controls"]} >= {
         "force",
@@ -116,6 +128,9 @@ def test_the_page_brings_all_that_it_needs(client: TestClient) -> None:
         control["low"] <= control["value"] <= control["high"] or control["zero"]
         for control in table["controls"]
     )
+    for row in table["numbers"]:
+        assert row["about"].endswith(".")
+        assert f'id="{row["key"]}"' in explained
 
 
 @pytest.mark.parametrize(
@@ -257,6 +272,19 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     assert max(x for x in sweep["high"] if x is not None) == pytest.approx(
         run.history.tip_displacement.max(), rel=1e-5
     )
+    levels = [message for message in messages if message["type"] == "response"][-1]["levels"]
+    lanes = [
+        Lane(scene, Drive(3.5, schedule), steady_start=True)
+        for schedule in CurveCase(scene, [3.5], limits=settings["limits"]).schedules()
+    ]
+    own_levels = frequency_curve("", lanes, settings["limits"]).level
+    assert np.array(levels["with"], dtype=float) == pytest.approx(own_levels, rel=1e-5, nan_ok=True)
+    (whole,) = (message for message in messages if message["type"] == "whole_run")
+    rows = np.searchsorted(run.history.time, np.array(whole["time"]) - 1e-6)
+    assert np.array(whole["absorbers"])[:, 0] == pytest.approx(
+        run.history.absorber_displacement[rows], rel=1e-3, abs=1e-12
+    )
+    assert whole["time"][-1] == pytest.approx(time, rel=1e-3)
     assert {message["which"] for message in messages if message["type"] == "line"} == {
         "none",
         "limit",
@@ -272,29 +300,53 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
     )
 
 
-@pytest.mark.parametrize("mass_ratio", [0.02, 0.08])
-def test_the_command_makes_the_same(
-    mass_ratio: float, client: TestClient, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def run_commands(taken: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
+    """Run the exported commands in a folder with the exported files, without figures, and return their results."""
+    (folder / "scene.json").write_text(json.dumps(taken["scene"]))
+    for name, load in taken["loads"].items():
+        (folder / name).write_text(json.dumps(load))
+    results = []
+    for command in taken["commands"]:
+        words = command.removeprefix("impact-absorber sweep ").split()
+        plot = words.index("--plot")
+        done(imported("sweep"), *words[:plot], *words[plot + 2 :])
+        results.append(json.loads((folder / words[-1]).read_text()))
+    return results
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"direction": "down", "members": 1, "mass_ratio": 0.02},
+        {"direction": "both", "members": 3, "mass_ratio": 0.08},
+        {"direction": "both", "members": 2, "load": "unbalance", "concept": "tuned"},
+    ],
+    ids=["down", "both ways", "files of loads"],
+)
+def test_the_commands_give_the_cards_numbers(
+    values: dict[str, Any],
+    client: TestClient,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
-    """Level and impacts of the page's run; its range is that of other commands for absorbers of the mass."""
-    values = VALUES | {"direction": "down", "members": 1, "mass_ratio": mass_ratio}
+    """Level and impacts of the page; the range of the sweeps is that of other commands for absorbers of the mass."""
     with client.websocket_connect("/socket", headers=OWN) as session:
-        session.send_text(json.dumps({"number": 1, "values": values}))
-        messages = until(session, "sweep", "failed")
+        session.send_text(json.dumps({"number": 1, "values": VALUES | values}))
+        messages = until(session, "card", "failed")
     taken = messages[0]
-    sweep = messages[-1]
-    (tmp_path / "scene.json").write_text(json.dumps(taken["scene"]))
+    card = messages[-1]
     monkeypatch.chdir(tmp_path)
-    done(
-        imported("sweep"),
-        *taken["command"]
-        .removeprefix("impact-absorber sweep ")
-        .replace("--energy --plot sweep.png", "--json result.json")
-        .split(),
+    results = run_commands(taken, tmp_path)
+    levels = [result["response_level_m"] for result in results]
+    assert len(levels) == (2 if values["direction"] == "both" else 1)
+    assert card["level"] == pytest.approx(float(np.median(np.max(levels, axis=0))), rel=1e-12)
+    (sweep,) = (message for message in messages if message["type"] == "sweep")
+    assert (results[0]["response_level_m"][0], results[0]["impacts"]) == (
+        sweep["level"],
+        sweep["impacts"],
     )
-    result = json.loads((tmp_path / "result.json").read_text())
-    assert (result["response_level_m"][0], result["impacts"]) == (sweep["level"], sweep["impacts"])
-    low, high = find_sweep_range(to_scene(taken["scene"]).model, mass_ratio)
+    scene = to_scene(taken["scene"])
+    low, high = find_sweep_range(scene.model, values.get("mass_ratio", 0.02))
     assert (max(sweep["ratio"]), min(sweep["ratio"])) == pytest.approx((high, low), abs=0.001)
 
 
@@ -316,15 +368,17 @@ def test_two_absorbers_are_swept_over_the_range_of_both_places() -> None:
         (
             {"number": 2, "values": {"gap": -1}},
             "gap",
-            "Gap to either wall = -1 is not allowed: 0.02 to 50 mm",
+            "Gap to either wall = -1000 mm is not allowed: 0.02 to 50 mm",
         ),
         ({"number": 2, "values": {"modes": 10**9}}, "modes", "from 1 to 40"),
         ({"number": 2, "values": {"members": 2.5}}, "members", "whole number"),
-        ({"number": 2, "values": {"force": None}}, "force", "is not allowed"),
+        ({"number": 2, "values": {"force": None}}, "force", "no number; allowed is 0.035 to 105 N"),
+        ({"number": 2, "values": {"force": 10**400}}, "force", "is not allowed: 0.035 to 105 N"),
+        ({"number": 2, "values": {"mass_ratio": 0.5}}, "mass_ratio", "Mass = 50 % of"),
+        ({"number": 2, "structure": "moon", "values": {}}, "", "not one of own, arm"),
         ({"number": 2, "values": {"modes": 2, "resonance": 3}}, "resonance", "1 to 2"),
         ({"number": 2, "values": {"concept": "rubber"}}, "concept", "one of"),
         ({"number": 2, "values": {"surprise": 1}}, "", "surprise is not allowed"),
-        ({"number": 2, "values": {"concept": "two", "load": "base"}}, "load", "with one absorber"),
         ({"number": 2, "values": [1]}, "", "a table of the page's controls"),
         ({"number": "2", "values": {}}, "", "a message is a table"),
         *(
@@ -414,6 +468,7 @@ def test_each_concept_is_drawn(concept: str) -> None:
         "curve",
         "sweep",
         "motion",
+        "whole_run",
         "card",
         "response",
         "done",
@@ -428,8 +483,9 @@ def test_another_load_is_that_of_its_file(client: TestClient) -> None:
     assert messages[-1]["type"] == "done"
     taken = messages[0]
     scene = to_scene(taken["scene"])
-    assert "--load load.json" in taken["command"]
-    loads = to_loads(taken["load"], scene.model.resonance_omega(1))
+    (command,) = taken["commands"]
+    assert "--load load.json" in command
+    loads = to_loads(taken["loads"]["load.json"], scene.model.resonance_omega(1))
     run = simulate(scene, loads, record=Record(events=True, series=True, samples_per_period=64))
     latest = {message["type"]: message for message in messages}
     assert latest["sweep"]["level"] == pytest.approx(read(run), rel=1e-12)
@@ -440,6 +496,114 @@ def test_another_load_is_that_of_its_file(client: TestClient) -> None:
     assert (
         np.ptp(np.array(curve["both"]) / curve["force"]) < 1e-9 * curve["both"][-1]
     )  # a linear scene
+
+
+def card_of(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the card of a setting on the paper's beam; nothing of it may be a problem."""
+    work = Work(parse_controls(VALUES | values, BEAM), BEAM, Kernels())
+    messages = list(work.messages({}))
+    assert not [message for message in messages if message["type"] == "problem"]
+    return next(message for message in messages if message["type"] == "card")
+
+
+def test_a_cavity_in_which_nothing_can_be_gained_has_a_card() -> None:
+    """The limit of a gap of 0.02 mm at 3.5 N lies above the level of the sweep without absorber."""
+    card = card_of({"gap": 2e-5, "members": 1})
+    assert card["limit"] > card["without"]
+    assert card["share"] is None
+    assert card["verdict"]["grade"] == "poor"
+
+
+def test_no_absorber_is_compared_with_the_same_records() -> None:
+    card = card_of({"concept": "none", "load": "random", "members": 3})
+    assert card["level"] == card["without"]
+    assert card["verdict"]["grade"] == "neutral"
+
+
+def test_a_part_that_cannot_be_computed_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_self: Work, _case: CurveCase) -> Iterator[dict[str, Any]]:
+        raise ParameterError("no number")
+        yield {}
+
+    monkeypatch.setattr(Work, "card", refuse)
+    values = parse_controls({"modes": 3, "members": 1, "concept": "tuned"}, BEAM)
+    messages = list(Work(values, BEAM, Kernels()).messages({}))
+    assert {"type": "problem", "what": "card", "error": "no number"} in messages
+    assert messages[-1] == {"type": "done"}
+    assert [message for message in messages if message["type"] == "line"]
+
+
+@pytest.mark.parametrize(
+    ("concept", "level", "numbers", "grade", "words"),
+    [
+        (
+            "impact",
+            0.2,
+            {"impacts_a_period": 1.2, "gap": 1.0, "rule_gap": 0.7},
+            "good",
+            "1.2 times",
+        ),
+        ("impact", 0.2, {"impacts_a_period": 1.2, "gap": 1.0, "rule_gap": 1.0}, "good", "too much"),
+        (
+            "impact",
+            0.7,
+            {"impacts_a_period": 2.0, "gap": 1.0, "rule_gap": 2.0},
+            "fair",
+            "too strong",
+        ),
+        ("impact", 0.95, {"impacts_a_period": 0.0, "gap": 1.0, "rule_gap": 0.1}, "poor", "hardly"),
+        ("impact", 0.95, {"impacts_a_period": 0.3, "gap": 1.0, "rule_gap": 0.3}, "poor", "wide"),
+        ("friction", 0.6, {}, "fair", "friction limit"),
+        ("tuned", 1.3, {}, "poor", "tunes"),
+        ("none", 1.0, {}, "neutral", "alone"),
+    ],
+)
+def test_the_verdict_has_a_grade_and_a_reason(
+    concept: str, level: float, numbers: dict[str, float], grade: str, words: str
+) -> None:
+    verdict = judge_level(concept, level, 1.0, (0.9 * level, 1.1 * level), numbers)
+    assert verdict.grade == grade
+    assert words in verdict.sentence
+    if concept != "none":
+        assert verdict.headline == f"{100 * level:.0f} % of no absorber"
+        assert verdict.band == f"90 % of runs between {90 * level:.0f} and {110 * level:.0f} %"
+
+
+def test_advice_for_two_absorbers_is_better_than_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The level at the gaps that a search recommends, by the curve of the API, against the design rule's gap for both."""
+    monkeypatch.setattr("optimisation.explore.advice.GAP_STEPS", range(-1, 6, 2))
+    values = parse_controls(VALUES | {"concept": "two", "members": 1}, BEAM)
+    work = Work(values, BEAM, Kernels())
+    reports = list[tuple[int, int]]()
+    advised = recommend_values(
+        values, BEAM, work.alone, work.stop, lambda done, total: reports.append((done, total))
+    )
+    assert reports[-1] == (8, 8)
+    rule = work.rule(values.intensity)
+    levels = [
+        performance_curve(
+            scene_of(replace_numbers(values, gaps), BEAM),
+            [values.intensity],
+            members=1,
+            limits=work.limits,
+            steady_start=True,
+        ).median[0]
+        for gaps in (advised.values, {"gap": rule, "second_gap": rule})
+    ]
+    assert levels[0] < 0.9 * levels[1]
+
+
+def test_other_structures_have_their_own_controls(client: TestClient) -> None:
+    table = client.get("/controls").json()
+    assert list(table["structures"]) == ["own", "arm"]
+    assert {example["structure"] for example in table["examples"]} <= set(table["structures"])
+    arm = client.get("/controls?structure=arm").json()
+    assert arm["key"] == "arm"
+    assert client.get("/controls?structure=moon").status_code == 404
+    with client.websocket_connect("/socket", headers=OWN) as session:
+        session.send_text(json.dumps({"number": 1, "structure": "arm", "values": {}}))
+        (taken,) = until(session, "taken", "refused")
+    assert to_scene(taken["scene"]).model.beam_mass == pytest.approx(arm["beam_mass_kg"])
 
 
 @pytest.mark.parametrize("kind", ["unbalance", "base"])

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ playwright = pytest.importorskip(
 
 from impact_env import performance_curve
 from impact_env.plain import to_scene
+from optimisation.sweep_range import find_sweep_range
 
 BROWSER = next(
     (
@@ -36,6 +38,7 @@ pytestmark = pytest.mark.skipif(
     BROWSER is None, reason="no Chromium here: the explorer's page is not looked at"
 )
 FAST = "#modes=3&friction=0.1&members=2"
+ONE = "#modes=3&friction=0.1&members=1"
 WAIT = 120_000  # ms, for kernels that are compiled on the way
 WATCH = """
 window.order = {};
@@ -70,10 +73,9 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def page(browser: Any, address: str, request: pytest.FixtureRequest) -> Iterator[Any]:
-    """A page that reaches nothing but the server, in which nothing goes wrong; its parameter: width, height and colours."""
+    """A page that reaches nothing but the server, in which nothing goes wrong; its parameter is the setting."""
     wrong: list[str] = []
-    width, height, colours = getattr(request, "param", (1280, 800, "light"))
-    page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=colours)
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.add_init_script(WATCH)
     page.route(
         "**/*",
@@ -87,7 +89,7 @@ def page(browser: Any, address: str, request: pytest.FixtureRequest) -> Iterator
     page.on(
         "console", lambda message: wrong.append(message.text) if message.type == "error" else None
     )
-    page.goto(address + FAST)
+    page.goto(address + getattr(request, "param", FAST))
     yield page
     assert wrong == []
     page.close()
@@ -130,7 +132,8 @@ def test_numbers_are_those_of_the_library_and_files_are_whole(page: Any) -> None
         page.get_by_role("button", name="Scene file").click()
     scene = to_scene(json.loads(Path(download.value.path()).read_text()))
     forces = sorted(drawn)
-    wanted = performance_curve(scene, forces, members=2)
+    settings = {"limits": find_sweep_range(scene.model, 0.02), "steady_start": True}
+    wanted = performance_curve(scene, forces, members=2, **settings)
     assert [drawn[force] for force in forces] == pytest.approx(
         (1e3 * wanted.median).tolist(), rel=1e-15
     )
@@ -138,15 +141,21 @@ def test_numbers_are_those_of_the_library_and_files_are_whole(page: Any) -> None
     assert saved(page, "Save the sweep as", "PNG").read_bytes().startswith(b"\x89PNG")
     with page.expect_download() as download:
         page.get_by_role("button", name="Card as HTML").click()
-    assert (
-        f"{1e3 * performance_curve(scene, [3.5], members=2).median[0]:.4g} mm"
-        in Path(download.value.path()).read_text()
+    level, without = (
+        performance_curve(one, [3.5], members=members, **settings).median[0]
+        for one, members in ((scene, 2), (replace(scene, absorber=None), 1))
     )
+    assert f"{1e3 * level:.4g} mm" in Path(download.value.path()).read_text()
+    assert page.locator("#headline").inner_text() == f"{100 * level / without:.0f} % of no absorber"
+    page.locator("#card summary").click()
+    assert page.locator("[data-number=level]").inner_text() == f"{1e3 * level:.4g} mm"
 
 
-def test_a_slider_moves_the_curve_without_remnants_and_a_bad_value_is_reported(page: Any) -> None:
+def test_settings_move_are_undone_and_refused_in_words(page: Any) -> None:
+    """The gap by arrow keys, by a page key, by text with a comma and with a unit; Back; values that are not allowed."""
     finished(page)
     before = saved(page, "Save the curve as", "CSV").read_text()
+    gap = page.locator("#n-gap")
     slider = page.get_by_label("Gap to either wall, mm")
     slider.focus()
     for _ in range(30):
@@ -157,23 +166,41 @@ def test_a_slider_moves_the_curve_without_remnants_and_a_bad_value_is_reported(p
     order = page.evaluate("window.order")
     assert all(numbers == sorted(numbers) for numbers in order.values())
     assert order["showncurve"][-1] == int(page.evaluate("document.documentElement.dataset.asked"))
-    assert "gap=" in page.url
+    moved = gap.input_value()
+    page.wait_for_timeout(1600)  # later changes are a step of their own
+    for _ in range(3):
+        page.keyboard.press("PageUp")
+    assert 1.3 < float(gap.input_value()) / float(moved) < 2
+    page.get_by_role("button", name="Undo").click()
+    playwright.expect(gap).to_have_value(moved)
+    page.go_forward()
+    playwright.expect(gap).not_to_have_value(moved)
+    for text, value in (("1,5", "1.5"), ("0.05 in", "1.27")):
+        gap.fill(text)
+        gap.press("Enter")
+        assert gap.input_value() == value
+    address = page.url
+    for text, words in (
+        ("900", "= 900 mm is not allowed: 0.02 to 50 mm"),
+        ("abc", "is no number; an example: 1 mm"),
+    ):
+        gap.fill(text)
+        gap.press("Enter")
+        playwright.expect(page.locator("#e-gap")).to_contain_text(words)
+        assert page.get_by_role("alert").first.is_visible()
+        assert gap.get_attribute("aria-invalid") == "true"
+        assert text not in page.url
+    page.goto(address)
     page.reload()
     finished(page)
-    assert float(page.locator("#n-gap").input_value()) > 1
-    gap = page.locator("#n-gap")
-    gap.fill("-1")
-    gap.press("Enter")
-    page.wait_for_selector("#e-gap:not(:empty)")
-    assert "0.02 to 50 mm" in page.locator("#e-gap").inner_text()
-    assert gap.get_attribute("aria-invalid") == "true"
-    gap.fill("1.2")
-    gap.press("Enter")
-    finished(page)
-    assert page.locator("#e-gap").inner_text() == ""
+    assert (gap.input_value(), page.locator("#e-gap").inner_text()) == ("1.27", "")
+    page.goto("about:blank")
+    page.goto(address.replace("gap=", "gap=x"))
+    page.wait_for_selector("#problem:not([hidden])")
+    assert "no number" in page.locator("#problem").inner_text()
 
 
-def test_two_tabs_have_their_own_settings_and_advice_sets_the_controls(
+def test_two_tabs_have_their_own_settings_and_advice_says_what_it_changes(
     page: Any, browser: Any, address: str
 ) -> None:
     other = browser.new_page()
@@ -188,28 +215,61 @@ def test_two_tabs_have_their_own_settings_and_advice_sets_the_controls(
     finished(page)
     page.get_by_role("button", name="Recommended").click()
     page.wait_for_selector("#why:not(:empty)", timeout=WAIT)
-    assert "design rule" in page.locator("#why").inner_text()
-    assert float(page.locator("#n-gap").input_value()) != 1
+    words = page.locator("#why").inner_text()
+    assert "design rule" in words
+    gap, friction = (
+        float(page.locator(f"#n-{name}").input_value()) for name in ("gap", "friction")
+    )
+    assert gap != 1
+    assert f"Gap to either wall 1 → {gap:.4g} mm; Friction limit 0.1 → {friction:.4g} N" in words
 
 
-@pytest.mark.parametrize("page", [(1280, 800, "light"), (1920, 1080, "dark")], indirect=True)
-def test_it_fits_and_everything_has_a_name(page: Any) -> None:
+SIZES = ((1280, 800, "light"), (1920, 1080, "dark"), (800, 900, "light"), (390, 844, "dark"))
+ZOOMED = (640, 400, "light")  # 1280 pixels at 200 %
+NAMELESS = """[...document.querySelectorAll('input, select, button, canvas, progress')].filter(
+  (e) => !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length)
+    && e.closest('.plot') === null).map((e) => e.outerHTML)"""
+OUTSIDE = """[...document.querySelectorAll('.panel:not(#card)')].filter((p) => [...p.querySelectorAll('.uplot, dl, canvas, .legend, .bar *')]
+  .some((e) => e.offsetParent && (e.getBoundingClientRect().bottom > p.getBoundingClientRect().bottom + 1
+    || e.getBoundingClientRect().right > p.getBoundingClientRect().right + 1))).map((p) => p.id)"""
+
+
+@pytest.mark.parametrize("page", [ONE], indirect=True)
+def test_it_fits_at_all_sizes_and_a_pinned_curve_stays(page: Any) -> None:
+    """Nothing is cut at five sizes, also with a second curve and with the values at the pointer in the legend."""
     finished(page)
-    size = page.evaluate(
-        "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
-    )
-    width, height = page.viewport_size.values()
-    assert size[0] <= width
-    assert size[1] <= height
-    nameless = """[...document.querySelectorAll('input, select, button, canvas, progress')].filter(
-      (e) => !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length)
-        && e.closest('.plot') === null).map((e) => e.outerHTML)"""
-    assert page.evaluate(nameless) == []
-    outside = """[...document.querySelectorAll('.panel')].filter((p) => [...p.querySelectorAll('.uplot, dl, canvas')].some(
-      (e) => e.getBoundingClientRect().bottom > p.getBoundingClientRect().bottom + 1)).map((p) => p.id)"""
-    assert page.evaluate(outside) == []
-    dark = (
-        int(re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))[0])
-        < 128
-    )
-    assert dark == (width == 1920)
+    page.get_by_role("button", name="Pin this curve").click()
+    force = page.locator("#n-force")
+    force.fill("100")
+    force.press("Enter")
+    finished(page)
+    assert "Force 3.5 → 100 N" in page.locator("#comparison").inner_text()
+    rows = saved(page, "Save the curve as", "CSV").read_text().splitlines()
+    assert sum(row.startswith("pinned,") for row in rows) == 24
+    for width, height, colours in (*SIZES, ZOOMED):
+        page.set_viewport_size({"width": width, "height": height})
+        page.emulate_media(color_scheme=colours)
+        page.wait_for_timeout(200)
+        page.locator("#curve .u-over").hover()
+        size = page.evaluate(
+            "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
+        )
+        assert size[0] <= width
+        assert size[1] <= height or width <= 900
+        assert page.evaluate(OUTSIDE) == []
+        legend = page.locator("#curve .entry").all_inner_texts()
+        assert re.fullmatch(r"impact absorber [\d.]+", legend[1]), legend
+        assert page.locator("#status").bounding_box()["width"] > 100
+        dark = int(re.findall(r"\d+", page.evaluate(BACKGROUND))[0]) < 128
+        assert dark == (colours == "dark")
+    assert page.evaluate(NAMELESS) == []
+    page.get_by_role("button", name="Controls").focus()
+    page.keyboard.press("Enter")
+    for part in ("#curve .plot", "#controls"):
+        assert page.locator(part).bounding_box()["height"] > 60
+        assert page.locator(part).is_visible()
+    page.keyboard.press("Escape")
+    assert page.locator("#controls").is_hidden()
+
+
+BACKGROUND = "getComputedStyle(document.body).backgroundColor"

@@ -1,0 +1,176 @@
+"""The recommended values of the page's absorber at the marked load, by a search with quick sweeps or in closed form."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from impact_env.curve import CurveCase, Pass, curve_passes
+from impact_env.loads import Loads
+from impact_env.modes import ModalModel, Structure
+from impact_env.parameters import TunedAbsorber, require
+from impact_env.scene import Scene
+from impact_env.sweep import IntegrationError, Stop
+from optimisation.absorber_rules import best_friction, scaled_absorber
+from optimisation.explore.loading import Loading
+from optimisation.explore.settings import ControlValues, replace_numbers, scene_of, sweep_range_of
+from optimisation.explore.waiting import Newer
+from optimisation.gap_advice import search_gap
+from optimisation.load_cases import AppliedLoads, swept_force
+from optimisation.measures import LABELS
+from optimisation.sweep_range import find_sweep_range
+from optimisation.tuned import smallest_amplitude
+
+MEMBERS = 1  # as `design_gap --quick`
+GAP_STEP = 1.15  # between the gaps of a search for two absorbers, and the change of load that the answer must bear
+GAP_STEPS = range(-2, 10)  # from 0.76 to 3.5 of the rule's gap
+SAME_RATIO_TOL = 0.1  # of 1, within which two absorbers have the same amplitude
+
+Report = Callable[[int, int], None]
+_TUNED: dict[tuple[object, ...], TunedAbsorber] = {}
+
+
+class Recommendation(NamedTuple):
+    """New values in SI units by the controls' names, and the reason in words."""
+
+    values: dict[str, float]
+    why: str
+
+
+def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
+    """Return the linear absorber with the smallest amplitude over the sweep's range; the same numbers are solved once, as it takes seconds."""
+    shapes = (
+        model.omega,
+        model.damping_ratio,
+        model.one_phase_force_shape,
+        model.tip_shape,
+        model.level_shape,
+    )
+    key = (*(x.tobytes() for x in shapes), mass_ratio, resonance)
+    if key not in _TUNED:
+        limits = find_sweep_range(model, mass_ratio, resonance)
+        _TUNED[key] = smallest_amplitude(model, mass_ratio, resonance, *limits)
+    return _TUNED[key]
+
+
+def recommend_values(
+    values: ControlValues, structure: Structure, model: ModalModel, stop: Stop, report: Report
+) -> Recommendation:
+    """Return the recommended values of an absorber at the marked load.
+
+    ``structure`` is the page's and ``model`` has the first absorber's place; ``report`` is called with the finished and all runs. Raises `Newer`
+    after a ``stop``.
+    """
+    mass = values["mass_ratio"] * model.beam_mass
+    loading = Loading(values.load, model, values.resonance)
+    if values.concept == "tuned":
+        tuned = tuned_to(model, values["mass_ratio"], values.resonance)
+        springs = {"stiffness": tuned.stiffness, "damper": tuned.damping}
+        return Recommendation(springs, "the smallest peak of the linear response")
+    if values.concept == "friction":
+        allowed = "for a swept load: there is no closed form for a random force"
+        require(loading.swept, "Recommended", "friction damper", allowed)
+        force = values.intensity * loading.worth
+        limit, _ = best_friction(model, mass, force, values.resonance)
+        return Recommendation(
+            {"damper_friction": limit}, "most energy lost in a cycle at this force"
+        )
+    if values.concept == "two":
+        return search_two_gaps(
+            values, structure, loading.rule_gap(mass, values.intensity), stop, report
+        )
+
+    def watch(done: int, total: int) -> None:
+        if stop.given:
+            raise KeyboardInterrupt  # the sweeps end early, with the runs that are finished
+        report(done, total)
+
+    if values.load != "force":
+        return search_gap_for_load(values, loading, watch)
+    own = scaled_absorber(
+        model, values.intensity, values.resonance, values["mass_ratio"], values["restitution"]
+    )
+    case = swept_force(model, values.intensity, values.resonance, values["mass_ratio"])
+    advice = search_gap(case, own, members=MEMBERS, progress=watch)
+    best = advice.recommended or advice.sharp
+    if stop.given or best is None:
+        raise Newer
+    why = (
+        f"the lowest level over ±{100 * advice.tolerance:.0f} % of the force, by {advice.sweeps} sweeps; "
+        f"the design rule begins at {1e3 * advice.check.rule:.3g} mm"
+    )
+    return Recommendation({"gap": best.gap, "friction": best.friction_limit}, why)
+
+
+def search_gap_for_load(values: ControlValues, loading: Loading, watch: Report) -> Recommendation:
+    """Return the gap with the lowest measure under a load, with the friction as it is."""
+    limits = find_sweep_range(loading.model, values["mass_ratio"], loading.resonance)
+    case = CurveCase(Scene(loading.model), np.ones(1), loading.resonance, limits)
+    loads = loading.act(values.intensity, case.schedules()[0])
+    assert isinstance(loads, Loads)
+    applied = AppliedLoads(loading.model, loads, loading.resonance)
+    absorber = applied.absorber(values["mass_ratio"], values["restitution"], values["friction"])
+    advice = search_gap(applied, absorber, friction_fixed=True, members=MEMBERS, progress=watch)
+    if not advice.complete or advice.recommended is None:
+        raise Newer
+    why = (
+        f"the lowest {LABELS[applied.measure]} over ±{100 * advice.tolerance:.0f} % of the load, "
+        f"at {len(advice.check.gaps)} gaps"
+    )
+    return Recommendation({"gap": advice.recommended.gap}, why)
+
+
+def search_two_gaps(
+    values: ControlValues, structure: Structure, rule: float, stop: Stop, report: Report
+) -> Recommendation:
+    """Return the gaps of two absorbers with the lowest level that a change of load by `GAP_STEP` leaves low.
+
+    The gaps are multiples of the ``rule`` in m, the second one's equal to the first one's, or in proportion to the mode's amplitude at its place. By
+    the scaling law a neighbouring gap has, relative to the load, the level of a load changed by a step.
+    """
+    ratios = [1.0]
+    mode = values.resonance - 1
+    first, second = np.abs(scene_of(values, structure).absorber_shapes[:, mode])
+    if first > 0 and second > 0 and abs(second / first - 1) > SAME_RATIO_TOL:
+        ratios.append(float(second / first))
+    gaps_before = {name: values[name] for name in ("gap", "second_gap")}
+    total = len(ratios) * len(GAP_STEPS)
+    best: tuple[float, dict[str, float]] = np.inf, gaps_before
+    for n, ratio in enumerate(ratios):
+        gaps = [rule * GAP_STEP**step for step in GAP_STEPS]
+        levels = []
+        for k, gap in enumerate(gaps):
+            tried = replace_numbers(values, {"gap": gap, "second_gap": ratio * gap})
+            levels.append(find_level(tried, structure, stop))
+            report(n * len(gaps) + k + 1, total)
+        for k in range(1, len(gaps) - 1):
+            worst = max(levels[j] * (gaps[k] / gaps[j]) for j in (k - 1, k, k + 1))
+            if worst < best[0]:
+                best = worst, {"gap": gaps[k], "second_gap": ratio * gaps[k]}
+    why = f"the lowest level that ±{100 * (GAP_STEP - 1):.0f} % of the load leaves low, of {total} pairs of gaps by {2 * total} sweeps"
+    return Recommendation(best[1], why)
+
+
+def find_level(values: ControlValues, structure: Structure, stop: Stop) -> float:
+    """Return the level in m at the marked load, of one member in both directions, infinite where a run fails; raises `Newer` after a ``stop``."""
+    scene = scene_of(values, structure)
+    loading = Loading(values.load, scene.model, values.resonance)
+    case = CurveCase(
+        scene,
+        np.array([values.intensity]),
+        values.resonance,
+        sweep_range_of(values, structure),
+        load=loading.act,
+        steady_start=True,
+    )
+    passes = curve_passes(
+        case, [Pass(members=MEMBERS)], stop, measure=loading.measure, both_ways=loading.swept
+    )
+    try:
+        (*_, (_, curve)) = passes
+    except IntegrationError:  # these gaps are no candidates
+        return math.inf
+    if stop.given:
+        raise Newer
+    return float(curve.median[0])

@@ -1,0 +1,81 @@
+"""Structures and settings that the explorer's page offers to begin with, each of which shows one thing."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from impact_env.modes import Structure
+from impact_env.parameters import Beam
+from impact_env.plain import to_structure
+
+OWN = "own"  # the key of the structure that the explorer was started with
+PAPER = "paper"
+STEEL_ARM = {
+    "beam": {
+        "length_m": 0.8,
+        "young_modulus_pa": 210e9,
+        "density_kg_m3": 7850.0,
+        "section": {"kind": "tube", "diameter_m": 0.04, "wall_m": 0.002},
+        "tip_mass_kg": 0.5,
+        "damping_ratio": 0.01,
+        "force_position": 0.4,
+        "modes": 6,
+    }
+}
+
+
+@dataclass(frozen=True)
+class PageStructure:
+    """A structure that the page has, with its ``title``."""
+
+    title: str
+    structure: Structure
+
+
+@dataclass(frozen=True)
+class Example:
+    """A setting to click: the key of its structure, the values that differ from the defaults, and what it shows."""
+
+    title: str
+    about: str
+    structure: str
+    values: dict[str, float | str] = field(default_factory=dict)
+
+
+EXAMPLES = (
+    Example(
+        "It works",
+        "The paper's absorber at 3.5 N: a fifth of the level without absorber.",
+        PAPER,
+        {"friction": 0.1},
+    ),
+    Example(
+        "Too strong a force",
+        "The same at 8 N: the cavity is too narrow, the mass moves with the structure.",
+        PAPER,
+        {"friction": 0.1, "force": 8.0},
+    ),
+    Example(
+        "A steel arm",
+        "A steel tube of 0.8 m with a tool of 0.5 kg, shaken with 20 N.",
+        "arm",
+        {"force": 20.0, "gap": 2.5e-3, "friction": 0.3, "members": 2},
+    ),
+)
+
+
+def make_structures(structure: Structure, title: str) -> dict[str, PageStructure]:
+    """Return the structures of a page by their keys: the own one first, then those of the examples."""
+    structures = {OWN: PageStructure(title, structure)}
+    if not (isinstance(structure, Beam) and structure == Beam()):
+        structures[PAPER] = PageStructure("the paper's beam", Beam())
+    structures["arm"] = PageStructure("a steel arm with a tool", to_structure(STEEL_ARM))
+    return structures
+
+
+def examples_to_list(structures: dict[str, PageStructure]) -> list[dict[str, Any]]:
+    """Return the examples for the page, with the keys of its structures."""
+    rows = [asdict(example) for example in EXAMPLES]
+    for row in rows:
+        if row["structure"] not in structures:
+            row["structure"] = OWN
+    return rows
