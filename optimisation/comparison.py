@@ -4,18 +4,25 @@ All concepts have the same mass. The impact absorber and the friction damper hav
 (LTVA) has them too and stands beside a well-tuned one, since the paper's is mistuned (see `optimisation.tuned`). A well-tuned LTVA
 splits the resonance into two peaks that lie outside the paper's sweep, so both LTVAs are also swept over the wide range in which
 they are tuned: only there is the comparison a fair one.
+
+Under other loads each concept is at its own best for the loads as they are: the tuned absorber by a simplex search
+(`optimisation.tuned.under_loads`), the impact absorber's gap and the friction damper's limit on a grid and between its points. They make smallest
+what is left of the loads' measure (`optimisation.measures`), in the mean over the members. All meet the same records and phases: ratios are paired.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
-from impact_env.drive import PAPER_LIMITS, default_rate
-from impact_env.ensemble import Executor, LaneProgress
+from impact_env.drive import PAPER_LIMITS, Excitation, Member, default_rate
+from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, drives_of
+from impact_env.loads import Loads
 from impact_env.methods import Method
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
@@ -34,18 +41,28 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
-from optimisation.absorber_rules import rigid_walls, scaled_friction
+from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_friction
 from optimisation.baselines import estimate_damper, find_best_damper
 from optimisation.bounds import design_force, design_gap, reach, resonance_limit
 from optimisation.extremes import stationary_level, usable_force, usable_mass_ratio, usable_rate
+from optimisation.load_cases import (
+    AppliedLoads,
+    Reading,
+    find_reading,
+    measure_bands,
+    measure_curve,
+    runs_of,
+)
+from optimisation.measures import check_size, free_size
 from optimisation.mounting import model_with_absorber_at
+from optimisation.signals import edges_of
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import HIGH, LOW, minimax, smallest_amplitude
+from optimisation.tuned.under_loads import MeanRatio, mean_ratio, tuned_for
 
 Array = NDArray[np.float64]
 WIDE_LIMITS = (LOW, HIGH)
 WIDE = f"swept {LOW:g} to {HIGH:g}"
-RESTITUTION = 0.7  # of the paper's absorber
 DEFAULT_FORCES = 24
 MOST_FORCES = 10_000
 RESONANCES = (1, 2)
@@ -123,8 +140,20 @@ def scaled_concepts(
 
 
 @dataclass(frozen=True, eq=False)
-class ResonanceComparison:
-    """Curves near one resonance, by the concepts' keys. ``forces`` (F,) in N, ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m).
+class ComparedLevels:
+    """Levels over one row of amplitudes: ``forces`` (F,) in N, or factors on loads; ``curves`` by the concepts' keys."""
+
+    forces: Array
+    curves: dict[str, PerformanceCurve]
+
+    def relative(self, key: str) -> Array:
+        """Return a concept's levels over those without absorber, (F, M), member by member."""
+        return self.curves[key].relative_to(self.curves[NONE])
+
+
+@dataclass(frozen=True, eq=False)
+class ResonanceComparison(ComparedLevels):
+    """Levels near one resonance. ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m).
 
     ``limits`` of the sweeps over the resonance, but for concepts with wider ones of their own. ``own_force``: that of the forces (N) at which the
     concepts are compared; None for the impact absorber's best. ``cases``: the sweeps behind the curves.
@@ -132,8 +161,6 @@ class ResonanceComparison:
 
     model: ModalModel
     resonance: int
-    forces: Array
-    curves: dict[str, PerformanceCurve]
     design_force: float
     mass: float
     gap: float
@@ -352,10 +379,10 @@ def compare(
         swept[resonance][concept.key] = case
     parts = tuple(
         ResonanceComparison(
-            model,
-            resonance,
             grid,
             curves[resonance],
+            model,
+            resonance,
             f,
             mass,
             clearance,
@@ -366,3 +393,137 @@ def compare(
         for resonance, grid, f in zip(every, grids, design, strict=True)
     )
     return Comparison(model, compared, parts, members, seed, rate, mass_ratio, clearance, not paper)
+
+
+GAPS = np.geomspace(0.35, 5.6, 13)  # of the free motion's size at the absorber
+LIMITS = np.geomspace(
+    0.05, 51.2, 16
+)  # of absorber mass times first frequency squared times that size; higher modes want larger ones
+BETWEEN = np.linspace(-0.75, 0.75, 7)  # of the step of a grid, around its best
+SPAN = (0.2, 5.0)  # of the loads' intensity
+DEFAULT_FACTORS = DEFAULT_FORCES
+TUNED = "tuned"
+Stages = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class BandComparison(ComparedLevels):
+    """Measures in one band of frequencies, from ``low`` to ``high`` in Hz (all there are where there is but one)."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class LoadComparison:
+    """Measures of each concept over the loads' intensity, band by band.
+
+    ``free_size`` in m: size of the free motion at the absorber's place. ``readings``: where each concept's level is read under the loads as they are
+    (`optimisation.load_cases.find_reading`).
+    """
+
+    case: AppliedLoads
+    concepts: tuple[Concept, ...]
+    bands: tuple[BandComparison, ...]
+    free_size: float
+    readings: dict[str, Reading]
+
+    @property
+    def factors(self) -> Array:
+        """Factors on the loads, (F,)."""
+        return self.bands[0].forces
+
+    @property
+    def absorbers(self) -> dict[str, Absorber]:
+        """The absorbers by their concepts' keys."""
+        return {one.key: one.absorber for one in self.concepts if one.absorber is not None}
+
+
+def _best(left: MeanRatio, make: Callable[[float], Absorber], sizes: Array) -> Absorber:
+    """Return the absorber of the size (gap or limit) with the least measure: of a grid in equal ratios, then between its neighbours."""
+
+    def least(grid: Array) -> float:
+        return float(grid[np.argmin(left([make(float(size)) for size in grid]))])
+
+    best = least(sizes) if len(sizes) > 1 else float(sizes[0])
+    return make(least(best * (sizes[1] / sizes[0]) ** BETWEEN) if len(sizes) > 1 else best)
+
+
+def compare_loads(
+    case: AppliedLoads,
+    *,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    gap: float | None = None,
+    factors: int = DEFAULT_FACTORS,
+    members: int = DEFAULT_MEMBERS,
+    seed: int = 0,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    progress: Stages | None = None,
+) -> LoadComparison:
+    """Return the comparison over a number of ``factors`` of the loads' intensity; a ``gap`` in m is taken instead of the best one.
+
+    The absorbers are chosen on ``members`` runs, and compared on as many others.
+    ``progress`` takes what is looked for, the number of runs so far, and how many there will be (0: not known). An ``executor`` runs them elsewhere.
+    Raises KeyboardInterrupt if the runs are stopped.
+    """
+    model = case.model
+    loads = case.loads
+    none = Scene(model, None)
+    members = count("members", members, 1)
+    factors = count("forces", factors, 2, MOST_FORCES)
+    drawn = draw_members(2 * members, seed)
+    every = drives_of(drawn, loads)
+    drives = every[:members]  # on which absorbers are chosen; they are compared on the others
+    mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
+    size = float(np.mean([free_size(Lane(none, drive, steady_start=True)) for drive in drives]))
+    if gap is not None:
+        check_size(Scene(model, impact_absorber(gap, RESTITUTION, None, mass_ratio)), loads)
+    gaps = size * GAPS if gap is None else np.array([gap])
+    done = 0
+
+    def run(
+        absorbers: Sequence[Absorber | None], drives: Sequence[Excitation], **how: Any
+    ) -> Array:
+        nonlocal done
+        before = done
+        done += len(absorbers) * len(drives)
+        show = None if progress is None else lambda k, _: progress("runs", before + k, 0)
+        return runs_of(model, absorbers, drives, threads, executor=executor, progress=show, **how)
+
+    left = mean_ratio(run, drives)
+    impact = _best(left, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps)
+    scale = mass * float(model.omega[0]) ** 2 * size
+    friction = _best(left, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS)
+    tuned = tuned_for(model, mass_ratio, drives, run)
+    compared = (
+        Concept(NONE, "no absorber", None),
+        Concept(IMPACT, "impact absorber", impact),
+        Concept(FRICTION, "friction damper", friction),
+        Concept(TUNED, "tuned absorber", tuned),
+    )
+    factors_run = np.geomspace(*SPAN, factors)
+    grid = [
+        drive.member(Member(factor=float(factor)))
+        for factor in factors_run
+        for drive in every[members:]
+        if isinstance(drive, Loads)
+    ]
+    values = {
+        one.key: run([one.absorber], grid, measure=measure_bands).reshape(factors, members, -1)
+        for one in compared
+    }
+    bands = tuple(
+        BandComparison(
+            factors_run,
+            {
+                key: measure_curve(factors_run, drawn[members:], rows[..., k])
+                for key, rows in values.items()
+            },
+            low,
+            high,
+        )
+        for k, (low, high) in enumerate(pairwise(edges_of(model, loads)))
+    )
+    readings = {one.key: find_reading(model, one.absorber, loads) for one in compared}
+    return LoadComparison(case, compared, bands, size, readings)

@@ -9,12 +9,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.curve import CurveCase
+from impact_env.curve import CurveCase, PerformanceCurve
 from impact_env.drive import Drive, Excitation, Member, default_rate
 from impact_env.ensemble import (
     Executor,
@@ -46,7 +46,7 @@ from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_gap, reach
 from optimisation.extremes import usable_force, usable_rate
 from optimisation.measures import DECAY, LEVEL, START, free_size, measure_of, measured, record_of
-from optimisation.signals import edges_of
+from optimisation.signals import band_levels, edges_of
 from optimisation.sweep_range import find_sweep_range, is_at_end
 
 Array = NDArray[np.float64]
@@ -351,6 +351,15 @@ class AppliedLoads:
         return LaneLevels(level, other, other, other, other, other, complete=complete), None
 
 
+def measure_curve(factors: Array, members: Members, values: Array) -> PerformanceCurve:
+    """Return measures (F, M) of one run a member over ``factors`` (F,) on loads as a curve."""
+    level = values[..., None]
+    other = np.full(level.shape, np.nan)
+    complete = not np.isnan(level).any()
+    lanes = LaneLevels(level, other, other, other, other, other, complete=complete)
+    return PerformanceCurve(factors, members, lanes)
+
+
 def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation) -> Reading:
     """Return where an absorber's level is read under loads with one schedule, from one run; NaN for other measures, and where there are bands."""
     if not isinstance(loads, Loads) or measure_of(loads) != LEVEL:
@@ -365,3 +374,36 @@ def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation
     rate = 1e4 * float(np.ptp(schedule.omegas)) / schedule.reference / schedule.periods
     at_end = ends[0] < ends[1] and is_at_end(ratio, (float(ends[0]), float(ends[1])), rate)
     return Reading(ratio * schedule.reference / (2 * np.pi), bool(at_end))
+
+
+def measure_bands(lane: Lane) -> tuple[float, ...]:
+    """Run a lane; return the measure of its loads, or that of each band where there are several (`optimisation.signals.edges_of`)."""
+    edges = edges_of(lane.scene.model, lane.drive)
+    return band_levels(lane) if len(edges) > 2 else (measured(lane),)
+
+
+def runs_of(
+    model: ModalModel,
+    absorbers: Sequence[Absorber | None],
+    drives: Sequence[Excitation],
+    threads: int | None = None,
+    measure: Callable[[Lane], Any] = measured,
+    executor: Executor | None = None,
+    progress: LaneProgress | None = None,
+) -> Array:
+    """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
+    measured_lanes = each_lane(
+        [
+            Lane(Scene(model, absorber), drive, steady_start=True)
+            for absorber in absorbers
+            for drive in drives
+        ],
+        measure,
+        threads=threads,
+        executor=executor,
+        progress=progress,
+    )
+    if any(one is None for one in measured_lanes):
+        raise KeyboardInterrupt
+    values = np.array(measured_lanes, dtype=np.float64)
+    return values.reshape(len(absorbers), len(drives), *values.shape[1:])

@@ -269,17 +269,7 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
         swept = not isinstance(response.drive, Loads)
         return require_recorded("level", response.level).frequency_ratio if swept else 0.0
     if name in _OF_IMPACTS:
-        impacts = require_recorded("impacts", response.impacts)
-        if name == IMPACT_SPEED:
-            return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
-        start = settled_after(response)
-        late = impacts.time >= start
-        if name == IMPACT_RMS:
-            return (
-                float(np.sqrt(np.mean(impacts.relative_velocity[late] ** 2))) if late.any() else 0.0
-            )
-        total = float(np.sum(impacts.energy_lost[late] if name == IMPACT_POWER else late))
-        return total / (float(response.drive.schedule.times[-1]) - start)
+        return _of_impacts(name, response)
     history = require_recorded("history", response.history)
     if name == RMS:
         return float(
@@ -305,6 +295,27 @@ def _value(name: str, chunk: Chunk, response: Response) -> float:
         change = np.diff(history.modal_velocity @ response.scene.model.level_shape)
         return float(np.max(np.abs(change) / np.diff(history.time)))
     return of_motion(name, response)
+
+
+def _of_impacts(name: str, response: Response) -> float:
+    impacts = require_recorded("impacts", response.impacts)
+    if name == IMPACT_SPEED:
+        return float(np.max(np.abs(impacts.relative_velocity), initial=0.0))
+    start = settled_after(response)
+    late = impacts.time >= start
+    if name == IMPACT_RMS:
+        return float(np.sqrt(np.mean(impacts.relative_velocity[late] ** 2))) if late.any() else 0.0
+    total = float(np.sum(impacts.energy_lost[late] if name == IMPACT_POWER else late))
+    return total / (float(response.drive.schedule.times[-1]) - start)
+
+
+def impact_measures(response: Response) -> tuple[float, float, float, float]:
+    """Return largest and RMS speed of a run's impacts (m/s), their number a second, and the power lost in them (W); see `MEASURES`."""
+    speed, rms, rate, power = (
+        _of_impacts(name, response)
+        for name in (IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE, IMPACT_POWER)
+    )
+    return speed, rms, rate, power
 
 
 def of_motion(name: str, response: Response) -> float:

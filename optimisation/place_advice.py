@@ -36,6 +36,7 @@ from impact_env.parameters import (
 from impact_env.scene import Scene
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_friction
 from optimisation.bounds import design_gap, gap_unit, reach, resonance_limit
+from optimisation.contact import YieldLimit
 from optimisation.extremes import usable_gap, usable_mass_ratio, usable_rate
 from optimisation.gap_advice import (
     MEMBERS,
@@ -47,7 +48,6 @@ from optimisation.gap_advice import (
     RunLanes,
     SearchStopped,
 )
-from optimisation.gap_card import YieldLimit
 from optimisation.gap_search import (
     CHECK_PAIRS,
     NARROWEST,

@@ -10,11 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from impact_env.curve import CurveCase
 from impact_env.ensemble import Executor, Threads
+from impact_env.loads import Loads
 from impact_env.modes import Structure
+from impact_env.parameters import Beam, instance, require
 from impact_env.scene import Scene
 from optimisation import comparison as concepts
 from optimisation.answers.complete import CompleteAnswer, Json
-from optimisation.comparison import IMPACT, LTVA_PAPER_WIDE, LTVA_TUNED_WIDE, Comparison
+from optimisation.comparison import (
+    IMPACT,
+    LTVA_PAPER_WIDE,
+    LTVA_TUNED_WIDE,
+    Comparison,
+    LoadComparison,
+    compare_loads,
+)
 from optimisation.frequency_levels import (
     ResonanceCurves,
     WorstRun,
@@ -22,17 +31,19 @@ from optimisation.frequency_levels import (
     record_worst_run,
     resonance_curves,
 )
-from optimisation.gap_card import ImpactLoads, impact_loads
-from optimisation.load_comparison import LoadComparison
+from optimisation.load_cases import AppliedLoads
+from optimisation.mounting import model_with_absorber_at
 from optimisation.report import comparison_tables as tables
 from optimisation.report.card import Card
 from optimisation.report.cards import comparison_card
 from optimisation.report.design_figures import draw_comparison, save_figure
 from optimisation.report.frequency_report import frequency_files
+from optimisation.service import ImpactLoads, impact_loads
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+WITH_LOADS = ("mass_ratio", "gap", "forces", "members", "seed")  # options of `compare`
 SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wider range
 
 
@@ -42,8 +53,8 @@ class ComparisonAnswer(CompleteAnswer):
 
     Attributes
     ----------
-    comparison : Comparison
-        Levels over the force of each absorber near each resonance.
+    comparison : Comparison or LoadComparison
+        Levels of each absorber over the force near each resonance, or over the loads' intensity.
     impacts : ImpactLoads, optional
         Impacts of a given device near the first resonance.
     frequency : tuple of ResonanceCurves
@@ -53,71 +64,64 @@ class ComparisonAnswer(CompleteAnswer):
 
     """
 
-    comparison: Comparison
+    comparison: Comparison | LoadComparison
     impacts: ImpactLoads | None = None
     frequency: tuple[ResonanceCurves, ...] = ()
     conditions: Mapping[str, object] = field(default_factory=dict)
 
     @cached_property
     def card(self) -> Card | None:
-        """The card with curves."""
+        """The card with curves; None under loads."""
+        if isinstance(self.comparison, LoadComparison):
+            return None
         return comparison_card(self.comparison, self.impacts, self.frequency)
 
     def __str__(self) -> str:
         """Return the table that `compare_absorbers` prints."""
+        if isinstance(self.comparison, LoadComparison):
+            return tables.load_table(self.comparison)
         return tables.text_table(self.comparison)
 
     def to_json(self) -> Json:
         """Return the content of summary.json: plain data in SI units."""
+        if isinstance(self.comparison, LoadComparison):
+            return {**self.conditions, **tables.load_summary(self.comparison)}
         return {**self.conditions, **tables.summary(self.comparison)}
 
     def plot(self) -> Figure:
-        """Return the figure of the levels over the force."""
+        """Return the figure of the levels over the force, or of what each absorber leaves over the loads' intensity."""
+        if isinstance(self.comparison, LoadComparison):
+            return tables.draw_load_comparison(self.comparison)
         return draw_comparison(self.comparison)
 
     def files(self, folder: Path) -> dict[Path | None, object]:
         """Return tables, figures and JSON by their paths."""
+        comparison = self.comparison
+        if isinstance(comparison, LoadComparison):
+            return {
+                folder / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(comparison)),
+                folder / "summary.json": self.to_json(),
+                folder / "comparison.png": partial(tables.save_load_figure, comparison=comparison),
+            }
         contents: dict[Path | None, object] = {
-            folder / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(self.comparison)),
-            folder / "curves.csv": (tables.CURVE_COLUMNS, tables.curve_rows(self.comparison)),
+            folder / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(comparison)),
+            folder / "curves.csv": (tables.CURVE_COLUMNS, tables.curve_rows(comparison)),
             folder / "summary.json": self.to_json(),
-            folder / "comparison.png": partial(save_figure, comparison=self.comparison),
+            folder / "comparison.png": partial(save_figure, comparison=comparison),
         }
         return contents | frequency_files(folder, self.frequency)
 
     def worst_run(self) -> WorstRun | None:
-        """Return the recorded run of the impact absorber with the highest level near the first resonance; None if the runs were stopped."""
+        """Return the recorded run of the impact absorber with the highest level near the first resonance.
+
+        None if the runs were stopped, and under loads.
+        """
+        if isinstance(self.comparison, LoadComparison):
+            return None
         part = self.comparison.resonances[0]
         if part.reported_index is None or not self.comparison.complete:
             return None
         return record_worst_run(part.cases[IMPACT], part.curves[IMPACT], part.reported_index)
-
-
-@dataclass(frozen=True, eq=False)
-class LoadComparisonAnswer(CompleteAnswer):
-    """Absorbers compared under loads, each at its own best."""
-
-    comparison: LoadComparison
-
-    def __str__(self) -> str:
-        """Return the table that `compare_absorbers --load` prints."""
-        return tables.load_table(self.comparison)
-
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
-        return tables.load_summary(self.comparison)
-
-    def plot(self) -> Figure:
-        """Return the figure of what each absorber leaves over the loads' intensity."""
-        return tables.draw_load_comparison(self.comparison)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return table, figure and JSON by their paths."""
-        return {
-            folder / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(self.comparison)),
-            folder / "summary.json": self.to_json(),
-            folder / "comparison.png": partial(tables.save_load_figure, comparison=self.comparison),
-        }
 
 
 def find_impact_loads(comparison: Comparison, executor: Executor) -> ImpactLoads | None:
@@ -170,19 +174,26 @@ def complete_comparison(
 
 
 def compare(
-    structure: Structure | None = None, *, executor: Executor | None = None, **options: Any
+    structure: Structure | None = None,
+    *,
+    loads: Loads | None = None,
+    executor: Executor | None = None,
+    **options: Any,
 ) -> ComparisonAnswer:
-    """Compare absorbers of one mass over the force near resonances, as the command `compare_absorbers` does.
+    """Compare absorbers of one mass over the force near resonances, or over the intensity of loads, as the command `compare_absorbers` does.
 
     Parameters
     ----------
     structure : Beam or ModalModel, optional
         What the absorbers are on; default: the paper's beam.
+    loads : Loads, optional
+        Loads in the place of swept forces: each absorber is at its own best for them.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
     options
         As in `optimisation.comparison.compare`: ``resonances``, ``mass_ratio``, ``force`` (N), ``gap`` (m), ``device``, ``forces``, ``members``,
-        ``seed``, ``percent_per_100_periods``, ``progress``.
+        ``seed``, ``percent_per_100_periods``, ``progress``. With ``loads``: ``mass_ratio``, ``gap``, ``forces`` (number of intensities), ``members``
+        and ``seed``.
 
     Returns
     -------
@@ -192,7 +203,7 @@ def compare(
     Raises
     ------
     ParameterError
-        For numbers out of range.
+        For numbers out of range, and for what does not go with loads.
 
     Examples
     --------
@@ -201,5 +212,18 @@ def compare(
 
     """
     executor = Threads() if executor is None else executor
-    comparison = concepts.compare(structure, executor=executor, **options)
-    return complete_comparison(comparison, executor, options.get("device") is not None)
+    if loads is None:
+        comparison = concepts.compare(structure, executor=executor, **options)
+        return complete_comparison(comparison, executor, options.get("device") is not None)
+    loads = instance("loads", loads, Loads)
+    for name, value in options.items():
+        require(
+            name in WITH_LOADS,
+            name,
+            value,
+            f"left out under loads, beside which {', '.join(WITH_LOADS)} may be",
+        )
+    if "forces" in options:
+        options["factors"] = options.pop("forces")
+    model = model_with_absorber_at(Beam() if structure is None else structure)
+    return ComparisonAnswer(compare_loads(AppliedLoads(model, loads), executor=executor, **options))

@@ -22,15 +22,12 @@ from optimisation.frequency_levels import (
     record_lane,
 )
 from optimisation.insight import (
-    DRAWS,
-    FEW,
     REPORT_SEEDS,
     Levels,
     detuned,
     levels,
     over_force,
     sensitivity,
-    service,
     varied,
     with_gaps,
 )
@@ -48,6 +45,7 @@ from optimisation.report.design_figures import (
 from optimisation.report.frequency_report import frequency_files
 from optimisation.search.judge import SearchResult
 from optimisation.search.settings import FAST
+from optimisation.service import DRAWS, FEW, service
 from optimisation.variables import GAP, IMPACT
 
 if TYPE_CHECKING:

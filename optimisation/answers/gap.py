@@ -27,6 +27,7 @@ from impact_env.parameters import (
 )
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_absorber
 from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
+from optimisation.contact import material
 from optimisation.extremes import usable_force
 from optimisation.frequency_levels import (
     NO_ABSORBER,
@@ -38,13 +39,6 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, Limits, search_gap
-from optimisation.gap_card import (
-    ServiceLoads,
-    change_with_modes,
-    material,
-    service_loads,
-    uncertain_levels,
-)
 from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.mounting import model_with_absorber_at
 from optimisation.report import gap_report, load_gap_report
@@ -61,6 +55,7 @@ from optimisation.report.precision_report import (
     tolerance_lines,
     tolerance_rows,
 )
+from optimisation.service import ServiceLoads, change_with_modes, service_loads, uncertain_levels
 from optimisation.sobol import Sensitivity, device_box, device_sensitivity
 from optimisation.tolerances import (
     DRAWS_ALONE,

@@ -16,7 +16,7 @@ from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, impact_absorber
 from impact_env.scene import Scene
 from optimisation.absorber_rules import RESTITUTION
-from optimisation.answers.comparison import LoadComparisonAnswer, complete_comparison
+from optimisation.answers.comparison import ComparisonAnswer, complete_comparison
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
@@ -35,7 +35,9 @@ from optimisation.cli.common import (
 from optimisation.comparison import (
     DEFAULT_FORCES,
     RESONANCES,
+    LoadComparison,
     compare,
+    compare_loads,
 )
 from optimisation.duration import (
     COARSER,
@@ -49,7 +51,7 @@ from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_mass_ratio
 from optimisation.files import require_writable, write_files
-from optimisation.load_comparison import LoadComparison, compare_loads
+from optimisation.load_cases import AppliedLoads
 from optimisation.machine import installed, peak_memory
 from optimisation.measures import design_gap_for
 from optimisation.mounting import model_with_absorber_at
@@ -134,13 +136,13 @@ def compared_under_loads(
     model = model_with_absorber_at(Beam() if structure is None else structure)
     chosen = {name: options[name] for name in ("mass_ratio", "gap", "members", "seed")}
     loads = scenes.loads_of(load, model)
+    case = AppliedLoads(model, loads)
     with workers(options["threads"], cluster) as executor:
 
         def search(factors: int, **how: Any) -> LoadComparison:
             with stages_bar("comparing") as show:
                 return compare_loads(
-                    model,
-                    loads,
+                    case,
                     factors=factors,
                     threads=options["threads"],
                     executor=executor,
@@ -159,7 +161,7 @@ def compared_under_loads(
             coarse = search(2, members=1)
             click.echo(f"Coarse answer, of one run each:\n{tables.load_table(coarse)}", err=True)
         comparison = search(options["forces"])
-    answer = LoadComparisonAnswer(comparison)
+    answer = ComparisonAnswer(comparison)
     click.echo(str(answer))
     name_files(answer.save(out))
 

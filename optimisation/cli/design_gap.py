@@ -37,6 +37,11 @@ from optimisation.answers.gap import (
 )
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
+from optimisation.contact import (
+    ALLOWED,
+    YIELD_PRESSURE,
+    YieldLimit,
+)
 from optimisation.duration import (
     COARSE_PERIODS,
     COARSER,
@@ -57,11 +62,6 @@ from optimisation.gap_advice import (
     Limits,
     gap_factors,
     search_gap,
-)
-from optimisation.gap_card import (
-    ALLOWED,
-    YIELD_PRESSURE,
-    YieldLimit,
 )
 from optimisation.gap_search import CHECK_MEMBERS, PAIRS
 from optimisation.load_cases import AppliedLoads, swept_force

@@ -22,6 +22,7 @@ from optimisation.cli.design_gap import (
     MEMBERS_HELP,
 )
 from optimisation.cli.design_options import At
+from optimisation.contact import YieldLimit, material
 from optimisation.duration import LONG_S, duration_in_words, seconds_per_period
 from optimisation.executors import cluster_option
 from optimisation.executors import executor as executor_on
@@ -36,7 +37,6 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Limits
-from optimisation.gap_card import YieldLimit, impact_loads, material
 from optimisation.place_advice import (
     MASS_RATIOS,
     SURE,
@@ -56,6 +56,7 @@ from optimisation.report.frequency_report import (
     frequency_files,
     save_history,
 )
+from optimisation.service import impact_loads
 
 QUICK_TRIAL_PLACES = 3  # places of each mass
 QUICK_MEMBERS = 1

@@ -21,7 +21,6 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.files import require_writable, write_files
-from optimisation.load_comparison import tuned_under
 from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
@@ -38,6 +37,7 @@ from optimisation.report.tuning_report import (
     tuning_table,
 )
 from optimisation.tuned import HIGH, LOW
+from optimisation.tuned.under_loads import tuned_under
 
 HEADER = (
     "tuning",

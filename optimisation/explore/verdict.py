@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from optimisation.gap_card import EFFECTIVE_RATIO
+from optimisation.service import EFFECTIVE_RATIO
 
 SMALL_EFFECT = 0.9  # of the level without absorber, above which an absorber hardly helps
 FEW_IMPACTS = 0.02  # a period: the mass hardly ever reaches a wall

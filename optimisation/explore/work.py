@@ -53,8 +53,7 @@ from optimisation.explore.verdict import judge_level
 from optimisation.explore.waiting import Kernels, Newer, followed
 from optimisation.files import number
 from optimisation.frequency_levels import frequency_curve
-from optimisation.gap_card import impact_numbers
-from optimisation.measures import read, settled_after
+from optimisation.measures import impact_measures, read, settled_after
 from optimisation.mounting import scene_on
 from optimisation.signals import spectrum
 from optimisation.statistics import prediction_band, prediction_interval
@@ -308,7 +307,7 @@ class Work:
             self.impacts = dict(
                 zip(
                     ("largest_speed", "rms_speed", "impacts_a_second", "power"),
-                    impact_numbers(response),
+                    impact_measures(response),
                     strict=True,
                 )
             )

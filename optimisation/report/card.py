@@ -16,7 +16,7 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import SlidingAbsorber
 from optimisation.baselines import Baselines
 from optimisation.files import replacing, write_json
-from optimisation.gap_card import ImpactLoads
+from optimisation.service import ImpactLoads
 
 Json = dict[str, object]
 # colours in card.html; a curve of fewer points shows them

@@ -15,11 +15,6 @@ from optimisation.comparison import IMPACT, NONE, Comparison, ResonanceCompariso
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
 from optimisation.frequency_levels import ResonanceCurves
-from optimisation.gap_card import (
-    EFFECTIVE_RATIO,
-    ImpactLoads,
-    contiguous_range,
-)
 from optimisation.insight import Levels
 from optimisation.measures import DISPLAY_UNITS, LABELS
 from optimisation.problem import Problem
@@ -56,6 +51,11 @@ from optimisation.report.front_report import front_reading, swept_conditions
 from optimisation.report.tuning_report import MINIMAX, TuningTable
 from optimisation.search.judge import SearchResult
 from optimisation.search.pareto import Front
+from optimisation.service import (
+    EFFECTIVE_RATIO,
+    ImpactLoads,
+    contiguous_range,
+)
 from optimisation.statistics import prediction_band
 from optimisation.sweep_range import find_reading_ratios, reading_in_words
 from optimisation.variables import MASS_RATIO, VARIABLES

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,15 +15,23 @@ from impact_env.curve import DOWN, UP, Optimum, PerformanceCurve, quantiles
 from impact_env.laws import SceneKind, describe_absorber, values
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
-from optimisation.comparison import IMPACT, NONE, Comparison, Concept, ResonanceComparison
+from optimisation.comparison import (
+    IMPACT,
+    NONE,
+    BandComparison,
+    Comparison,
+    Concept,
+    LoadComparison,
+    ResonanceComparison,
+)
 from optimisation.files import number, numbers
 from optimisation.load_cases import Reading
-from optimisation.load_comparison import LoadComparison, TunedUnder
 from optimisation.measures import LABELS, UNITS
 from optimisation.report.card import with_band
 from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure
 from optimisation.statistics import prediction_band, prediction_interval
 from optimisation.sweep_range import find_reading_ratios, is_at_end
+from optimisation.tuned.under_loads import TunedUnder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -352,10 +359,11 @@ LOAD_STYLES = {
 
 def load_rows(comparison: LoadComparison) -> Iterator[tuple[object, ...]]:
     """Yield every run."""
-    for concept, rows in comparison.values.items():
-        for factor, runs in zip(comparison.factors, rows, strict=True):
+    for concept in comparison.concepts:
+        bands = np.stack([band.curves[concept.key].combined for band in comparison.bands], axis=2)
+        for factor, runs in zip(comparison.factors, bands, strict=True):
             yield from (
-                (concept, float(factor), *place, float(value))
+                (concept.key, float(factor), *place, float(value))
                 for place, value in np.ndenumerate(runs)
             )
 
@@ -363,22 +371,23 @@ def load_rows(comparison: LoadComparison) -> Iterator[tuple[object, ...]]:
 def load_summary(comparison: LoadComparison) -> dict[str, Any]:
     """Return the comparison's medians and bands of what is left of the measure without absorber, and the absorbers."""
     return {
-        "measure": comparison.measure,
-        "unit": UNITS[comparison.measure],
-        "band_edges_hz": comparison.edges[:-1].tolist(),
+        "measure": comparison.case.measure,
+        "unit": UNITS[comparison.case.measure],
+        "band_edges_hz": [band.low for band in comparison.bands],
         "factors": comparison.factors.tolist(),
         "free_size_m": comparison.free_size,
         "level_frequency_hz": {
             name: number(reading.hertz) for name, reading in comparison.readings.items()
         },
-        "absorbers": {
-            name: values(absorber)
-            for name, absorber in comparison.absorbers.items()
-            if absorber is not None
-        },
-        "without_absorber": np.median(comparison.values["none"], axis=1).T.tolist(),
+        "absorbers": {name: values(absorber) for name, absorber in comparison.absorbers.items()},
+        "without_absorber": [
+            np.median(band.curves[NONE].combined, axis=1).tolist() for band in comparison.bands
+        ],
         "ratio_5_50_95": {
-            name: [[numbers(point) for point in band] for band in load_bands(comparison, name)]
+            name: [
+                [numbers(point) for point in ratio_interval(band, name)]
+                for band in comparison.bands
+            ]
             for name in LOAD_STYLES
         },
     }
@@ -392,44 +401,42 @@ def reading_in_words(reading: Reading) -> str:
     return "" if math.isnan(reading.hertz) else f", read at {reading.hertz:.4g} Hz"
 
 
-def load_bands(comparison: LoadComparison, name: str) -> Array:
-    """Return an absorber's measure over that without absorber, (B, F, 3): the median between the ends of the interval of 90 % of further runs."""
-    ratio = comparison.ratio(name)
-    values = []
-    for band in range(ratio.shape[2]):
-        low, high = prediction_band(ratio[:, :, band])
-        values.append(np.stack([low, np.median(ratio[:, :, band], axis=1), high], axis=1))
-    return np.array(values)
+def ratio_interval(band: BandComparison, name: str) -> Array:
+    """Return an absorber's measure over that without absorber, (F, 3): the median between the ends of the interval of 90 % of further runs."""
+    ratio = band.relative(name)
+    low, high = prediction_band(ratio)
+    return np.stack([low, np.median(ratio, axis=1), high], axis=1)
 
 
 def _heads(comparison: LoadComparison) -> list[str]:
     """Return the bands' names; none where there is but one."""
-    if len(comparison.edges) < 3:
+    if len(comparison.bands) == 1:
         return [""]
     return [
-        f"{low:.3g} Hz and above" if np.isinf(high) else f"{low:.3g} to {high:.3g} Hz"
-        for low, high in pairwise(comparison.edges)
+        f"{band.low:.3g} Hz and above"
+        if np.isinf(band.high)
+        else f"{band.low:.3g} to {band.high:.3g} Hz"
+        for band in comparison.bands
     ]
 
 
 def load_table(comparison: LoadComparison) -> str:
     """Return the lines that are printed."""
-    runs = comparison.values["none"].shape[1]
-    what = f"{LABELS[comparison.measure]} under {comparison.loads.describe()}"
+    runs = len(comparison.bands[0].curves[NONE].members)
+    what = f"{LABELS[comparison.case.measure]} under {comparison.case.loads.describe()}"
     lines = [f"{what}, over that without absorber: median of {runs} runs (90 % of further runs)"]
     lines += [
         f"  {describe_absorber(absorber)}{reading_in_words(comparison.readings[name])}"
         for name, absorber in comparison.absorbers.items()
-        if absorber is not None
     ]
-    bands = {name: load_bands(comparison, name) for name in LOAD_STYLES}
-    for band, head in enumerate(_heads(comparison)):
+    for band, head in zip(comparison.bands, _heads(comparison), strict=True):
+        intervals = {name: ratio_interval(band, name) for name in LOAD_STYLES}
         lines += [f"  {head}"] if head else []
         lines.append("  intensity" + "".join(f"{LOAD_STYLES[name][0]:>24}" for name in LOAD_STYLES))
         for k, factor in enumerate(comparison.factors):
             cells = (
                 f"{middle:.3f}" + (f" ({low:.2f} to {high:.2f})" if high > low else "")
-                for low, middle, high in (bands[name][band, k] for name in LOAD_STYLES)
+                for low, middle, high in (intervals[name][k] for name in LOAD_STYLES)
             )
             lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
     if any(reading.at_end for reading in comparison.readings.values()):
@@ -466,9 +473,9 @@ def draw_load_comparison(comparison: LoadComparison) -> Figure:
     heads = _heads(comparison)
     figure, panels = figure_of(5.2 * len(heads) + 1.0, 3.8, 1, len(heads), sharey=True)
     panels = np.atleast_1d(panels)
-    for band, (axes, head) in enumerate(zip(panels, heads, strict=True)):
+    for band, axes, head in zip(comparison.bands, panels, heads, strict=True):
         for name, (label, colour, style) in LOAD_STYLES.items():
-            low, middle, high = load_bands(comparison, name)[band].T
+            low, middle, high = ratio_interval(band, name).T
             axes.fill_between(comparison.factors, low, high, color=colour, alpha=0.18, linewidth=0)
             axes.plot(comparison.factors, middle, style, color=colour, label=label)
         axes.axhline(1.0, color="black", linewidth=0.8)
@@ -478,10 +485,10 @@ def draw_load_comparison(comparison: LoadComparison) -> Figure:
         axes.set_ylim(0, None)
         axes.set_xlabel("intensity of the load, 1: as given")
         axes.set_title(
-            ", ".join(filter(None, (f"Under {comparison.loads.describe()}", head))),
+            ", ".join(filter(None, (f"Under {comparison.case.loads.describe()}", head))),
             fontsize=11,
         )
-    panels[0].set_ylabel(f"{LABELS[comparison.measure]} over that without absorber")
+    panels[0].set_ylabel(f"{LABELS[comparison.case.measure]} over that without absorber")
     panels[0].legend(frameon=False)
     return figure
 

@@ -10,7 +10,7 @@ from optimisation.bounds import reduction_share, resonance_limit
 from optimisation.designs import Design
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import Table, number, numbers
-from optimisation.insight import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Levels, Service
+from optimisation.insight import Levels
 from optimisation.measures import (
     ACCELERATION,
     DISPLAY_UNITS,
@@ -28,6 +28,7 @@ from optimisation.problem import Problem
 from optimisation.report.card import with_band
 from optimisation.search.judge import Judged, SearchResult, Verdict
 from optimisation.search.settings import Evaluated
+from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
 from optimisation.statistics import COVERED, PREDICTED, Branches, Gain, branches
 from optimisation.sweep_range import is_at_end, reading_in_words
 from optimisation.variables import VARIABLES, parts_of

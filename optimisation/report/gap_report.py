@@ -12,11 +12,11 @@ import numpy as np
 
 from impact_env.modes import ModalModel
 from optimisation.bounds import LARGE_REACH, SMALL_REACH
+from optimisation.contact import estimate, meeting_mass, reaches_beyond
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
 from optimisation.frequency_levels import ResonanceCurves
 from optimisation.gap_advice import Advice, Answer
-from optimisation.gap_card import DRAWS, ServiceLoads, estimate, meeting_mass, reaches_beyond
 from optimisation.page import markdown
 from optimisation.report.card import (
     NO_DEVICE,
@@ -42,6 +42,7 @@ from optimisation.report.figures import (
     write_figure,
 )
 from optimisation.report.frequency_report import frequency_charts
+from optimisation.service import UNCERTAIN_DRAWS, ServiceLoads
 from optimisation.sweep_range import is_at_end
 from optimisation.uncertain import Distribution, plain
 
@@ -293,13 +294,13 @@ class UncertaintyResult:
     @property
     def words(self) -> str:
         """One line."""
-        return f"With {self.as_text}: {1e3 * self.median:.4g} mm ({1e3 * self.low:.4g} to {1e3 * self.high:.4g}), of {DRAWS} draws."
+        return f"With {self.as_text}: {1e3 * self.median:.4g} mm ({1e3 * self.low:.4g} to {1e3 * self.high:.4g}), of {UNCERTAIN_DRAWS} draws."
 
     def plain(self) -> dict[str, object]:
         """Return it as JSON values."""
         return {
             "given": plain(self.every),
-            "draws": DRAWS,
+            "draws": UNCERTAIN_DRAWS,
             "level_m": self.median,
             "level_5_m": self.low,
             "level_95_m": self.high,
@@ -343,7 +344,7 @@ def card(
 ) -> Card:
     """Return the paragraph about the recommended device.
 
-    ``contact``: two materials of `optimisation.gap_card` and the radius in m of the rounder one; ``more``: what more modes change, in words;
+    ``contact``: two materials of `optimisation.contact` and the radius in m of the rounder one; ``more``: what more modes change, in words;
     ``frequency``: levels over the frequency.
     """
     check = advice.check

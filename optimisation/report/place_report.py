@@ -13,7 +13,6 @@ from impact_env.parameters import Beam
 from optimisation.baselines import Baselines
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
-from optimisation.gap_card import ImpactLoads
 from optimisation.page import markdown
 from optimisation.place_advice import (
     FLAT,
@@ -48,6 +47,7 @@ from optimisation.report.figures import (
 )
 from optimisation.report.frequency_report import frequency_charts
 from optimisation.report.gap_report import CONTACT_HEADING, contact_rows
+from optimisation.service import ImpactLoads
 
 Array = NDArray[np.float64]
 Json = dict[str, object]

@@ -21,12 +21,13 @@ from impact_env.parameters import count, require
 from optimisation.designs import Design
 from optimisation.evaluation import Progress, evaluate
 from optimisation.files import number
-from optimisation.insight import Levels, Sensitivity, Service
+from optimisation.insight import Levels, Sensitivity
 from optimisation.measures import LEVEL, LEVEL_RATIO
 from optimisation.mounting import with_more_modes
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem
 from optimisation.search.settings import Evaluated, seed_of
+from optimisation.service import Service
 from optimisation.statistics import Gain, prediction_interval, ratio_of_quantiles
 from optimisation.variables import FRICTION_LIMIT, GAP, parts_of
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
 from impact_env.extras import optional
-from optimisation.insight import service_measures
 from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
@@ -24,6 +23,7 @@ from optimisation.search.settings import (
     SearchSettings,
     default_settings,
 )
+from optimisation.service import service_measures
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from impact_env.loads import Loads, Shock
 from impact_env.modes import ModalModel, modal_model
 from impact_env.scene import Scene
 from impact_env.steady_start import find_steady_start
-from optimisation import load_comparison
+from optimisation import comparison
 from optimisation.cli import compare_absorbers
 from optimisation.cli.group import imported
 from optimisation.comparison import (
@@ -39,7 +39,7 @@ from optimisation.files import replacing, write_csv, write_json
 from optimisation.measures import measure_of, measured
 from optimisation.report.cards import comparison_card
 from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, summary, text_table
-from optimisation.tuned import den_hartog
+from optimisation.tuned import den_hartog, under_loads
 
 FILES = {
     "runs.csv",
@@ -262,10 +262,10 @@ def test_each_kind_goes_through_sweep_and_comparison(
         "GAPS": np.array([1.0, 3.0]),
         "LIMITS": np.array([0.3]),
         "BETWEEN": np.zeros(1),
-        "MOST_TRIALS": 20,
     }  # their numbers do not matter here
     for name, value in few.items():
-        monkeypatch.setattr(load_comparison, name, value)
+        monkeypatch.setattr(comparison, name, value)
+    monkeypatch.setattr(under_loads, "MOST_TRIALS", 20)
     own = tmp_path / "structure.toml"
     omegas = modal_model(Beam(modes=2)).omega
     own.write_text(PAPER)
@@ -309,9 +309,9 @@ def test_runs_under_loads_go_to_the_cluster_and_show_progress(
     name: str, more: list[object], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Workers in the place of a scheduler's get every run, and the numbers are those of threads."""
-    for size, value in (("GAPS", load_comparison.GAPS[:1]), ("LIMITS", load_comparison.LIMITS[:1])):
-        monkeypatch.setattr(load_comparison, size, value)
-    monkeypatch.setattr(load_comparison, "MOST_TRIALS", 2)
+    for size, value in (("GAPS", comparison.GAPS[:1]), ("LIMITS", comparison.LIMITS[:1])):
+        monkeypatch.setattr(comparison, size, value)
+    monkeypatch.setattr(under_loads, "MOST_TRIALS", 2)
     monkeypatch.setattr("optimisation.progress.EVERY", 0.0)  # s between two lines
     here = []
 

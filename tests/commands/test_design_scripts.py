@@ -295,8 +295,8 @@ def same_points(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("optimisation.insight.FREQUENCIES", 2)
-    monkeypatch.setattr("optimisation.insight.FORCES", np.array([0.5, 1.0, 2.0]))
+    monkeypatch.setattr("optimisation.service.FREQUENCIES", 2)
+    monkeypatch.setattr("optimisation.service.FORCES", np.array([0.5, 1.0, 2.0]))
     optimise = load("optimise_design", monkeypatch)
     monkeypatch.setattr(optimise, "VARIABLES", dict.fromkeys(("impact", "tuned")))
     drawn = saved_figures(monkeypatch)

@@ -11,11 +11,12 @@ from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane, Threads
 from optimisation.designs import design_space
 from optimisation.evaluation import measured_chunks
-from optimisation.insight import FORCES, FREQUENCIES, REPORT_SEEDS, lasting_levels, service
+from optimisation.insight import REPORT_SEEDS
 from optimisation.measures import RMS, Chunk, stress_shape
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.design_tables import service_lines, service_summary
+from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.statistics import branches, ratio_of_quantiles, standard_error
 from reference import dense
 

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from commands import FAST, SIZES, done, load
 from load_cases import file_of_one_mode
@@ -152,10 +153,49 @@ def test_compare_gives_what_compare_absorbers_gives(
     assert len(answer.plot().axes) == 1
 
 
+def test_compare_under_loads_gives_what_compare_absorbers_gives(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    few = {"GAPS": np.array([1.0, 3.0]), "LIMITS": np.array([0.3]), "BETWEEN": np.zeros(1)}
+    for name, value in few.items():
+        monkeypatch.setattr(f"optimisation.comparison.{name}", value)
+    monkeypatch.setattr("optimisation.tuned.under_loads.MOST_TRIALS", 5)
+    structure = tmp_path / "structure.toml"
+    load_file = tmp_path / "load.toml"
+    structure.write_text(file_of_one_mode(0.02))
+    load_file.write_text(LOAD)
+    line = ("--structure", structure, "--load", load_file, "--members", 2, "--forces", 2)
+    result = done(load("compare_absorbers", monkeypatch), *line, "--out", tmp_path / "command")
+    model = load_structure(structure)
+    loads = read_loads(load_file, model.omega[0])
+    answer = optimisation.compare(model, loads=loads, forces=2, members=2)
+    assert result.stdout.startswith(str(answer))
+    assert check_files(answer, tmp_path / "command", tmp_path / "python") == answer.to_json()
+    assert len(answer.plot().axes) == 1
+    assert answer.card is None
+    assert answer.worst_run() is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"force": 3.5}, "force"),
+        ({"resonances": (1,)}, "resonances"),
+        ({"forces": 1}, "forces"),
+        ({"mass_ratio": 3.0}, "mass_ratio"),
+        ({"loads": "noise"}, "loads"),
+    ],
+)
+def test_compare_refuses_what_does_not_go_with_loads(options: dict[str, Any], words: str) -> None:
+    shock = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), 250.0)
+    with pytest.raises(ParameterError, match=words):
+        optimisation.compare(Beam(modes=2), **{"loads": shock} | options)
+
+
 def test_explain_gives_what_optimise_design_gives(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("optimisation.insight.FREQUENCIES", 2)
+    monkeypatch.setattr("optimisation.service.FREQUENCIES", 2)
     command = load("optimise_design", monkeypatch)
     results = []
 

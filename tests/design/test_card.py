@@ -12,12 +12,12 @@ from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Threads
 from impact_env.scene import Scene
-from optimisation.gap_card import service_loads
 from optimisation.report.card import Card, Chart, Curve, Row, content, page, text, write_card
 from optimisation.report.cards import tuning_card
 from optimisation.report.gap_report import card as gap_card
 from optimisation.report.gap_report import text as gap_table
 from optimisation.report.tuning_report import Tuning, TuningTable
+from optimisation.service import service_loads
 from optimisation.tuned import den_hartog, highest_amplitude
 
 CARD = Card(

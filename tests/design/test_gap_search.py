@@ -17,8 +17,8 @@ from impact_env.scene import Scene
 from optimisation.absorber_rules import scaled_absorber, scaled_friction
 from optimisation.baselines import find_best_damper
 from optimisation.bounds import free_amplitude
+from optimisation.contact import estimate, speed_for_pressure
 from optimisation.gap_advice import Advice, Limits
-from optimisation.gap_card import estimate, speed_for_pressure
 from optimisation.gap_search import (
     CHECK_MEMBERS,
     CHECK_PAIRS,

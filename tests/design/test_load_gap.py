@@ -23,9 +23,9 @@ from optimisation.designs import GAP, IMPACT, design_space
 from optimisation.evaluation import evaluate_arrays
 from optimisation.gap_advice import Advice, search_gap
 from optimisation.load_cases import AppliedLoads
-from optimisation.load_comparison import expected_rms, tuned_under
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
+from optimisation.tuned.under_loads import expected_rms, tuned_under
 
 MODEL = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
 BAND = ((35.0, 0.5), (46.0, 0.5))

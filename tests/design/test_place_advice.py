@@ -23,10 +23,10 @@ from impact_env.plain import to_scene
 from impact_env.plain_files import read_plain
 from impact_env.steady_start import find_steady_start
 from optimisation.bounds import design_gap, reach, resonance_limit
+from optimisation.contact import YieldLimit
 from optimisation.extremes import stationary_level
 from optimisation.frequency_levels import find_worst_run
 from optimisation.gap_advice import Limits
-from optimisation.gap_card import YieldLimit
 from optimisation.mounting import model_with_absorber_at
 from optimisation.place_advice import (
     LIGHTEST,

@@ -36,11 +36,11 @@ from optimisation.bounds import (
 from optimisation.bounds.relaxation import passive_limit
 from optimisation.cli.design_options import load_conditions
 from optimisation.comparison import compare
+from optimisation.contact import estimate, material
 from optimisation.designs import DesignSpace, design_space
 from optimisation.gap_advice import check_gap
-from optimisation.gap_card import estimate, impact_numbers, material
 from optimisation.load_cases import AppliedLoads
-from optimisation.measures import STROKE, of_motion
+from optimisation.measures import STROKE, impact_measures, of_motion
 from optimisation.mounting import scene_on
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
@@ -239,7 +239,7 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: estimate("steel", "steel", 0.0, 1.0, 1.0), "radius"),
     (lambda: on_another_structure(Lane(Scene(TWO), NOISE), 1.1, 1.0), "one force"),
     # responses that lack what is read from them
-    (lambda: impact_numbers(response()), "impacts = None is not allowed: recorded: simulate(..."),
+    (lambda: impact_measures(response()), "impacts = None is not allowed: recorded: simulate(..."),
     (lambda: of_motion(STROKE, response()), "history = None"),
     (lambda: signal_measures(response(), SignalOptions(8, False, None)), "history = None"),
     (lambda: save_figure(Path("no.png"), "", response(), 1), "history = None"),

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from impact_env import Beam, Drive, Scene, beam_scene, impact_absorber, linear_sweep, modal_model
 from impact_env.ensemble import Lane, draw_members
 from optimisation.cli.common import join_words, parse_uncertain
+from optimisation.contact import estimate, material, meeting_mass, reaches_beyond
 from optimisation.designs import IMPACT, design_space
-from optimisation.gap_card import estimate, material, meeting_mass, reaches_beyond
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.uncertain import NAMES, drawn, shares, spreads

@@ -1,6 +1,6 @@
 """Several absorbers: limits, closed forms and what must hold for every scene; test_verification.py has them beside two references."""
 
-from dataclasses import replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from impact_env import (
     IntegrationError,
     ModalModel,
     ParameterError,
+    Record,
     RigidWalls,
     Scene,
     SeveralAbsorbers,
@@ -39,63 +40,24 @@ from impact_env.kernels.exact.joint_forces import Joints, new_joints, solve_join
 from impact_env.kernels.exact.rigid_contact import new_contact_states
 from impact_env.kernels.exact.sets import Absorbers
 from impact_env.regime_sets import SetLayout, find_set_layout
+from impact_env.structures.cyclic import Mistuning, ring_of_masses
 from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
+from reference.replay import replay
+from reference.stepping import run_small_steps
 
 # m, of the mode
 BEAM = Beam(modes=3)
 ONE_MODE = Beam(modes=1, damping_ratio=0.0)
 START = 1e-3
-SWEEPS = 4  # over all absorbers: what one of them does to another is small
+LISTS = Record(level=False, events=True, reversals=True)
 
 
-def small_steps(scene: Scene, drive: Drive, steps: int) -> Array:
-    """Return the end state of a run from rest by Moreau's scheme: contact laws as projections, without the regimes and events of the references."""
-    model = scene.model
-    shapes = scene.absorber_shapes
-    masses = scene.absorber_masses
-    every = scene.absorber.absorbers
-    gaps, restitutions = zip(
-        *(
-            (np.inf, 0.0) if one.walls is None else (one.walls.gap, one.walls.restitution)
-            for one in every
-        ),
-        strict=True,
-    )
-    mobility = shapes @ shapes.T + np.diag(1 / masses)
-    dt = float(drive.schedule.times[-1]) / steps
-    most = dt * np.array([0.0 if one.friction is None else one.friction.limit for one in every])
-    q, u = np.zeros((2, model.modes))
-    x, v = np.zeros((2, len(every)))
-    for force in drive.amplitude * np.cos(
-        drive.schedule.phase_at(dt * (0.5 + np.arange(steps))) + drive.phase
-    ):
-        q = q + dt / 2 * u
-        x = x + dt / 2 * v
-        distance = x - shapes @ q
-        before = v - shapes @ u
-        u = u + dt * (
-            model.force_shape * force
-            - 2 * model.damping_ratio * model.omega * u
-            - model.omega**2 * q
-        )
-        free = v - shapes @ u
-        percussion = np.zeros(len(every))
-        for _ in range(SWEEPS):
-            for a, own in enumerate(np.diag(mobility)):  # each one's by the others'
-                alone = free[a] + mobility[a] @ percussion - own * percussion[a]
-                percussion[a] = np.clip(-alone / own, -most[a], most[a])
-                rebound = -restitutions[a] * before[a]
-                if (
-                    abs(distance[a]) >= gaps[a]
-                    and np.sign(distance[a]) * (alone + own * percussion[a] - rebound) > 0
-                ):
-                    percussion[a] = (rebound - alone) / own
-        u = u - shapes.T @ percussion
-        v = v + percussion / masses
-        q = q + dt / 2 * u
-        x = x + dt / 2 * v
-    return np.concatenate([q, x, u, v])
+def compare_small_steps(scene: Scene, drive: Drive, end: Array, steps: tuple[int, int]) -> Array:
+    """Return the largest differences from an end state of Moreau's scheme, with few and with many steps."""
+    half = len(end) // 2
+    scale = np.abs(end) + np.repeat([1e-4, 1e-1], half)
+    return np.array([np.max(np.abs(run_small_steps(scene, drive, n) - end) / scale) for n in steps])
 
 
 @pytest.mark.slow
@@ -105,13 +67,72 @@ def test_small_steps_of_another_scheme_converge_to_it() -> None:
     response = run(scene, drive)
     assert response.impact_count >= 3
     assert set(response.phases.absorber.tolist()) == {0, 1, 2}
-    scale = np.abs(response.end_state) + np.repeat([1e-4, 1e-1], 5)
-    coarse, fine = (
-        np.max(np.abs(small_steps(scene, drive, steps) - response.end_state) / scale)
-        for steps in (1_000, 6_000)
-    )
+    coarse, fine = compare_small_steps(scene, drive, response.end_state, (1_000, 6_000))
     assert fine < 0.3 * coarse
     assert fine < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction_limit", [None, 0.3])
+def test_small_steps_converge_to_a_travelling_wave_in_ten_sectors(
+    friction_limit: float | None,
+) -> None:
+    disk = ring_of_masses(10, 0.05, OMEGA / (2 * np.pi), 0.01, mistuning=Mistuning(0.02, 0.1, 3))
+    scene = disk.scene(impact_absorber(2e-4, 0.8, friction_limit, 0.02), 2)
+    drive = drive_of(40.0, 1.02, periods=1.0)
+    response = simulate(scene, drive, record=LISTS)
+    assert len(set(response.impacts.absorber.tolist())) == 10
+    coarse, fine = compare_small_steps(scene, drive, response.end_state, (1_000, 6_000))
+    assert fine < 0.3 * coarse
+    assert fine < 0.03
+
+
+def draw_scene(seed: int) -> Scene:
+    """Return 5 to 16 random absorbers on random modes; every second scene has forces that differ in phase."""
+    generator = np.random.default_rng(seed)
+    n = int(generator.integers(5, 17))
+    modes = int(generator.integers(n // 2 + 1, n + 3))
+    omegas = OMEGA * np.sort(generator.uniform(0.6, 3.0, modes))
+    shapes = generator.normal(size=(n, modes)) / np.sqrt(modes)
+    damping = generator.uniform(0, 0.05, modes)
+    model = ModalModel(omegas, damping, shapes[0], shapes[0], float(n), shapes)
+    amplitudes = generator.uniform(0.5, 1, 3)
+    phases = generator.uniform(0, 6, 3) if seed % 2 else 0.0
+    absorbers = []
+    for _ in range(n):
+        limit = float(10 ** generator.uniform(-2, 0.3)) if generator.uniform() < 0.5 else None
+        gap = float(10 ** generator.uniform(-4, -3))
+        restitution = float(generator.choice([0.0, 1.0, generator.uniform()]))
+        ratio = float(generator.uniform(0.01, 0.1) / n)
+        absorbers.append(impact_absorber(gap, restitution, limit, ratio))
+    return Scene(
+        model.with_forces(shapes[:3], amplitudes, phases),
+        SeveralAbsorbers(tuple(absorbers), (1.0,) * n),
+    )
+
+
+@pytest.mark.parametrize("seed", [5, 6, 8, 12, 13, 15])
+def test_random_scenes_are_replayed_from_their_events(seed: int) -> None:
+    """By matrix exponentials: contact laws hold between the events of the run, none is missed, and the end is the same."""
+    scene = draw_scene(seed)
+    drive = drive_of(40.0, 1.1, periods=1.0, phase=0.3)
+    response = simulate(scene, drive, record=LISTS)
+    assert response.impact_count >= 5
+    lists = response.impacts, response.phases, response.reversals
+    end, worst = replay(scene, drive, *lists)
+    scale = np.abs(response.end_state) + 1e-6
+    assert np.max(np.abs(end - response.end_state) / scale) < 1e-5
+    violations = asdict(worst)
+    events = violations.pop("events")
+    assert events >= 20
+    assert max(violations.values()) < 2e-6, violations
+    impacts = response.impacts
+    fewer = replace(
+        impacts, **{one.name: np.delete(getattr(impacts, one.name), 2) for one in fields(impacts)}
+    )
+    violations = asdict(replay(scene, drive, fewer, *lists[1:])[1])
+    del violations["events"]
+    assert max(violations.values()) > 1e-3
 
 
 @pytest.mark.parametrize("friction", [None, 0.05])

@@ -19,6 +19,7 @@ from impact_env import (
     ParameterError,
     Record,
     Scene,
+    beam_scene,
     impact_absorber,
     modal_model,
     simulate,
@@ -344,6 +345,45 @@ def test_what_does_not_fit_in_a_table_is_one_error(
     plain[name] = {k: v for k, v in (plain[name] | changes).items() if v is not LEFT_OUT}
     with pytest.raises(ParameterError, match=message):
         to_scene(plain)
+
+
+def test_one_sector_is_the_beam_with_one_mode() -> None:
+    """A sector whose mass is the modal mass at the tip, under the force that moves this mode alike; up to rounding."""
+    beam = beam_scene(Beam(modes=1), impact_absorber(5e-4, 0.7, 0.05, 0.02))
+    model = beam.model
+    shape = float(model.tip_shape[0])
+    disk = ring_of_masses(1, 0.0, HERTZ, float(model.damping_ratio[0]), shape**-2)
+    absorber = impact_absorber(5e-4, 0.7, 0.05, 0.02 * model.beam_mass * shape**2)
+    record = Record(events=True)
+    drive = drive_of(12.0, 0.98, 1.0, periods=4.0)
+    force = replace(drive, amplitude=drive.amplitude * float(model.force_shape[0]) / shape)
+    wanted = simulate(beam, drive, record=record)
+    response = simulate(Scene(disk.model(), absorber), force, record=record)
+    assert response.impact_count == wanted.impact_count >= 6
+    np.testing.assert_allclose(response.impacts.time, wanted.impacts.time, rtol=1e-9)
+    assert response.level.value == pytest.approx(wanted.level.value, rel=1e-9)
+
+
+@pytest.mark.plain
+def test_the_work_of_a_travelling_wave_is_what_the_disk_loses_and_stores() -> None:
+    """The work is also the integral of forces times velocities over dense samples of the motion."""
+    disk = ring_of_masses(3, 0.05, HERTZ, 0.01)
+    scene = disk.scene(impact_absorber(2e-4, 0.8, 0.3), 1)
+    drive = drive_of(60.0, 1.02, periods=0.7, phase=0.2)
+    record = Record(level=False, series=True, energy=True, samples_per_period=400)
+    response = simulate(scene, drive, record=record)
+    assert response.impact_count >= 3
+    assert response.energy.relative_error < 1e-11
+    time = response.history.time
+    turn = np.exp(1j * (drive.schedule.phase_at(time) + drive.phase))
+    power = np.sum(
+        (60.0 * turn[:, None] * scene.model.force_pattern).real * response.history.modal_velocity,
+        axis=1,
+    )
+    last = int(len(time) - 1)
+    assert time[last] == pytest.approx(drive.schedule.times[-1], rel=1e-3)
+    work = np.sum((power[1:] + power[:-1]) / 2) * time[1]
+    assert response.energy.work == pytest.approx(work, rel=2e-3)
 
 
 RING = ring_of_masses(4, 0.05, HERTZ)

@@ -12,8 +12,8 @@ from impact_env.ensemble import Lane
 from impact_env.parameters import impact_absorber
 from impact_env.scene import Scene
 from optimisation.files import read_json
-from optimisation.load_comparison import expected_rms, tuned_for
 from optimisation.signals import band_levels
+from optimisation.tuned.under_loads import expected_rms, tuned_for
 from studies import load_spectra
 from studies.cli import load_answers
 from studies.cli.load_answers import both_rows, both_text, main, orders

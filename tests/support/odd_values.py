@@ -104,10 +104,10 @@ from optimisation.bounds import (
     stroke_limit_rms,
 )
 from optimisation.comparison import force_grid
+from optimisation.contact import estimate, material, meeting_mass
 from optimisation.designs import Design, DesignSpace, design_space
 from optimisation.extremes import stationary_level, sweep_ratio, usable_force, usable_mass_ratio
 from optimisation.gap_advice import gap_factors
-from optimisation.gap_card import estimate, material, meeting_mass
 from optimisation.insight import neighbourhood, over_force, with_gaps
 from optimisation.mounting import detuned, model_with_absorber_at
 from optimisation.objectives import Condition, Constraint, Objective

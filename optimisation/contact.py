@@ -1,0 +1,113 @@
+"""Contact of absorber and wall in an impact, a first estimate: contact time, peak force and pressure of two elastic bodies by Hertz.
+
+Source: K. L. Johnson, Contact Mechanics, Cambridge 1985, section 11.4: a sphere that meets a half-space, quasi-static, with no loss. So contact
+times are too short and forces too large where restitution is well below 1, and flat faces or yielding change both. SI units.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from impact_env.modes import ModalModel
+from impact_env.parameters import ParameterError, instance, non_negative, positive, require, text
+
+# usual values: Young's modulus in Pa, Poisson's ratio
+MATERIALS = {
+    "steel": (210e9, 0.3),
+    "aluminium": (70e9, 0.33),
+    "brass": (100e9, 0.35),
+    "titanium": (110e9, 0.34),
+    "glass": (70e9, 0.22),
+    "pom": (2.8e9, 0.37),
+    "nylon": (2.5e9, 0.4),
+}
+ALLOWED = f"one of {', '.join(MATERIALS)}, or E:NU, Young's modulus in Pa above 0 and Poisson's ratio from 0 to 0.5"
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact ``time`` in s, peak ``force`` in N and ``pressure`` in Pa, and the ``mass`` in kg with which absorber and structure meet."""
+
+    time: float
+    force: float
+    pressure: float
+    mass: float
+
+
+def material(name: str) -> tuple[float, float]:
+    """Return Young's modulus in Pa and Poisson's ratio of a name of `MATERIALS` or of E:NU; raises ParameterError for all else."""
+    name = text("material", name)
+    if name in MATERIALS:
+        return MATERIALS[name]
+    try:
+        young, poisson = map(float, name.split(":"))
+    except ValueError as error:
+        raise ParameterError(f"material = {name!r} is not allowed: {ALLOWED}") from error
+    require(np.isfinite(young) and young > 0 and 0 <= poisson <= 0.5, "material", name, ALLOWED)
+    return young, poisson
+
+
+def estimate(first: str, second: str, radius: float, mass: float, speed: float) -> Contact:
+    """Return the contact of two materials: ``radius`` in m of the rounder one, effective ``mass`` in kg and relative ``speed`` in m/s above 0."""
+    softness = sum((1 - poisson**2) / young for young, poisson in map(material, (first, second)))
+    radius = positive("radius", radius)
+    mass = positive("mass", mass)
+    speed = positive("speed", speed)
+    stiff = 1 / softness
+    depth = (15 * mass * speed**2 / (16 * np.sqrt(radius) * stiff)) ** 0.4
+    force = 4 / 3 * stiff * np.sqrt(radius) * depth**1.5
+    time = 2.87 * (mass**2 / (radius * stiff**2 * speed)) ** 0.2
+    return Contact(float(time), float(force), float(3 * force / (2 * np.pi * radius * depth)), mass)
+
+
+YIELD_PRESSURE = 1.6  # times the yield stress: the peak pressure at which yield begins below the surface (Johnson 1985)
+
+
+def speed_for_pressure(
+    first: str, second: str, radius: float, mass: float, pressure: float
+) -> float:
+    """Return the relative speed in m/s at which `estimate` gives a peak ``pressure`` in Pa: it goes with the speed to the power of 2/5."""
+    one = estimate(first, second, radius, mass, 1.0)
+    return (positive("pressure", pressure) / one.pressure) ** 2.5
+
+
+def meeting_mass(model: ModalModel, absorber_mass: float) -> float:
+    """Return the mass in kg with which an absorber and the place of the structure meet, by the modes kept."""
+    model = instance("model", model, ModalModel)
+    return 1 / (
+        1 / positive("absorber mass", absorber_mass)
+        + non_negative("mobility", float(np.sum(model.tip_shape**2)))
+    )
+
+
+@dataclass(frozen=True)
+class YieldLimit:
+    """A limit on impacts: yield must not begin below the surface where two materials touch.
+
+    ``materials`` as in `material`; ``radius`` in m of the rounder one; ``yield_stress`` in Pa of the softer one, whose peak pressure stays below
+    `YIELD_PRESSURE` times it.
+    """
+
+    materials: tuple[str, str]
+    radius: float
+    yield_stress: float
+
+    def __post_init__(self) -> None:
+        for name in self.materials:
+            material(name)
+        for name, label in (
+            ("radius", "radius of --contact in m"),
+            ("yield_stress", "constraint yield_stress"),
+        ):
+            object.__setattr__(self, name, positive(label, getattr(self, name)))
+
+    def speed(self, model: ModalModel, absorber_mass: float) -> float:
+        """Return the impact speed in m/s at which yield begins, for an absorber's mass in kg at the place of a model."""
+        mass = meeting_mass(model, absorber_mass)
+        pressure = YIELD_PRESSURE * self.yield_stress
+        return speed_for_pressure(*self.materials, self.radius, mass, pressure)
+
+
+def reaches_beyond(model: ModalModel, contact: Contact) -> bool:
+    """Return whether a pulse of this time has much force above the highest mode kept: at frequencies up to one over its time."""
+    return bool(np.max(model.omega) / (2 * np.pi) < 1 / contact.time)
