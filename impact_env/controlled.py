@@ -91,7 +91,7 @@ def _build_disturbance(
     values = np.zeros(1) if record is None else np.array(record.values[:-1])
     step = ABSENT_RECORD_STEP * interval if record is None else record.duration / len(values)
     moves = np.array([moves_base, record is not None and record.quantity == BASE_QUANTITY])
-    return Disturbance(values, step, moves, build_base_motion(scene) if base else None)
+    return Disturbance(values, step, moves, build_base_motion(scene, base))
 
 
 class WorkerPool:

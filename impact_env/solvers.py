@@ -30,7 +30,7 @@ from impact_env.kernels.exact.compliant import CompliantScene, compliant_lane
 from impact_env.kernels.exact.compliant_contact import ContactStiffness
 from impact_env.kernels.exact.linear import Linear, linear_lane
 from impact_env.kernels.exact.rigid import rigid_lane
-from impact_env.kernels.exact.rigid_contact import ContactLaw, Walls
+from impact_env.kernels.exact.rigid_contact import NO_WALLS, ContactLaw, Walls
 from impact_env.kernels.exact.sets import Absorbers
 from impact_env.kernels.exact.several import Several, several_lane
 from impact_env.kernels.exact.stick_slip import Rigid
@@ -46,7 +46,7 @@ from impact_env.kernels.stepping.feedback import (
 )
 from impact_env.kernels.stepping.grid import BeamModes, DriveForce, TimeStep
 from impact_env.kernels.stepping.moreau import moreau_lane
-from impact_env.kernels.stepping.moreau_law import RigidLaws, Spring
+from impact_env.kernels.stepping.moreau_law import NO_SPRING, RigidLaws, Spring
 from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 from impact_env.laws import SceneKind
 from impact_env.loads import BASE_QUANTITY, Loads, Samples
@@ -112,15 +112,9 @@ class Solver(ABC):
     def key(self, scene: Scene, drive: Excitation | None = None) -> tuple[object, ...]:
         """Return a key, equal exactly for runs with one record that the same compiled kernels simulate (``drive`` None: one force).
 
-        It holds all that is None or not in the kernels' arguments: laws, gravity, loads, a base that moves.
+        It holds all that is None or not in the kernels' arguments: laws and loads.
         """
-        loads = (drive.moves_base,) if drive is not None and drive.in_pieces else None
-        return (
-            self.name,
-            variant_key(self.laws(scene)),
-            find_gravity(scene, drive) is None,
-            loads,
-        )
+        return self.name, variant_key(self.laws(scene)), drive is not None and drive.in_pieces
 
     @abstractmethod
     def run(
@@ -160,9 +154,8 @@ def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
         times, pieces, which, moves_base = drive.on_one_clock()
-        load = loads.LoadPieces(
-            pieces, which, moves_base, build_base_motion(scene) if moves_base.any() else None
-        )
+        base = build_base_motion(scene, bool(moves_base.any()))
+        load = loads.LoadPieces(pieces, which, moves_base, base)
         return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
     assert isinstance(drive, Drive)
     breaks = drive.schedule
@@ -177,23 +170,20 @@ def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
     )
 
 
-def build_base_motion(scene: Scene) -> loads.BaseParticipation:
-    """Return the participations of a scene's modes and absorbers in a base that moves."""
+def build_base_motion(scene: Scene, moves: bool) -> loads.BaseParticipation:
+    """Return the participations of a scene's modes and absorbers in the motion of the base; zeros for a base that does not move."""
     model = scene.model
     several = isinstance(scene.absorber, SeveralAbsorbers)
     masses = scene.absorber_masses if several else np.array([scene.absorber_mass or 0.0])
+    if not moves:
+        return loads.BaseParticipation(np.zeros(model.modes), 0.0, np.zeros(len(masses)), False)
     assert model.base_participation is not None
     return loads.BaseParticipation(
         np.array(model.base_participation),
         model.base_at_absorber,
         masses * model.base_at_absorber,
+        True,
     )
-
-
-def find_gravity(scene: Scene, drive: Excitation | None = None) -> float | None:
-    """Return the gravity (m/s^2) along a single absorber's motion, None without; under loads 0 in place of None, so that one kernel does for both."""
-    gravity = find_largest_gravity(scene.absorber)
-    return gravity if drive is not None and drive.in_pieces else gravity or None
 
 
 def build_losses(scene: Scene) -> Losses:
@@ -211,11 +201,10 @@ def build_losses(scene: Scene) -> Losses:
 
 def build_contact(
     scene: Scene,
-    walls: Walls | None = None,
+    walls: Walls = NO_WALLS,
     limit: float | None = None,
-    drive: Excitation | None = None,
 ) -> ContactLaw:
-    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None where absent. ``drive``: as in `find_gravity`."""
+    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None without friction."""
     mass = scene.absorber_mass
     tip_shape = np.array(scene.model.tip_shape)
     friction = getattr(scene.absorber, "friction", None)
@@ -226,14 +215,17 @@ def build_contact(
         tip_shape,
         walls,
         limit,
-        find_gravity(scene, drive),
+        find_largest_gravity(scene.absorber),
         friction.static_ratio if isinstance(friction, CoulombFriction) else 1.0,
     )
 
 
-def build_spring(scene: Scene) -> Spring | None:
-    """Return spring and damper of a tuned absorber, None without."""
-    return fill_tuple(Spring, scene.absorber) if isinstance(scene.absorber, TunedAbsorber) else None
+def build_spring(scene: Scene) -> Spring:
+    """Return spring and damper of a tuned absorber, zeros without."""
+    absorber = scene.absorber
+    if not isinstance(absorber, TunedAbsorber):
+        return NO_SPRING
+    return Spring(absorber.stiffness, absorber.damping)
 
 
 def count_bytes(value: Any) -> int:
@@ -331,9 +323,6 @@ class ExactSolver(Solver):
 # Exact, one absorber with rigid walls, rigid friction or both: free or sliding, and joined.
 
 
-DISTANT_WALLS = Walls(1e300, 1.0)
-
-
 @cache_regimes
 def rigid_regimes(
     scene: Scene, wanted: float, moves: bool = False
@@ -349,17 +338,9 @@ def rigid_regimes(
         size,
         reach,
         moves=moves,
-        heavy=find_gravity(scene) is not None,
+        heavy=find_largest_gravity(scene.absorber) != 0,
     )
     return free_regime(scene.model, size, reach, moves=moves), joined, reach
-
-
-def rigid_laws(scene: Scene) -> tuple[Walls | None, float | None]:
-    """Return rigid walls and friction limit (N), None where absent."""
-    absorber = scene.absorber
-    assert isinstance(absorber, SlidingAbsorber)
-    limit = None if absorber.friction is None else absorber.friction.limit
-    return fill_tuple(Walls, absorber.walls), limit
 
 
 def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
@@ -367,14 +348,16 @@ def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
 
     A friction damper with such walls runs as fast as one without, to the same digits, and needs no kernels of its own.
     """
-    walls, limit = rigid_laws(scene)
-    return DISTANT_WALLS if walls is None else walls, limit
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    limit = None if absorber.friction is None else absorber.friction.limit
+    return fill_tuple(Walls, absorber.walls) or NO_WALLS, limit
 
 
 def _rigid(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:
     free, joined, reach = rigid_regimes(scene, wanted, moves)
-    laws = rigid_laws(scene) if drive is None else _laws_rigid(scene)
-    return Rigid(free, joined, build_contact(scene, *laws, drive), build_losses(scene)), reach
+    contact = build_contact(scene, *_laws_rigid(scene))
+    return Rigid(free, joined, contact, build_losses(scene)), reach
 
 
 RIGID_SOLVER = ExactSolver(
@@ -441,12 +424,12 @@ def compliant_regimes(
     return (free_regime(model, size, reach), first, second, third), reach
 
 
-def _laws_compliant(scene: Scene) -> tuple[float | None, float | None]:
-    """Return gap (m) and friction limit (N), None where absent."""
+def _laws_compliant(scene: Scene) -> tuple[float, float | None]:
+    """Return gap (m, infinite without walls) and friction limit (N, None without friction)."""
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
     return (
-        None if absorber.walls is None else absorber.walls.gap,
+        math.inf if absorber.walls is None else absorber.walls.gap,
         None if absorber.friction is None else absorber.friction.limit,
     )
 
@@ -484,13 +467,14 @@ def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Lin
     model = scene.model
     mass = scene.absorber_mass
     spring = build_spring(scene)
-    speed, slots = find_fastest(model, mass, *(spring or (None, 0.0)))
+    sprung = isinstance(scene.absorber, TunedAbsorber)
+    speed, slots = find_fastest(model, mass, *(spring if sprung else (None, 0.0)))
     size = padded_size(slots)
     reach = table_reach(speed, wanted)
     if mass is None:
         return free_regime(model, size, reach, moves=moves), reach
-    heavy = find_gravity(scene) is not None
-    if spring is None:
+    heavy = find_largest_gravity(scene.absorber) != 0
+    if not sprung:
         return joined_regime(model, mass, size, reach, moves=moves, heavy=heavy), reach
     return sprung_regime(
         model, mass, spring.stiffness, spring.damping, size, reach, moves=moves, heavy=heavy
@@ -499,7 +483,7 @@ def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[Lin
 
 def _linear(scene: Scene, wanted: float, moves: bool, drive: Excitation | None) -> KernelArguments:
     regime, reach = linear_regime(scene, wanted, moves)
-    return Linear(regime, build_losses(scene), find_gravity(scene, drive)), reach
+    return Linear(regime, build_losses(scene), find_largest_gravity(scene.absorber)), reach
 
 
 LINEAR_SOLVER = ExactSolver(
@@ -613,6 +597,7 @@ def _modes(scene: Scene) -> BeamModes:
 def _force(scene: Scene, drive: Excitation) -> DriveForce:
     if isinstance(drive, Loads):
         taken = build_schedule(scene, drive, 1.0)
+        assert taken.load is not None
         return DriveForce(taken.times, taken.omegas, taken.phases, 1.0, 0.0, taken.load)
     assert isinstance(drive, Drive)
     schedule = drive.schedule
@@ -623,7 +608,7 @@ def _force(scene: Scene, drive: Excitation) -> DriveForce:
         _writable(phases),
         drive.amplitude,
         drive.phase,
-        None,
+        loads.NO_LOADS,
     )
 
 
@@ -634,33 +619,41 @@ def _wide(lanes: int, stride: int) -> int | None:
 
 def _moreau_laws(scene: Scene) -> tuple[RigidLaws, int | None]:
     """Return the absorber's laws and the padded width of the table; a stuck absorber is one whose friction has no limit."""
-    walls = None
-    limit = np.inf if isinstance(scene.absorber, StuckAbsorber) else None
+    walls = NO_WALLS
+    limit: float | None = np.inf if isinstance(scene.absorber, StuckAbsorber) else 0.0
     if isinstance(scene.absorber, SlidingAbsorber):
-        walls, limit = rigid_laws(scene)
-    return RigidLaws(scene.absorber_mass, walls, limit, build_spring(scene)), _wide(
-        scene.model.modes, moreau.STRIDE
-    )
+        walls, limit = _laws_rigid(scene)
+    laws = RigidLaws(scene.absorber_mass or 0.0, walls, limit or 0.0, build_spring(scene))
+    return laws, _wide(scene.model.modes, moreau.STRIDE)
 
 
 def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
     """Return the absorber's laws, one that is stuck as a mass added to the tip, and the padded width of the table."""
     absorber = scene.absorber
-    mass = scene.absorber_mass
-    stops = slider = None
+    mass = scene.absorber_mass or 0.0
+    stops = feedback.NO_STOPS
+    slider = feedback.NO_SLIDER
     if isinstance(absorber, SlidingAbsorber):
-        stops = fill_tuple(ElasticStops, absorber.walls)
-        slider = fill_tuple(ElasticSlider, absorber.friction)
-    free_mass, added_mass = (None, mass) if isinstance(absorber, StuckAbsorber) else (mass, None)
-    cubic = fill_tuple(CubicSpring, absorber) if isinstance(absorber, NonlinearSink) else None
-    return CompliantLaws(free_mass, added_mass, stops, slider, build_spring(scene), cubic), _wide(
-        scene.model.modes + 1, feedback.STRIDE
-    )
+        stops = fill_tuple(ElasticStops, absorber.walls) or stops
+        slider = fill_tuple(ElasticSlider, absorber.friction) or slider
+    free_mass, added_mass = (0.0, mass) if isinstance(absorber, StuckAbsorber) else (mass, 0.0)
+    cubic = feedback.NO_CUBIC_SPRING
+    if isinstance(absorber, NonlinearSink):
+        cubic = CubicSpring(absorber.cubic_stiffness, absorber.damping)
+    laws = CompliantLaws(free_mass, added_mass, stops, slider, build_spring(scene), cubic)
+    return laws, _wide(scene.model.modes + 1, feedback.STRIDE)
 
 
 @dataclass(frozen=True)
 class SteppingSolver(Solver):
-    """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table."""
+    """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table.
+
+    The laws, and whether there are loads, are values: one kernel does all scenes.
+    """
+
+    def key(self, scene: Scene, drive: Excitation | None = None) -> tuple[object, ...]:
+        """Return the key of the kernels, see `Solver.key`."""
+        return self.name, variant_key(self.laws(scene))
 
     def run(
         self,
@@ -691,7 +684,7 @@ class SteppingSolver(Solver):
         laws, wide = self.laws(scene)
         # a state of steps does not hold the slider
         require(
-            getattr(laws, "slider", None) is None,
+            not isinstance(laws, CompliantLaws) or laws.slider.limit == 0,
             "method",
             method,
             "Exact for elastic friction that is controlled in intervals",

@@ -212,9 +212,8 @@ def searched(cases: Cases, case: int, level: int) -> tuple[int, float]:
     low = float(cases.low[case])
     high = float(cases.high[case])
     direction = float(guards.direction[case])
-    walls = (low, high) if np.isfinite(low) or np.isfinite(high) else (None, None)
     search_guards = SearchGuards(
-        *walls, int(cases.side[case]), direction if direction else None, bool(cases.zero[case])
+        low, high, int(cases.side[case]), direction if direction else None, bool(cases.zero[case])
     )
     course = EventFunction(stage.slots, stage.forced, stage.window.omega, signal, stage.tau)
     event = search_events(course, search_guards, stage.length, stage.window.half)

@@ -39,6 +39,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.controlled import ControlledRuns
+from impact_env.kernels.motion.loads import NO_LOADS
 from impact_env.kernels.stepping import runge_kutta
 from impact_env.kernels.stepping.chirp import fill_force
 from impact_env.kernels.stepping.feedback import STRIDE, CompliantLaws, Q, new_runge_kutta_table
@@ -240,7 +241,7 @@ def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
         ),
         1.0,
         0.7,
-        None,
+        NO_LOADS,
     )
     count = int(2.0 / dt)
     target = np.zeros(count)
@@ -485,7 +486,7 @@ def test_a_step_too_long_for_a_nonlinear_spring_where_it_is_ends_the_run() -> No
 @pytest.mark.plain
 def test_an_absorber_that_is_not_finite_is_reported_as_a_mode_is() -> None:
     modes = BeamModes(np.array([1.0]), np.zeros(1), np.ones(1), np.zeros(1))
-    laws = CompliantLaws(0.1, None, None, None, None, None)
+    laws = CompliantLaws(mass=0.1)
     for place in (0, 1):
         table = new_runge_kutta_table(modes, laws, 1.0, np.zeros(4), 0.1, None)
         assert runge_kutta._is_finite(table)

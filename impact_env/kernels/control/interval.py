@@ -16,7 +16,7 @@ from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_view
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record_type
 from impact_env.kernels.exact import compliant_contact, rigid_contact
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
-from impact_env.kernels.exact.rigid_contact import Walls
+from impact_env.kernels.exact.rigid_contact import Walls, has_walls
 from impact_env.kernels.motion.level import (
     LEVEL_STATE,
     EnvelopeObserver,
@@ -117,13 +117,13 @@ class Disturbance(NamedTuple):
     """A load beside the lanes' own force: a periodic ``record`` (K,) in N or m/s^2, linear between its ``step`` (s).
 
     ``moves_base`` (2,): whether the force of the orders, and the record, are the base's
-    acceleration (m/s^2); ``base`` None if neither is.
+    acceleration (m/s^2).
     """
 
     record: Array
     step: float
     moves_base: NDArray[np.bool_]
-    base: BaseParticipation | None
+    base: BaseParticipation
 
 
 class LaneSettings(NamedTuple):
@@ -375,9 +375,9 @@ def close_interval(scratch, settings, level, state, order, report):
 
 @jit
 def with_gap(walls, gap):
-    """Return walls at another half-clearance, or None."""
-    if walls is None:
-        return None
+    """Return walls at another half-clearance; what is no wall stays out of reach."""
+    if not has_walls(walls):
+        return walls
     return Walls(gap, walls.restitution, walls.yield_velocity)
 
 

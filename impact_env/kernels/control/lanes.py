@@ -31,10 +31,12 @@ from impact_env.kernels.exact.rigid_contact import (
     FREE,
     ContactLaw,
     compute_tip_motion,
+    has_walls,
     new_contact_states,
 )
 from impact_env.kernels.exact.stick_slip import Rigid, new_rigid_workspace
 from impact_env.kernels.motion.level import push_samples
+from impact_env.kernels.motion.loads import new_no_loads
 from impact_env.kernels.motion.modal_system import copy_amplitudes
 from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED, Observers, StateSeries
 from impact_env.kernels.motion.segments import (
@@ -52,7 +54,7 @@ from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 @jit
 def update_rigid_gap(walls, order, contact_state, gap, relative):
     """Set the half-clearance in use; return True if an absorber held by a wall is freed and its regime must be found again."""
-    if walls is None:
+    if not has_walls(walls):
         return False
     order.gap = limit_gap(order.gap, gap, abs(relative), contact_state.side != 0.0)
     if order.gap == gap or contact_state.side == 0.0:
@@ -163,7 +165,7 @@ def _advance_rigid_lanes(scene, reach, batch, start, stop, scratch, load, worksp
                 contact.tip_shape,
                 walls,
                 limit,
-                None,
+                0.0,
                 contact.static_ratio,
             ),
             losses,
@@ -320,7 +322,7 @@ def push_recorded_samples(scratch, settings, series, level, order):
 @jit
 def update_moreau_gap(walls, lanes, i, order, distance):
     """Set the half-clearance in use of a lane that continues; ``distance`` (m): of the absorber from the tip."""
-    if walls is None or order.fresh:
+    if order.fresh or not has_walls(walls):
         return
     order.gap = limit_gap(order.gap, lanes.last_order[i].gap, abs(distance), False)
 
@@ -343,17 +345,26 @@ def moreau_lanes(modes, laws, step, batch, queue, parts, patience):
     """Take parts and advance their lanes with the Moreau scheme, as `rigid_lanes`; ``modes``, ``laws``, ``step`` as in `moreau_lane`."""
     scratch = new_interval_scratch(batch.settings)
     series = StateSeries(np.zeros((batch.settings.samples + 1, batch.lanes.state.shape[1])))
+    load = new_no_loads()
     part = take_first_part(queue, parts, patience)
     while part >= 0:
         _advance_moreau_lanes(
-            modes, laws, step, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, series
+            modes,
+            laws,
+            step,
+            batch,
+            queue.cuts[part, 0],
+            queue.cuts[part, 1],
+            scratch,
+            series,
+            load,
         )
         part = take_next_part(queue, patience)
     return wait_until_done(queue, parts)
 
 
 @jit_allocating
-def _advance_moreau_lanes(modes, laws, step, batch, start, stop, scratch, series):
+def _advance_moreau_lanes(modes, laws, step, batch, start, stop, scratch, series, load):
     settings, lanes, orders, reports, status = batch
     for i in range(start, stop):
         order = orders[i]
@@ -368,10 +379,10 @@ def _advance_moreau_lanes(modes, laws, step, batch, start, stop, scratch, series
         ordered_scene = RigidLaws(
             laws.mass,
             with_gap(laws.walls, order.gap),
-            with_limit(laws.limit, order.limit),
+            order.limit if laws.limit > 0.0 else 0.0,
             laws.spring,
         )
-        force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, None)
+        force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, load)
         status[i] = moreau_lane(
             modes, ordered_scene, force, state, step, with_series(observers, series)
         )
@@ -386,17 +397,26 @@ def runge_kutta_lanes(modes, laws, step, batch, queue, parts, patience):
     """Take parts and advance their lanes with the Runge-Kutta method, as `moreau_lanes`. No friction."""
     scratch = new_interval_scratch(batch.settings)
     series = StateSeries(np.zeros((batch.settings.samples + 1, batch.lanes.state.shape[1])))
+    load = new_no_loads()
     part = take_first_part(queue, parts, patience)
     while part >= 0:
         _advance_runge_kutta_lanes(
-            modes, laws, step, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, series
+            modes,
+            laws,
+            step,
+            batch,
+            queue.cuts[part, 0],
+            queue.cuts[part, 1],
+            scratch,
+            series,
+            load,
         )
         part = take_next_part(queue, patience)
     return wait_until_done(queue, parts)
 
 
 @jit_allocating
-def _advance_runge_kutta_lanes(modes, laws, step, batch, start, stop, scratch, series):
+def _advance_runge_kutta_lanes(modes, laws, step, batch, start, stop, scratch, series, load):
     settings, lanes, orders, reports, status = batch
     for i in range(start, stop):
         order = orders[i]
@@ -407,7 +427,7 @@ def _advance_runge_kutta_lanes(modes, laws, step, batch, start, stop, scratch, s
             continue
         open_interval(scratch, settings, lanes, i, order)
         observers = observers_of_lane(scratch, settings, lanes, i)
-        force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, None)
+        force = DriveForce(scratch.times, scratch.omegas, scratch.phases, order.force, 0.0, load)
         status[i] = runge_kutta_lane(
             modes, laws, force, state, step, with_series(observers, series)
         )

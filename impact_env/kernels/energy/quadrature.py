@@ -56,7 +56,7 @@ def compute_base_power(window, losses, motion, since, state, tau):
 
 @jit
 def _compute_base_power(base, omega, losses, motion, since, state, tau):
-    if base is None:
+    if not base.moves:
         return 0.0
     momentum = 0.0
     half = state.shape[0] // 2

@@ -74,24 +74,23 @@ def compute_safe_step(guards, bounded, reach):
     step = reach
     y = bounded.y
     v = bounded.v
-    if guards.low is not None:
-        to_high = guards.high - y
-        to_low = y - guards.low
-        if v >= 0.0:
-            ahead = to_high
-            behind = to_low
-            closing = v
-            bend = bounded.a
-        else:
-            ahead = to_low
-            behind = to_high
-            closing = -v
-            bend = -bounded.a
-        if ahead < np.inf:
-            step = safe_step(ahead, closing, bend, bounded.b2, bounded.b3, reach)
-        # the wall behind needs a root only if the step could take the signal back to it
-        if not behind + closing * step - 0.5 * bounded.b2 * step * step > 0.0:
-            step = min(step, safe_step(behind, -closing, -bend, bounded.b2, bounded.b3, reach))
+    to_high = guards.high - y
+    to_low = y - guards.low
+    if v >= 0.0:
+        ahead = to_high
+        behind = to_low
+        closing = v
+        bend = bounded.a
+    else:
+        ahead = to_low
+        behind = to_high
+        closing = -v
+        bend = -bounded.a
+    if ahead < np.inf:
+        step = safe_step(ahead, closing, bend, bounded.b2, bounded.b3, reach)
+    # the wall behind needs a root only if the step could take the signal back to it
+    if not behind + closing * step - 0.5 * bounded.b2 * step * step > 0.0:
+        step = min(step, safe_step(behind, -closing, -bend, bounded.b2, bounded.b3, reach))
     if guards.direction is not None:
         step = min(
             step, solve_parabola(guards.direction * v, -guards.direction * bounded.a, bounded.b3)
@@ -115,37 +114,31 @@ def find_root_ahead(guards, bounded):
         if slope > 0.0:
             step = w / slope
             if slope > 2.0 * bounded.b3 * step:
-                if guards.low is None:
-                    return REVERSAL, step
                 ahead = guards.high - y if v > 0.0 else y - guards.low
                 if ahead > 2.0 * w * step:
                     return REVERSAL, step
-    if guards.low is not None:
-        if v > 0.0:
-            d = guards.high - y
-            g = v
-            c = a
-            kind = HIT_HIGH
-        else:
-            d = y - guards.low
-            g = -v
-            c = -a
-            kind = HIT_LOW
-        if d < np.inf and g * g > 4.0 * bounded.b2 * d:
-            step = 2.0 * d / (g + np.sqrt(max(g * g + 2.0 * c * d, 0.0)))
-            if 2.0 * bounded.b2 * step < g:
-                return kind, step
+    if v > 0.0:
+        d = guards.high - y
+        g = v
+        c = a
+        kind = HIT_HIGH
+    else:
+        d = y - guards.low
+        g = -v
+        c = -a
+        kind = HIT_LOW
+    if d < np.inf and g * g > 4.0 * bounded.b2 * d:
+        step = 2.0 * d / (g + np.sqrt(max(g * g + 2.0 * c * d, 0.0)))
+        if 2.0 * bounded.b2 * step < g:
+            return kind, step
     return NOTHING, 0.0
 
 
 @jit
 def find_nearest_event(guards, bounded):
     """Return the guard that the search has converged to."""
-    to_high = np.inf
-    to_low = np.inf
-    if guards.low is not None:
-        to_high = guards.high - bounded.y
-        to_low = bounded.y - guards.low
+    to_high = guards.high - bounded.y
+    to_low = bounded.y - guards.low
     if guards.direction is not None:
         if guards.direction * bounded.a < 0.0:
             distance = to_high if bounded.v > 0.0 else to_low
@@ -181,15 +174,14 @@ def check_guards(guards, noise, bounded):
     if guards.direction is not None:
         if guards.direction * v <= 0.0:
             return REVERSAL, y
-    if guards.low is not None:
-        if guards.high - y <= noise:
-            if v > 0.0 and beyond:
-                return HIT_HIGH, y
-            y = guards.high - noise
-        if y - guards.low <= noise:
-            if v < 0.0 and beyond:
-                return HIT_LOW, y
-            y = guards.low + noise
+    if guards.high - y <= noise:
+        if v > 0.0 and beyond:
+            return HIT_HIGH, y
+        y = guards.high - noise
+    if y - guards.low <= noise:
+        if v < 0.0 and beyond:
+            return HIT_LOW, y
+        y = guards.low + noise
     return NOTHING, y
 
 

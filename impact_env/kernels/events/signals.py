@@ -81,14 +81,14 @@ class SignalTerms(NamedTuple):
 class Guards(NamedTuple):
     """What ends a signal's course, and which of it the signal starts on.
 
-    ``low`` and ``high``: walls, which may be infinite; None: there are no walls at all. ``side`` -1
+    ``low`` and ``high``: walls, infinite or out of reach where there are none. ``side`` -1
     or 1: the signal starts on the low or the high wall. ``direction`` 1 or -1: the sign that the
     signal's rate has at the start, and must keep; None: the rate is not watched. ``zero_rate``: it
     starts at zero.
     """
 
-    low: float | None
-    high: float | None
+    low: float
+    high: float
     side: int
     direction: float | None
     zero_rate: bool
@@ -209,11 +209,8 @@ def time_resolution(rows, omega, length):
 
 @jit_inline
 def find_event_wall(kind, guards):
-    """Return the wall of an event; 0 where there are none."""
-    wall = 0.0
-    if guards.low is not None:
-        wall = guards.high if kind == HIT_HIGH else guards.low
-    return wall
+    """Return the wall of an event."""
+    return guards.high if kind == HIT_HIGH else guards.low
 
 
 @jit_inline

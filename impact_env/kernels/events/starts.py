@@ -121,12 +121,11 @@ def snap_to_guard(guards, noise, bounded):
     """Return a signal without the rounding of the guard on which it starts; a wall that is not left keeps a distance of ``noise``."""
     y = bounded.y
     v = 0.0
-    if guards.low is not None:
-        if guards.side == 0:
-            y = max(min(y, guards.high - noise), guards.low + noise)
-        else:
-            y = guards.high if guards.side > 0 else guards.low
-            v = bounded.v
+    if guards.side == 0:
+        y = max(min(y, guards.high - noise), guards.low + noise)
+    else:
+        y = guards.high if guards.side > 0 else guards.low
+        v = bounded.v
     return BoundedSignal(y, v, bounded.a, bounded.b2, bounded.b3, bounded.b4)
 
 
@@ -195,8 +194,6 @@ def find_first_hit(guards, bounded, v, high, reach, noise):
     rate zero inside the cavity: the wall ahead.
     """
     side, (j, s, c) = guards.side, high
-    if guards.low is None:
-        return -1.0, NOTHING
     if side != 0:
         bend = -side * bounded.a
         if guards.zero_rate and -WALL_ACCELERATION_TOL * bounded.b2 <= bend < 0.0:

@@ -83,10 +83,9 @@ def correct_first_step(signal, guards, step, walls, reversals):
     b = signal.block
     w = signal.moving
     size = signal.u.shape[1]
-    if guards.low is not None:
-        if guards.side != 0:
-            error = start_error(w, size, step.summed, 0, step.h, step.e0)
-            walls = (walls & -2) | (0 if leaves_wall(b, guards, step, error) else 1)
+    if guards.side != 0:
+        error = start_error(w, size, step.summed, 0, step.h, step.e0)
+        walls = (walls & -2) | (0 if leaves_wall(b, guards, step, error) else 1)
     if guards.direction is not None:
         if guards.zero_rate:
             error = start_error(w, size, step.summed, 1, step.h, step.e1)
@@ -182,27 +181,23 @@ def locate_event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
                 return NOTHING, 0.0
             x = locate_reversal(b, k, step, guards.direction, slope_error)
             return (REVERSAL, x) if x >= 0.0 else (NOTHING, 0.0)
-    if low is not None:
-        y0 = b[VALUE + k]
-        y3 = b[VALUE + 1 + k]
-        y1 = y0 + step.h / 3.0 * b[RATE + k]
-        y2 = y3 - step.h / 3.0 * b[RATE + 1 + k]
-        if y3 > y0:
-            x = find_sharp_root(high - y0, high - y1, high - y2, high - y3, step.e0, slope_error)
-            return (HIT_HIGH, x) if x >= 0.0 else (NOTHING, 0.0)
-        x = find_sharp_root(y0 - low, y1 - low, y2 - low, y3 - low, step.e0, slope_error)
-        return (HIT_LOW, x) if x >= 0.0 else (NOTHING, 0.0)
-    return NOTHING, 0.0
+    y0 = b[VALUE + k]
+    y3 = b[VALUE + 1 + k]
+    y1 = y0 + step.h / 3.0 * b[RATE + k]
+    y2 = y3 - step.h / 3.0 * b[RATE + 1 + k]
+    if y3 > y0:
+        x = find_sharp_root(high - y0, high - y1, high - y2, high - y3, step.e0, slope_error)
+        return (HIT_HIGH, x) if x >= 0.0 else (NOTHING, 0.0)
+    x = find_sharp_root(y0 - low, y1 - low, y2 - low, y3 - low, step.e0, slope_error)
+    return (HIT_LOW, x) if x >= 0.0 else (NOTHING, 0.0)
 
 
 @jit_inline
 def is_far(b, h, guards, e0, e1):
     """Return whether a step of LEVEL_RATIO h from the block's end, with these errors, will probably be clear."""
-    far = True
-    if guards.low is not None:
-        y = b[VALUE + POINTS]
-        way = LEVEL_RATIO * h * b[RATE + POINTS]
-        far = min(guards.high - max(y, y + way), min(y, y + way) - guards.low) > e0
+    y = b[VALUE + POINTS]
+    way = LEVEL_RATIO * h * b[RATE + POINTS]
+    far = min(guards.high - max(y, y + way), min(y, y + way) - guards.low) > e0
     if guards.direction is not None:
         v = guards.direction * b[RATE + POINTS]
         way = LEVEL_RATIO * h * guards.direction * b[BEND + POINTS]

@@ -20,7 +20,7 @@ from impact_env.kernels.events.signals import (
     signal_scale,
     time_resolution,
 )
-from impact_env.kernels.exact.rigid_contact import JOINT_FORCE_TOL, joint_bounds
+from impact_env.kernels.exact.rigid_contact import JOINT_FORCE_TOL, has_walls, joint_bounds
 from impact_env.kernels.exact.sets import (
     fill_guard_signal,
     forced_of_set,
@@ -149,10 +149,8 @@ def check_free_segment(check, system, forced, window, walls, limit, body, offset
         return
     if check.first.shape[0] == 0:
         return
-    gap = np.inf
+    gap = walls.gap if has_walls(walls) else np.inf
     sign = 0.0
-    if walls is not None:
-        gap = walls.gap
     if limit is not None:
         sign = body.contact_state.sign
     guard = GuardBounds(-gap, gap, gap if gap < np.inf else 0.0, 0.0, sign, GUARD_PASSED)

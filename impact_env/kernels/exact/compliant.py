@@ -28,7 +28,6 @@ from impact_env.kernels.exact.compliant_contact import (
     find_guard_bounds,
     find_regime_number,
     find_slider_sign,
-    gap_or_zero,
     handle_contact_event,
     init_compliant_contact,
     move_damper_loss,
@@ -77,14 +76,14 @@ class CompliantScene(NamedTuple):
     """A scene of one absorber with compliant contact.
 
     Regimes without a spring, with the wall's, with the friction's, with both; contact law,
-    stiffness, half-clearance (m) and friction limit (N), None where absent. Losses for the energy
-    balance: ``wall_losses``, with the walls' damper, while a wall is touched, else ``losses``.
+    stiffness, half-clearance (m, infinite without walls) and friction limit (N, None without
+    friction). Losses for the energy balance: ``wall_losses``, with the walls' damper, while a wall is touched, else ``losses``.
     """
 
     regimes: tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime]
     contact: ContactLaw
     springs: ContactStiffness
-    gap: float | None
+    gap: float
     limit: float | None
     losses: Losses
     wall_losses: Losses
@@ -110,7 +109,7 @@ def check_compliant_segment(check, scene, system, forced, window, bounds, worksp
     guard = GuardBounds(
         bounds[0],
         bounds[1],
-        gap_or_zero(scene.gap),
+        scene.gap if scene.gap < np.inf else 0.0,
         0.0,
         find_slider_sign(scene.limit, contact_state),
         GUARD_PASSED,

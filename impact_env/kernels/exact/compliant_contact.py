@@ -76,14 +76,13 @@ def find_guard_bounds(gap, reach, contact_state):
     """
     low = -np.inf
     high = np.inf
-    if gap is not None:
-        if contact_state.wall == 0.0:
-            low = -gap
-            high = gap
-        elif contact_state.wall > 0.0:
-            low = gap
-        else:
-            high = -gap
+    if contact_state.wall == 0.0:
+        low = -gap
+        high = gap
+    elif contact_state.wall > 0.0:
+        low = gap
+    else:
+        high = -gap
     if contact_state.sticks:
         low = max(low, contact_state.anchor - reach)
         high = min(high, contact_state.anchor + reach)
@@ -94,7 +93,7 @@ def find_guard_bounds(gap, reach, contact_state):
 def update_constant_force(springs, gap, limit, contact_state):
     """Set the constant part of the force on the absorber: from clearance, slider position and sliding friction."""
     force = 0.0
-    if gap is not None:
+    if contact_state.wall != 0.0:
         force += springs.wall * gap * contact_state.wall
     if limit is not None:
         force += (
@@ -111,14 +110,6 @@ def find_slider_sign(limit, contact_state):
     if limit is None:
         return 0.0
     return 0.0 if contact_state.sticks else contact_state.sign
-
-
-@jit
-def gap_or_zero(gap):
-    """Return the half-clearance (m), 0 without walls."""
-    if gap is None:
-        return 0.0
-    return gap
 
 
 @jit
@@ -175,8 +166,6 @@ def record_wall_contact(time, absorber_velocity, loss, contact_state, events, ma
 @jit
 def toggle_wall_contact(event, gap, contact_state, time, absorber_velocity, loss, mass, observers):
     """Begin or end a wall contact; without clearance the end at one wall is the begin at the other."""
-    if gap is None:
-        return
     if contact_state.wall == 0.0:
         side = 1.0 if event.kind == HIT_HIGH else -1.0
         contact_state.side = -side
@@ -238,13 +227,12 @@ def handle_contact_event(event, scene, reach, contact_state, state, time, observ
 def init_compliant_contact(springs, gap, limit, contact_state, state, contact, counters):
     """Set the first regime: the slider starts without force, a wall that is overlapped already is in contact."""
     r, v = compute_relative_motion(contact, state)
-    if gap is not None:
-        if abs(r) > gap or gap == 0.0:
-            begin_wall_contact(
-                1.0 if r >= 0.0 else -1.0, 0.0, v, state[-1], 0.0, contact_state, counters
-            )
-            if r == 0.0:
-                contact_state.side = -1.0
+    if abs(r) > gap or gap == 0.0:
+        begin_wall_contact(
+            1.0 if r >= 0.0 else -1.0, 0.0, v, state[-1], 0.0, contact_state, counters
+        )
+        if r == 0.0:
+            contact_state.side = -1.0
     if limit is not None:
         contact_state.sticks = True
         contact_state.anchor = r

@@ -124,7 +124,7 @@ def compute_base_acceleration(window, tau):
 
 @jit
 def _base_acceleration(base, omega, tau):
-    if base is None:
+    if not base.moves:
         return 0.0
     return evaluate_load(base.terms, omega, tau)
 
@@ -140,7 +140,7 @@ def find_base_share(window):
 
 @jit
 def _base_share(base):
-    if base is None:
+    if not base.moves:
         return 0.0
     return base.at_absorber
 
@@ -156,7 +156,7 @@ def find_base_participation(window, i):
 
 @jit
 def _base_participation(base, i):
-    if base is None:
+    if not base.moves:
         return 0.0
     return base.participation[i]
 

@@ -38,11 +38,11 @@ from impact_env.kernels.motion.unit_loads import combine_unit_responses, propaga
 
 
 class Linear(NamedTuple):
-    """A scene of one linear regime, its losses, and the acceleration of the absorber's weight (m/s^2), None without."""
+    """A scene of one linear regime, its losses, and the acceleration of the absorber's weight (m/s^2), 0 without."""
 
     regime: LinearRegime
     losses: Losses
-    gravity: float | None
+    gravity: float
 
 
 class LinearWorkspace(NamedTuple):
@@ -69,9 +69,8 @@ def new_linear_workspace(regime, load, state):
 @jit
 def add_weight_deflection(regime, gravity, sign, z):
     """Add the static deflection under the absorber's weight, times ``sign``; return its acceleration, 0 without."""
-    if gravity is None:
-        return 0.0
-    add_weighted(regime.system.rows, REST, sign * gravity, z)
+    if gravity != 0.0:
+        add_weighted(regime.system.rows, REST, sign * gravity, z)
     return gravity
 
 

@@ -27,9 +27,7 @@ def find_end_of_flight(system, forced, window, walls, limit, body, deflection, l
     )  # first: what the caller has just written is still in registers
     apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
     function = EventFunction(system, forced, window.omega, signal, contact_state.tau)
-    gap = 0.0
-    if walls is not None:
-        gap = walls.gap
+    gap = walls.gap
     if limit is None:
         return find_next_event(
             window,
@@ -41,13 +39,6 @@ def find_end_of_flight(system, forced, window, walls, limit, body, deflection, l
                 None,
                 contact_state.at_rest and contact_state.side != 0.0,
             ),
-            length,
-        )
-    if walls is None:
-        return find_next_event(
-            window,
-            function,
-            Guards(None, None, 0, contact_state.sign, contact_state.at_rest),
             length,
         )
     # only the wall ahead can be reached before the relative velocity turns

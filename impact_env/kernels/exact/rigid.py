@@ -16,7 +16,6 @@ from impact_env.kernels.exact.rigid_contact import (
     FREE,
     JOINED,
     apply_impact,
-    gravity_or_zero,
     record_joined_phase,
     reverse_or_stick,
     update_friction_force,
@@ -214,7 +213,7 @@ def write_current_state(scene, workspace, state):
     else:
         w = buffers.rows[0]
         copy_amplitudes(buffers.z, w)
-        add_weighted(scene.joined.system.rows, REST, gravity_or_zero(scene.contact.gravity), w)
+        add_weighted(scene.joined.system.rows, REST, scene.contact.gravity, w)
         compute_state(scene.joined.out, w, state)
         state[half - 1] += contact_state.offset
 

@@ -83,21 +83,31 @@ class Walls(NamedTuple):
     yield_velocity: float = np.inf
 
 
+NO_WALLS_GAP = 1e300
+NO_WALLS = Walls(NO_WALLS_GAP, 1.0)  # out of reach: what a scene without walls has
+
+
+@jit_inline
+def has_walls(walls):
+    """Return whether an absorber has walls."""
+    return walls.gap < NO_WALLS_GAP
+
+
 class ContactLaw(NamedTuple):
     """Laws of one rigid contact.
 
-    Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls and limit of
-    sliding friction (N), None where absent; ``gravity`` (m/s^2): weight of the absorber over its
-    mass, towards the lower wall, None: across its motion; ``static_ratio``: limit of static over
+    Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, `NO_WALLS`
+    without; limit of sliding friction (N), None without; ``gravity`` (m/s^2): weight of the absorber over its
+    mass, towards the lower wall, 0: across its motion; ``static_ratio``: limit of static over
     that of sliding friction, 1 or above.
     """
 
     mass: float
     compliance: float
     tip_shape: NDArray[np.float64]
-    walls: Walls | None
+    walls: Walls
     limit: float | None
-    gravity: float | None
+    gravity: float
     static_ratio: float
 
 
@@ -118,17 +128,7 @@ def new_contact_states(n):
 @jit
 def update_free_acceleration(contact, contact_state):
     """Set the acceleration of a free absorber from friction and weight."""
-    contact_state.a = contact_state.force / contact.mass
-    if contact.gravity is not None:
-        contact_state.a -= contact.gravity
-
-
-@jit
-def gravity_or_zero(gravity):
-    """Return the acceleration of the absorber's weight (m/s^2), 0 without: the constant force of a joined regime (`regimes.with_weight`)."""
-    if gravity is None:
-        return 0.0
-    return gravity
+    contact_state.a = contact_state.force / contact.mass - contact.gravity
 
 
 @jit
@@ -224,11 +224,10 @@ def compute_tip_motion(contact, state):
 @jit_inline
 def update_wall_contact(walls, contact_state, q_tip):
     """Set the wall that an absorber touches, if its separation is below rounding, as after a plastic impact."""
-    if walls is not None:
-        if walls.gap < np.inf and abs(contact_state.q - q_tip) >= walls.gap - 4.0 * EPSILON * (
-            walls.gap + abs(contact_state.q) + abs(q_tip)
-        ):
-            contact_state.side = 1.0 if contact_state.q > q_tip else -1.0
+    if walls.gap < np.inf and abs(contact_state.q - q_tip) >= walls.gap - 4.0 * EPSILON * (
+        walls.gap + abs(contact_state.q) + abs(q_tip)
+    ):
+        contact_state.side = 1.0 if contact_state.q > q_tip else -1.0
 
 
 @jit
@@ -261,8 +260,6 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
     The impulse is -(1 + e) v / G. Where all bounces to come stay below the rounding of the
     position, the remaining relative velocity is taken out at once.
     """
-    if walls is None:
-        return False
     contact_state = body.contact_state
     z = body.buffers.z
     v = event.rate

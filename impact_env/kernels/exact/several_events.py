@@ -88,7 +88,7 @@ def contact_of_absorber(scene, s, a, restitution):
         absorbers.shapes[a],
         walls,
         absorbers.limit[a],
-        None,
+        0.0,
         1.0,
     )
 

@@ -28,7 +28,6 @@ from impact_env.kernels.exact.rigid_contact import (
     add_friction_loss,
     compute_tip_motion,
     detect_wall_contact,
-    gravity_or_zero,
     impulse_response_bound,
     joint_bounds,
     new_contact_states,
@@ -170,10 +169,8 @@ def compute_joint_force(joined, forced, omega, tau, contact, buffers):
     for j in range(buffers.u.shape[1]):
         f += buffers.u[0, j]
         scale += abs(buffers.u[0, j]) + abs(buffers.u[1, j])
-    if contact.gravity is not None:
-        f += contact.mass * contact.gravity
-        scale += abs(contact.mass * contact.gravity)
-    return f, scale
+    weight = contact.mass * contact.gravity
+    return f + weight, scale + abs(weight)
 
 
 @jit
@@ -188,7 +185,7 @@ def try_stick(scene, window, workspace, state):
     forced = workspace.joined_forced
     buffers = workspace.buffers
     q_tip, v_tip = compute_tip_motion(scene.contact, state)
-    contact_state.force = gravity_or_zero(scene.contact.gravity)
+    contact_state.force = scene.contact.gravity
     enter_regime(joined, forced, window.omega, contact_state, state, buffers.z)
     f, scale = compute_joint_force(
         joined, forced, window.omega, contact_state.tau, scene.contact, buffers
@@ -283,7 +280,7 @@ def advance_joined_regime(scene, window, workspace, observers):
     system = joined.system
     counters = observers.counters
     tau = contact_state.tau
-    weight = gravity_or_zero(scene.contact.gravity)
+    weight = scene.contact.gravity
     event = find_end_of_hold(
         system, forced, window, limit, scene.contact.mass * weight, body, window.half - tau
     )

@@ -232,7 +232,7 @@ def _solve_polynomials(rows, window, sign, terms, at, out):
 
 @jit_inline
 def _solve_load_polynomials(rows, omega, sign, terms, base, at, out):
-    if base is None:
+    if not base.moves:
         back_substitute(rows, rows.shape[1], omega, sign, terms, at, out)
     else:
         back_substitute_both(rows, rows.shape[1], omega, sign, terms, base.terms, at, out)
@@ -282,7 +282,7 @@ def add_base_displacement(window, forced):
 
 @jit
 def _add_base_displacement(base, signals):
-    if base is not None:
+    if base.moves:
         for n in range(TERMS):
             for part in range(2):
                 signals[0, n, part, 0] += signals[1, n, part, 3]
@@ -303,7 +303,7 @@ def _integrate_base(base, omega, half, signals):
     P' + i Omega P = F as in `solve_response`, with s = 0: where Omega is small the polynomial is
     built upwards.
     """
-    if base is None:
+    if not base.moves:
         return
     for n in range(TERMS):
         for part in range(2):
@@ -340,7 +340,7 @@ def add_base_inertia(window, mass, signals):
 
 @jit
 def _add_base_inertia(base, mass, signals):
-    if base is not None:
+    if base.moves:
         for n in range(TERMS):
             for part in range(2):
                 signals[0, n, part, 0] += 2.0 * mass * base.at_absorber * base.terms[part, n]
@@ -356,7 +356,7 @@ def base_motion(load, signals, omega, tau):
 
 @jit
 def _base_motion(base, signals, omega, tau):
-    if base is None:
+    if not base.moves:
         return 0.0, 0.0
     c, s = cos_sin(omega * tau)
     x = 0.0

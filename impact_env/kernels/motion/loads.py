@@ -45,12 +45,14 @@ class BaseParticipation(NamedTuple):
 
     ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorbers'
     places for a unit rigid motion; ``carried`` (n,): each absorber's mass times that (kg), 0 without
-    an absorber.
+    an absorber; ``moves``: whether the base does. It is a value, so that one kernel serves bases that
+    move and that rest.
     """
 
     participation: Array
     at_absorber: float
     carried: Array
+    moves: bool
 
 
 class LoadPieces(NamedTuple):
@@ -58,22 +60,37 @@ class LoadPieces(NamedTuple):
 
     ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each segment of
     time. ``moves_base`` (sources,): whether a source is the base's acceleration (m/s^2), else a
-    force (N). ``base`` None: it does not move.
+    force (N). Without sources a stepping method is under the chirp of one force.
     """
 
     pieces: Array
     which: NDArray[np.int64]
     moves_base: NDArray[np.bool_]
-    base: BaseParticipation | None
+    base: BaseParticipation
+
+
+def _make_no_loads():
+    """Return loads without sources: a run under the chirp of one force."""
+    return LoadPieces(
+        np.zeros((0, NUMBERS)),
+        np.zeros((0, 0), np.int64),
+        np.zeros(0, np.bool_),
+        BaseParticipation(np.zeros(0), 0.0, np.zeros(0), False),
+    )
+
+
+NO_LOADS = _make_no_loads()
+new_no_loads = jit_allocating(_make_no_loads)  # the same within a kernel
 
 
 class MovingBase(NamedTuple):
-    """A base that moves: ``terms`` of its acceleration in the current window, as in `LoadWorkspace`, and its `BaseParticipation`."""
+    """A base: ``terms`` of its acceleration in the current window, as in `LoadWorkspace`, and its `BaseParticipation`."""
 
     terms: Array
     participation: Array
     at_absorber: float
     carried: Array
+    moves: bool
 
 
 class LoadWorkspace(NamedTuple):
@@ -88,16 +105,8 @@ class LoadWorkspace(NamedTuple):
     which: NDArray[np.int64]
     moves_base: NDArray[np.bool_]
     terms: Array
-    base: MovingBase | None
+    base: MovingBase
     linear: NDArray[np.bool_]
-
-
-@jit_allocating
-def new_moving_base(share):
-    """Return a base with scratch memory of its own, None where none moves."""
-    if share is None:
-        return None
-    return MovingBase(np.zeros((2, TERMS)), share.participation, share.at_absorber, share.carried)
 
 
 @jit_allocating
@@ -105,14 +114,23 @@ def new_load_workspace(pieces):
     """Return loads with scratch memory of their own, None for the chirp of one force."""
     if pieces is None:
         return None
+    base = pieces.base
     return LoadWorkspace(
         pieces.pieces,
         pieces.which,
         pieces.moves_base,
         np.zeros((2, TERMS)),
-        new_moving_base(pieces.base),
+        MovingBase(
+            np.zeros((2, TERMS)), base.participation, base.at_absorber, base.carried, base.moves
+        ),
         np.zeros(1, np.bool_),
     )
+
+
+@jit_inline
+def has_sources(load):
+    """Return whether there are loads other than the chirp of one force."""
+    return load.which.shape[1] > 0
 
 
 @jit
@@ -251,22 +269,16 @@ def _add_linear_piece(piece, t, terms):
 
 
 @jit
-def _add_linear_base_piece(base, piece, t):
-    if base is not None:
-        _add_linear_piece(piece, t, base.terms)
-
-
-@jit
 def expand_load(load, times, k, t):
     """Write the terms of section ``k`` between ``times`` around time ``t``; return their carrier (rad/s)."""
     load.terms[:] = 0.0
-    clear_base(load.base)
+    load.base.terms[:] = 0.0
     load.linear[0] = is_linear_section(load, k) and _has_equal_length(times, k)
     if load.linear[0]:
         for source in range(load.which.shape[1]):
             piece = load.pieces[load.which[k, source]]
             if load.moves_base[source]:
-                _add_linear_base_piece(load.base, piece, t)
+                _add_linear_piece(piece, t, load.base.terms)
             else:
                 _add_linear_piece(piece, t, load.terms)
         return 0.0
@@ -276,7 +288,7 @@ def expand_load(load, times, k, t):
         piece = load.pieces[load.which[k, source]]
         if _is_nonzero(piece):
             if load.moves_base[source]:
-                expand_base(load.base, piece, t, carrier)
+                _expand_piece(piece, t, carrier, load.base.terms)
             else:
                 _expand_piece(piece, t, carrier, load.terms)
     return carrier
@@ -285,23 +297,7 @@ def expand_load(load, times, k, t):
 @jit_inline
 def count_unit_loads(base):
     """Return the number of unit loads: a constant and a line, of the force and of a base that moves."""
-    if base is None:
-        return 2
-    return 4
-
-
-@jit
-def clear_base(base):
-    """Set the terms of a base's acceleration to zero."""
-    if base is not None:
-        base.terms[:] = 0.0
-
-
-@jit
-def expand_base(base, piece, t, carrier):
-    """Add a piece of a base's acceleration to its terms."""
-    if base is not None:
-        _expand_piece(piece, t, carrier, base.terms)
+    return 4 if base.moves else 2
 
 
 @jit
@@ -310,7 +306,7 @@ def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
 
     The response to a unit acceleration is in ``row``.
     """
-    if base is None:
+    if not base.moves:
         return x_r, x_i
     t_r = base.terms[0, n]
     t_i = sign * base.terms[1, n]

@@ -8,6 +8,8 @@ up.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, vector_code
@@ -31,19 +33,32 @@ EQUAL_STEP_TOL = 1e-9  # of a window: its square is below rounding
 SHORTEST_WINDOW_SHARE = 0.5
 
 
-def _count_unit_loads(base: object) -> int:
-    return 2 if base is None else 4
+def _combination_code(count: int) -> Any:
+    @vector_code()
+    def combine(code: Code, size: Index, again: Index, shares, units, out):
+        """Write the sum of shares[n] units[n], ``size`` numbers each, to ``out``, and again from ``again`` on."""
+        for j in code.vectors(size):
+            total = code.spread(code.number(shares, 0)) * code.vector(units, j)
+            for n in range(1, count):
+                total = code.spread(code.number(shares, n)).fma(
+                    code.vector(units, size * n + j), total
+                )
+            code.store(total, out, j)
+            code.store(total, out, again + j)
+
+    return combine
 
 
-@vector_code()
-def _combine_unit_responses(code: Code, size: Index, again: Index, base, shares, units, out):
-    """Write the sum of shares[n] units[n], ``size`` numbers each, to ``out``, and again from ``again`` on."""
-    for j in code.vectors(size):
-        total = code.spread(code.number(shares, 0)) * code.vector(units, j)
-        for n in range(1, _count_unit_loads(base)):
-            total = code.spread(code.number(shares, n)).fma(code.vector(units, size * n + j), total)
-        code.store(total, out, j)
-        code.store(total, out, again + j)
+_combine_of_force, _combine_of_force_and_base = map(_combination_code, (2, 4))
+
+
+@jit_inline
+def _combine_unit_responses(size, again, base, shares, units, out):
+    """Write the combination of the unit loads of the force, and of a base that moves."""
+    if base.moves:
+        _combine_of_force_and_base(size, again, shares, units, out)
+    else:
+        _combine_of_force(size, again, shares, units, out)
 
 
 @vector_code()
@@ -57,7 +72,7 @@ def _store_unit_response(code: Code, size: Index, of_one, units, n: Index):
 def _compute_coefficients(terms, base, shares):
     """Write the coefficients of a load in the basis of the unit loads."""
     shares[0], shares[1] = terms[0, 0], terms[0, 1]
-    if base is not None:
+    if base.moves:
         shares[2], shares[3] = base.terms[0, 0], base.terms[0, 1]
 
 
@@ -66,7 +81,7 @@ def _set_unit_term(base, terms, n, value):
     """Set the term of unit load ``n``."""
     if n < 2:
         terms[0, n] = value
-    elif base is not None:
+    else:
         base.terms[0, n - 2] = value
 
 
@@ -74,34 +89,48 @@ def _add_scaled(factor: Number, term: Complex, total: Complex) -> Complex:
     return Complex(factor.fma(term.real, total.real), factor.fma(term.imag, total.imag))
 
 
-@vector_code()
-def _apply_step_map(
-    code: Code, base, rows, size: Index, leap, shares, half: Number, late: Number, z
-):
+def _step_map_code(count: int) -> Any:
+    @vector_code()
+    def apply(code: Code, rows, size: Index, leap, shares, half: Number, late: Number, z):
+        numbers = [code.number(shares, n) for n in range(count)]
+        ends = [
+            (value + slope * half) * code.repeated(2.0, 0)
+            for value, slope in zip(numbers[::2], numbers[1::2], strict=True)
+        ]
+        for j in code.vectors(size):
+            total = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
+            for n, share in enumerate(numbers, 1):
+                total = _add_scaled(
+                    code.spread(share),
+                    code.complex(leap, size * (2 * n) + j, size * (2 * n + 1) + j),
+                    total,
+                )
+            rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
+            for row, end in zip((DRIVE, BASE), ends, strict=False):
+                rate = _add_scaled(
+                    code.spread(end),
+                    code.complex(rows, size * row + j, size * (row + 1) + j),
+                    rate,
+                )
+            code.store_complex(_add_scaled(code.spread(late), rate, total), z, j, j + size)
+
+    return apply
+
+
+_step_of_force, _step_of_force_and_base = map(_step_map_code, (2, 4))
+
+
+@jit_inline
+def _apply_step_map(base, rows, size, leap, shares, half, late, z):
     """Propagate complete amplitudes by one step of a sampled load, and by ``late`` (s) more to first order.
 
     ``late`` is small enough for a first-order step. ``half`` (s): from the window's centre to its
     end, where the rate is taken.
     """
-    numbers = [code.number(shares, n) for n in range(_count_unit_loads(base))]
-    ends = [
-        (value + slope * half) * code.repeated(2.0, 0)
-        for value, slope in zip(numbers[::2], numbers[1::2], strict=True)
-    ]
-    for j in code.vectors(size):
-        total = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
-        for n, share in enumerate(numbers, 1):
-            total = _add_scaled(
-                code.spread(share),
-                code.complex(leap, size * (2 * n) + j, size * (2 * n + 1) + j),
-                total,
-            )
-        rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
-        for row, end in zip((DRIVE, BASE), ends, strict=False):
-            rate = _add_scaled(
-                code.spread(end), code.complex(rows, size * row + j, size * (row + 1) + j), rate
-            )
-        code.store_complex(_add_scaled(code.spread(late), rate, total), z, j, j + size)
+    if base.moves:
+        _step_of_force_and_base(rows, size, leap, shares, half, late, z)
+    else:
+        _step_of_force(rows, size, leap, shares, half, late, z)
 
 
 @jit

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.motion.loads import compute_force
+from impact_env.kernels.motion.loads import compute_force, has_sources
 
 PHASOR_STEPS = 32
 
@@ -59,8 +59,16 @@ def compute_phasor(force, k, t, dt):
 
 
 @jit
+def fill_midpoint_loads(target, load, k, start, stop, dt):
+    """Write loads other than the chirp of one force in the middle of the steps from ``start`` to ``stop``, all in section ``k``; nothing without."""
+    if has_sources(load):
+        for n in range(stop - start):
+            target[n] = compute_force(load, k, (start + n + 0.5) * dt)
+
+
+@jit
 def fill_load_values(target, count, times, load, k, t, dt):
-    """Do the same for other loads than the chirp of one force."""
+    """Write loads other than the chirp of one force at t, t + dt, ..., as `fill_force`."""
     first = find_section(times, k, t)
     k = first
     for n in range(count):
@@ -70,19 +78,11 @@ def fill_load_values(target, count, times, load, k, t, dt):
 
 
 @jit
-def load_or_chirp(load, k, t, given):
-    """Return the force of loads at time ``t`` of section ``k`` (N), or what is ``given`` where there are none."""
-    if load is None:
-        return given
-    return compute_force(load, k, t)
-
-
-@jit
 def fill_force(target, count, force, k, t, dt):
     """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the segment of the first."""
     times = force.times
     load = force.load
-    if load is not None:
+    if has_sources(load):
         return fill_load_values(target, count, times, load, k, t, dt)
     first = find_section(times, k, t)
     k = first

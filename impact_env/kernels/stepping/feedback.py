@@ -1,4 +1,7 @@
-"""One Runge-Kutta step as a linear map, and the compliant contact laws that feed back into it (paper, Eqs. elSignorini, elCoulomb)."""
+"""One Runge-Kutta step as a linear map, and the compliant contact laws that feed back into it (paper, Eqs. elSignorini, elCoulomb).
+
+The laws are numbers, 0 where a scene has no such law, so that one kernel integrates every scene.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
-from impact_env.kernels.stepping.moreau_law import Spring
+from impact_env.kernels.stepping.moreau_law import NO_SPRING, Spring
 
 # rows of the table of oscillators. A constant distance between rows spares a run-time check for
 # overlap; it is no power of two, so that rows do not share cache lines' low address bits. Q, U:
@@ -46,34 +49,53 @@ _MIX = 6
 
 
 class ElasticSlider(NamedTuple):
-    """Spring (N/m) in series with a Coulomb slider (limit in N)."""
+    """Spring (N/m) in series with a Coulomb slider (limit in N, 0: there is none)."""
 
     limit: float
     stiffness: float
 
 
 class ElasticStops(NamedTuple):
-    """Unilateral springs (N/m) at +- gap (m)."""
+    """Unilateral springs (N/m, 0: there are none) at +- gap (m)."""
 
     gap: float
     stiffness: float
 
 
 class CubicSpring(NamedTuple):
-    """Spring whose force is its stiffness (N/m^3) times the cube of the relative displacement, and damper (N s/m)."""
+    """Spring whose force is its stiffness (N/m^3, 0: there is none) times the cube of the relative displacement, and damper (N s/m)."""
 
     cubic_stiffness: float
     damping: float
 
 
-class CompliantLaws(NamedTuple):
-    """One absorber: mass (kg) of one that moves, or of one that is stuck, walls, friction, spring, cubic spring; None where absent."""
+NO_STOPS = ElasticStops(np.inf, 0.0)
+NO_SLIDER = ElasticSlider(0.0, 0.0)
+NO_CUBIC_SPRING = CubicSpring(0.0, 0.0)
 
-    mass: float | None
-    added_mass: float | None
+
+class CompliantLaws(NamedTuple):
+    """One absorber: mass (kg) of one that moves, or of one that is stuck, 0 where there is none; walls, friction, spring, cubic spring."""
+
+    mass: float = 0.0
+    added_mass: float = 0.0
+    stops: ElasticStops = NO_STOPS
+    slider: ElasticSlider = NO_SLIDER
+    spring: Spring = NO_SPRING
+    cubic: CubicSpring = NO_CUBIC_SPRING
+
+
+class ActiveLaws(NamedTuple):
+    """The laws of one branch of a step: those that act in it, the others None.
+
+    ``joined_mass``: m_a / (1 + m_a sum tip_shape^2) of a stuck absorber (kg). With all laws in one branch, each of four stages
+    would wait for the arithmetic of laws that are absent.
+    """
+
     stops: ElasticStops | None
     slider: ElasticSlider | None
     spring: Spring | None
+    joined_mass: float | None
     cubic: CubicSpring | None
 
 
@@ -121,7 +143,10 @@ class Oscillator(NamedTuple):
 
 
 class RelativeVelocityTable(NamedTuple):
-    """A second observation, the relative velocity, for laws that need it beside the displacement: eight rows as `Y`, and its ``mix``."""
+    """A second observation, the relative velocity, for laws that need it beside the displacement: eight rows as `Y`, and its ``mix``.
+
+    Of size 0 where no law needs it.
+    """
 
     cells: NDArray[np.float64]
     mix: NDArray[np.float64]
@@ -131,7 +156,7 @@ class RungeKuttaTable(NamedTuple):
     """The oscillators of the loop.
 
     Rows of ``cells``, their ``mix`` (4, 6), N_m, oscillators in steps of 4, distance of rows if it
-    is not `STRIDE`, the step (s), and `RelativeVelocityTable`, None if no law needs it.
+    is not `STRIDE`, the step (s), and `RelativeVelocityTable`.
     """
 
     cells: NDArray[np.float64]
@@ -140,7 +165,7 @@ class RungeKuttaTable(NamedTuple):
     lanes: int
     wide_stride: int | None
     h: float
-    speeds: RelativeVelocityTable | None
+    speeds: RelativeVelocityTable
 
 
 @jit_inline
@@ -179,7 +204,7 @@ def _add_oscillator(table, j, one):
             cells[(QP1 + 3 * row + stage) * stride + j] = -one.tip * after[2 + stage]
     cells[UF4 * stride + j] = one.push * responses[5, 9]
     _observe(cells[Y * stride :], mix, stride, j, one, responses)
-    if table.speeds is not None:
+    if table.speeds.cells.shape[0] > 0:
         speed = Oscillator(one.w2, one.c, one.push, one.tip, 0.0, -one.tip, 0.0)
         _observe(table.speeds.cells, table.speeds.mix, stride, j, speed, responses)
 
@@ -201,9 +226,9 @@ def _observe(cells, mix, stride, j, one, responses):
 @jit
 def _observation_weights(spring, added_mass, tip, w2, c):
     """Return the shares of a mode's displacement, velocity and excitation in the observation."""
-    if added_mass is not None:
+    if added_mass > 0.0:
         return -tip * w2, -tip * c, tip
-    if spring is not None:
+    if spring.stiffness > 0.0:
         return -spring.stiffness * tip, -spring.damping * tip, 0.0
     return -tip, -0.0 * tip, 0.0
 
@@ -211,11 +236,11 @@ def _observation_weights(spring, added_mass, tip, w2, c):
 @jit_allocating
 def _add_absorber(m_a, spring, table, state):
     """Fill the column of an absorber that moves: an oscillator of frequency zero."""
-    if m_a is None:
+    if m_a == 0.0:
         return
     stiffness = 1.0
     damping = 0.0
-    if spring is not None:
+    if spring.stiffness > 0.0:
         stiffness = spring.stiffness
         damping = spring.damping
     root = np.sqrt(m_a)
@@ -232,10 +257,9 @@ def _add_absorber(m_a, spring, table, state):
 
 @jit_allocating
 def _new_velocity_table(cubic, stride):
-    """Return memory for the relative velocity if a law needs it."""
-    if cubic is None:
-        return None
-    return RelativeVelocityTable(np.zeros(8 * stride), np.zeros((4, _MIX)))
+    """Return memory for the relative velocity, of size 0 if no law needs it."""
+    needed = 1 if cubic.cubic_stiffness > 0.0 else 0
+    return RelativeVelocityTable(np.zeros(8 * stride * needed), np.zeros((4 * needed, _MIX)))
 
 
 @jit_allocating
@@ -273,7 +297,7 @@ def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
 
 @jit
 def compute_stop_force(y, stops):
-    """Return the walls' force on the absorber (N)."""
+    """Return the walls' force on the absorber (N), 0 where they are None."""
     if stops is None:
         return 0.0
     if y > stops.gap:
@@ -285,34 +309,23 @@ def compute_stop_force(y, stops):
 
 @jit
 def compute_slider_force(y, rest, slider):
-    """Return the friction on the absorber (N) with the slider at ``rest``."""
+    """Return the friction on the absorber (N) with the slider at ``rest``, 0 where it is None."""
     if slider is None:
         return 0.0
     return -min(max(slider.stiffness * (y - rest), -slider.limit), slider.limit)
 
 
 @jit_inline
-def _linear_feedback(y, spring, added_mass, joined_mass):
-    """Return the force of spring and added mass for an observation."""
-    force = 0.0
-    if spring is not None:
-        force -= y
-    if added_mass is not None:
-        force += joined_mass * y
-    return force
-
-
-@jit_inline
-def compute_feedback(y, v, rest, laws, joined_mass):
+def compute_feedback(y, v, rest, laws):
     """Return the force on the absorber (N) for an observation, and for a relative velocity (m/s) that is 0 where no law needs it.
 
-    ``joined_mass`` is m_a / (1 + m_a sum tip_shape^2).
+    ``laws``: `ActiveLaws`.
     """
-    force = (
-        compute_stop_force(y, laws.stops)
-        + compute_slider_force(y, rest, laws.slider)
-        + _linear_feedback(y, laws.spring, laws.added_mass, joined_mass)
-    )
+    force = compute_stop_force(y, laws.stops) + compute_slider_force(y, rest, laws.slider)
+    if laws.spring is not None:
+        force -= y
+    if laws.joined_mass is not None:
+        force += laws.joined_mass * y
     if laws.cubic is not None:
         force -= laws.cubic.cubic_stiffness * y * y * y + laws.cubic.damping * v
     return force
@@ -321,7 +334,7 @@ def compute_feedback(y, v, rest, laws, joined_mass):
 @jit
 def move_slider(y, rest, slider):
     """Return the slider's place after a step that ends at relative displacement ``y``."""
-    if slider is None:
+    if slider.limit == 0.0:
         return rest
     reach = slider.limit / slider.stiffness
     return min(max(rest, y - reach), y + reach)

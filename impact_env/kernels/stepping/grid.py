@@ -28,8 +28,8 @@ class BeamModes(NamedTuple):
 class DriveForce(NamedTuple):
     """Breakpoints of the drive: times (s), circular frequencies (rad/s), integrals of the frequency (rad), each (K,); amplitude (N), phase (rad).
 
-    ``load``: other loads than the chirp of one force, all of them forces; of the rest only the
-    times then say something, and the amplitude is 1.
+    ``load``: other loads than the chirp of one force, all of them forces, without sources where
+    there are none; of the rest only the times then say something, and the amplitude is 1.
     """
 
     times: Array
@@ -37,7 +37,7 @@ class DriveForce(NamedTuple):
     phases: Array
     amplitude: float
     phase: float
-    load: LoadPieces | None
+    load: LoadPieces
 
 
 class TimeStep(NamedTuple):

@@ -19,13 +19,14 @@ from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_in
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
 from impact_env.kernels.exact.budget import record_time
 from impact_env.kernels.motion.level import LEVEL_OFF, push_sample
+from impact_env.kernels.motion.loads import has_sources
 from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_impact
 from impact_env.kernels.stepping.chirp import (
     PHASOR_STEPS,
     compute_phasor,
     count_steps_left,
+    fill_midpoint_loads,
     find_section,
-    load_or_chirp,
 )
 from impact_env.kernels.stepping.grid import (
     NO_PHASE,
@@ -127,15 +128,23 @@ def _stride(wide_stride):
 
 
 @jit_inline
-def _advance_modes(table, force, push):
-    """Advance the modes by a step without contact; return the tip's velocity at its end and displacement at the next step's middle."""
-    if push is None:
-        return _step_without_spring(
+def _advance_modes(table, laws, body, distance, force):
+    """Advance modes and absorber by a step without contact.
+
+    Return the tip's velocity at the step's end, its displacement at the next step's middle, and the absorber's velocity. With
+    and without a spring are two branches with a loop each, which the compiler does not merge: else each step would wait for
+    the spring's arithmetic.
+    """
+    if laws.spring.stiffness == 0.0:
+        tip_u, tip_q = _step_without_spring(
             table.cells, table.lanes, _stride(table.wide_stride), force, 0.0, table.dt
         )
-    return _step_with_spring(
+        return tip_u, tip_q, body.v
+    push = (laws.spring.stiffness * distance + laws.spring.damping * body.gamma) * table.dt
+    tip_u, tip_q = _step_with_spring(
         table.cells, table.lanes, _stride(table.wide_stride), force, push, table.dt
     )
+    return tip_u, tip_q, body.v - push / laws.mass
 
 
 @jit
@@ -189,8 +198,7 @@ def _account_modes(energy, table, force):
 @jit
 def _account_damper(energy, spring, before, mean, dt):
     """Add a step's loss in the tuned absorber's damper."""
-    if spring is not None:
-        energy.totals[0].absorber_damping += spring.damping * before * mean * dt
+    energy.totals[0].absorber_damping += spring.damping * before * mean * dt
 
 
 @jit_inline
@@ -296,7 +304,7 @@ def _write_state(m_a, state, table, body):
     for j in range(n):
         u = cells[_U * stride + j]
         state[j], state[n + 1 + j] = cells[_Q * stride + j] - 0.5 * table.dt * u, u
-    if m_a is not None:
+    if m_a > 0.0:
         state[n], state[2 * n + 1] = body.q - 0.5 * table.dt * body.v, body.v
 
 
@@ -311,7 +319,7 @@ def _init_step_state(m_a, tip_shape, state, dt):
         displacement += tip_shape[j] * (state[j] + 0.5 * dt * state[n + 1 + j])
         velocity += tip_shape[j] * state[n + 1 + j]
         square += tip_shape[j] * tip_shape[j]
-    if m_a is None:
+    if m_a == 0.0:
         return StepState(displacement, velocity, state[n], 0.0, 0.0), square
     v = state[2 * n + 1]
     return StepState(
@@ -319,37 +327,11 @@ def _init_step_state(m_a, tip_shape, state, dt):
     ), square + 1.0 / m_a
 
 
-@jit
-def _friction_percussion(limit, dt):
-    """Return the largest friction percussion of a step, or None."""
-    if limit is None:
-        return None
-    return limit * dt
-
-
-@jit
-def _spring_percussion(spring, distance, gamma, dt):
-    """Return the percussion of the tuned absorber's spring and damper on the tip, or None."""
-    if spring is None:
-        return None
-    return (spring.stiffness * distance + spring.damping * gamma) * dt
-
-
 @jit_inline
-def _velocity_after_spring(push, m_a, v):
-    """Return the absorber's velocity after the percussion of its spring."""
-    if push is None:
-        return v
-    return v - push / m_a
-
-
-@jit_inline
-def _apply_contact(m_a, bounds, table, body, push, distance):
+def _apply_contact(m_a, bounds, table, body, distance):
     """Solve the contact of absorber, tip and walls in a step; return `StepState` and `ContactPercussion`."""
-    if m_a is None:
-        return body, ContactPercussion(0.0, 0.0, NO_PHASE)
     walls, slip, compliance = bounds
-    v = _velocity_after_spring(push, m_a, body.v)
+    v = body.v
     tip_u = body.tip_u
     tip_q = body.tip_q
     gamma, friction, normal, kind = solve_contact(
@@ -361,9 +343,8 @@ def _apply_contact(m_a, bounds, table, body, push, distance):
         v += percussion / m_a
         tip_u = v - gamma
         tip_q -= table.dt * (compliance - 1.0 / m_a) * percussion
-    # 1.0 *: to the compiler friction may be None where the limit may
     return StepState(tip_q, tip_u, body.q + table.dt * v, v, gamma), ContactPercussion(
-        1.0 * friction, normal, kind
+        friction, normal, kind
     )
 
 
@@ -371,16 +352,16 @@ def _apply_contact(m_a, bounds, table, body, push, distance):
 def _advance_step(i, table, laws, bounds, body, force, observers):
     """Do step i and add it to the energies; return `StepState` at its end and the kind of phase in it."""
     dt = table.dt
+    if laws.mass == 0.0:
+        tip_u, tip_q = _step_without_spring(
+            table.cells, table.lanes, _stride(table.wide_stride), force, 0.0, dt
+        )
+        _account_modes(observers.energy, table, force)
+        return StepState(tip_q, tip_u, body.q, 0.0, 0.0), NO_PHASE
     distance = body.q - body.tip_q
-    push = _spring_percussion(laws.spring, distance, body.gamma, dt)
-    tip_u, tip_q = _advance_modes(table, force, push)
+    tip_u, tip_q, v = _advance_modes(table, laws, body, distance, force)
     after, hit = _apply_contact(
-        laws.mass,
-        bounds,
-        table,
-        StepState(tip_q, tip_u, body.q, body.v, body.gamma),
-        push,
-        distance,
+        laws.mass, bounds, table, StepState(tip_q, tip_u, body.q, v, body.gamma), distance
     )
     if hit.normal != 0.0:
         _record_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observers)
@@ -405,10 +386,12 @@ def moreau_lane(modes, laws, force, state, step, observers):
     dt = times[-1] / steps
     table = _new_moreau_table(modes, force.amplitude, state, dt, step.wide_stride)
     body, compliance = _init_step_state(laws.mass, modes.tip_shape, state, dt)
-    bounds = (laws.walls, _friction_percussion(laws.limit, dt), compliance)
+    bounds = (laws.walls, laws.limit * dt, compliance)
     row, rows = find_sample_range(observers.clock, observers.level, observers.series, times[-1])
     modal = needs_all_modes(observers.level, observers.series)
     row_step = find_sample_step(row, rows, sample_dt, dt, steps)
+    loads = np.empty(PHASOR_STEPS)
+    loaded = has_sources(force.load)
     held = NO_PHASE
     held_since = 0.0
     i = 0
@@ -416,12 +399,14 @@ def moreau_lane(modes, laws, force, state, step, observers):
     status = DONE
     while i < steps:
         k = find_section(times, k, (i + 0.5) * dt)
+        start = i
         stop = i + count_steps_left(times, k, (i + 0.5) * dt, dt, min(PHASOR_STEPS, steps - i))
+        fill_midpoint_loads(loads, force.load, k, start, stop, dt)
         c, s, turn_c, turn_s, change_c, change_s = compute_phasor(force, k, (i + 0.5) * dt, dt)
         while i < stop:
             _save_modes_if_observed(observers.energy, modal and i == row_step, table)
             before = body
-            force_value = load_or_chirp(force.load, k, (i + 0.5) * dt, c)
+            force_value = loads[i - start] if loaded else c
             body, kind = _advance_step(i, table, laws, bounds, body, force_value, observers)
             if kind != held:
                 record_contact_phase(held, held_since, i * dt, counters, observers.events)

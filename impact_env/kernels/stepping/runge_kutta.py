@@ -153,7 +153,7 @@ def _displacement_and_rate(y, h):
 @jit
 def _init_wall_touch(stops, touches, y, h):
     """Note a contact that there is from the start."""
-    if stops is not None:
+    if stops.stiffness > 0.0:
         touches[0].side, touches[0].rate = (
             _find_wall_side(y[0], stops.gap),
             _displacement_and_rate(y, h)[1],
@@ -163,7 +163,7 @@ def _init_wall_touch(stops, touches, y, h):
 @jit
 def _track_wall_contact(stops, touches, before, y, seen, span, observers):
     """Note where a wall's spring is reached and left; ``touches`` (1,): a WALL_TOUCH record; ``span``: start and length of the step (s)."""
-    if stops is None:
+    if stops.stiffness == 0.0:
         return
     touch = touches[0]
     t = span[0]
@@ -254,8 +254,6 @@ def _is_finite(table):
 @jit
 def _is_step_too_long(cubic, compliance, largest, h):
     """Return whether a step (s) is too long for a nonlinear spring's tangent stiffness at its largest segment (m)."""
-    if cubic is None:
-        return False
     square = 3.0 * cubic.cubic_stiffness * largest * largest * compliance
     return square * h * h > (2.0 * np.pi / LEAST_STEPS_PER_PERIOD) ** 2
 
@@ -277,9 +275,9 @@ def _write_state_between(target, table, part, m_a, added_mass, offset):
             target[j], target[n + 1 + j] = q, u
             tip_q += cells[TIP * stride + j] * q
             tip_u += cells[TIP * stride + j] * u
-        elif m_a is not None:
+        elif m_a > 0.0:
             target[n], target[2 * n + 1] = q / np.sqrt(m_a), u / np.sqrt(m_a)
-    if added_mass is not None:
+    if added_mass > 0.0:
         target[n], target[2 * n + 1] = tip_q + offset, tip_u
 
 
@@ -329,8 +327,6 @@ def _write_row(target, part, table, laws, offset, state):
 @jit
 def _compute_joined_mass(added_mass, tip_shape):
     """Return m_a / (1 + m_a sum tip_shape^2) of a stuck absorber, else 0."""
-    if added_mass is None:
-        return 0.0
     square = 0.0
     for i in range(tip_shape.shape[0]):
         square += tip_shape[i] * tip_shape[i]
@@ -340,7 +336,7 @@ def _compute_joined_mass(added_mass, tip_shape):
 @jit
 def _compute_compliance(mass, tip_shape):
     """Return the relative acceleration (1/kg) of absorber and tip by a unit force between them, 0 without an absorber that moves."""
-    if mass is None:
+    if mass == 0.0:
         return 0.0
     total = 1.0 / mass
     for i in range(tip_shape.shape[0]):
@@ -351,7 +347,7 @@ def _compute_compliance(mass, tip_shape):
 @jit
 def _record_stuck_phase(added_mass, end, counters, events):
     """Note the phase of a stuck absorber, which is the whole run."""
-    if added_mass is not None:
+    if added_mass > 0.0:
         record_contact_phase(STUCK_INSIDE, 0.0, end, counters, events)
 
 
@@ -377,6 +373,14 @@ class StepContext(NamedTuple):
     amplitude: float
     joined_mass: float
     touches: NDArray[Any]
+
+
+@jit_inline
+def _find_relative_velocities(cubic, table):
+    """Return the relative velocities in the next step's stages where a law needs them, else zeros, without a call."""
+    if cubic.cubic_stiffness > 0.0:
+        return compute_relative_velocities(table)
+    return 0.0, 0.0, 0.0, 0.0
 
 
 @jit_inline
@@ -415,22 +419,21 @@ def _advance_with_absorber(context, absorber, forces, at, time, observers):
     )
     y = advance_observed(table, forces, at, push)
     _track_wall_contact(laws.stops, context.touches, before, y, seen, (time, table.h), observers)
-    largest = absorber.largest if laws.cubic is None else max(absorber.largest, abs(y[0]))
+    largest = max(absorber.largest, abs(y[0]))
     return AbsorberStages(
         y,
         move_slider(y[0], absorber.rest, laws.slider),
-        compute_relative_velocities(table),
+        _find_relative_velocities(laws.cubic, table),
         largest,
     )
 
 
 @jit_inline
-def _advance_step(m_a, added_mass, context, absorber, forces, at, time, observers):
+def _advance_step(context, absorber, forces, at, time, observers):
     """Do a step that begins at a time (s); without an absorber nothing feeds back."""
-    if m_a is None:
-        if added_mass is None:
-            _advance_without_absorber(context, forces, at, observers)
-            return absorber
+    if context.laws.mass + context.laws.added_mass == 0.0:
+        _advance_without_absorber(context, forces, at, observers)
+        return absorber
     return _advance_with_absorber(context, absorber, forces, at, time, observers)
 
 
@@ -490,16 +493,7 @@ def runge_kutta_lane(modes, laws, force, state, step, observers):
             if i == row_step:
                 _save_oscillators(table)
                 tip_start = _compute_tip(table)
-            absorber = _advance_step(
-                laws.mass,
-                laws.added_mass,
-                context,
-                absorber,
-                forces,
-                2 * (i - start),
-                i * dt,
-                observers,
-            )
+            absorber = _advance_step(context, absorber, forces, 2 * (i - start), i * dt, observers)
             while i == row_step:
                 part = min(max(row * sample_dt / dt - i, 0.0), 1.0)
                 _sample_level(observers.level, observers.clock, part, tip_start, table)

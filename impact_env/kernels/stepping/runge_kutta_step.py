@@ -31,6 +31,7 @@ from impact_env.kernels.stepping.feedback import (
     UP4,
     UQ,
     UU,
+    ActiveLaws,
     Q,
     U,
     Y,
@@ -144,15 +145,15 @@ def compute_observations(table):
 @jit_allocating
 def compute_relative_velocities(table):
     """Return the relative velocities in the next step's four stages as far as they follow from the state, 0 where no law needs them."""
-    if table.speeds is None:
+    if table.speeds.cells.shape[0] == 0:
         return 0.0, 0.0, 0.0, 0.0
     return _observe_rows(table, table.speeds.cells)
 
 
 @jit_inline
-def _stage_velocity(speeds, v, k, f, p):
-    """Return the relative velocity in stage ``k``, with the feedbacks ``p`` of the stages before."""
-    if speeds is None:
+def _stage_velocity(cubic, speeds, v, k, f, p):
+    """Return the relative velocity in stage ``k``, with the feedbacks ``p`` of the stages before; 0 without a law that needs it."""
+    if cubic is None:
         return 0.0
     mix = speeds.mix
     forced = mix[k, 0] * f[0] + mix[k, 1] * f[1] + mix[k, 2] * f[2]
@@ -160,8 +161,8 @@ def _stage_velocity(speeds, v, k, f, p):
 
 
 @jit_inline
-def compute_stages(absorber, table, forces, at, laws, joined_mass):
-    """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.AbsorberStages`."""
+def _compute_stages_under(absorber, table, forces, at, laws):
+    """Return the observations and the feedbacks in the four stages under `feedback.ActiveLaws`."""
     y = absorber.y
     rest = absorber.rest
     v = absorber.v
@@ -169,17 +170,14 @@ def compute_stages(absorber, table, forces, at, laws, joined_mass):
     speeds = table.speeds
     f = f1, fm, f4 = forces[at], forces[at + 1], forces[at + 2]
     y1 = y[0] + mix[0, 0] * f1
-    p1 = compute_feedback(
-        y1, _stage_velocity(speeds, v, 0, f, (0.0, 0.0, 0.0)), rest, laws, joined_mass
-    )
+    v1 = _stage_velocity(laws.cubic, speeds, v, 0, f, (0.0, 0.0, 0.0))
+    p1 = compute_feedback(y1, v1, rest, laws)
     y2 = y[1] + mix[1, 0] * f1 + mix[1, 1] * fm + mix[1, 3] * p1
-    p2 = compute_feedback(
-        y2, _stage_velocity(speeds, v, 1, f, (p1, 0.0, 0.0)), rest, laws, joined_mass
-    )
+    v2 = _stage_velocity(laws.cubic, speeds, v, 1, f, (p1, 0.0, 0.0))
+    p2 = compute_feedback(y2, v2, rest, laws)
     y3 = y[2] + mix[2, 0] * f1 + mix[2, 1] * fm + mix[2, 3] * p1 + mix[2, 4] * p2
-    p3 = compute_feedback(
-        y3, _stage_velocity(speeds, v, 2, f, (p1, p2, 0.0)), rest, laws, joined_mass
-    )
+    v3 = _stage_velocity(laws.cubic, speeds, v, 2, f, (p1, p2, 0.0))
+    p3 = compute_feedback(y3, v3, rest, laws)
     y4 = (
         y[3]
         + mix[3, 0] * f1
@@ -189,23 +187,39 @@ def compute_stages(absorber, table, forces, at, laws, joined_mass):
         + mix[3, 4] * p2
         + mix[3, 5] * p3
     )
-    p4 = compute_feedback(
-        y4, _stage_velocity(speeds, v, 3, f, (p1, p2, p3)), rest, laws, joined_mass
-    )
+    v4 = _stage_velocity(laws.cubic, speeds, v, 3, f, (p1, p2, p3))
+    p4 = compute_feedback(y4, v4, rest, laws)
     return (y1, y2, y3, y4), (p1, p2, p3, p4)
+
+
+@jit_inline
+def compute_stages(absorber, table, forces, at, laws, joined_mass):
+    """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.AbsorberStages`.
+
+    ``joined_mass``: that of `feedback.ActiveLaws`, 0 unless the absorber is stuck.
+    """
+    if laws.cubic.cubic_stiffness > 0.0:
+        of_cubic = ActiveLaws(None, None, None, None, laws.cubic)
+        return _compute_stages_under(absorber, table, forces, at, of_cubic)
+    if laws.spring.stiffness > 0.0:
+        of_spring = ActiveLaws(None, None, laws.spring, None, None)
+        return _compute_stages_under(absorber, table, forces, at, of_spring)
+    if joined_mass > 0.0:
+        of_mass = ActiveLaws(None, None, None, joined_mass, None)
+        return _compute_stages_under(absorber, table, forces, at, of_mass)
+    if laws.slider.limit > 0.0:
+        of_slider = ActiveLaws(laws.stops, laws.slider, None, None, None)
+        return _compute_stages_under(absorber, table, forces, at, of_slider)
+    of_stops = ActiveLaws(laws.stops, None, None, None, None)
+    return _compute_stages_under(absorber, table, forces, at, of_stops)
 
 
 @jit
 def _account_laws(energy, laws, y, rest, gamma, weight):
     """Add a stage's losses in slider and absorber's damper, at a relative velocity."""
-    if laws.slider is not None:
-        energy.totals[0].friction_loss -= (
-            weight * compute_slider_force(y, rest, laws.slider) * gamma
-        )
-    if laws.spring is not None:
-        energy.totals[0].absorber_damping += weight * laws.spring.damping * gamma * gamma
-    if laws.cubic is not None:
-        energy.totals[0].absorber_damping += weight * laws.cubic.damping * gamma * gamma
+    energy.totals[0].friction_loss -= weight * compute_slider_force(y, rest, laws.slider) * gamma
+    energy.totals[0].absorber_damping += weight * laws.spring.damping * gamma * gamma
+    energy.totals[0].absorber_damping += weight * laws.cubic.damping * gamma * gamma
 
 
 @jit_allocating
