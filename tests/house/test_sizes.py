@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from choice import LEANING, LONGEST_FIRST, PARTS, QUICK
+from kinds import KINDS
 from places import ROOT, SUPPORT
 
 # Results are not source: what is committed of them stays small.
@@ -62,6 +63,11 @@ TESTS = SUPPORT.parent
 def test_lists_name_existing_files(names: tuple[str, ...]) -> None:
     assert len(set(names)) == len(names)
     assert not [name for name in names if not (TESTS / name).is_file()]
+
+
+def test_the_suite_needs_few_kinds_of_kernels() -> None:
+    """30 kinds of runs, and orbits. Each compiles for up to a minute; what scenes can share at no cost is a value in the kernels."""
+    assert len(KINDS) <= 31
 
 
 def test_the_parts_have_every_file_of_tests_once() -> None:
