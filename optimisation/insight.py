@@ -8,20 +8,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import count, fraction, instance, require, row
-from optimisation.designs import Design, DesignSpace
-from optimisation.evaluation import Progress, evaluate
 from optimisation.measures import (
     LEVEL,
 )
 from optimisation.objectives import Condition, Objective
-from optimisation.problem import Problem
+from optimisation.problem import Problem, Progress, evaluate
 from optimisation.sobol import Sensitivity as Sensitivity
 from optimisation.sobol import sobol_points, sobol_sensitivity
-from optimisation.statistics import prediction_band
-from optimisation.variables import (
+from optimisation.space import (
     GAP,
+    Design,
+    DesignSpace,
     Variable,
 )
+from optimisation.statistics import prediction_band
 
 Array = NDArray[np.float64]
 REPORT_SEEDS = 2  # set of fresh members on which all is run that is shown of a design; others choose and judge a winner

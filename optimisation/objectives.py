@@ -37,7 +37,6 @@ from impact_env.parameters import (
     within,
     word_of,
 )
-from optimisation.designs import Design
 from optimisation.extremes import usable_force
 from optimisation.measures import (
     ACCELERATION,
@@ -53,7 +52,7 @@ from optimisation.measures import (
     loads_key,
     measure_of,
 )
-from optimisation.variables import MASS_RATIO
+from optimisation.space import MASS_RATIO, Design
 
 Array = NDArray[np.float64]
 WORST = "worst"

@@ -1,22 +1,28 @@
-"""A design problem: a space, conditions, objectives and constraints; how a design becomes runs, and runs become a score."""
+"""A design problem: a space, conditions, objectives and constraints; how a design becomes runs, and runs become a score.
+
+`Problem.evaluate` is for optimisers of other packages: arrays in, arrays out, in the order of the designs. All runs of a batch are made in one call,
+on the cores of this machine or on other machines' workers.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import Member, default_rate, linear_sweep
-from impact_env.ensemble import Lane, Members, draw_members
+from impact_env.ensemble import Executor, Lane, Members, Threads, draw_members
 from impact_env.loads import Loads
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Beam,
+    ParameterError,
     count_from,
     each_of,
     keep_checked,
@@ -26,10 +32,8 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
-from impact_env.solvers import check_load
+from impact_env.solvers import check_load, kernel_key
 from optimisation.bounds import design_force
-from optimisation.designs import Design, DesignSpace
-from optimisation.evaluation import evaluate_arrays
 from optimisation.extremes import sweep_ratio, usable_rate
 from optimisation.measures import (
     DAMAGE,
@@ -48,6 +52,18 @@ from optimisation.measures import (
 )
 from optimisation.mounting import detuned, model_with_absorber_at, to_dict
 from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
+from optimisation.space import (
+    GAP,
+    MASS_RATIO,
+    POSITION,
+    SEVERAL,
+    TUNED,
+    Design,
+    DesignSpace,
+    Units,
+    parts_of,
+)
+from optimisation.statistics import standard_error
 from optimisation.tuned import require_wide_range
 from optimisation.uncertain import (
     FORCE,
@@ -60,17 +76,9 @@ from optimisation.uncertain import (
     shares,
     spreads,
 )
-from optimisation.variables import (
-    GAP,
-    MASS_RATIO,
-    POSITION,
-    SEVERAL,
-    TUNED,
-    Units,
-    parts_of,
-)
 
 Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]  # takes the number of finished runs and of all runs of a call
 FORMAT = 3  # of the description: raised when the meaning of a problem changes
 FATIGUE_EXPONENT = 5.0
 MEMBERS_A_CHUNK = 4
@@ -479,7 +487,16 @@ class Problem:
             rows.append(objective.per_member(measured[..., column] / scale, self.conditions))
         return np.array(rows)
 
-    evaluate = evaluate_arrays  # of designs at coordinates: arrays in, arrays out
+    def evaluate(
+        self,
+        X: ArrayLike,
+        ensemble: Members | None = None,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+        failures: dict[int, str] | None = None,
+    ) -> "ProblemValues":
+        """Return F, G and spread of designs at coordinates, see `evaluate_arrays`."""
+        return evaluate_arrays(self, X, ensemble, executor, progress, failures)
 
     def cost(self, score: Score) -> float:
         """Return the cost of the first objective; infinite for a design that breaks a constraint or failed."""
@@ -496,3 +513,147 @@ def scaled_loads(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
     numbers = np.asarray(ensemble.phases, dtype=np.float64).view(np.uint64).tolist()
     pairs = zip(numbers, ensemble.phases.tolist(), ensemble.factors.tolist(), strict=True)
     return [loads.member(Member(number, phase, factor * own)) for number, phase, own in pairs]
+
+
+def run_chunks(
+    chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None
+) -> Iterator[tuple[int, Array]]:
+    """Yield (number of the chunk, its measures (lanes, measures)) in the order in which they are finished; closing it drops what has not begun."""
+    total = sum(len(chunk.lanes) for chunk in chunks)
+    done = 0
+    for k, values in executor.each(
+        measure,
+        chunks,
+        [
+            (kernel_key(chunk.lanes[0].scene, Exact(), chunk.lanes[0].drive), chunk.record)
+            for chunk in chunks
+        ],
+    ):
+        done += len(values)
+        if progress is not None:
+            progress(done, total)
+        yield k, values
+
+
+def measured_chunks(
+    chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None
+) -> list[Array]:
+    """Return the measures of chunks, (lanes, measures) each, in their order."""
+    measured = dict(run_chunks(chunks, executor, progress))
+    return [measured[k] for k in range(len(chunks))]
+
+
+def evaluate(
+    problem: Problem,
+    designs: Sequence[Design],
+    ensemble: Members,
+    rate: float,
+    executor: Executor,
+    progress: Progress | None = None,
+) -> Iterator[tuple[int, Array]]:
+    """Yield (number of the design, measures (members, conditions, up or down, measures)) as designs are finished; `rate` as in `Problem`.
+
+    Designs begin in the order given, so that an interrupted call leaves the first ones whole. Raises ParameterError if the simulator
+    refuses a design; a run that the integrator gives up is NaN.
+    """
+    owned = [problem.chunks(design, ensemble, rate) for design in designs]
+    owners = [k for k, own in enumerate(owned) for _ in own]
+    starts = np.cumsum([0] + [len(own) for own in owned])
+    chunks = [chunk for own in owned for chunk in own]
+    waiting = [len(own) for own in owned]
+    parts: dict[int, Array] = {}
+    for i, values in run_chunks(chunks, executor, progress):
+        parts[i] = values
+        k = owners[i]
+        waiting[k] -= 1
+        if not waiting[k]:
+            yield (
+                k,
+                problem.join(
+                    [parts.pop(j) for j in range(starts[k], starts[k + 1])], len(ensemble)
+                ),
+            )
+
+
+class ProblemValues(NamedTuple):
+    """Values, constraints and spread of N designs, row by row in their order; NaN in the rows of designs that failed.
+
+    ``F`` (N, objectives): values, all to be minimised (the width of a range and the like have their sign turned). ``G`` (N, constraints): share by
+    which a limit is exceeded, 0 or below if it is kept. ``spread`` (N, objectives): the bootstrap's standard error of F over the members,
+    NaN for one member.
+    """
+
+    F: Array
+    G: Array
+    spread: Array
+
+
+def evaluate_arrays(
+    problem: Problem,
+    X: ArrayLike,
+    ensemble: Members | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    failures: dict[int, str] | None = None,
+) -> ProblemValues:
+    """Return F, G and spread of designs at coordinates ``X`` (N, variables), rows in the order of X: see `ProblemValues`.
+
+    Coordinates are those of ``problem.space`` (`DesignSpace.low` and `high`). ``ensemble`` None is the search's own members (what is to be reported
+    takes `Problem.fresh_ensemble`), ``executor`` None all cores. A row out of bounds, one that the simulator refuses, and one of which the integrator
+    gives up a run are NaN, and ``failures`` takes the reason by the row's number. Raises ParameterError unless X has one column a variable.
+    """
+    rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
+    free = problem.space.free
+    require(
+        rows.ndim == 2 and rows.shape[1] == len(free),
+        "X",
+        rows.shape,
+        f"(designs, {len(free)}): {', '.join(v.name for v in free)}",
+    )
+    ensemble = problem.ensemble if ensemble is None else ensemble
+    reasons: dict[int, str] = {} if failures is None else failures
+    F, spread = (np.full((len(rows), len(problem.objectives)), np.nan) for _ in range(2))
+    G = np.full((len(rows), len(problem.constraints)), np.nan)
+    designs: dict[int, Design] = {}
+    for i, row in enumerate(rows):
+        try:
+            designs[i] = problem.space.decoded(
+                dict(zip((v.name for v in free), map(float, row), strict=True))
+            )
+            designs[i].absorber()
+        except ParameterError as error:
+            designs.pop(i, None)
+            reasons[i] = str(error)
+    numbers = list(designs)
+    for k, measured in evaluate(
+        problem,
+        [designs[i] for i in numbers],
+        ensemble,
+        problem.rate,
+        executor or Threads(),
+        progress,
+    ):
+        i = numbers[k]
+        lost = np.isnan(measured).any(axis=(2, 3))
+        if lost.any():
+            member, condition = (int(x) for x in np.argwhere(lost)[0])
+            where = f"member {member} at {problem.conditions[condition].words}"
+            reasons[i] = (
+                f"the integrator gave up {int(lost.sum())} of {lost.size} runs, the first of them {where}"
+            )
+            continue
+        F[i], G[i], spread[i] = _row(problem, designs[i], measured, ensemble)
+    return ProblemValues(F, G, spread)
+
+
+def _row(
+    problem: Problem, design: Design, measured: Array, ensemble: Members
+) -> tuple[Array, Array, Array]:
+    """Return a design's row of F, G and spread from its measures."""
+    score = problem.score(design, measured, ensemble, problem.rate)
+    signs = np.array([-1.0 if objective.maximise else 1.0 for objective in problem.objectives])
+    members = problem.member_values(measured, ensemble, problem.rate)
+    spread = np.array(
+        [standard_error(row, o.share) for row, o in zip(members, problem.objectives, strict=True)]
+    )
+    return signs * np.array(score.values), np.array(score.violations), spread

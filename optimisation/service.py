@@ -21,8 +21,6 @@ from impact_env.parameters import count
 from impact_env.results import Record
 from impact_env.sweep import simulate
 from optimisation.baselines import Baselines, simulate_baselines
-from optimisation.designs import Design
-from optimisation.evaluation import Progress, measured_chunks
 from optimisation.gap_advice import Advice, Answer
 from optimisation.insight import REPORT_SEEDS, levels, over_force
 from optimisation.measures import (
@@ -40,18 +38,19 @@ from optimisation.measures import (
 )
 from optimisation.mounting import with_more_modes
 from optimisation.objectives import Condition
-from optimisation.problem import Problem
-from optimisation.statistics import prediction_interval
-from optimisation.uncertain import Distribution, drawn, on_another_structure, shares
-from optimisation.variables import (
+from optimisation.problem import Problem, Progress, measured_chunks
+from optimisation.space import (
     DAMPING,
     FRICTION_LIMIT,
     GAP,
     RESTITUTION,
     STIFFNESS,
     WITH_IMPACTS,
+    Design,
     parts_of,
 )
+from optimisation.statistics import prediction_interval
+from optimisation.uncertain import Distribution, drawn, on_another_structure, shares
 
 Array = NDArray[np.float64]
 UNCERTAIN_DRAWS = 64

@@ -19,9 +19,9 @@ from botorch.optim import optimize_acqf
 from gpytorch.mlls import ExactMarginalLogLikelihood
 
 from impact_env import Beam
-from optimisation.designs import design_space
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
+from optimisation.space import design_space
 
 STEEL = Beam(
     length=1.2,

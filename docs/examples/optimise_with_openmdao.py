@@ -10,9 +10,9 @@ import numpy as np
 import openmdao.api as om
 
 from impact_env import Beam
-from optimisation.designs import design_space
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
+from optimisation.space import design_space
 
 WIDTH = 0.04  # m
 DENSITY = 7850.0  # kg/m^3

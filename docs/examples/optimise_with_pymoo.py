@@ -12,9 +12,9 @@ from pymoo.core.problem import Problem as PymooProblem
 from pymoo.optimize import minimize
 
 from impact_env import Beam
-from optimisation.designs import design_space
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
+from optimisation.space import design_space
 
 # a steel strip of 40 x 8 mm and 1.2 m, shaken at a quarter of its length: not the paper's beam
 STEEL = Beam(

@@ -13,7 +13,6 @@ import numpy as np
 
 from impact_env.ensemble import Executor, Lane, LaneProgress, Threads, run_lanes
 from optimisation.answers.complete import CompleteAnswer, Json, silent_stages
-from optimisation.designs import Design
 from optimisation.frequency_levels import (
     NO_ABSORBER,
     ResonanceCurves,
@@ -46,7 +45,7 @@ from optimisation.report.frequency_report import frequency_files
 from optimisation.search.judge import SearchResult
 from optimisation.search.settings import FAST
 from optimisation.service import DRAWS, FEW, service
-from optimisation.variables import GAP, IMPACT
+from optimisation.space import GAP, IMPACT, Design
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,8 +9,7 @@ from optimisation.duration import (
     announce_load_runs,
     announce_runs,
 )
-from optimisation.evaluation import evaluate
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate
 
 LESS = "--quick, fewer --designs or --members take less."
 

@@ -23,14 +23,12 @@ from optimisation.cli.common import (
     uncertain_option,
 )
 from optimisation.comparison import RESONANCES
-from optimisation.designs import DesignSpace, design_space
 from optimisation.executors import cluster_option
 from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
 from optimisation.problem import Problem
-from optimisation.sweep_range import find_common_range, split_frequencies
-from optimisation.variables import (
+from optimisation.space import (
     DEFAULT_FREE,
     FRICTION_LIMIT,
     GAP,
@@ -40,7 +38,10 @@ from optimisation.variables import (
     RESTITUTION,
     TUNED,
     VARIABLES,
+    DesignSpace,
+    design_space,
 )
+from optimisation.sweep_range import find_common_range, split_frequencies
 
 RANGE_FORCES = 8  # forces between a third and three times the given one, for the objective range
 QUICK_SPEED = 10.0

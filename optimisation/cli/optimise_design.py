@@ -53,7 +53,7 @@ from optimisation.search.judge import AUDITED, SearchResult
 from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import GP, SAMPLERS, SCIPY, default_settings
 from optimisation.search.smooth import MEMBERS as SMOOTH_MEMBERS
-from optimisation.variables import IMPACT, VARIABLES
+from optimisation.space import IMPACT, VARIABLES
 
 ALL = "all"
 DESIGNS = 400

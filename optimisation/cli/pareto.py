@@ -35,7 +35,7 @@ from optimisation.report.front_report import bounds_of, front_summary, front_tab
 from optimisation.search import pareto as fronts
 from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
-from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
+from optimisation.space import FRICTION_LIMIT, GAP, IMPACT
 
 RESONANCES = "resonances"
 SEVERITY = "severity"

@@ -56,9 +56,9 @@ from optimisation.service import (
     ImpactLoads,
     contiguous_range,
 )
+from optimisation.space import MASS_RATIO, VARIABLES
 from optimisation.statistics import prediction_band
 from optimisation.sweep_range import find_reading_ratios, reading_in_words
-from optimisation.variables import MASS_RATIO, VARIABLES
 
 Array = NDArray[np.float64]
 MM = 1e3

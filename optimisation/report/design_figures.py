@@ -30,8 +30,8 @@ from optimisation.report.design_tables import limit
 from optimisation.report.figures import write_figure
 from optimisation.search.judge import SearchResult
 from optimisation.sobol import Sensitivity
+from optimisation.space import GAP, MASS_RATIO, POSITION
 from optimisation.statistics import prediction_band
-from optimisation.variables import GAP, MASS_RATIO, POSITION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimisation.bounds import reduction_share, resonance_limit
-from optimisation.designs import Design
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import Table, number, numbers
 from optimisation.insight import Levels
@@ -29,9 +28,9 @@ from optimisation.report.card import with_band
 from optimisation.search.judge import Judged, SearchResult, Verdict
 from optimisation.search.settings import Evaluated
 from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
+from optimisation.space import VARIABLES, Design, parts_of
 from optimisation.statistics import COVERED, PREDICTED, Branches, Gain, branches
 from optimisation.sweep_range import is_at_end, reading_in_words
-from optimisation.variables import VARIABLES, parts_of
 
 Json = dict[str, object]
 WINNER = "winner"

@@ -10,15 +10,14 @@ The command `optimise_design` does no more than that, with bars and files.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from impact_env.ensemble import Executor, Threads
-from optimisation.evaluation import TimedExecutor
 from optimisation.machine import SEARCHING, source_hash
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
@@ -43,12 +42,35 @@ from optimisation.search.settings import (
     default_settings,
 )
 from optimisation.search.smooth import MEMBERS, smooth_search
-from optimisation.variables import WITH_IMPACTS
+from optimisation.space import WITH_IMPACTS
 
 if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy
 
+T = TypeVar("T")
+R = TypeVar("R")
 Counting = Callable[[int, int], None]  # takes how many runs are done, and of how many
+
+
+@dataclass
+class TimedExecutor:
+    """An executor that counts the ``seconds`` that its caller waits for runs: the rest of a search is overhead."""
+
+    executor: Executor
+    seconds: float = 0.0
+
+    def each(
+        self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]
+    ) -> Generator[tuple[int, R], None, None]:
+        """See `Executor`."""
+        results = self.executor.each(function, items, kinds)
+        while True:
+            began = time.perf_counter()
+            result = next(results, None)
+            self.seconds += time.perf_counter() - began
+            if result is None:
+                return
+            yield result
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import count, require
-from optimisation.designs import Design
-from optimisation.evaluation import measured_chunks
-from optimisation.problem import Problem
+from optimisation.problem import Problem, measured_chunks
 from optimisation.search.settings import GP, Evaluated
-from optimisation.variables import WITH_IMPACTS
+from optimisation.space import WITH_IMPACTS, Design
 
 Array = NDArray[np.float64]
 ROUND_MEMBERS = 8  # members of a round

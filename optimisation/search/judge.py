@@ -18,18 +18,16 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor, Members
 from impact_env.parameters import count, require
-from optimisation.designs import Design
-from optimisation.evaluation import Progress, evaluate
 from optimisation.files import number
 from optimisation.insight import Levels, Sensitivity
 from optimisation.measures import LEVEL, LEVEL_RATIO
 from optimisation.mounting import with_more_modes
 from optimisation.objectives import Condition, Score
-from optimisation.problem import Problem
+from optimisation.problem import Problem, Progress, evaluate
 from optimisation.search.settings import Evaluated, seed_of
 from optimisation.service import Service
+from optimisation.space import FRICTION_LIMIT, GAP, Design, parts_of
 from optimisation.statistics import Gain, prediction_interval, ratio_of_quantiles
-from optimisation.variables import FRICTION_LIMIT, GAP, parts_of
 
 if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy

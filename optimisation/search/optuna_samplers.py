@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.extras import optional
-from optimisation.designs import DesignSpace
 from optimisation.files import replacing
 from optimisation.objectives import Objective
 from optimisation.search.settings import Evaluated
+from optimisation.space import DesignSpace
 
 with optional():
     import optuna

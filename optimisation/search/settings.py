@@ -24,10 +24,9 @@ from impact_env.parameters import (
     require,
     word_of,
 )
-from optimisation.designs import Design
 from optimisation.objectives import Score
 from optimisation.problem import Problem
-from optimisation.variables import TUNED
+from optimisation.space import TUNED, Design
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import count, require
-from optimisation.designs import Design
-from optimisation.evaluation import evaluate
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate
 from optimisation.search.settings import Evaluated
-from optimisation.variables import WITH_IMPACTS
+from optimisation.space import WITH_IMPACTS, Design
 
 Array = NDArray[np.float64]
 STARTS = 3

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
-from optimisation.designs import Design
-from optimisation.evaluation import evaluate
 from optimisation.objectives import Score
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate
 from optimisation.search.optuna_samplers import (
     OptunaSampler,
     nsga2,
@@ -23,6 +21,7 @@ from optimisation.search.optuna_samplers import (
 )
 from optimisation.search.samplers import BatchCosts, CmaSampler, RandomSampler, Sampler
 from optimisation.search.settings import CMA, NSGA2, Evaluated, SearchSettings, seed_of
+from optimisation.space import Design
 
 Array = NDArray[np.float64]
 Show = Callable[[], object]

@@ -281,7 +281,7 @@ def test_a_band_of_one_run_is_no_interval(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 def test_the_searchs_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
-    monkeypatch.setattr("optimisation.designs.AT_BOUND", 0.4)  # so that winners lie at bounds
+    monkeypatch.setattr("optimisation.space.AT_BOUND", 0.4)  # so that winners lie at bounds
     line = (*FAST, "--at", "1:3.5", "--designs", 6, "--no-figures", "--out", tmp_path)
     result = done(load("optimise_design", monkeypatch), *line)
     folder = tmp_path / "impact"

@@ -28,13 +28,13 @@ from optimisation.cli import mass_ratios
 from optimisation.cli.common import plain_errors
 from optimisation.cli.design_duration import announce_search
 from optimisation.comparison import compare
-from optimisation.designs import design_space
 from optimisation.duration import announce_load_runs, duration_in_words
 from optimisation.gap_advice import check_gap
 from optimisation.insight import sensitivity
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.design_tables import LEVEL_COLUMNS, limit
+from optimisation.space import design_space
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, undamped_h2
 

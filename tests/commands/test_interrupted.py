@@ -24,7 +24,7 @@ from optimisation.tuned import den_hartog
 
 CONSOLE = "from optimisation.cli.start import main; main()"
 SIMULATE = "impact_env.ensemble.simulate"
-MEASURE = "optimisation.evaluation.measure"
+MEASURE = "optimisation.problem.measure"
 SUMMARY = "summary.json"
 PERIODIC = "impact_env.periodic"
 FAST = "--rate 100 --threads 1"

@@ -15,7 +15,7 @@ from places import ROOT, SUPPORT, fresh
 from impact_env import Beam
 from optimisation.cli import frequency_response
 from optimisation.comparison import compare
-from optimisation.evaluation import run_chunks
+from optimisation.problem import run_chunks
 from optimisation.search.cluster import ClusterError, Workers
 from optimisation.tuned import den_hartog
 

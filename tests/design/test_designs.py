@@ -15,9 +15,9 @@ from impact_env import (
 )
 from optimisation.bounds import design_gap
 from optimisation.comparison import force_grid
-from optimisation.designs import DEFAULT_FREE, VARIABLES, Design, DesignSpace, design_space
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
+from optimisation.space import DEFAULT_FREE, VARIABLES, Design, DesignSpace, design_space
 from optimisation.tuned import (
     den_hartog,
     effective_mass_ratio,

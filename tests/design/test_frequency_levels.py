@@ -14,7 +14,6 @@ from impact_env.ensemble import Threads, draw_members
 from impact_env.level import response_level
 from impact_env.parameters import ParameterError
 from optimisation import frequency_levels
-from optimisation.designs import design_space
 from optimisation.frequency_levels import (
     find_worst_run,
     frequency_curve,
@@ -28,6 +27,7 @@ from optimisation.insight import member_levels
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.report.frequency_report import frequency_charts, history_arrays, save_history
+from optimisation.space import design_space
 
 MODEL = modal_model(Beam(modes=2))
 

@@ -19,12 +19,11 @@ from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.cli.group import imported
-from optimisation.designs import GAP, IMPACT, design_space
-from optimisation.evaluation import evaluate_arrays
 from optimisation.gap_advice import Advice, search_gap
 from optimisation.load_cases import AppliedLoads
 from optimisation.objectives import Condition
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate_arrays
+from optimisation.space import GAP, IMPACT, design_space
 from optimisation.tuned.under_loads import expected_rms, tuned_under
 
 MODEL = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)

@@ -24,8 +24,6 @@ from impact_env import (
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane, Threads
 from optimisation.bounds import design_gap
-from optimisation.designs import Design, design_space
-from optimisation.evaluation import evaluate, measured_chunks
 from optimisation.measures import (
     MEASURES,
     Chunk,
@@ -37,9 +35,10 @@ from optimisation.measures import (
 )
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition, Constraint, Objective, Score, range_width
-from optimisation.problem import FAILED, PENALTY, Problem
+from optimisation.problem import FAILED, PENALTY, Problem, evaluate, measured_chunks
 from optimisation.search.judge import repaired, with_repaired
 from optimisation.search.settings import Evaluated
+from optimisation.space import Design, design_space
 
 FIRST = Condition(1, 3.5)
 BOTH = (FIRST, Condition(2, 35.0))

@@ -37,7 +37,6 @@ from optimisation.bounds.relaxation import passive_limit
 from optimisation.cli.design_options import load_conditions
 from optimisation.comparison import compare
 from optimisation.contact import estimate, material
-from optimisation.designs import DesignSpace, design_space
 from optimisation.gap_advice import check_gap
 from optimisation.load_cases import AppliedLoads
 from optimisation.measures import STROKE, impact_measures, of_motion
@@ -48,6 +47,7 @@ from optimisation.report.sweep_report import Result, contract, save_figure, summ
 from optimisation.report.tuning_report import tuning_table
 from optimisation.search.settings import Rung, SearchSettings, default_settings
 from optimisation.signals import SignalOptions, signal_measures
+from optimisation.space import DesignSpace, design_space
 from optimisation.tuned import PAPER, minimax, peak, peaks
 from optimisation.uncertain import on_another_structure, require_parts, spreads
 

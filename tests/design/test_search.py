@@ -15,7 +15,6 @@ from scipy.stats import multivariate_normal
 from impact_env.ensemble import Threads
 from impact_env.parameters import Beam
 from impact_env.sweep import simulate
-from optimisation.designs import Design, design_space
 from optimisation.files import read_json
 from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition, Constraint, Score
@@ -44,6 +43,7 @@ from optimisation.search.samplers import BatchCosts, CmaSampler
 from optimisation.search.settings import Evaluated, Rung, SearchSettings, default_settings
 from optimisation.search.smooth import smooth_search
 from optimisation.search.study import DesignStudy
+from optimisation.space import Design, design_space
 from optimisation.tuned import HIGH, LOW, minimax
 from studies.cli import search_methods
 

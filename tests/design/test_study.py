@@ -15,7 +15,6 @@ from places import ROOT, fresh
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
 from optimisation.checkpoint import Checkpoint
-from optimisation.designs import design_space
 from optimisation.machine import source_hash
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
@@ -24,6 +23,7 @@ from optimisation.search.judge import SearchResult
 from optimisation.search.run_cache import key_of, open_run_cache
 from optimisation.search.settings import Rung, SearchSettings
 from optimisation.search.study import DesignStudy
+from optimisation.space import design_space
 
 optuna = pytest.importorskip("optuna")
 pytest.importorskip("cmaes")

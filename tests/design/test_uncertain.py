@@ -10,9 +10,9 @@ from impact_env import Beam, Drive, Scene, beam_scene, impact_absorber, linear_s
 from impact_env.ensemble import Lane, draw_members
 from optimisation.cli.common import join_words, parse_uncertain
 from optimisation.contact import estimate, material, meeting_mass, reaches_beyond
-from optimisation.designs import IMPACT, design_space
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
+from optimisation.space import IMPACT, design_space
 from optimisation.uncertain import NAMES, drawn, shares, spreads
 
 EVERY = dict.fromkeys(NAMES, "5%")

@@ -41,8 +41,8 @@ from impact_env.kernels.exact.rigid_contact import new_contact_states
 from impact_env.kernels.exact.sets import Absorbers
 from impact_env.regime_sets import SetLayout, find_set_layout
 from impact_env.structures.cyclic import Mistuning, ring_of_masses
-from optimisation.designs import design_space
 from optimisation.measures import FRICTION_HEAT, STROKE, of_motion
+from optimisation.space import design_space
 from reference.replay import replay
 from reference.stepping import run_small_steps
 

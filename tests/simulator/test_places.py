@@ -25,12 +25,12 @@ from impact_env.ensemble import Threads
 from impact_env.modes import assemble_matrices, deflection_row, mode_shapes
 from impact_env.plain import from_scene, to_scene
 from optimisation.bounds import design_gap
-from optimisation.designs import Design, design_space
 from optimisation.insight import neighbourhood, varied
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
 from optimisation.search.find import SearchOptions, find
+from optimisation.space import Design, design_space
 
 BEAM = Beam(modes=2, response_position=0.6)
 PLACES = (1.0, 0.8)  # nodes of the mesh

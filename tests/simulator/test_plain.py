@@ -45,7 +45,7 @@ from impact_env.plain import (
     to_method,
     to_scene,
 )
-from optimisation.designs import design_space
+from optimisation.space import design_space
 
 INF = math.inf
 NAN = math.nan

@@ -12,13 +12,12 @@ from distributed.core import Status
 from impact_env import Beam
 from impact_env.ensemble import LaneLevels, Threads
 from optimisation.comparison import compare as absorbers
-from optimisation.designs import design_space
-from optimisation.evaluation import evaluate
 from optimisation.objectives import Condition
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate
 from optimisation.search.cluster import Workers
 from optimisation.search.settings import Rung, SearchSettings
 from optimisation.search.study import DesignStudy
+from optimisation.space import design_space
 
 
 def problem() -> Problem:

@@ -11,14 +11,13 @@ from impact_env.ensemble import Lane, Threads
 from impact_env.modes import ModalModel
 from impact_env.parameters import SlidingAbsorber
 from optimisation.absorber_rules import scaled_absorber
-from optimisation.designs import Design, design_space
-from optimisation.evaluation import evaluate
 from optimisation.gap_advice import Advice, search_gap
 from optimisation.load_cases import swept_force
 from optimisation.measures import Chunk
 from optimisation.objectives import Condition, Objective
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate
 from optimisation.search.settings import Rung, SearchSettings
+from optimisation.space import Design, design_space
 
 Array = NDArray[np.float64]
 BATCH = 4

@@ -17,15 +17,14 @@ from impact_env.drive import PAPER_DAMPING
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.cli.common import command, plain_errors
-from optimisation.designs import Design, design_space
 from optimisation.executors import cluster_option, executor
 from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
+from optimisation.space import FRICTION_LIMIT, GAP, IMPACT, Design, design_space
 from optimisation.statistics import branches
-from optimisation.variables import FRICTION_LIMIT, GAP, IMPACT
 from studies.study import (
     Json,
     Measurement,

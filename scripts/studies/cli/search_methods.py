@@ -24,7 +24,6 @@ import scipy
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.cli.common import command, plain_errors
-from optimisation.designs import Design, design_space
 from optimisation.executors import cluster_option, executor
 from optimisation.machine import sources
 from optimisation.objectives import Condition, Constraint
@@ -45,8 +44,16 @@ from optimisation.search.settings import (
     SearchSettings,
     default_settings,
 )
+from optimisation.space import (
+    FRICTION_LIMIT,
+    GAP,
+    MASS_RATIO,
+    POSITION,
+    RESTITUTION,
+    Design,
+    design_space,
+)
 from optimisation.sweep_range import find_sweep_range
-from optimisation.variables import FRICTION_LIMIT, GAP, MASS_RATIO, POSITION, RESTITUTION
 from studies.structures import boom, close_plate
 from studies.study import (
     Array,

@@ -18,13 +18,11 @@ from impact_env.parameters import ParameterError, RigidWalls
 from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
 from optimisation.comparison import WIDE_LIMITS
-from optimisation.designs import Design, design_space
-from optimisation.evaluation import evaluate
 from optimisation.files import number, read_json
 from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
 from optimisation.machine import peak_memory
 from optimisation.objectives import Condition
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate
 from optimisation.progress import Bar, runs_bar
 from optimisation.report.design_tables import limit, summary
 from optimisation.report.front_report import bounds_of, front_summary
@@ -39,8 +37,7 @@ from optimisation.search.pareto import (
     search_front,
 )
 from optimisation.search.settings import CMA, RANDOM, default_settings
-from optimisation.tuned import minimax
-from optimisation.variables import (
+from optimisation.space import (
     FRICTION,
     FRICTION_LIMIT,
     GAP,
@@ -51,7 +48,10 @@ from optimisation.variables import (
     TUNED,
     VARIABLES,
     WITH_IMPACTS,
+    Design,
+    design_space,
 )
+from optimisation.tuned import minimax
 from studies.study import Json, not_none
 from studies.timing import time_call, time_in_turn
 
