@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import os
 import sys
 import threading
 import time
@@ -9,16 +10,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from numba.core import event
 
 from impact_env.checks import require
+from impact_env.kernels.compiling.cache import cache_folder
 from impact_env.kernels.compiling.parts import COMPILING
 
 LOG = logging.getLogger("impact_env")
 SILENT_SECONDS = 1.0  # s of compiling before anything is said
-HINT = "python -m impact_env.warm_up"
+HINT = "impact-absorber prepare"
 
 # what is compiled for, if it has to be: scene, method and words
 _purpose: ContextVar[tuple[object, object, str]] = ContextVar("_purpose", default=(None, None, ""))
@@ -138,10 +141,21 @@ def _call(about: Compilation) -> None:
             LOG.warning("what was registered by on_compile failed", exc_info=True)
 
 
+def describe_unused_cache() -> str:
+    """Return a sentence where ``IMPACT_ENV_CACHE`` names a folder that cannot be written to, else an empty string."""
+    named = os.environ.get("IMPACT_ENV_CACHE")
+    used = cache_folder()
+    if not named or (used is not None and Path(named) in used.parents):
+        return ""
+    place = "nowhere" if used is None else f"in {used.parent}"
+    return f" IMPACT_ENV_CACHE = {named!r} cannot be written to: kernels are kept {place}."
+
+
 def _say(what: str, words: str) -> None:
     line = (
         f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{HINT} {words}".rstrip()
         + "` does the usual ones beforehand."
+        + describe_unused_cache()
     )
     if (
         LOG.isEnabledFor(logging.INFO) and LOG.hasHandlers()

@@ -9,7 +9,15 @@ import pytest
 from numba.core import event
 from places import SUPPORT, fresh
 
-from impact_env import Beam, ParameterError, RungeKutta, beam_scene, impact_absorber, prepare
+from impact_env import (
+    Beam,
+    ParameterError,
+    RungeKutta,
+    beam_scene,
+    first_use,
+    impact_absorber,
+    prepare,
+)
 from impact_env.kernels.compiling.parts import COMPILING
 from impact_env.kernels.exact.rigid import rigid_lane
 from impact_env.modes import modal_model
@@ -137,7 +145,7 @@ def test_compilation_is_reported_once_and_callbacks_are_called_until_they_are_re
     assert error.count("ValueError: a callback of one's own") == 2
     lines = [one for one in error if one.startswith(line)]
     assert len(lines) == 2
-    assert "python -m impact_env.warm_up" in lines[0]
+    assert "`impact-absorber prepare" in lines[0]
     assert run_code(SMALL + OWN, tmp_path) == (["third", "not kept"], [])  # all others are kept
     error = run_code(LOGGED + SMALL, tmp_path)[1]
     assert [one.startswith(f"LOG impact_env: {line}") for one in error] == [True, True]
@@ -178,3 +186,21 @@ def test_the_shortest_trial_has_the_kernels_of_trials() -> None:
     known = list(rigid_lane.signatures)
     assert any(result.orbits for result in orbits_over(case, [0.95, 0.96]))
     assert rigid_lane.signatures == known
+
+
+def test_a_cache_that_cannot_be_written_to_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(first_use, "cache_folder", lambda: tmp_path / "used" / "hash")
+    monkeypatch.setenv("IMPACT_ENV_CACHE", str(tmp_path / "used"))
+    assert first_use.describe_unused_cache() == ""
+    monkeypatch.setenv("IMPACT_ENV_CACHE", "/nowhere")
+    line = first_use.describe_unused_cache()
+    assert line == (
+        " IMPACT_ENV_CACHE = '/nowhere' cannot be written to: "
+        f"kernels are kept in {tmp_path / 'used'}."
+    )
+    monkeypatch.setattr(first_use, "cache_folder", lambda: None)
+    assert "kept nowhere" in first_use.describe_unused_cache()
+    monkeypatch.delenv("IMPACT_ENV_CACHE")
+    assert first_use.describe_unused_cache() == ""
