@@ -1,10 +1,10 @@
-"""What commands say of bladed disks: levels by sector."""
+"""Whole answers about bladed disks: levels by sector, one clearance for all sectors, absorbers compared."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from impact_env.drive import Excitation, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, LaneProgress
@@ -15,6 +15,12 @@ from impact_env.sectors import SectorResponse
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import Watcher
 from optimisation.answers.complete import CompleteAnswer, Json
+from optimisation.disk_levels import (
+    DiskComparisonLevels,
+    DiskGapChoice,
+    choose_disk_gap,
+    compare_on_disk,
+)
 from optimisation.disks import (
     WINDOWS,
     DiskRun,
@@ -24,7 +30,7 @@ from optimisation.disks import (
     find_excited_resonance,
     run_disks,
 )
-from optimisation.report import disk_report
+from optimisation.report import disk_levels_report, disk_report
 from optimisation.report.figures import write_figure
 
 if TYPE_CHECKING:
@@ -187,3 +193,90 @@ def sweep_disk(
         responses += finished
     words = str(Exact() if method is None else method)
     return DiskSweep(disk, drive, tuple(responses), resonance, steady_start, words)
+
+
+@dataclass(frozen=True, eq=False)
+class DiskGapAnswer(CompleteAnswer):
+    """One clearance for all absorbers of a disk, by the level of the worst sector.
+
+    Attributes
+    ----------
+    choice : DiskGapChoice
+        The search: levels at all gaps that were run, and the answers.
+
+    """
+
+    choice: DiskGapChoice
+
+    @property
+    def device(self) -> BladedDisk:
+        """The disk with the recommended clearance."""
+        return self.choice.disk(self.choice.recommended)
+
+    def __str__(self) -> str:
+        """Return what `design gap` prints."""
+        return disk_levels_report.gap_text(self.choice)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        return disk_levels_report.gap_summary(self.choice)
+
+    def plot(self) -> Figure:
+        """Return the figure of the level over the clearance."""
+        return disk_levels_report.draw_gap_levels(self.choice)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return table, figure and JSON by their paths."""
+        columns = disk_levels_report.GAP_COLUMNS
+        return {
+            folder / "levels.csv": (columns, disk_levels_report.gap_rows(self.choice)),
+            folder / "summary.json": self.to_json(),
+            folder / "levels.png": lambda path: write_figure(self.plot(), path),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class DiskComparisonAnswer(CompleteAnswer):
+    """Absorbers of a disk compared by the level of the worst sector.
+
+    Attributes
+    ----------
+    comparison : DiskComparisonLevels
+        Levels by absorber, force and disk.
+
+    """
+
+    comparison: DiskComparisonLevels
+
+    def __str__(self) -> str:
+        """Return what `compare` prints."""
+        return disk_levels_report.comparison_text(self.comparison)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        return disk_levels_report.comparison_summary(self.comparison)
+
+    def plot(self) -> Figure:
+        """Return the figure of the level over the force."""
+        return disk_levels_report.draw_disk_comparison(self.comparison)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return table, figure and JSON by their paths."""
+        columns = disk_levels_report.LEVEL_COLUMNS
+        return {
+            folder / "levels.csv": (columns, disk_levels_report.comparison_rows(self.comparison)),
+            folder / "summary.json": self.to_json(),
+            folder / "comparison.png": lambda path: write_figure(self.plot(), path),
+        }
+
+
+def advise_disk(disk: BladedDisk, force: float | None = None, **options: Any) -> DiskGapAnswer:
+    """Choose one clearance for all absorbers of a disk, as the command `design gap` does; arguments: `optimisation.disk_levels.choose_disk_gap`."""
+    return DiskGapAnswer(choose_disk_gap(disk, force, **options))
+
+
+def compare_disk(
+    disk: BladedDisk, force: float | None = None, **options: Any
+) -> DiskComparisonAnswer:
+    """Compare the absorbers of a disk, as the command `compare` does; arguments: `optimisation.disk_levels.compare_on_disk`."""
+    return DiskComparisonAnswer(compare_on_disk(disk, force, **options))

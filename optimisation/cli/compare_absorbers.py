@@ -18,6 +18,7 @@ from impact_env.scene import Scene
 from optimisation.absorber_rules import RESTITUTION
 from optimisation.answers.comparison import ComparisonAnswer, complete_comparison
 from optimisation.bounds import design_force, design_gap
+from optimisation.cli import disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     BadInput,
@@ -70,6 +71,15 @@ COARSE_FORCES = 6
 IMPACTED = 2  # concepts with runs at every force: impact absorber and friction damper
 LOAD_RUNS = 130  # runs of a member under loads by which all absorbers are chosen, about
 CONCEPTS = ("none", "impact", "friction", "tuned")
+NOT_OF_DISKS = (
+    "structure",
+    "load",
+    "resonances",
+    "mass_ratio",
+    "mass_kg",
+    "gap",
+    "history",
+)
 FORCE_HELP = "Force in N near the first of the resonances: the design rule gives the gap for it; with --scene all are compared at it."
 
 
@@ -230,6 +240,8 @@ def main(
     (card.html, card.json), and prints a table.
     Ctrl-C ends the run early and leaves what is finished.
 
+    With --scene of a bladed disk the file's absorbers are compared with friction dampers and none by the level of the worst sector.
+
     With --load each absorber is at its own best for the loads of a file, and all are compared at --forces intensities from 0.2 to 5.
     """
     started = time.perf_counter()
@@ -239,6 +251,11 @@ def main(
     with plain_errors():
         require_writable("--out", out)
         check_target("--history", history, HISTORY_FORMATS)
+        disk = scenes.read_disk(scene)
+        if disk is not None:
+            disk_commands.refuse_with_disk(NOT_OF_DISKS)
+            disk_commands.compare_on_file(disk, out, quick, cluster, options)
+            return
         if load is not None and scene is not None:
             raise BadInput(
                 "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"

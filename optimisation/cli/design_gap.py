@@ -35,7 +35,7 @@ from optimisation.answers.gap import (
     model_for_gap,
     read_uncertain,
 )
-from optimisation.cli import common
+from optimisation.cli import common, disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.contact import (
     ALLOWED,
@@ -114,6 +114,22 @@ OF_SCENE = (
     "position",
     "restitution",
     "friction_limit",
+)
+
+
+NOT_OF_DISKS = (
+    *OF_SCENE,
+    "load",
+    "free",
+    "gaps",
+    "uncertain",
+    "contact",
+    "constraint",
+    "limit_level",
+    "tolerances",
+    "sobol",
+    "history",
+    "no_card",
 )
 
 
@@ -460,10 +476,19 @@ def main(**options: Any) -> None:
     frequency as frequency.png, and the recommended device's card as card.html, with curves, and card.json. Ctrl-C ends the
     simulation early and leaves what is finished.
 
+    With --scene of a bladed disk the clearance is one for all its absorbers, and the level that of the worst sector; there is no card.
+
     With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
     """
     with common.plain_errors():
         scenes.refuse_with_structure(options["structure"], "modes", "damping")
+        disk = scenes.read_disk(options["scene"])
+        if disk is not None:
+            disk_commands.refuse_with_disk(NOT_OF_DISKS)
+            require_writable("--out", options["out"])
+            common.check_target("--device", options["device"], (".json",))
+            disk_commands.choose_gap_on_file(disk, options)
+            return
         if options["load"] is not None:
             under_load(options)
             return

@@ -9,8 +9,19 @@ import pytest
 from commands import call, done
 from drawing import saved_figures
 
-from impact_env.ensemble import draw_members
+from impact_env import Drive, ModalModel, Scene, impact_absorber
+from impact_env.ensemble import Lane, draw_members, run_lanes
+from impact_env.plain import to_disk
+from impact_env.structures.cyclic import BladedDisk
+from optimisation.cli import compare_absorbers, design_gap
 from optimisation.cli import sweep as sweep_script
+from optimisation.disk_levels import (
+    disk_case,
+    equivalent_sector,
+    friction_dampers,
+    with_common_gap,
+    worst_levels,
+)
 
 OMEGA = 200 * np.pi
 DAMPING = 0.01
@@ -130,3 +141,108 @@ def test_a_disk_is_no_structure_of_other_commands(tmp_path: Path) -> None:
     result = call(sweep_script, "--structure", write_disk(tmp_path))
     assert result.exit_code == 2
     assert "a bladed disk is given with its absorbers" in result.output
+
+
+FAST = ["--rate", "60", "--quick"]
+
+
+def read(absorber: dict[str, Any] | None = None, **changes: Any) -> BladedDisk:
+    """Return the disk with some keys changed."""
+    plain: dict[str, Any] = {"cyclic": DISK | changes}
+    disk = to_disk(plain if absorber is None else plain | {"absorber": absorber})
+    assert disk is not None
+    return disk
+
+
+@pytest.mark.parametrize(("order", "direction"), [(1, "forward"), (1, "backward"), (0, "standing")])
+def test_a_sector_of_a_travelling_wave_is_one_mass(order: int, direction: str) -> None:
+    """In steady motion at the resonance each mass moves as a single one with the frequency of its nodal diameter."""
+    sector = equivalent_sector(read(IMPACT, engine_order=order, direction=direction))
+    omega = OMEGA * np.sqrt(1 + 4 * COUPLING * np.sin(np.pi * order / 3) ** 2)
+    assert sector.omega[0] == pytest.approx(omega, rel=1e-12)
+    for name in ("force_shape", "tip_shape", "level_shape"):
+        assert getattr(sector, name)[0] == pytest.approx(1 / np.sqrt(MASS), rel=1e-12), name
+    assert sector.beam_mass == MASS
+
+
+def test_uncoupled_sectors_have_the_level_of_a_single_absorber() -> None:
+    """Each sector is then a mass on a spring with an absorber, whose kernels are others; a short run, so that impacts amplify no rounding."""
+    disk = read(IMPACT | {"gap": 2e-5}, coupling=0.0, engine_order=0)
+    case = disk_case(disk, rate=400.0)
+    (level,) = worst_levels(case, disk, case.force, range(1))
+    model = ModalModel([OMEGA], [DAMPING], [MASS**-0.5], [MASS**-0.5], MASS)
+    scene = Scene(model, impact_absorber(2e-5, 0.8, None, 0.02))
+    lanes = [Lane(scene, Drive(5.0, one), steady_start=True) for one in case.schedules()]
+    single = run_lanes(lanes, threads=1)
+    assert level == pytest.approx(float(np.max(single.level)), rel=1e-6)
+    assert np.min(single.impacts) >= 3
+
+
+def test_one_clearance_and_dampers_replace_those_of_the_file() -> None:
+    disk = read(IMPACT | {"friction_limit": [0.1, 0.2, 0.4]})
+    changed = with_common_gap(disk, 3e-5, 0.5)
+    assert [one.walls.gap for one in changed.absorbers] == [3e-5] * 3
+    assert [one.friction.limit for one in changed.absorbers] == [0.05, 0.1, 0.2]
+    dampers = friction_dampers(disk, 5.0).absorbers
+    assert all(one.walls is None and one.mass_ratio == 0.02 for one in dampers)
+
+
+def test_design_gap_of_a_disk_writes_the_device(tmp_path: Path) -> None:
+    disk = write_disk(tmp_path, IMPACT, mistuning={"frequency": 0.01, "seed": 1})
+    device = tmp_path / "device.json"
+    run = ["--scene", disk, *FAST, "--out", tmp_path / "gap", "--device", device]
+    printed = done(design_gap, *run).output
+    summary = json.loads((tmp_path / "gap" / "summary.json").read_text())
+    gap = summary["recommended"]["gap_m"]
+    again = to_disk(json.loads(device.read_text()))
+    assert again is not None
+    assert {one.walls.gap for one in again.absorbers} == {gap}
+    levels = [row["median_level_m"] for row in summary["gaps"]]
+    assert np.median(summary["sharp"]["worst_level_m"]) <= 1.0001 * min(levels)
+    assert min(levels) < 0.95 * summary["without_absorbers_m"][0]  # so short sweeps build up little
+    assert f"Recommended: a clearance of {1e3 * gap:.4g} mm to either wall" in printed
+    assert (tmp_path / "gap" / "levels.png").is_file()
+
+
+def test_compare_of_a_disk_has_absorbers_dampers_and_none(tmp_path: Path) -> None:
+    disk = write_disk(tmp_path, IMPACT, mistuning={"frequency": 0.02, "seed": 1})
+    out = tmp_path / "compared"
+    printed = done(compare_absorbers, "--scene", disk, *FAST, "--forces", 2, "--out", out).output
+    summary = json.loads((out / "summary.json").read_text())
+    forces = np.array(summary["forces_n"])
+    np.testing.assert_allclose(forces, [2.5, 10.0])
+    levels = {name: np.array(rows) for name, rows in summary["worst_level_m"].items()}
+    linear = levels["no absorbers"]
+    np.testing.assert_allclose(linear[1] / forces[1], linear[0] / forces[0], rtol=1e-12)
+    factor = linear[1, 0] / forces[1] / summary["tuned_disk_without_absorbers_m_per_n"]
+    (row,) = [line for line in printed.splitlines() if line.startswith("| no absorbers")]
+    assert float(row.split("|")[2]) == pytest.approx(factor, rel=6e-3)
+    assert "Tuned absorbers are left out" in printed
+    assert set(levels) == {"no absorbers", "the file's absorbers", "friction dampers"}
+    assert (out / "comparison.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "message"),
+    [
+        (design_gap, ["--free", "restitution"], "--free does not go with a bladed disk"),
+        (design_gap, ["--mass-ratio", "0.01"], "--mass-ratio does not go with a bladed disk"),
+        (design_gap, ["--force-tolerance", "0.9"], "force_tolerance = 0.9"),
+        (compare_absorbers, ["--load", "base:1"], "--load does not go with a bladed disk"),
+        (compare_absorbers, ["--gap", "1e-3"], "--gap does not go with a bladed disk"),
+    ],
+)
+def test_options_that_a_disk_has_not_are_one_error(
+    tmp_path: Path, script: Any, arguments: list[str], message: str
+) -> None:
+    out = tmp_path / "out"
+    result = call(script, "--scene", write_disk(tmp_path, IMPACT), *arguments, "--out", out)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
+
+
+def test_a_disk_without_absorbers_has_nothing_to_choose(tmp_path: Path) -> None:
+    for script in (design_gap, compare_absorbers):
+        result = call(script, "--scene", write_disk(tmp_path), "--out", tmp_path / "out")
+        assert result.exit_code == 2
+        assert "absorbers = 0 is not allowed" in result.output
