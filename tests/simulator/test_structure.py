@@ -12,7 +12,7 @@ import scipy.linalg
 import scipy.optimize
 import scipy.sparse
 from core import EVERYTHING, drive_of, run
-from load_cases import chain, record_of
+from load_cases import chain
 from places import EXAMPLES
 
 from impact_env import Beam, Section, StructureWarning, beam_scene, modal_model
@@ -21,6 +21,7 @@ from impact_env.loads import BASE_QUANTITY, Loads, Samples
 from impact_env.modes import ModalModel, assemble_matrices
 from impact_env.parameters import ParameterError, impact_absorber
 from impact_env.plain import from_scene, load_structure
+from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.structures.checks import list_matrix_warnings
 from impact_env.structures.matrices import lowest_modes
@@ -629,7 +630,7 @@ def pushed(model: ModalModel, gap: float | None = None) -> tuple[float, float]:
         float(model.omega[0]),
     )
     scene = Scene(model, None if gap is None else impact_absorber(gap, 0.7, 0.0, 0.02))
-    history = simulate(scene, load, record=record_of(scene)).history
+    history = simulate(scene, load, record=Record(series=True)).history
     late = history.time[-1] if gap is not None else 0.0
     return float(history.tip_displacement[-1]), float(
         history.absorber_displacement[-1] / late**2

@@ -35,17 +35,16 @@ PARTS = (
     "tests/studies tests/commands",
 )
 
-# a line for each of `PARTS`: by processor time with compiled kernels and, without them, by what they compile. Files that start
-# together (neighbours) take different kinds of scenes, since both processes would compile the same one. Files that take most
-# seconds with compiled kernels: plain_python 85, interrupted 60, printed_blocks, bifurcation_curves, orbits_script and
-# design_scripts 40, first_use 36, bounds, structure_commands, harmonic_balance, kernel_cache and command 20 to 30.
+# a line for each of `PARTS`, by processor time with compiled kernels (kinds.py compiles them before). Files that take most, in s:
+# plain_python 85, interrupted 60, printed_blocks, bifurcation_curves, orbits_script and design_scripts 40, first_use 36, bounds,
+# structure_commands, harmonic_balance, kernel_cache and command 20 to 30.
 _LONGEST_FIRST = """
-    kernels/loads kernels/bounds kernels/exact_contacts kernels/kernel_cache kernels/dense_motion kernels/budget kernels/energies
-    kernels/plain_python kernels/several kernels/stepping kernels/one_result kernels/search_truth kernels/verification kernels/regimes
-    simulator/controlled periodic/bifurcation_curves simulator/first_use periodic/harmonic_balance simulator/stop_and_passes simulator/places
+    kernels/bounds kernels/kernel_cache kernels/loads kernels/exact_contacts kernels/dense_motion kernels/budget kernels/energies
+    kernels/plain_python kernels/search_truth kernels/one_result kernels/several kernels/stepping kernels/verification kernels/regimes
+    periodic/bifurcation_curves simulator/first_use periodic/harmonic_balance simulator/controlled simulator/stop_and_passes simulator/places
     design/load_gap house/extras design/advice design/cluster design/study
     environments/active environments/training environments/suite
-    commands/printed_blocks commands/interrupted commands/orbits_script commands/design_scripts commands/structure_commands commands/command
+    commands/interrupted commands/printed_blocks commands/orbits_script commands/design_scripts commands/structure_commands commands/command
     commands/explore commands/compare_absorbers commands/explore_browser studies/stability_report studies/benchmark_scripts
 """
 LONGEST_FIRST = tuple("{}/test_{}.py".format(*word.split("/")) for word in _LONGEST_FIRST.split())

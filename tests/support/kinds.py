@@ -77,6 +77,7 @@ def control_on_base() -> None:
 # those that take longest to compile first
 KINDS: dict[str, Callable[[], None]] = {
     "several absorbers, loads, energies": partial(push, SEVERAL, ENERGY),
+    "several absorbers, loads": partial(push, SEVERAL, BARE),
     "several absorbers, energies": partial(sweep, SEVERAL, ENERGY),
     "several absorbers": partial(sweep, SEVERAL, BARE),
     "intervals on a base": control_on_base,
@@ -94,7 +95,6 @@ KINDS: dict[str, Callable[[], None]] = {
     "compliant walls and elastic friction, loads, energies": partial(push, SOFT, ENERGY),
     "compliant walls, energies": partial(sweep, WALLS, ENERGY),
     "compliant walls": partial(sweep, WALLS, BARE),
-    "intervals, compliant walls and elastic friction": partial(control, SOFT),
     "intervals, compliant walls": partial(control, WALLS),
     "no absorber, base, energies": partial(shake, None, ENERGY),
     "no absorber, energies": partial(sweep, None, ENERGY),
