@@ -7,9 +7,11 @@ from pathlib import Path
 
 import click
 
+from impact_env.modes import Structure
 from impact_env.parameters import Beam
+from impact_env.structures.cyclic import BladedDisk
 from optimisation.cli.common import command, plain_errors
-from optimisation.cli.scene_options import read_structure, structure_option
+from optimisation.cli.scene_options import read_disk, read_structure, structure_option
 
 PORT = 8651
 
@@ -46,7 +48,9 @@ def main(
     The page needs no network. What a kind of absorber has to be compiled for is compiled once, while the page says so.
     """
     with plain_errors():
-        own = Beam() if structure is None else read_structure(structure)
+        own: Structure | BladedDisk = Beam()
+        if structure is not None:
+            own = read_disk(structure) or read_structure(structure)
         from optimisation.explore.server import bound, page_address, serve  # needs the extra
 
         listening = bound(host, port)

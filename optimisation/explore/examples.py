@@ -3,9 +3,10 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from impact_env.modes import Structure
 from impact_env.parameters import Beam
 from impact_env.plain import to_structure
+from impact_env.structures.cyclic import BladedDisk, ring_of_masses
+from optimisation.explore.settings import PageModel
 
 OWN = "own"  # the key of the structure that the explorer was started with
 PAPER = "paper"
@@ -23,12 +24,21 @@ STEEL_ARM = {
 }
 
 
+SECTORS = 8
+
+
+def make_disk() -> BladedDisk:
+    """Return a disk of blades of 1 kg at 100 Hz, damped by 1 % and weakly coupled, under engine order 2."""
+    ring = ring_of_masses(SECTORS, coupling=0.01, frequency=100.0, damping_ratio=0.01)
+    return BladedDisk(ring, engine_order=2, amplitude=20.0)
+
+
 @dataclass(frozen=True)
 class PageStructure:
     """A structure that the page has, with its ``title``."""
 
     title: str
-    structure: Structure
+    structure: PageModel
 
 
 @dataclass(frozen=True)
@@ -56,18 +66,25 @@ EXAMPLES = (
     ),
     Example(
         "A steel arm",
-        "A steel tube of 0.8 m with a tool of 0.5 kg, shaken with 20 N.",
+        "A steel tube of 0.8 m with a tool of 0.5 kg and an absorber of 5 %, shaken with 20 N.",
         "arm",
-        {"force": 20.0, "gap": 2.5e-3, "friction": 0.3, "members": 2},
+        {"force": 20.0, "gap": 1.3e-3, "mass_ratio": 0.05, "members": 2},
+    ),
+    Example(
+        "A bladed disk",
+        "Eight blades with an absorber in each, under a force that travels around the disk.",
+        "disk",
+        {"mistuning": 0.01, "mass_ratio": 0.08, "gap": 1e-3},
     ),
 )
 
 
-def make_structures(structure: Structure, title: str) -> dict[str, PageStructure]:
+def make_structures(structure: PageModel, title: str) -> dict[str, PageStructure]:
     """Return the structures of a page by their keys: the own one first, then those of the examples."""
     structures = {OWN: PageStructure(title, structure)}
     if not (isinstance(structure, Beam) and structure == Beam()):
         structures[PAPER] = PageStructure("the paper's beam", Beam())
+    structures["disk"] = PageStructure(f"a disk of {SECTORS} blades", make_disk())
     structures["arm"] = PageStructure("a steel arm with a tool", to_structure(STEEL_ARM))
     return structures
 

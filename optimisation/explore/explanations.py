@@ -114,7 +114,7 @@ CARD_NUMBERS = (
         "Impacts a period",
         "",
         1,
-        "Mean over the sweep; near the level's maximum there are more.",
+        "Of each mass, mean over the sweep; near the level's maximum there are more.",
         "About two impacts in each period of the vibration mean that the mass moves with the structure: the load is then too strong for "
         "the gap. Fewer and irregular impacts scatter energy into higher modes, where it is lost.",
     ),

@@ -16,15 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.extras import optional
-from impact_env.modes import Structure
-from impact_env.parameters import ParameterError
+from impact_env.parameters import ParameterError, require
 from impact_env.plain import Plain
+from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import IntegrationError, Stopped
 from optimisation.explore.advice import recommend_values
+from optimisation.explore.disk_work import DiskWork
 from optimisation.explore.examples import OWN, PageStructure, examples_to_list, make_structures
 from optimisation.explore.explanations import CARD_NUMBERS, format_help
 from optimisation.explore.settings import (
     ControlValues,
+    PageModel,
     Refused,
     commands_of,
     controls_to_dict,
@@ -175,7 +177,7 @@ class Tab:
         self.outbox = outbox
         self._changed = threading.Condition()
         self._ended = False
-        self._next: tuple[int, ControlValues, Structure, bool] | None = None
+        self._next: tuple[int, ControlValues, PageModel, bool] | None = None
         self._work: Work | None = None
         self._known: dict[tuple[Any, ...], list[Message]] = {}
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -258,7 +260,7 @@ class Tab:
                     return
                 (number, values, structure, advice), self._next = self._next, None
                 try:
-                    work = self._work = Work(values, structure, self.kernels)
+                    work = self._work = make_work(values, structure, self.kernels)
                 except ParameterError as error:
                     self._refuse(number, {"": str(error)})
                     continue
@@ -284,6 +286,8 @@ class Tab:
             for message in work.messages(self._known):
                 self.outbox.put(message | {"number": number})
             return
+        allowed = "for beams and single places: impact-absorber design gap searches for disks"
+        require(not isinstance(work.own, BladedDisk), "Recommended", "bladed disk", allowed)
         last_report = time.monotonic()
 
         def report(done: int, total: int) -> None:
@@ -298,8 +302,15 @@ class Tab:
         self.outbox.put({"type": "advice", "number": number, **advised._asdict()})
 
 
+def make_work(values: ControlValues, structure: PageModel, kernels: Kernels) -> Work:
+    """Return the computation of a setting."""
+    if isinstance(structure, BladedDisk):
+        return DiskWork(values, structure, kernels)
+    return Work(values, structure, kernels)
+
+
 def make_app(
-    structure: Structure,
+    structure: PageModel,
     name: str,
     names: Names,
     started: Callable[[], object] = lambda: None,
@@ -438,7 +449,7 @@ def names_of(*hosts: str) -> Names:
 
 
 def serve(
-    structure: Structure,
+    structure: PageModel,
     name: str,
     hosts: tuple[str, ...],
     listening: socket.socket,

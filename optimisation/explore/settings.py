@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,19 @@ from impact_env.parameters import (
     impact_absorbers,
     one_of,
 )
-from impact_env.plain import Plain, from_scene
+from impact_env.plain import Plain, from_disk, from_scene
 from impact_env.scene import Scene
+from impact_env.structures.cyclic import BladedDisk
 from optimisation.bounds import design_force
+from optimisation.disks import find_disk_range, find_excited_resonance
+from optimisation.explore.control import Control, ControlValues, Refused
+from optimisation.explore.disk_controls import DISK_CONCEPTS, disk_controls, disk_of
 from optimisation.explore.loading import LOADS, Loading
 from optimisation.measures import SAMPLES
 from optimisation.mounting import scene_on
 from optimisation.sweep_range import find_common_range
 
+PageModel = Structure | BladedDisk  # what a page's structure can be
 CONCEPTS = {
     "impact": "impact absorber",
     "friction": "friction damper",
@@ -52,79 +57,6 @@ MOST_RESONANCE = 6
 PAPER_FORCE = 3.5  # N
 SLACK = 1e-9  # of a control's range: values that pass through units are rounded
 LONGEST = 40  # characters of a refused value in its message
-
-
-@dataclass(frozen=True)
-class Control:
-    """One number: its value in SI units lies from ``low`` to ``high``; the page shows it times ``per`` in ``unit``.
-
-    ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts`` and ``loads``: those that it is for, empty for all.
-    ``group``: the key of `GROUPS` under which it stands; ``about``: a sentence for who does not know it.
-    """
-
-    name: str
-    label: str
-    low: float
-    high: float
-    value: float
-    unit: str = ""
-    per: float = 1.0
-    log: bool = False
-    zero: bool = False
-    whole: bool = False
-    concepts: tuple[str, ...] = ()
-    loads: tuple[str, ...] = ()
-    group: str = "absorber"
-    about: str = ""
-
-    @property
-    def allowed(self) -> str:
-        """The allowed values in words, in the page's unit."""
-        low = 0.0 if self.zero else self.low
-        if self.whole:
-            return f"a whole number from {low:g} to {self.high:g}"
-        return f"{low * self.per:g} to {self.high * self.per:g} {self.unit}".rstrip()
-
-
-@dataclass(frozen=True)
-class ControlValues:
-    """The checked values of a page's controls in SI units. ``instant``: time into the sweep in s around which motion is drawn.
-
-    None: the time of the level.
-    """
-
-    concept: str
-    load: str
-    direction: str
-    numbers: Mapping[str, float]
-    instant: float | None
-    view: str = "levels"
-
-    def __getitem__(self, name: str) -> float:
-        return self.numbers[name]
-
-    @property
-    def intensity(self) -> float:
-        """Amplitude of the load, in its unit."""
-        return self.numbers[self.load]
-
-    @property
-    def resonance(self) -> int:
-        """Resonance, counted from 1."""
-        return int(self.numbers["resonance"])
-
-    @property
-    def members(self) -> int:
-        """Number of runs of each point."""
-        return int(self.numbers["members"])
-
-
-class Refused(ParameterError):  # noqa: N818 - an answer
-    """Values that are not allowed: ``errors`` says why, by control ("" for several at once)."""
-
-    def __init__(self, errors: dict[str, str]) -> None:
-        super().__init__("; ".join(errors.values()))
-        self.errors = errors
 
 
 def find_default_force(structure: Structure, model: ModalModel) -> float:
@@ -347,19 +279,21 @@ def structure_controls(structure: Structure) -> list[Control]:
     return controls
 
 
-_CONTROLS: dict[int, tuple[Structure, tuple[Control, ...]]] = {}
+_CONTROLS: dict[int, tuple[PageModel, tuple[Control, ...]]] = {}
 # by identity, and with the structure, so that the identity stays its own: a beam has no hash
 
 
-def controls(structure: Structure) -> tuple[Control, ...]:
+def controls(structure: PageModel) -> tuple[Control, ...]:
     """Return the controls of a structure, in the order of the page."""
     if id(structure) not in _CONTROLS:
         _CONTROLS[id(structure)] = structure, make_controls(structure)
     return _CONTROLS[id(structure)][1]
 
 
-def make_controls(structure: Structure) -> tuple[Control, ...]:
+def make_controls(structure: PageModel) -> tuple[Control, ...]:
     """Return the table of controls; those with one possible value are left out."""
+    if isinstance(structure, BladedDisk):
+        return disk_controls(structure)
     model = modal_model(structure)
     about = "Runs of each point; they differ in the phase and a millionth of the load."
     table = [
@@ -374,28 +308,35 @@ def make_controls(structure: Structure) -> tuple[Control, ...]:
     return tuple(control for control in table if control.low < control.high)
 
 
-def loads_on(structure: Structure) -> dict[str, str]:
+def concepts_on(structure: PageModel) -> dict[str, str]:
+    """Return the concepts that a structure can have, by name."""
+    return DISK_CONCEPTS if isinstance(structure, BladedDisk) else CONCEPTS
+
+
+def loads_on(structure: PageModel) -> dict[str, str]:
     """Return the loads that a structure can have, by name: a base only where it says how a base moves it."""
     names = {load for control in controls(structure) for load in control.loads}
     return {name: words for name, words in LOADS.items() if name in names}
 
 
-def controls_to_dict(structure: Structure, name: str) -> dict[str, Any]:
+def controls_to_dict(structure: PageModel, name: str) -> dict[str, Any]:
     """Return the controls' description for the page."""
+    is_disk = isinstance(structure, BladedDisk)
+    mass = structure.ring.sector_mass if is_disk else modal_model(structure).beam_mass
     return {
         "structure": name,
-        "beam_mass_kg": modal_model(structure).beam_mass,
-        "concepts": CONCEPTS,
+        "beam_mass_kg": mass,
+        "concepts": concepts_on(structure),
         "loads": loads_on(structure),
         "directions": DIRECTIONS,
         "views": VIEWS,
         "groups": GROUPS,
-        "advice": True,
+        "advice": not is_disk,
         "controls": [asdict(control) for control in controls(structure)],
     }
 
 
-def parse_controls(plain: object, structure: Structure) -> ControlValues:
+def parse_controls(plain: object, structure: PageModel) -> ControlValues:
     """Return the settings that a page sent, with defaults for missing ones; raises Refused with all errors."""
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
@@ -409,7 +350,9 @@ def parse_controls(plain: object, structure: Structure) -> ControlValues:
             numbers[name] = read_number(control, entries.get(name, control.value))
         except ParameterError as error:
             errors[name] = str(error)
-    options = dict(zip(CHOICES, (CONCEPTS, loads_on(structure), DIRECTIONS, VIEWS), strict=True))
+    options = dict(
+        zip(CHOICES, (concepts_on(structure), loads_on(structure), DIRECTIONS, VIEWS), strict=True)
+    )
     words = {}
     for name, known in options.items():
         try:
@@ -426,6 +369,10 @@ def parse_controls(plain: object, structure: Structure) -> ControlValues:
         )
     if errors:
         raise Refused(errors)
+    if isinstance(structure, BladedDisk):
+        order = replace(structure, engine_order=int(numbers["engine_order"]))
+        numbers["resonance"] = find_excited_resonance(order)
+        numbers["members"] = 1
     return ControlValues(
         words["concept"],
         words["load"],
@@ -471,8 +418,10 @@ def read_number(control: Control, value: object) -> float:
     return min(max(number, low), control.high)
 
 
-def structure_of(values: ControlValues, structure: Structure) -> Structure:
-    """Return the structure with the page's modes and damping, if it is a beam."""
+def structure_of(values: ControlValues, structure: PageModel) -> Structure:
+    """Return the structure with the page's modes and damping, if it is a beam; a disk as its modes."""
+    if isinstance(structure, BladedDisk):
+        return disk_of(values, structure).model
     if not isinstance(structure, Beam):
         return structure
     own = {"modes": int(values["modes"])} | (
@@ -504,13 +453,17 @@ def places_of(values: ControlValues) -> tuple[float, ...]:
     return tuple(values.numbers.get(name, 1.0) for name in names)
 
 
-def scene_of(values: ControlValues, structure: Structure) -> Scene:
+def scene_of(values: ControlValues, structure: PageModel) -> Scene:
     """Return the scene; raises ParameterError where the values do not go together."""
+    if isinstance(structure, BladedDisk):
+        return disk_of(values, structure).scene()
     return scene_on(structure_of(values, structure), absorber_of(values), *places_of(values))
 
 
-def sweep_range_of(values: ControlValues, structure: Structure) -> tuple[float, float]:
+def sweep_range_of(values: ControlValues, structure: PageModel) -> tuple[float, float]:
     """Return the ends of the sweeps over the resonance, those of all commands for absorbers of this mass at these places."""
+    if isinstance(structure, BladedDisk):
+        return find_disk_range(disk_of(values, structure), values.resonance)
     own = structure_of(values, structure)
     models = [scene_on(own, None, place).model for place in places_of(values)]
     return find_common_range(models, values["mass_ratio"], values.resonance)
@@ -523,12 +476,14 @@ def sweeps_of(values: ControlValues) -> tuple[str, ...]:
     return ("up", "down") if values.direction == "both" else (values.direction,)
 
 
-def scene_file(values: ControlValues, structure: Structure) -> Plain:
+def scene_file(values: ControlValues, structure: PageModel) -> Plain:
     """Return the scene in the form of `docs/scenes.md`."""
+    if isinstance(structure, BladedDisk):
+        return from_disk(disk_of(values, structure))
     return from_scene(scene_of(values, structure))
 
 
-def load_files(values: ControlValues, structure: Structure) -> dict[str, Plain]:
+def load_files(values: ControlValues, structure: PageModel) -> dict[str, Plain]:
     """Return a load other than the force of a sweep in the form of `docs/loads.md`, by file name: one for each direction of `sweeps_of`."""
     if values.load == "force":
         return {}
@@ -550,7 +505,7 @@ def load_name(sweep: str, sweeps: tuple[str, ...]) -> str:
     return "load.json" if len(sweeps) == 1 else f"load_{sweep}.json"
 
 
-def commands_of(values: ControlValues, structure: Structure) -> list[str]:
+def commands_of(values: ControlValues, structure: PageModel) -> list[str]:
     """Return the commands that make the runs behind the card's level: one for each direction of `sweeps_of`."""
     sweeps = sweeps_of(values)
     low, high = sweep_range_of(values, structure)

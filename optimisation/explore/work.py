@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes
+from impact_env.curve import CurveCase, Measure, Pass, PerformanceCurve, curve_passes
 from impact_env.ensemble import Lane
 from impact_env.frequency import tip_response
 from impact_env.laws import describe_absorber
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.loads import Loads
 from impact_env.methods import Exact
-from impact_env.modes import ModalModel, Structure, mode_shapes
+from impact_env.modes import ModalModel, mode_shapes
 from impact_env.parameters import (
     Beam,
     ParameterError,
@@ -42,6 +42,7 @@ from optimisation.explore.advice import tuned_to
 from optimisation.explore.loading import BAND, LOADS, Loading
 from optimisation.explore.settings import (
     ControlValues,
+    PageModel,
     controls,
     places_of,
     scene_of,
@@ -84,7 +85,7 @@ def rounded(values: Any, digits: int = 6) -> list[Any]:
 class Work:
     """One setting of a page: `pieces` yields messages until all is known or ``stop`` is given; the curve has a stop of its own, ``first``."""
 
-    def __init__(self, values: ControlValues, structure: Structure, kernels: Kernels) -> None:
+    def __init__(self, values: ControlValues, structure: PageModel, kernels: Kernels) -> None:
         self.values = values
         self.own = structure
         self.structure = structure_of(values, structure)
@@ -155,11 +156,36 @@ class Work:
         """The model with the first absorber's place."""
         return scene_on(self.structure, None, *places_of(self.values)[:1]).model
 
+    @property
+    def reference_omega(self) -> float:
+        """Circular frequency in rad/s of the resonance to which frequencies refer."""
+        return self.model.resonance_omega(self.resonance)
+
+    @property
+    def measure(self) -> Measure | None:
+        """What a curve shows, None for the response level."""
+        return self.loading.measure
+
+    @property
+    def first_pass(self) -> Pass:
+        """The runs from which a curve is drawn at first."""
+        return ROUGH
+
+    @property
+    def forces(self) -> int:
+        """Number of points of the curve."""
+        return FORCES
+
+    @cached_property
+    def free_scene(self) -> Scene:
+        """The scene without absorber."""
+        return Scene(_at_level(self.model))
+
     def case(self) -> CurveCase:
         """Return the curve's case."""
         return CurveCase(
             self.scene,
-            force_grid(self.middle(), FORCES),
+            force_grid(self.middle(), self.forces),
             self.resonance,
             self.limits,
             load=self.loading.act,
@@ -170,9 +196,7 @@ class Work:
         self, case: CurveCase, passes: Sequence[Pass], stop: Stop
     ) -> Generator[tuple[Pass, PerformanceCurve], None, None]:
         """Return `curve_passes` by the load's measure."""
-        return curve_passes(
-            case, passes, stop, measure=self.loading.measure, both_ways=self.loading.swept
-        )
+        return curve_passes(case, passes, stop, measure=self.measure, both_ways=self.loading.swept)
 
     @cached_property
     def loads(self) -> Loads | None:
@@ -183,7 +207,7 @@ class Work:
 
     def ready(self, scene: Scene, record: Record, what: str, stop: Stop) -> Iterator[Message]:
         """Yield messages about compilation until a scene's kernels are ready."""
-        record = self.loading.record if self.loading.measure else record
+        record = self.loading.record if self.measure else record
         key = (
             kernel_key(scene, Exact(), self.loads),
             record,
@@ -207,7 +231,9 @@ class Work:
         case = self.case()
         finished = list[Message]()
         with closing(
-            self.passes(case, [ROUGH, Pass(), Pass(members=self.values.members)], self.first)
+            self.passes(
+                case, [self.first_pass, Pass(), Pass(members=self.values.members)], self.first
+            )
         ) as passes:
             if again is None:
                 yield from self._one_pass(passes)
@@ -449,24 +475,23 @@ class Work:
         if self.values.concept != "none":
             # a linear scene: members differ only under a random force, whose records do
             free = self._last(
-                replace(
-                    case, scene=Scene(_at_level(self.model)), forces=np.array([self.intensity])
-                ),
+                replace(case, scene=self.free_scene, forces=np.array([self.intensity])),
                 1 if self.loading.swept else members,
             )
         levels = self._levels(own)
         level = float(np.median(levels))
         without = float(np.median(self._levels(free)))
         band = prediction_interval(levels)
-        omega = self.model.resonance_omega(self.resonance)
+        omega = self.reference_omega
         ratio = float(np.max(own.lanes.frequency_ratio))
+        impacts = float(np.nanmean(own.lanes.impacts))
         numbers: Message = {
             "level": level,
             "band": [number(end) for end in band],
             "without": without,
             "mass": self.scene.absorber_mass,
             "resonance_hz": omega / (2 * np.pi),
-            "impacts_a_period": float(np.nanmean(own.lanes.impacts)) / case.schedules()[0].periods,
+            "impacts_a_period": impacts / case.schedules()[0].periods / self.scene.places,
             "rate": case.percent_per_100_periods if self.loading.swept else None,
             "acceleration": np.sqrt(2) * level * (ratio * omega) ** 2
             if self.loading.swept
@@ -524,7 +549,7 @@ class Work:
     def _quick_lines(self, case: CurveCase) -> Iterator[Message]:
         """Yield the curves to compare with that take no time: no absorber, and the limit."""
         forces = case.forces
-        yield from self._line("none", Scene(_at_level(self.model)), case)
+        yield from self._line("none", self.free_scene, case)
         gap = self.gap()
         if self.values.concept == "impact" and gap is not None and self.values.load == "force":
             level = rounded(
@@ -642,7 +667,7 @@ class Work:
 
     def frequency_levels(self) -> Generator[Message, None, Message]:
         """Return the levels over the frequency with and without the absorber, (n,) each in m; yield messages about compilation."""
-        scenes = {"with": self.scene, "without": Scene(_at_level(self.model))}
+        scenes = {"with": self.scene, "without": self.free_scene}
         if self.values.concept == "none":
             del scenes["with"]
         levels: Message = {}

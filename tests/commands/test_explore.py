@@ -27,27 +27,34 @@ from impact_env import (
     simulate,
 )
 from impact_env.curve import CurveCase
-from impact_env.drive import constant_frequency
+from impact_env.drive import FrequencySchedule, constant_frequency
 from impact_env.ensemble import Lane
 from impact_env.parameters import ParameterError
 from impact_env.plain import to_scene
 from impact_env.plain_loads import to_loads
+from impact_env.sectors import linear_sector_response
 from impact_env.steady_start import find_steady_start
+from impact_env.structures.cyclic import BladedDisk, ring_of_masses
 from optimisation.cli.group import imported
+from optimisation.disks import DiskRun, disk_schedule
 from optimisation.explore.advice import recommend_values
+from optimisation.explore.disk_controls import disk_of
 from optimisation.explore.server import (
     MOST_BYTES,
     MOST_TABS,
     bound,
     make_app,
+    make_work,
     names_of,
     page_address,
 )
 from optimisation.explore.settings import (
     Refused,
+    commands_of,
     controls,
     parse_controls,
     replace_numbers,
+    scene_file,
     scene_of,
     sweep_range_of,
 )
@@ -375,7 +382,7 @@ def test_two_absorbers_are_swept_over_the_range_of_both_places() -> None:
         ({"number": 2, "values": {"force": None}}, "force", "no number; allowed is 0.035 to 105 N"),
         ({"number": 2, "values": {"force": 10**400}}, "force", "is not allowed: 0.035 to 105 N"),
         ({"number": 2, "values": {"mass_ratio": 0.5}}, "mass_ratio", "Mass = 50 % of"),
-        ({"number": 2, "structure": "moon", "values": {}}, "", "not one of own, arm"),
+        ({"number": 2, "structure": "moon", "values": {}}, "", "not one of own, disk, arm"),
         ({"number": 2, "values": {"modes": 2, "resonance": 3}}, "resonance", "1 to 2"),
         ({"number": 2, "values": {"concept": "rubber"}}, "concept", "one of"),
         ({"number": 2, "values": {"surprise": 1}}, "", "surprise is not allowed"),
@@ -595,7 +602,7 @@ def test_advice_for_two_absorbers_is_better_than_the_rule(monkeypatch: pytest.Mo
 
 def test_other_structures_have_their_own_controls(client: TestClient) -> None:
     table = client.get("/controls").json()
-    assert list(table["structures"]) == ["own", "arm"]
+    assert list(table["structures"]) == ["own", "disk", "arm"]
     assert {example["structure"] for example in table["examples"]} <= set(table["structures"])
     arm = client.get("/controls?structure=arm").json()
     assert arm["key"] == "arm"
@@ -604,6 +611,46 @@ def test_other_structures_have_their_own_controls(client: TestClient) -> None:
         session.send_text(json.dumps({"number": 1, "structure": "arm", "values": {}}))
         (taken,) = until(session, "taken", "refused")
     assert to_scene(taken["scene"]).model.beam_mass == pytest.approx(arm["beam_mass_kg"])
+
+
+def test_a_disks_level_is_that_of_its_worst_sector_and_of_its_commands(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Against the runs of `optimisation.disks`, the closed form without absorbers, and the exported commands."""
+    monkeypatch.setattr("optimisation.explore.disk_work.FORCES", 3)
+    ring = ring_of_masses(4, coupling=0.02, frequency=100.0, damping_ratio=0.02)
+    disk = BladedDisk(ring, engine_order=1, amplitude=20.0)
+    values = parse_controls({"mistuning": 0.02, "mass_ratio": 0.03}, disk)
+    work = make_work(values, disk, Kernels())
+    messages = list(work.messages({}))
+    assert json.loads(json.dumps(messages, allow_nan=False)) == messages
+    assert messages[-1] == {"type": "done"}
+    latest = {message["type"]: message for message in messages}
+    assert "problem" not in latest
+    own = disk_of(values, disk)
+    up = disk_schedule(own, values.resonance)
+    down = FrequencySchedule(up.times, up.omegas[::-1], up.reference)
+    levels = [
+        DiskRun(own, Drive(20.0, schedule), steady_start=True).simulate().levels.worst
+        for schedule in (up, down)
+    ]
+    assert latest["card"]["level"] == pytest.approx(max(levels), rel=1e-9)
+    ratio = np.array(latest["response"]["ratio"])
+    response = linear_sector_response(own.ring, ratio * up.reference, 1)
+    assert np.array(latest["response"]["without"]) == pytest.approx(
+        20.0 * np.max(np.abs(response), axis=-1),
+        rel=5e-4,  # ratios have six digits
+    )
+    motion = latest["motion"]
+    assert motion["ring"]
+    assert len(motion["shapes"]) == len(motion["gaps"]) == len(motion["absorbers"][0]) == 4
+    monkeypatch.chdir(tmp_path)
+    commands = commands_of(values, disk)
+    results = run_commands(
+        {"scene": scene_file(values, disk), "loads": {}, "commands": commands}, tmp_path
+    )
+    worst = [result["worst_level_m"][0] for result in results]
+    assert max(worst) == pytest.approx(latest["card"]["level"], rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["unbalance", "base"])

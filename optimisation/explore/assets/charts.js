@@ -237,5 +237,6 @@ function splitBranch(branch) {
 }
 
 export function describeSweep(sweep) {
-  return `${formatNumber(1e3 * sweep.level, 3)} mm, ${sweep.impacts} impacts`;
+  const where = sweep.where ? `${sweep.where}: ` : "";
+  return `${where}${formatNumber(1e3 * sweep.level, 3)} mm, ${sweep.impacts} impacts`;
 }

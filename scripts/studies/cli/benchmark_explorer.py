@@ -51,10 +51,9 @@ FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 class ExplorerSettings(NamedTuple):
-    """Moves of the slider for each case, and where a picture of the page goes (None: nowhere)."""
+    """Moves of the slider for each case."""
 
     repeats: int
-    picture: Path | None = None
 
 
 @contextmanager
@@ -190,6 +189,14 @@ def film(target: Path) -> None:
     )
 
 
+def take_picture(target: Path) -> None:
+    """Write a picture of the page with the first example."""
+    with serving() as address, browsing() as page:
+        opened(page, address, "friction=0.1")
+        page.screenshot(path=target)
+    few_colours(Image.open(target)).save(target, optimize=True)
+
+
 def stopped(modes: int, friction: float, repeats: int) -> list[float]:
     """Return the times in ms from an order to stop to the end of all work on a curve."""
     scene = beam_scene(Beam(modes=modes), impact_absorber(restitution=0.7, friction_limit=friction))
@@ -219,10 +226,6 @@ def measure(settings: ExplorerSettings) -> Json:
                 "stopped_ms": stopped(modes, friction, settings.repeats)
             }
             rows.append({"modes": modes, "friction_limit": friction, **times})
-        if settings.picture is not None:
-            opened(page, address, "friction=0.1&gap=0.0012&members=8&modes=3")
-            page.screenshot(path=settings.picture)
-            few_colours(Image.open(settings.picture)).save(settings.picture, optimize=True)
     return {"repeats": settings.repeats, "load": [load, os.getloadavg()[0]], "cases": rows}
 
 
@@ -259,7 +262,12 @@ STUDY = make_table_study(NAME, "explorer", measure, said)
 @click.option(
     "--quick", is_flag=True, help=f"{QUICK_REPEATS} moves of each case: a look, not a measurement."
 )
-@click.option("--picture", type=FILE, metavar="FILE", help="Keep a picture of the page: .png.")
+@click.option(
+    "--picture",
+    type=FILE,
+    metavar="FILE",
+    help="Take a picture of the page, .png, and nothing else.",
+)
 @click.option(
     "--film",
     "filmed",
@@ -277,13 +285,14 @@ def main(
     """
     check_target("--picture", picture, (".png",))
     check_target("--film", filmed, (".gif",))
+    if picture is not None:
+        take_picture(picture)
     if filmed is not None:
         film(filmed)
+    if picture is not None or filmed is not None:
         return
     run(
         STUDY,
-        ExplorerSettings(
-            QUICK_REPEATS if quick else REPEATS, None if picture is None else picture.resolve()
-        ),
+        ExplorerSettings(QUICK_REPEATS if quick else REPEATS),
         make_table_paths(target, page),
     )
