@@ -8,6 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impact_env.drive import LOAD_STARTS, Drive, Load, find_schedule
 from impact_env.loads import (
     BASE_QUANTITY,
@@ -50,6 +53,7 @@ from impact_env.records.units import (
 from impact_env.scene import InitialState
 from impact_env.structures.modal import TEXT_CODEC
 
+Array = NDArray[np.float64]
 MOST_RECORD_BYTES = 32 * MOST_RECORD_SAMPLES  # of a record's file
 
 
@@ -195,7 +199,14 @@ SAMPLE_KEYS = (
 )
 
 
-def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Path) -> Samples:
+def read_record_table(
+    path: str, plain: Mapping[str, Any], quantity: str, folder: Path
+) -> tuple[Array, Array]:
+    """Return times (K,) in s and values (K,) in SI units of the record that a table of the keys `SAMPLE_KEYS` names.
+
+    ``path`` is the table's name in errors, ``quantity`` one of `impact_env.records.reading.DIMENSIONS`, and ``folder`` the one
+    that the file's name is relative to. Raises ParameterError for all that does not fit.
+    """
     require_keys(path, plain, dict.fromkeys(SAMPLE_KEYS), ("file",))
     file = folder / TEXT_CODEC.read(f"{path}.file", plain["file"])
     allowed = f"a name that ends in {', '.join(RECORD_READERS)}"
@@ -205,8 +216,7 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
         size = file.stat().st_size
         allowed = f"at most {MOST_RECORD_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample"
         require(size <= MOST_RECORD_BYTES, f"{file.name}: bytes", size, allowed)
-        times, values = read_record(file, options)
-        return Samples(times, values, quantity)
+        return read_record(file, options)
     except ParameterError as error:
         if str(error).partition(" = ")[0] in SAMPLE_KEYS:
             raise ParameterError(f"{path}.{error}") from error
@@ -216,6 +226,14 @@ def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Pa
         raise ParameterError(
             f"{path}.file = {plain['file']!r} is not allowed: a file that can be read: {reason}"
         ) from error
+
+
+def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Path) -> Samples:
+    times, values = read_record_table(path, plain, quantity, folder)
+    try:
+        return Samples(times, values, quantity)
+    except ParameterError as error:
+        raise error.at_key(path, {}) from error
 
 
 def _read_single_load(path: str, plain: Any, folder: Path) -> Load:

@@ -8,12 +8,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from optimisation.answers.calibration import calibrate
     from optimisation.answers.comparison import compare
     from optimisation.answers.design import explain
     from optimisation.answers.gap import advise
 
-__all__ = ["advise", "compare", "explain"]
-_MODULES = {"advise": "gap", "compare": "comparison", "explain": "design"}
+__all__ = ["advise", "calibrate", "compare", "explain"]
+_MODULES = {
+    "advise": "gap",
+    "calibrate": "calibration",
+    "compare": "comparison",
+    "explain": "design",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -17,10 +17,12 @@ from impact_env.records.options import RecordOptions
 from impact_env.records.units import (
     ACCELERATION_DIMENSION,
     FORCE_DIMENSION,
+    LENGTH_DIMENSION,
     OTHER_DIMENSION,
     POUND_FORCE,
     STANDARD_GRAVITY,
     TIME_DIMENSION,
+    VELOCITY_DIMENSION,
     Unit,
     find_unit,
     name_unit,
@@ -43,6 +45,8 @@ FUNCTIONS = {
 # kinds of data on an axis
 UNKNOWN_DATA = 0
 GENERAL_DATA = 1
+DISPLACEMENT_DATA = 8
+VELOCITY_DATA = 11
 ACCELERATION_DATA = 12
 FORCE_DATA = (9, 13)  # reaction force, excitation force
 TIME_DATA = 17
@@ -187,6 +191,11 @@ def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Uni
     if kind in FORCE_DATA:
         factor = 1.0 if system is None else system.force
         return name_unit(FORCE_DIMENSION, factor)
+    length = 1.0 if system is None else system.length
+    if kind == DISPLACEMENT_DATA:
+        return Unit(f"{length:g} m", LENGTH_DIMENSION, length)
+    if kind == VELOCITY_DATA:
+        return Unit(f"{length:g} m/s", VELOCITY_DIMENSION, length)
     return Unit(DATA_TYPES.get(kind, f"kind {kind}"), OTHER_DIMENSION, math.nan)
 
 

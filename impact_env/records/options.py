@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class RecordOptions:
     """How a record is read: the keys of a load of the kind ``samples``, None where a key is left out.
 
-    - ``quantity``: "force" or "base_acceleration"
+    - ``quantity``: "force" or "base_acceleration" of a load; "displacement", "velocity" or "acceleration" of a response
     - ``scale``: factor on the values; ``unit`` of the values, ``time_unit`` of the times
     - ``sample_rate``: in Hz, for files without times
     - ``channel``: the number of a channel, from 1, or its name

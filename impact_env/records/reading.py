@@ -16,7 +16,9 @@ from impact_env.records.units import (
     ACCELERATION_DIMENSION,
     EXAMPLES,
     FORCE_DIMENSION,
+    LENGTH_DIMENSION,
     TIME_DIMENSION,
+    VELOCITY_DIMENSION,
     Unit,
     require_unit,
 )
@@ -30,7 +32,14 @@ RECORD_READERS: dict[str, Reader] = {
     ".uff": read_uff,
     ".unv": read_uff,
 }
-DIMENSIONS = {"force": FORCE_DIMENSION, "base_acceleration": ACCELERATION_DIMENSION}
+DIMENSIONS = {
+    "force": FORCE_DIMENSION,
+    "base_acceleration": ACCELERATION_DIMENSION,
+    # of measured responses
+    "displacement": LENGTH_DIMENSION,
+    "velocity": VELOCITY_DIMENSION,
+    "acceleration": ACCELERATION_DIMENSION,
+}
 CLIPPED = 8  # samples in a row at a record's largest or smallest value: what a converter gives beyond its range
 LONGEST_STEP = 1.5  # usual steps: a longer one has lost a sample
 SHORTEST_STEP = (
@@ -58,7 +67,7 @@ def _choose_unit(
 
 
 def _factor(file: Path, options: RecordOptions, channel: Channel) -> float:
-    """Return the factor from the values of a file to N or m/s^2."""
+    """Return the factor from the values of a file to the SI unit of their quantity."""
     unit = _choose_unit(
         file, "unit", options.unit, channel.unit, channel.unit_unknown, DIMENSIONS[options.quantity]
     )
@@ -150,7 +159,7 @@ def _to_even_times(
 
 
 def read_record(file: Path, options: RecordOptions) -> tuple[Array, Array]:
-    """Return times (K,) in s, even from 0, and values (K,) in N or m/s^2 of a record.
+    """Return times (K,) in s, even from 0, and values (K,) of a record in the SI unit of its quantity.
 
     Raises ParameterError with file, row or dataset, and what is allowed; OSError where the file cannot be opened.
     """

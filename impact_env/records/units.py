@@ -12,11 +12,15 @@ POUND_FORCE = 4.4482216152605  # N
 TIME_DIMENSION = "time"
 ACCELERATION_DIMENSION = "acceleration"
 FORCE_DIMENSION = "force"
+LENGTH_DIMENSION = "length"
+VELOCITY_DIMENSION = "velocity"
 OTHER_DIMENSION = "other"  # a unit that is known, of a quantity that no record here may have
 EXAMPLES = {
     TIME_DIMENSION: "s, ms, us, min, h",
     ACCELERATION_DIMENSION: "m/s^2, mm/s^2, cm/s^2, g",
     FORCE_DIMENSION: "N, mN, kN, lbf, kgf",
+    LENGTH_DIMENSION: "m, mm, um, in",
+    VELOCITY_DIMENSION: "m/s, mm/s, cm/s, in/s",
 }
 AGREEMENT_TOL = 1e-6  # of a factor: units written in two places of a file are one unit
 
@@ -55,9 +59,16 @@ FORCE_UNITS = {
     "lbf": POUND_FORCE, "klbf": 1e3 * POUND_FORCE, "kip": 1e3 * POUND_FORCE, "ozf": POUND_FORCE / 16,
     "kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "gf": 1e-3 * STANDARD_GRAVITY, "pdl": POUND_FORCE * 0.3048 / STANDARD_GRAVITY, "dyn": 1e-5,
 }  # fmt: skip
+VELOCITY_UNITS = {
+    "m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "um/s": 1e-6, "in/s": 0.0254, "ft/s": 0.3048, "km/h": 1 / 3.6,
+}  # fmt: skip
+MOTION_UNITS = (  # an exact name, or any letters from two on: M is no metre
+    (LENGTH_DIMENSION, {name: LENGTH_UNITS[name] for name in ("m", "mm", "cm", "um", "nm", "in", "inch", "ft")}),
+    (LENGTH_DIMENSION, {"mil": 2.54e-5}),
+    (VELOCITY_DIMENSION, VELOCITY_UNITS),
+)  # fmt: skip
 OTHER_UNITS = (
-    "m", "mm", "cm", "um", "nm", "in", "inch", "ft", "mil", "m/s", "mm/s", "cm/s", "in/s", "ft/s",
-    "km/h", "Hz", "kHz", "MHz", "rpm", "rad/s", "rad", "deg", "°", "%", "V", "mV", "uV", "kV", "A",
+    "Hz", "kHz", "MHz", "rpm", "rad/s", "rad", "deg", "°", "%", "V", "mV", "uV", "kV", "A",
     "mA", "C", "pC", "Pa", "kPa", "MPa", "GPa", "bar", "psi", "Nm", "N*m", "ue", "strain", "dB",
     "K", "°C", "rad/s2", "m/s3", "N/m", "kg", "lb", "lbs", "W", "J", "Ohm", "T", "(m/s2)2/Hz",
     "g2/Hz", "N2/Hz", "m2/s4/Hz", "counts", "lsb",
@@ -118,6 +129,10 @@ def find_unit(text: str) -> Unit | None:
     if multiple is not None and float(multiple[1]) > 0:
         unit = find_unit(multiple[2])
         return unit and Unit(text.strip(), unit.dimension, float(multiple[1]) * unit.factor)
+    for dimension, table in MOTION_UNITS:
+        factor = _in_table(table, plain) if len(plain) > 1 else table.get(plain)
+        if factor is not None:
+            return Unit(text.strip(), dimension, factor)
     if plain in OTHER_UNITS or plain.casefold() in {
         name.casefold() for name in OTHER_UNITS if len(name) > 1
     }:

@@ -34,6 +34,7 @@ HEADINGS = {
         "mass_ratios",
         "tune_ltva",
     ),
+    "Measure": ("calibrate",),
     "Periodic responses": ("periodic", "frequency_response", "balance_error"),
     "Learn": ("train", "judge", "record_demonstrations"),
     "This installation": ("doctor", "prepare", "cache"),

@@ -26,6 +26,7 @@ INPUT_FILES = {  # files that lie in the folder of the call
     "bad.toml": "[beam]\nlength = 2\n",
     "grams.toml": "[model]\nomega_rad_s = [252.0, 1580.0]\ndamping_ratio = [0.01, 0.01]\nforce_shape_per_sqrt_kg = [0.5, -0.4]\n"
     "tip_shape_per_sqrt_kg = [2.66, -2.66]\nbeam_mass_kg = 563.7\n",
+    "levels.toml": '[measurement]\nkind = "levels"\nforces_n = [2.0]\nlevels_m = [1e-3]\nfrom_hz = 36.0\nto_hz = 43.0\nduration_s = 5.0\n',
     "other/jumps.json.gz": '{"part": "cost", "rows": []}',
     "paper/paper/jump.json.gz": '{"rows": []}',
 }
@@ -327,6 +328,16 @@ structure
     -> Missing argument 'FILE'
 structure {steel}
     --near 0 0 0 -> --near is for files with nodes
+calibrate levels.toml
+    -> statistics = 1 is not allowed: 3 or more, as many as there are free parameters
+    --free gap 2e-3 1e-3 -> from 0 on, the lower one first
+    --free height -> free = 'height' is not allowed
+    --free gap --free gap -> --free gap is given twice
+    --plan a -> --plan = 'a' is not allowed: numbers with commas between
+    --resonance 99 -> resonance = 99 is not allowed: a mode of the model, 1 to 10
+    --mass-kg 5 -> mass_kg = 5.0 is not allowed
+    --gap -1 -> gap = -1.0 is not allowed
+    --resume good.toml -> --resume = good.toml is not allowed: a file that this option has written before
 explore --no-browser
     --structure nowhere.toml -> nowhere.toml
     --structure bad.toml -> length

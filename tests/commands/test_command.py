@@ -104,6 +104,7 @@ STEEP = "--quick --modes 2 --rate 20 --members 2"
 QUICK = {  # the shortest form of each command
     "balance_error": "--modes 2 --harmonics 10 --weights 50 --no-branches",
     "cache": "info",
+    "calibrate": f"{ROOT}/docs/examples/absorber_levels.toml --quick --free restitution",
     "compare_absorbers": "--quick",
     "design_gap": "--quick --force 3.5",
     "design_place": "--quick --force 3.5 --mass-ratio 0.02 --rate 40 --position 1",

@@ -1,0 +1,392 @@
+"""Parameters of an absorber from a measured response: `calibrate`, and its whole answer with text, JSON, figures and card."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.ensemble import LaneProgress
+from impact_env.kernels.compiling.cache import hash_sources
+from impact_env.modes import Structure
+from impact_env.parameters import SlidingAbsorber, count, instance, one_of, require
+from impact_env.plain import from_scene
+from impact_env.scene import Scene
+from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
+from optimisation.calibration.admission import require_plausible
+from optimisation.calibration.alternatives import list_alternatives
+from optimisation.calibration.inference import (
+    FIRST_RUNS,
+    ROUND_RUNS,
+    ROUNDS,
+    Ensemble,
+    Inference,
+    infer,
+    round_seed,
+    simulate_ensemble,
+)
+from optimisation.calibration.linear_fit import LinearFit, fit_linear
+from optimisation.calibration.measurement import (
+    Measurement,
+    read_measurements,
+    require_moving,
+)
+from optimisation.calibration.parameters import Prior, PriorInput, read_priors, scene_with
+from optimisation.calibration.plan import FACTORS, MeasurementPlan, plan_measurement
+from optimisation.calibration.posterior import Posterior
+from optimisation.calibration.predictive import REPLICATES, PredictiveCheck, check_posterior
+from optimisation.calibration.simulation import Simulator
+from optimisation.checkpoint import Checkpoint
+from optimisation.mounting import model_with_absorber_at
+from optimisation.report import calibration_report as report
+from optimisation.report.card import Card
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+NEVER = "never"
+WHEN_REFUSED = "when-refused"
+ALWAYS = "always"
+ALTERNATIVES = (NEVER, WHEN_REFUSED, ALWAYS)
+
+
+@dataclass(frozen=True)
+class CalibrationRuns:
+    """Numbers of simulated measurements: over the prior, in each further round, rounds at most, and of the predictive check."""
+
+    first: int = FIRST_RUNS
+    each_round: int = ROUND_RUNS
+    rounds: int = ROUNDS
+    replicates: int = REPLICATES
+
+    def __post_init__(self) -> None:
+        count("first runs", self.first, 32)
+        count("runs of a round", self.each_round, 16)
+        count("rounds", self.rounds, 1)
+        count("replicates", self.replicates, 20)
+
+
+QUICK_RUNS = CalibrationRuns(96, 48, 2, 48)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedModel:
+    """A model of the absorber with its posterior and predictive check."""
+
+    name: str
+    scene: Scene
+    inference: Inference
+    check: PredictiveCheck
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior in SI units."""
+        return Posterior(self.inference.names, self.inference.values, self.check.explains)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationAnswer(CompleteAnswer):
+    """Posterior of an absorber's parameters given measurements.
+
+    Attributes
+    ----------
+    measurements : tuple
+        Measurements.
+    model : CalibratedModel
+        The model that was asked for, with its posterior and predictive check.
+    linear : LinearFit, optional
+        Frequencies and damping from measurements without a moving absorber; None where there are none.
+    alternatives : tuple of CalibratedModel
+        Other models, where these were compared.
+    plan : MeasurementPlan, optional
+        Expected width of the posterior after one more sweep at other forces.
+    resonance : int
+        Resonance near which the structure was excited, from 1.
+
+    """
+
+    measurements: tuple[Measurement, ...]
+    model: CalibratedModel
+    linear: LinearFit | None = None
+    alternatives: tuple[CalibratedModel, ...] = ()
+    plan: MeasurementPlan | None = None
+    resonance: int = 1
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior of the parameters in SI units."""
+        return self.model.posterior
+
+    @property
+    def models(self) -> dict[str, tuple[Inference, PredictiveCheck]]:
+        """Inference and check of each model, by name; the one that was asked for first."""
+        return {one.name: (one.inference, one.check) for one in (self.model, *self.alternatives)}
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is wrong or not certain, in words."""
+        lines = [] if self.linear is None else self.linear.warnings
+        return lines + report.list_warnings(self.model.inference, self.model.check)
+
+    @cached_property
+    def card(self) -> Card:
+        """The card with the measured statistics over the predictive band, and the posterior."""
+        return report.make_card(
+            self.measurements, self.models, self.linear, self.warnings, self.plan
+        )
+
+    def __str__(self) -> str:
+        """Return what `calibrate` prints."""
+        return "\n".join(
+            report.list_lines(self.measurements, self.models, self.linear, self.plan)
+            + [f"Warning: {line}" for line in self.warnings]
+        )
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        posterior = self.posterior.to_plain()
+        posterior.pop("draws")
+        return {
+            "posterior": posterior,
+            "priors": {one.name: one.to_plain() for one in self.model.inference.priors},
+            **report.summarise(self.models, self.linear, self.plan, self.warnings),
+        }
+
+    def plot(self) -> Figure:
+        """Return the figure of the posterior: each parameter, and each pair."""
+        return report.draw_pairs(self.model.inference)
+
+    def files(self, folder: Path) -> dict[Path | None, object]:
+        """Return tables, figures and JSON by their paths."""
+        inference = self.model.inference
+        check = self.model.check
+        return {
+            folder / "posterior.json": self.posterior.to_plain(),
+            folder / "summary.json": self.to_json(),
+            folder / "device.json": from_scene(self.device),
+            folder / "statistics.csv": (
+                report.statistics_columns(inference),
+                report.statistics_rows(inference, check),
+            ),
+            folder / "posterior.png": partial(report.save_pairs, inference=inference),
+            folder / "statistics.png": partial(report.save_statistics, check=check),
+        }
+
+    @property
+    def device(self) -> Scene:
+        """Structure and absorber with the posterior's medians."""
+        return scene_with(self.model.scene, self.posterior.medians, self.resonance)
+
+
+class CheckpointedSimulation:
+    """Simulates ensembles of rounds, each as a piece of a checkpoint and under a progress of its own."""
+
+    def __init__(
+        self,
+        name: str,
+        simulator: Simulator,
+        priors: Sequence[Prior],
+        seed: int,
+        checkpoint: Checkpoint,
+        stages: Stages,
+    ) -> None:
+        self.name = name
+        self.simulator = simulator
+        self.priors = priors
+        self.seed = seed
+        self.checkpoint = checkpoint
+        self.stages = stages
+        basis = {
+            "model": name,
+            "scene": str(simulator.scene),
+            "omega": simulator.scene.model.omega.tolist(),
+            "damping": simulator.scene.model.damping_ratio.tolist(),
+            "observed": simulator.observed.tolist(),
+            "priors": [[one.name, *one.to_plain()] for one in priors],
+            "seed": seed,
+            "kernels": hash_sources(),
+        }
+        self.basis = hashlib.sha256(json.dumps(basis, sort_keys=True).encode()).hexdigest()
+
+    def __call__(self, shares: Array, number: int) -> Ensemble:
+        """Return the ensemble of a round, from the checkpoint where it is there."""
+        key = f"{self.basis} round {number}"
+        known = self.checkpoint.known.get(key)
+        if known is not None and np.allclose(known["shares"], shares, atol=1e-9):
+            return Ensemble(shares, np.array(known["statistics"], dtype=np.float64))
+        label = f"{self.name}, round {number + 1}"
+        with self.stages(label, len(shares)) as show:
+            ensemble = simulate_ensemble(
+                self.simulator, self.priors, shares, round_seed(self.seed, number), show
+            )
+        self.checkpoint.keep(
+            key, {"shares": shares.tolist(), "statistics": ensemble.statistics.tolist()}
+        )
+        return ensemble
+
+
+def calibrate_model(
+    name: str,
+    simulator: Simulator,
+    priors: Sequence[Prior],
+    runs: CalibrationRuns,
+    seed: int,
+    checkpoint: Checkpoint,
+    stages: Stages,
+) -> CalibratedModel:
+    """Return the posterior of a model, and its predictive check."""
+    simulation = CheckpointedSimulation(name, simulator, priors, seed, checkpoint, stages)
+    inference = infer(
+        simulator,
+        priors,
+        seed=seed,
+        first_runs=runs.first,
+        round_runs=runs.each_round,
+        rounds=runs.rounds,
+        simulate=simulation,
+    )
+    with stages(f"{name}, predictive check", runs.replicates) as show:
+        check = check_posterior(
+            simulator,
+            simulator.statistics,
+            inference,
+            round_seed(seed, runs.rounds + 1),
+            runs.replicates,
+            show,
+        )
+    return CalibratedModel(name, simulator.scene, inference, check)
+
+
+def calibrate(
+    measurements: Sequence[Measurement] | Path | str,
+    structure: Structure,
+    absorber: SlidingAbsorber,
+    free: Mapping[str, PriorInput] | Sequence[str],
+    *,
+    resonance: int = 1,
+    alternatives: str = WHEN_REFUSED,
+    plan: Sequence[float] | None = None,
+    runs: CalibrationRuns | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    checkpoint: Checkpoint | None = None,
+    stages: Stages = silent_stages,
+) -> CalibrationAnswer:
+    """Return the posterior of an absorber's parameters given a measured response, as the command `calibrate` does.
+
+    Parameters
+    ----------
+    measurements : path, or sequence of measurements
+        File of measurements (docs/calibrate.md), or what `read_measurements` returns.
+    structure : Beam or ModalModel
+        Structure that was measured.
+    absorber : SlidingAbsorber
+        Impact absorber with all values that are not free; those of free parameters centre their usual ranges.
+    free : dict or sequence of str
+        Free parameters: names, or for each name None, (low, high), (low, high, "log") or (mean, deviation, "normal"), in SI units.
+    resonance : int
+        Resonance near which the structure was excited, from 1.
+    alternatives : str
+        Whether other models of the absorber are compared: "never", "when-refused" by the predictive check, or "always".
+    plan : sequence of float, optional
+        Factors of the measured load at which one more sweep is judged; None: no plan.
+    runs : CalibrationRuns, optional
+        Numbers of simulated measurements.
+    seed : int
+        Seed of everything random.
+    threads : int, optional
+        Threads; the result does not depend on them. Default: all cores.
+    checkpoint : Checkpoint, optional
+        Where finished rounds are kept; a run that was stopped goes on from it.
+    stages : callable, optional
+        Gives the progress of each stage.
+
+    Returns
+    -------
+    CalibrationAnswer
+        With `str`, `to_json`, `plot` and `save`.
+
+    Raises
+    ------
+    ParameterError
+        For measurements, structures and parameters that do not go together, before anything is simulated at length.
+    KeyboardInterrupt
+        If it is stopped.
+
+    Examples
+    --------
+    >>> from impact_env import impact_absorber, load_structure
+    >>> arm = load_structure("arm.toml")  # doctest: +SKIP
+    >>> answer = calibrate("shaker.toml", arm, impact_absorber(1e-3, 0.6, 0.1), ["restitution"])  # doctest: +SKIP
+    >>> answer.save("results/calibrate")  # doctest: +SKIP
+
+    """
+    own = measurements
+    if isinstance(own, Path | str):
+        own = read_measurements(Path(own))
+    every = tuple(own)
+    require(len(every) > 0, "measurements", every, "one or more")
+    require_moving(every)
+    one_of("alternatives", alternatives, ALTERNATIVES)
+    absorber = instance("absorber", absorber, SlidingAbsorber)
+    runs = CalibrationRuns() if runs is None else runs
+    seed = count("seed", seed, 0)
+    scene = Scene(model_with_absorber_at(structure), absorber)
+    scene.model.check_resonance(resonance)
+    require_plausible(every, structure, resonance)
+    linear = fit_linear(structure, scene, every, resonance)
+    if linear is not None:
+        scene = linear.apply(scene, resonance)
+    priors = read_priors(free, scene, resonance)
+    simulator = Simulator(structure, scene, every, resonance, threads)
+    checkpoint = Checkpoint() if checkpoint is None else checkpoint
+
+    model = calibrate_model("model", simulator, priors, runs, seed, checkpoint, stages)
+    others: list[CalibratedModel] = []
+    wanted = alternatives == ALWAYS or (alternatives == WHEN_REFUSED and not model.check.explains)
+    if wanted:
+        for name, (other, own_priors) in list_alternatives(scene, priors, resonance).items():
+            simulated = Simulator(structure, other, every, resonance, threads)
+            others.append(
+                calibrate_model(name, simulated, own_priors, runs, seed, checkpoint, stages)
+            )
+    planned = None
+    if plan is not None:
+        planned = _plan(structure, model, every, resonance, plan, seed, threads, stages)
+    return CalibrationAnswer(every, model, linear, tuple(others), planned, resonance)
+
+
+def _plan(
+    structure: Structure,
+    model: CalibratedModel,
+    measurements: Sequence[Measurement],
+    resonance: int,
+    factors: Sequence[float],
+    seed: int,
+    threads: int | None,
+    stages: Stages,
+) -> MeasurementPlan:
+    """Return the plan of one more sweep like the first measurement with a moving absorber."""
+    first = next(one for one in measurements if one.absorber == "moving")
+    chosen = tuple(factors) or FACTORS
+    show: LaneProgress | None
+    with stages("plan", len(chosen)) as show:
+        return plan_measurement(
+            structure,
+            model.scene,
+            first,
+            model.posterior,
+            resonance,
+            factors=chosen,
+            seed=seed,
+            threads=threads,
+            progress=show,
+        )

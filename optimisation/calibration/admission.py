@@ -1,0 +1,168 @@
+"""Checks of measurements before anything is simulated at length: each mistake is one line."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.modes import ModalModel, Structure, mode_shapes
+from impact_env.parameters import ParameterError, require
+from impact_env.results import Record, require_recorded
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+from optimisation.calibration.linear_fit import excited_band
+from optimisation.calibration.measurement import (
+    RESPONSE_UNITS,
+    DecayMeasurement,
+    LevelMeasurement,
+    Measurement,
+    RecordMeasurement,
+)
+from optimisation.calibration.simulation import loads_on_clock, model_at_sensor, read_sensor
+from optimisation.calibration.summaries import LOWEST_SHARE, USABLE_SHARE
+
+Array = NDArray[np.float64]
+NODE_SHARE = 0.02  # of a mode's largest deflection: a place with less is at its node
+LEAST_RATIO = 1 / 50  # of a response's root mean square over that of the structure alone
+MOST_RATIO = 20.0
+SPECTRUM_BANDS = 30
+EXCHANGED = -0.4  # correlation of measured and predicted response over load, below which the two records are exchanged
+
+
+def require_plausible(
+    measurements: Sequence[Measurement], structure: Structure, resonance: int
+) -> None:
+    """Raise ParameterError for a sensor or force at a node, a load and response that are exchanged, and units that are far off.
+
+    The structure without absorber is simulated under the measured load: with an absorber the response is within a factor of
+    some tens of that, and its spectrum is alike.
+    """
+    for one in measurements:
+        model = model_at_sensor(structure, one.sensor)
+        require_moving_places(one, model, resonance)
+        if isinstance(one, RecordMeasurement):
+            require_rate(one, model, resonance)
+            require_plausible_record(one, model, resonance)
+        elif isinstance(one, LevelMeasurement):
+            require_plausible_levels(one, model, resonance)
+
+
+def require_moving_places(measurement: Measurement, model: ModalModel, resonance: int) -> None:
+    """Raise ParameterError for a sensor, force or absorber at a node of the resonance's mode."""
+    mode = model.check_resonance(resonance) - 1
+    places = {"response": model.level_shape, "absorber": model.tip_shape}
+    moves_base = isinstance(measurement, RecordMeasurement) and (
+        measurement.load.quantity != "force"
+    )
+    if not isinstance(measurement, DecayMeasurement) and not moves_base:
+        places["load"] = model.one_phase_force_shape
+    largest = max(abs(float(shape[mode])) for shape in places.values())
+    if model.beam is not None:
+        along = mode_shapes(model.beam, np.linspace(0, 1, 101))[:, mode]
+        largest = max(largest, float(np.max(np.abs(along))))
+    for name, shape in places.items():
+        share = abs(float(shape[mode])) / largest
+        require(
+            share >= NODE_SHARE,
+            f"measurement {measurement.name}: {name}",
+            f"{100 * share:.2g} % of the largest deflection of mode {resonance}",
+            f"a place with {100 * NODE_SHARE:g} % or more: it is at a node",
+        )
+
+
+def require_rate(measurement: RecordMeasurement, model: ModalModel, resonance: int) -> None:
+    """Raise ParameterError where a record has too few samples for the resonance."""
+    own = model.resonance_omega(resonance) / (2 * np.pi)
+    require(
+        own < USABLE_SHARE * measurement.rate / 2,
+        f"measurement {measurement.name}: sampling rate",
+        f"{measurement.rate:.4g} Hz",
+        f"{2 * own / USABLE_SHARE:.4g} Hz or more, for resonance {resonance} at {own:.4g} Hz",
+    )
+
+
+def predict_linear(measurement: RecordMeasurement, model: ModalModel, resonance: int) -> Array:
+    """Return the response (K,) of the structure without absorber to a record's load, at its sensor without noise."""
+    loads, samples = loads_on_clock(measurement, model.resonance_omega(resonance))
+    record = Record(level=False, series=True, samples_per_period=samples)
+    return read_sensor(simulate(Scene(model), loads, record=record), measurement)
+
+
+def require_plausible_record(
+    measurement: RecordMeasurement, model: ModalModel, resonance: int
+) -> None:
+    """Raise ParameterError for load and response that are exchanged, and a response far from that of the structure alone."""
+    predicted = predict_linear(measurement, model, resonance)
+    response = measurement.response
+    lowest = LOWEST_SHARE * float(np.min(model.omega)) / (2 * np.pi)
+    name = f"measurement {measurement.name}"
+    agreement = compare_responses(measurement, predicted)
+    if agreement < EXCHANGED:
+        raise ParameterError(
+            f"{name}: response over load = correlation {agreement:.2f} with the structure's frequency response "
+            "is not allowed: one above 0; load and response may be exchanged"
+        )
+    ratio = _usable_rms(response, measurement.rate, lowest) / max(
+        _usable_rms(predicted, measurement.rate, lowest), 1e-300
+    )
+    unit = RESPONSE_UNITS[measurement.sensor.quantity]
+    require_ratio(name, ratio, f"units of load and response ({unit} after conversion)")
+
+
+def require_ratio(name: str, ratio: float, what: str) -> None:
+    """Raise ParameterError for a response that is far larger or smaller than that of the structure alone."""
+    require(
+        LEAST_RATIO <= ratio <= MOST_RATIO,
+        f"{name}: response",
+        f"{ratio:.3g} times that of the structure without absorber",
+        f"{LEAST_RATIO:g} to {MOST_RATIO:g} times: check {what}, scale and structure",
+    )
+
+
+def require_plausible_levels(
+    measurement: LevelMeasurement, model: ModalModel, resonance: int
+) -> None:
+    """Raise ParameterError for levels far from those of the structure alone."""
+    omegas = 2 * np.pi * np.array([measurement.start_hz, measurement.stop_hz])
+    schedule = FrequencySchedule(
+        np.array([0.0, measurement.duration]), omegas, model.resonance_omega(resonance)
+    )
+    response = simulate(Scene(model), Drive(1.0, schedule))
+    unit_level = require_recorded("level", response.level).value
+    ratios = np.mean(measurement.levels, axis=1) / (measurement.forces * unit_level)
+    for ratio in (float(np.min(ratios)), float(np.max(ratios))):
+        require_ratio(
+            f"measurement {measurement.name}", ratio, "units of forces (N) and levels (m)"
+        )
+
+
+def _usable_rms(values: Array, rate: float, lowest: float) -> float:
+    """Return the root mean square of a signal in the usable band."""
+    spectrum = np.abs(scipy.fft.rfft(values - np.mean(values)))
+    hertz = scipy.fft.rfftfreq(len(values), 1 / rate)
+    inside = (hertz >= lowest) & (hertz < USABLE_SHARE * rate)
+    return float(np.sqrt(2 * np.sum(spectrum[inside] ** 2)) / len(values))
+
+
+def compare_responses(measurement: RecordMeasurement, predicted: Array) -> float:
+    """Return the correlation, -1 to 1, of the logarithms of measured and predicted response over load, in the band that the load excites.
+
+    For load and response that are exchanged the measured ratio is the reciprocal of the structure's, and the correlation near -1.
+    """
+    load = measurement.load.values
+    low, high = excited_band(load, measurement.rate)
+    hertz = scipy.fft.rfftfreq(len(load), 1 / measurement.rate)
+    edges = np.linspace(low, high, SPECTRUM_BANDS + 1)
+
+    def band_powers(values: Array) -> Array:
+        power = np.abs(scipy.fft.rfft(values - np.mean(values))) ** 2
+        parts = [power[(hertz >= a) & (hertz < b)] for a, b in pairwise(edges)]
+        return np.array([np.mean(part) for part in parts if len(part) > 0])
+
+    powers = band_powers(load)
+    measured = np.log(band_powers(measurement.response) / powers)
+    expected = np.log(band_powers(predicted) / powers)
+    return float(np.corrcoef(measured, expected)[0, 1])

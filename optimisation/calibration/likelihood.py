@@ -1,0 +1,216 @@
+"""A Gaussian synthetic likelihood of regression statistics, and its posterior by Markov chains.
+
+The D summary statistics are reduced to one for each parameter, by ridge regression of the parameters on them (Fearnhead and
+Prangle, 2012, doi:10.1111/j.1467-9868.2011.01010.x). Mean and covariance of these, as functions of the parameters, are fitted to
+the simulated ensembles; a Gaussian with them is the synthetic likelihood (Wood, 2010, doi:10.1038/nature09319). Parameters are
+shares (P,) from 0 to 1 of their prior distributions.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+LogDensity = Callable[[Array], Array]  # of shares (N, P)
+PENALTIES = np.logspace(-6, 3, 28)  # of the ridge regression, over the number of simulations
+LOG_CHI2_MEAN = 1.2704  # minus the mean of the logarithm of a squared standard normal number
+STRETCH = 2.0  # of the moves of Goodman and Weare (2010)
+WALKERS = 60
+BURN_IN = 400  # steps
+LEAST_VARIANCE = 1e-10  # of a regression statistic, in squared shares
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionStatistics:
+    """Linear statistics t = offset + ((s - mean) / scale) weights of summary statistics s (D,), one for each parameter."""
+
+    mean: Array
+    scale: Array
+    weights: Array
+    offset: Array
+
+    def compute(self, statistics: Array) -> Array:
+        """Return the regression statistics (N, P) of summary statistics (N, D)."""
+        return np.asarray(self.offset + ((statistics - self.mean) / self.scale) @ self.weights)
+
+
+def fit_regression_statistics(
+    shares: Array, statistics: Array
+) -> tuple[RegressionStatistics, Array]:
+    """Fit the regression statistics to simulations.
+
+    Parameters
+    ----------
+    shares : array, (N, P)
+        Parameters of the simulations.
+    statistics : array, (N, D)
+        Their summary statistics.
+
+    Returns
+    -------
+    RegressionStatistics
+        With the penalty that predicts best what is left out.
+    array, (N, P)
+        The regression statistics of the simulations, each by the fit without it, so that their scatter is that of new data.
+
+    """
+    mean = np.mean(statistics, axis=0)
+    scale = np.std(statistics, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    x = (statistics - mean) / scale
+    offset = np.mean(shares, axis=0)
+    y = shares - offset
+    left, singular, right = np.linalg.svd(x, full_matrices=False)
+    best: tuple[float, Array, Array] | None = None
+    for penalty in PENALTIES * len(x):
+        shrink = singular**2 / (singular**2 + penalty)
+        fitted = left @ (shrink[:, None] * (left.T @ y))
+        leverage = np.sum(left**2 * shrink, axis=1) + 1 / len(x)
+        residual = (y - fitted) / np.maximum(1 - leverage, 1e-6)[:, None]
+        error = float(np.sum(np.mean(residual**2, axis=0) / np.var(y, axis=0)))
+        if best is None or error < best[0]:
+            factors = singular / (singular**2 + penalty)
+            best = error, right.T @ (factors[:, None] * (left.T @ y)), residual
+    assert best is not None
+    _, weights, residual = best
+    return RegressionStatistics(mean, scale, weights, offset), shares - residual
+
+
+def polynomial_terms(shares: Array, degree: int) -> Array:
+    """Return all products (N, C) of up to ``degree`` of the coordinates 2 share - 1, with the constant first."""
+    x = 2 * shares - 1
+    columns = [np.ones(len(x))]
+    for order in range(1, degree + 1):
+        products = combinations_with_replacement(range(x.shape[1]), order)
+        columns += [np.prod(x[:, list(which)], axis=1) for which in products]
+    return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class SyntheticLikelihood:
+    """Gaussian likelihood of regression statistics: polynomials of the parameters for their means, log-linear variances, one correlation.
+
+    The variance of the fitted mean, which more simulations lower, is added to the scatter.
+    """
+
+    degree: int
+    coefficients: Array
+    log_variance: Array
+    correlation: Array
+    gram_inverse: Array
+
+    def log_density(self, shares: Array, observed: Array) -> Array:
+        """Return the logarithm of the likelihood (N,) of observed regression statistics (P,) at shares (N, P); outside 0 to 1 minus infinity."""
+        inside = np.all((shares >= 0) & (shares <= 1), axis=1)
+        clipped = np.clip(shares, 0, 1)
+        terms = polynomial_terms(clipped, self.degree)
+        mean = terms @ self.coefficients
+        inflation = 1 + np.einsum("nc,cd,nd->n", terms, self.gram_inverse, terms)
+        log_variance = polynomial_terms(clipped, 1) @ self.log_variance
+        deviation = np.exp(log_variance / 2) * np.sqrt(inflation)[:, None]
+        z = (observed - mean) / deviation
+        factor = scipy.linalg.cholesky(self.correlation, lower=True)
+        white = scipy.linalg.solve_triangular(factor, z.T, lower=True)
+        density = -0.5 * np.sum(white**2, axis=0) - np.sum(np.log(deviation), axis=1)
+        return np.where(inside, density, -np.inf)
+
+
+def fit_synthetic_likelihood(shares: Array, values: Array, degree: int) -> SyntheticLikelihood:
+    """Fit the likelihood to regression statistics (N, P) of simulations at shares (N, P)."""
+    terms = polynomial_terms(shares, degree)
+    linear = polynomial_terms(shares, 1)
+    weights = np.ones(values.shape)
+    log_variance = np.zeros((linear.shape[1], values.shape[1]))
+    coefficients = np.zeros((terms.shape[1], values.shape[1]))
+    freedom = max(len(terms) - terms.shape[1], 1) / len(terms)
+    for _ in range(3):
+        for p in range(values.shape[1]):
+            root = np.sqrt(weights[:, p])
+            coefficients[:, p] = np.linalg.lstsq(
+                root[:, None] * terms, root * values[:, p], rcond=None
+            )[0]
+            residual = values[:, p] - terms @ coefficients[:, p]
+            log_variance[:, p] = fit_log_variance(linear, residual**2 / freedom)
+            weights[:, p] = np.exp(-linear @ log_variance[:, p])
+            weights[:, p] /= np.mean(weights[:, p])
+    z = (values - terms @ coefficients) / np.exp(linear @ log_variance / 2)
+    correlation = np.asarray(np.atleast_2d(np.corrcoef(z.T)), dtype=np.float64)
+    gram = terms.T @ terms
+    gram_inverse = np.linalg.pinv(gram, hermitian=True)
+    return SyntheticLikelihood(degree, coefficients, log_variance, correlation, gram_inverse)
+
+
+def fit_log_variance(terms: Array, squares: Array) -> Array:
+    """Return the coefficients (C,) of a log-linear variance by maximum likelihood for normal residuals with ``squares`` (N,)."""
+    squares = np.maximum(squares, LEAST_VARIANCE)
+    start = np.linalg.lstsq(terms, np.log(squares) + LOG_CHI2_MEAN, rcond=None)[0]
+    for _ in range(20):  # Newton steps with the expected curvature
+        ratio = squares * np.exp(-np.clip(terms @ start, -60, 60))
+        step = np.linalg.lstsq(terms, np.clip(ratio, 0, 20) - 1, rcond=None)[0]
+        start = start + step
+        if np.max(np.abs(step)) < 1e-8:
+            break
+    return np.asarray(start)
+
+
+def sample_density(
+    log_density: LogDensity, start: Array, draws: int, generator: np.random.Generator
+) -> Array:
+    """Return draws (N, P) from a density by the stretch moves of Goodman and Weare (2010, doi:10.2140/camcos.2010.5.65).
+
+    Parameters
+    ----------
+    log_density : callable
+        Logarithm of the density, up to a constant, of points (N, P).
+    start : array, (M, P)
+        Points of which the best begin the chains.
+    draws : int
+        Number of draws.
+    generator : Generator
+        Source of random numbers.
+
+    Examples
+    --------
+    >>> normal = lambda x: -0.5 * np.sum(x**2, axis=1)
+    >>> generator = np.random.default_rng(0)
+    >>> draws = sample_density(normal, generator.standard_normal((200, 2)), 20_000, generator)
+    >>> bool(np.all(np.abs(np.cov(draws.T) - np.eye(2)) < 0.1))
+    True
+
+    """
+    density = log_density(start)
+    order = np.argsort(-density)[: max(WALKERS, len(start) // 8)]
+    order = order[np.isfinite(density[order])]
+    chosen = generator.choice(order, WALKERS)
+    spread = 1e-3 * np.std(start, axis=0)
+    positions = start[chosen] + spread * generator.standard_normal((WALKERS, start.shape[1]))
+    values = log_density(positions)
+    outside = ~np.isfinite(values)
+    positions[outside] = start[chosen][outside]
+    values[outside] = density[chosen][outside]
+    half = WALKERS // 2
+    dimension = start.shape[1]
+    rounds = -(-draws // WALKERS)
+    thinning = 5
+    chain = []
+    for step in range(BURN_IN + thinning * rounds):
+        for own, other in (
+            (slice(0, half), slice(half, None)),
+            (slice(half, None), slice(0, half)),
+        ):
+            z = ((STRETCH - 1) * generator.random(half) + 1) ** 2 / STRETCH
+            partners = positions[other][generator.integers(half, size=half)]
+            proposed = partners + z[:, None] * (positions[own] - partners)
+            density = log_density(proposed)
+            accept = (
+                np.log(generator.random(half)) < (dimension - 1) * np.log(z) + density - values[own]
+            )
+            positions[own] = np.where(accept[:, None], proposed, positions[own])
+            values[own] = np.where(accept, density, values[own])
+        if step >= BURN_IN and (step - BURN_IN) % thinning == 0:
+            chain.append(positions.copy())
+    return np.concatenate(chain)[-draws:]

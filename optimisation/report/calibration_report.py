@@ -1,0 +1,427 @@
+"""The answers of `calibrate`: as text, card, rows, JSON and figures. SI units, unless named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimisation.calibration.inference import Inference
+from optimisation.calibration.linear_fit import LinearFit
+from optimisation.calibration.measurement import (
+    DecayMeasurement,
+    LevelMeasurement,
+    Measurement,
+    RecordMeasurement,
+)
+from optimisation.calibration.parameters import UNITS
+from optimisation.calibration.plan import MeasurementPlan
+from optimisation.calibration.predictive import PredictiveCheck
+from optimisation.calibration.summaries import list_groups
+from optimisation.page import markdown
+from optimisation.report.card import Card, Chart, Curve, Row, with_band
+from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of, write_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Models = Mapping[str, tuple[Inference, PredictiveCheck]]
+STRONG_CORRELATION = 0.5
+NOT_IDENTIFIED = 0.8  # posterior over prior deviation, above which a measurement says little
+AT_END = 0.02  # of the prior's range: a median nearer to its end is at the end
+MOST_LISTED = 6  # statistics that are not explained
+MILLI = {"m": ("mm", 1e3), "kg": ("g", 1e3)}
+
+
+def in_display_unit(name: str, values: Array | float) -> tuple[Any, str]:
+    """Return values of a parameter in the unit in which people read them, and the unit."""
+    unit = UNITS[name]
+    if unit in MILLI:
+        unit, factor = MILLI[unit]
+        return values * factor, unit
+    return values, unit
+
+
+def parameter_texts(inference: Inference) -> list[tuple[str, str, str, str]]:
+    """Return name, median, 90 % interval and prior of each parameter."""
+    lines = []
+    for k, prior in enumerate(inference.priors):
+        quantiles = np.quantile(inference.values[:, k], [0.05, 0.5, 0.95])
+        (low, median, high), unit = in_display_unit(prior.name, quantiles)
+        text = f"{median:.4g} {unit}".rstrip()
+        lines.append((prior.name, text, f"{low:.4g} to {high:.4g}", prior.words))
+    return lines
+
+
+def prior_ratios(inference: Inference) -> Array:
+    """Return the deviation of each parameter's posterior over that of its prior, in shares of the prior, (P,)."""
+    return np.asarray(np.std(inference.shares, axis=0) / np.sqrt(1 / 12))
+
+
+def correlation_lines(inference: Inference) -> list[str]:
+    """Return a line for each pair of parameters that is strongly correlated."""
+    lines = []
+    correlation = np.atleast_2d(np.corrcoef(inference.values.T))
+    names = inference.names
+    for i in range(len(names)):
+        for j in range(i + 1, len(names)):
+            value = float(correlation[i, j])
+            if abs(value) >= STRONG_CORRELATION:
+                way = "rise" if value > 0 else "trade off"
+                lines.append(
+                    f"{names[i]} and {names[j]} {way} together (correlation {value:+.2f}): "
+                    "their intervals do not hold independently"
+                )
+    return lines
+
+
+def verdict(check: PredictiveCheck) -> str:
+    """Return whether the model explains the measurement, in words."""
+    if check.explains:
+        return (
+            f"The model explains the measurement: of {check.replicates} measurements simulated with the posterior, "
+            f"{100 * check.probability:.0f} % are at least as far from the others."
+        )
+    failing = check.failing
+    worst = "; ".join(
+        f"{check.statistics[k].words} ({check.deviations[k]:+.1f} deviations)"
+        for k in failing[:MOST_LISTED]
+    )
+    more = len(failing) - MOST_LISTED
+    rest = f"; and {more} more" if more > 0 else ""
+    return (
+        f"The model does not explain the measurement (probability {check.probability:.2g}). "
+        f"Not explained: {worst}{rest}."
+    )
+
+
+def list_warnings(inference: Inference, check: PredictiveCheck) -> list[str]:
+    """Return what is not certain of a posterior, in words."""
+    lines = []
+    if not check.explains:
+        lines.append("the intervals hold only if the model is right, and the check refuses it")
+    if not inference.settled:
+        lines.append(
+            "the last two rounds differ by more than their scatter: more rounds may move the intervals"
+        )
+    ratios = prior_ratios(inference)
+    median = np.median(inference.shares, axis=0)
+    for k, prior in enumerate(inference.priors):
+        if ratios[k] > NOT_IDENTIFIED:
+            lines.append(
+                f"the measurement says little about {prior.name}: its interval is that of the prior"
+            )
+        elif median[k] < AT_END or median[k] > 1 - AT_END:
+            end = "lower" if median[k] < AT_END else "upper"
+            lines.append(f"{prior.name} is at the {end} end of its range: widen it")
+    return lines
+
+
+def describe_measurement(measurement: Measurement) -> str:
+    """Return a measurement in words."""
+    if isinstance(measurement, RecordMeasurement):
+        seconds = float(measurement.load.times[-1])
+        load = "force" if measurement.load.quantity == "force" else "base acceleration"
+        words = f"{load} and {measurement.sensor.quantity}, {seconds:.4g} s at {measurement.rate:.4g} Hz"
+    elif isinstance(measurement, LevelMeasurement):
+        forces, repeats = measurement.levels.shape
+        words = f"levels at {forces} forces, {repeats} repeats"
+    else:
+        assert isinstance(measurement, DecayMeasurement)
+        words = f"free decay of {len(measurement.response) / measurement.rate:.4g} s"
+    return f"{measurement.name}: {words}, absorber {measurement.absorber}"
+
+
+def linear_lines(linear: LinearFit | None) -> list[str]:
+    """Return a line for each fitted mode."""
+    if linear is None:
+        return []
+    return [
+        f"mode {mode}: {linear.hertz[k]:.5g} +- {linear.hertz_error[k]:.2g} Hz, damping "
+        f"{100 * linear.damping[k]:.4g} +- {100 * linear.damping_error[k]:.2g} %"
+        for k, mode in enumerate(linear.modes)
+    ]
+
+
+def model_table(models: Models) -> str:
+    """Return a line for each model: its probability in the check and its score."""
+    best = max(check.log_score for _, check in models.values())
+    rows = []
+    for name, (inference, check) in models.items():
+        values = ", ".join(
+            f"{text[0]} {text[1]} ({text[2]})" for text in parameter_texts(inference)
+        )
+        rows.append((name, f"{check.probability:.2g}", f"{check.log_score - best:.1f}", values))
+    header = ("model", "probability", "log score, less the best", "median (90 % interval)")
+    return markdown(header, rows)
+
+
+def plan_table(plan: MeasurementPlan) -> str:
+    """Return a line for each force: the expected deviation of each parameter over that now."""
+    header = ("factor of the load", *(f"{name}, over now" for name in plan.names))
+    rows = [
+        (f"{factor:g}", *(f"{ratio:.2f}" for ratio in plan.ratios[k]))
+        for k, factor in enumerate(plan.factors)
+    ]
+    return markdown(header, rows)
+
+
+def list_lines(
+    measurements: Sequence[Measurement],
+    models: Models,
+    linear: LinearFit | None,
+    plan: MeasurementPlan | None,
+) -> list[str]:
+    """Return what `calibrate` prints, without warnings."""
+    inference, check = next(iter(models.values()))
+    lines = [describe_measurement(one) for one in measurements]
+    lines += linear_lines(linear)
+    lines += ["", f"Posterior of {inference.runs} simulated measurements: median (90 % interval)"]
+    texts = parameter_texts(inference)
+    widths = [max(len(text[k]) for text in texts) for k in range(3)]
+    lines += [
+        f"  {name:<{widths[0]}}  {median:>{widths[1]}}  {interval:<{widths[2]}}  prior {prior}"
+        for name, median, interval, prior in texts
+    ]
+    lines += correlation_lines(inference)
+    lines += ["", verdict(check)]
+    if len(models) > 1:
+        lines += ["", model_table(models)]
+    if plan is not None:
+        lines += ["", "Expected after one more sweep:", "", plan_table(plan), ""]
+        lines.append(
+            f"Measure next at {plan.factors[plan.best]:g} times the load: the intervals are then narrowest together."
+        )
+    return lines
+
+
+def summarise(
+    models: Models, linear: LinearFit | None, plan: MeasurementPlan | None, warnings: Sequence[str]
+) -> dict[str, Any]:
+    """Return verdict, models, linear part and plan as JSON values."""
+    inference, check = next(iter(models.values()))
+    content: dict[str, Any] = {
+        "runs": inference.runs,
+        "settled": inference.settled,
+        "model_explains_measurement": check.explains,
+        "predictive_probability": check.probability,
+        "not_explained": [check.statistics[k].words for k in check.failing],
+        "warnings": list(warnings),
+    }
+    if linear is not None:
+        content["linear"] = {
+            "modes": list(linear.modes),
+            "frequency_hz": linear.hertz.tolist(),
+            "frequency_error_hz": linear.hertz_error.tolist(),
+            "damping_ratio": linear.damping.tolist(),
+            "damping_error": linear.damping_error.tolist(),
+            "gain": None if np.isnan(linear.gain) else linear.gain,
+            "explained": linear.explained,
+        }
+    if len(models) > 1:
+        content["models"] = {
+            name: {
+                "probability": other.probability,
+                "log_score": other.log_score,
+                "median": dict(zip(own.names, np.median(own.values, axis=0).tolist(), strict=True)),
+            }
+            for name, (own, other) in models.items()
+        }
+    if plan is not None:
+        content["plan"] = {
+            "factors": plan.factors.tolist(),
+            "expected_deviation": {
+                name: plan.expected[:, k].tolist() for k, name in enumerate(plan.names)
+            },
+            "best_factor": float(plan.factors[plan.best]),
+        }
+    return content
+
+
+def statistics_columns(inference: Inference) -> tuple[str, ...]:
+    """Return the columns of the table of statistics."""
+    fixed = ("measurement", "group", "at", "at_unit", "measured_log", "predicted_5_log")
+    more = ("predicted_50_log", "predicted_95_log", "deviations", "explained_share", "used")
+    return (*fixed, *more, *(f"shift_by_{name}" for name in inference.names))
+
+
+def statistics_rows(inference: Inference, check: PredictiveCheck) -> Iterator[tuple[object, ...]]:
+    """Yield a row for each statistic: measured and predicted logarithm, and its sensitivity to the parameters."""
+    sensitivity = inference.sensitivity
+    for k, one in enumerate(check.statistics):
+        yield (
+            one.measurement,
+            one.group,
+            one.at,
+            one.at_unit,
+            float(check.observed[k]),
+            *(float(value) for value in check.quantiles[:, k]),
+            float(check.deviations[k]),
+            float(sensitivity.explained[k]),
+            bool(sensitivity.used[k]),
+            *(float(value) for value in sensitivity.shifts[k]),
+        )
+
+
+def group_columns(check: PredictiveCheck, measurement: str, group: str) -> list[int]:
+    """Return the indices of the statistics of a group of a measurement."""
+    return [
+        k
+        for k, one in enumerate(check.statistics)
+        if one.measurement == measurement and one.group == group
+    ]
+
+
+def draw_pairs(inference: Inference) -> Figure:
+    """Return the figure of the posterior: a histogram of each parameter, and the draws of each pair."""
+    names = inference.names
+    count = len(names)
+    figure, panels = figure_of(2.4 * count + 1, 2.2 * count + 1, count, count)
+    panels = np.reshape(panels, (count, count))
+    columns = [in_display_unit(name, inference.values[:, k]) for k, name in enumerate(names)]
+    for i in range(count):
+        for j in range(count):
+            panel = panels[i, j]
+            if j > i:
+                panel.set_visible(False)
+                continue
+            if i == j:
+                panel.hist(columns[i][0], bins=40, color=BLUE, density=True)
+                panel.set_yticks([])
+            else:
+                panel.plot(columns[j][0], columns[i][0], ".", color=BLUE, ms=1.5, alpha=0.4)
+            if i == count - 1:
+                panel.set_xlabel(f"{names[j]}, {columns[j][1]}".rstrip(", "))
+            if j == 0 and i > 0:
+                panel.set_ylabel(f"{names[i]}, {columns[i][1]}".rstrip(", "))
+    return figure
+
+
+def save_pairs(path: Path, inference: Inference) -> None:
+    """Draw the posterior into a file."""
+    write_figure(draw_pairs(inference), path)
+
+
+def draw_statistics(check: PredictiveCheck) -> Figure:
+    """Return the figure of the measured statistics over the predictive bands, a panel for each group."""
+    groups = list_groups(check.statistics)
+    columns = min(len(groups), 3)
+    rows = -(-len(groups) // columns)
+    figure, panels = figure_of(4.2 * columns, 3.0 * rows, rows, columns)
+    flat = np.ravel(panels)
+    for panel, (measurement, group) in zip(flat, groups, strict=False):
+        own = group_columns(check, measurement, group)
+        x = np.arange(len(own))
+        low, median, high = np.exp(check.quantiles[:, own])
+        panel.fill_between(x, low, high, color=BLUE, alpha=0.25, lw=0, step="mid")
+        panel.plot(x, median, color=BLUE, lw=1.2, drawstyle="steps-mid", label="predicted, 90 %")
+        panel.plot(x, np.exp(check.observed[own]), "o", color=ORANGE, ms=4, label="measured")
+        panel.set_yscale("log")
+        ticks = x[:: max(1, len(x) // 5)]
+        panel.set_xticks(ticks, [f"{check.statistics[own[k]].at:.4g}" for k in ticks])
+        unit = check.statistics[own[0]].unit
+        panel.set_title(f"{group}, {unit}".rstrip(", ") + f" ({measurement})", fontsize=8)
+        panel.set_xlabel(check.statistics[own[0]].at_unit, fontsize=8)
+        draw_grid(panel)
+    for panel in flat[len(groups) :]:
+        panel.set_visible(False)
+    flat[0].legend(fontsize=7, frameon=False)
+    return figure
+
+
+def save_statistics(path: Path, check: PredictiveCheck) -> None:
+    """Draw measured and predicted statistics into a file."""
+    write_figure(draw_statistics(check), path)
+
+
+def make_card(
+    measurements: Sequence[Measurement],
+    models: Models,
+    linear: LinearFit | None,
+    warnings: Sequence[str],
+    plan: MeasurementPlan | None,
+) -> Card:
+    """Return the card: posterior, verdict, linear part, models, and charts of the statistics and the posterior."""
+    inference, check = next(iter(models.values()))
+    rows = []
+    for k, prior in enumerate(inference.priors):
+        quantiles = np.quantile(inference.values[:, k], [0.05, 0.5, 0.95])
+        (low, median, high), unit = in_display_unit(prior.name, quantiles)
+        rows.append(Row(prior.name, with_band(median, low, high, unit=unit)))
+    groups: list[tuple[str, tuple[Row, ...]]] = [
+        ("Posterior, median (90 % interval)", tuple(rows)),
+        (
+            "Predictive check",
+            (
+                Row("model explains the measurement", "yes" if check.explains else "no"),
+                Row("probability", check.probability),
+                *(Row("not explained", check.statistics[k].words) for k in check.failing[:4]),
+            ),
+        ),
+        ("Measurements", tuple(Row(one.name, describe_measurement(one)) for one in measurements)),
+    ]
+    if linear is not None:
+        texts = [line.partition(": ") for line in linear_lines(linear)]
+        groups.append(
+            ("Linear part (standard error)", tuple(Row(name, text) for name, _, text in texts))
+        )
+    if len(models) > 1:
+        groups.append(
+            (
+                "Models: probability in the check, log score",
+                tuple(
+                    Row(name, f"{own.probability:.2g}, {own.log_score:.1f}")
+                    for name, (_, own) in models.items()
+                ),
+            )
+        )
+    if plan is not None:
+        best = float(plan.factors[plan.best])
+        groups.append(("One more sweep", (Row("best at, times the load", best),)))
+    return Card(
+        "Calibration of an impact absorber",
+        tuple(groups),
+        (*_statistic_charts(check), *_pair_charts(inference)),
+        tuple(warnings),
+    )
+
+
+def _statistic_charts(check: PredictiveCheck) -> Iterator[Chart]:
+    for measurement, group in list_groups(check.statistics):
+        own = group_columns(check, measurement, group)
+        first = check.statistics[own[0]]
+        at = [check.statistics[k].at for k in own]
+        number = list(range(1, len(own) + 1))
+        rising = all(a < b for a, b in pairwise(at))
+        x = at if rising else [float(one) for one in number]
+        low, median, high = np.exp(check.quantiles[:, own])
+        yield Chart(
+            f"{group}, {measurement}",
+            first.at_unit if rising else "bin",
+            f"{group}, {first.unit}".rstrip(", "),
+            (
+                Curve("predicted, 90 %", x, median.tolist(), low.tolist(), high.tolist()),
+                Curve("measured", x, np.exp(check.observed[own]).tolist(), points=True),
+            ),
+            log_y=True,
+        )
+
+
+def _pair_charts(inference: Inference) -> Iterator[Chart]:
+    thinned = inference.values[:: max(1, len(inference.values) // 400)]
+    names = inference.names
+    for i in range(len(names)):
+        for j in range(i):
+            x, x_unit = in_display_unit(names[j], thinned[:, j])
+            y, y_unit = in_display_unit(names[i], thinned[:, i])
+            yield Chart(
+                f"Posterior of {names[j]} and {names[i]}",
+                f"{names[j]}, {x_unit}".rstrip(", "),
+                f"{names[i]}, {y_unit}".rstrip(", "),
+                (Curve("draws", x.tolist(), y.tolist(), points=True),),
+            )

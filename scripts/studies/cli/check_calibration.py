@@ -1,0 +1,447 @@
+"""Put the posteriors of calibrate to the test: truths from the prior, disturbed measurements, and truths outside the model."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+import scipy
+
+from impact_env import (
+    Beam,
+    CompliantWalls,
+    ElasticCoulombFriction,
+    YieldingWalls,
+    beam_scene,
+    impact_absorber,
+    linear_sweep,
+)
+from impact_env.drive import FrequencySchedule
+from impact_env.loads import Samples
+from impact_env.parameters import SlidingAbsorber
+from impact_env.scene import Scene
+from optimisation.calibration.inference import (
+    Ensemble,
+    infer,
+    prior_shares,
+    simulate_ensemble,
+    values_at,
+)
+from optimisation.calibration.measurement import (
+    ACCELERATION,
+    DISPLACEMENT,
+    RecordMeasurement,
+    Sensor,
+)
+from optimisation.calibration.parameters import Prior, scene_with
+from optimisation.calibration.predictive import check_posterior
+from optimisation.calibration.simulation import Simulator
+from optimisation.cli.common import command, plain_errors
+from optimisation.machine import sources
+from studies.study import (
+    Array,
+    Json,
+    Measurement,
+    Study,
+    add_table_options,
+    format_table,
+    make_rows_part,
+    make_table_paths,
+    run,
+)
+
+NAME = "check_calibration"  # also the page's marker
+SEED = 2028
+TRUTHS = 200  # of each structure, in the model
+DISTURBED = 20  # of each kind of disturbance, on the first structure
+MODEL = "the model"
+SHARE_IN_INTERVAL = 0.9
+RANK_BINS = 10
+SMALL_PROBABILITY = 0.05  # of the predictive check, below which the model is refused
+
+
+@dataclass(frozen=True)
+class TestRig:
+    """A structure with a sensor and a swept force that stands for a shaker test; the truth is drawn from ``priors``."""
+
+    name: str
+    beam: Beam
+    force: float
+    rate: float  # Hz, of the samples
+    sweep: float  # % per 100 pseudo periods
+    sensor: Sensor
+    gap: float
+    priors: tuple[Prior, ...]
+    mass_ratio: float = 0.02
+
+    @property
+    def scene(self) -> Scene:
+        """Scene with values in the middle of the priors."""
+        return beam_scene(self.beam, impact_absorber(self.gap, 0.6, 0.1, self.mass_ratio))
+
+    @property
+    def schedule(self) -> FrequencySchedule:
+        """Sweep through the first resonance."""
+        return linear_sweep(self.scene.model.resonance_omega(1), 0.92, 1.06, self.sweep)
+
+    def load(self) -> Samples:
+        """Return the force's record."""
+        schedule = self.schedule
+        end = float(schedule.times[-1])
+        times = np.arange(int(end * self.rate) + 1) / self.rate
+        return Samples(times, self.force * np.cos(schedule.phase_at(times)))
+
+
+def make_rigs() -> tuple[TestRig, ...]:
+    """Return the paper's beam with a displacement sensor, and a tube with a tool at its end and an accelerometer; three modes each."""
+    paper = TestRig(
+        "paper's beam, displacement",
+        Beam(modes=3),
+        3.5,
+        800.0,
+        8.0,
+        Sensor(DISPLACEMENT, noise=1e-5),
+        1e-3,
+        (
+            Prior("restitution", 0.3, 0.9),
+            Prior("friction_limit", 1e-6, 0.3),
+            Prior("gap", 0.6e-3, 1.5e-3),
+        ),
+    )
+    tube = TestRig(
+        "tube with a tool, acceleration",
+        Beam(
+            length=1.0,
+            bending_stiffness=70e9 * np.pi / 64 * (0.05**4 - 0.044**4),
+            mass_per_length=2700.0 * np.pi / 4 * (0.05**2 - 0.044**2),
+            tip_mass=0.2,
+            damping_ratio=0.006,
+            modes=3,
+        ),
+        6.0,
+        800.0,
+        6.0,
+        Sensor(ACCELERATION, noise=0.2),
+        1.5e-3,
+        (
+            Prior("restitution", 0.3, 0.9),
+            Prior("friction_limit", 1e-6, 0.5),
+            Prior("gap", 0.8e-3, 2.2e-3),
+        ),
+    )
+    return paper, tube
+
+
+RIGS = make_rigs()
+Change = Callable[[Array, np.random.Generator], Array]  # of a measured response (K,)
+
+
+def add_noise(share: float) -> Change:
+    """Return the addition of white noise with a share of the response's root mean square, of which the sensor's data say nothing."""
+
+    def change(response: Array, generator: np.random.Generator) -> Array:
+        noise = generator.standard_normal(len(response))
+        return response + share * float(np.std(response)) * noise
+
+    return change
+
+
+def add_drift(response: Array, _generator: np.random.Generator) -> Array:
+    """Return a response with a straight drift as large as its largest value."""
+    return np.asarray(response + np.linspace(0.0, float(np.max(np.abs(response))), len(response)))
+
+
+def clip_peaks(response: Array, _generator: np.random.Generator) -> Array:
+    """Return a response that is clipped at 80 % of its largest value."""
+    limit = 0.8 * float(np.max(np.abs(response)))
+    return np.clip(response, -limit, limit)
+
+
+def scale_by(factor: float) -> Change:
+    """Return a wrong scale of the sensor."""
+    return lambda response, _generator: np.asarray(factor * response)
+
+
+class TruthKind(NamedTuple):
+    """A kind of truth: another absorber or structure than the model's, or a change of the measured response."""
+
+    absorber: Callable[[SlidingAbsorber], SlidingAbsorber] = lambda absorber: absorber
+    change: Change = lambda response, _generator: response
+    damping: float = 1.0  # factor
+    modes: int = 0  # more than the model has
+    outside: bool = False  # whether the model lacks it
+
+
+def with_compliant_walls(absorber: SlidingAbsorber) -> SlidingAbsorber:
+    """Return the absorber between springs that are as stiff as makes a contact a tenth of a period of the beam."""
+    walls = absorber.walls
+    friction = absorber.friction
+    assert walls is not None
+    assert friction is not None
+    stiffness = 300.0
+    return replace(
+        absorber,
+        walls=CompliantWalls(stiffness, walls.gap, max(walls.restitution, 0.01)),
+        friction=ElasticCoulombFriction(friction.limit, 100 * stiffness),
+    )
+
+
+def with_yielding_walls(absorber: SlidingAbsorber) -> SlidingAbsorber:
+    """Return the absorber whose restitution falls from 0.02 m/s on."""
+    walls = absorber.walls
+    assert walls is not None
+    return replace(absorber, walls=YieldingWalls(0.02, walls.gap, walls.restitution))
+
+
+KINDS: dict[str, TruthKind] = {
+    MODEL: TruthKind(),
+    "noise of 1 %": TruthKind(change=add_noise(0.01)),
+    "noise of 5 %": TruthKind(change=add_noise(0.05)),
+    "drift": TruthKind(change=add_drift),
+    "peaks clipped at 80 %": TruthKind(change=clip_peaks),
+    "sensor's scale 20 % too large": TruthKind(change=scale_by(1.2)),
+    "damping 20 % larger": TruthKind(damping=1.2),
+    "two more modes": TruthKind(modes=2),
+    "compliant walls": TruthKind(absorber=with_compliant_walls, outside=True),
+    "restitution falls with speed": TruthKind(absorber=with_yielding_walls, outside=True),
+    "no friction": TruthKind(
+        absorber=lambda absorber: replace(absorber, friction=None), outside=True
+    ),
+}
+
+
+def make_simulator(rig: TestRig, measurement: RecordMeasurement) -> Simulator:
+    """Return what simulates a rig's measurement, in one thread."""
+    return Simulator(rig.beam, rig.scene, [measurement], 1, threads=1)
+
+
+def measure(rig: TestRig, kind: TruthKind, shares: Array, seed: list[int]) -> RecordMeasurement:
+    """Return the measurement of a truth at shares (1, P) of the priors."""
+    generator = np.random.default_rng(seed)
+    load = rig.load()
+    values = values_at(rig.priors, shares)[0]
+    names = [one.name for one in rig.priors]
+    scene = scene_with(rig.scene, dict(zip(names, values.tolist(), strict=True)), 1)
+    beam = replace(
+        rig.beam,
+        modes=rig.beam.modes + kind.modes,
+        damping_ratio=rig.beam.damping_ratio * kind.damping,  # type: ignore[operator]
+    )
+    absorber = scene.absorber
+    assert isinstance(absorber, SlidingAbsorber)
+    true_scene = beam_scene(beam, kind.absorber(absorber))
+    start = generator.standard_normal(len(load.values))  # a response whose length counts
+    blank = RecordMeasurement("sweep", load, start, rig.sensor)
+    part = Simulator(beam, true_scene, [blank], 1, threads=1).parts[0]
+    (lane,) = part.lanes([true_scene], int(generator.integers(2**31)))
+    response = kind.change(part.recorder(lane), generator)
+    return replace(blank, response=response)
+
+
+@cache
+def first_ensemble(name: str, runs: int) -> Ensemble:
+    """Return the simulations over the prior that all truths of a rig share."""
+    (rig,) = (one for one in RIGS if one.name == name)
+    blank = RecordMeasurement(
+        "sweep",
+        rig.load(),
+        np.random.default_rng(0).standard_normal(len(rig.load().values)),
+        rig.sensor,
+    )
+    simulator = make_simulator(rig, blank)
+    return simulate_ensemble(simulator, rig.priors, prior_shares(rig.priors, runs, SEED), SEED)
+
+
+def measure_truth(
+    rig: TestRig, name: str, number: int, settings: "CalibrationSettings"
+) -> list[Json]:
+    """Return the row of one truth."""
+    seed = [SEED, RIGS.index(rig), list(KINDS).index(name), number]
+    shares = np.random.default_rng(seed).random((1, len(rig.priors)))
+    measurement = measure(rig, KINDS[name], shares, seed)
+    simulator = make_simulator(rig, measurement)
+    inference = infer(
+        simulator,
+        rig.priors,
+        seed=number,
+        first=first_ensemble(rig.name, settings.first_runs),
+        round_runs=settings.round_runs,
+        rounds=settings.rounds,
+    )
+    check = check_posterior(simulator, simulator.statistics, inference, number)
+    draws = inference.shares
+    return [
+        {
+            "rig": rig.name,
+            "kind": name,
+            "number": number,
+            "truth": shares[0].round(6).tolist(),
+            "rank": np.mean(draws < shares, axis=0).round(4).tolist(),
+            "median": np.median(draws, axis=0).round(4).tolist(),
+            "deviation": np.std(draws, axis=0).round(4).tolist(),
+            "probability": round(check.probability, 4),
+            "settled": inference.settled,
+            "runs": inference.runs,
+        }
+    ]
+
+
+class CalibrationSettings(NamedTuple):
+    """Numbers of truths, and of simulated measurements of each posterior."""
+
+    truths: int = TRUTHS
+    disturbed: int = DISTURBED
+    first_runs: int = 256
+    round_runs: int = 128
+    rounds: int = 3
+
+
+def list_cases(settings: CalibrationSettings) -> dict[Any, Callable[[], list[Json]]]:
+    """Return all truths, in an order in which each part of them is a smaller study."""
+    cases: dict[Any, Callable[[], list[Json]]] = {}
+    for number in range(max(settings.truths, settings.disturbed)):
+        for rig in RIGS:
+            if number < settings.truths:
+                cases[rig.name, MODEL, number] = partial(
+                    measure_truth, rig, MODEL, number, settings
+                )
+        if number % 4 == 0 and number // 4 < settings.disturbed:
+            for name in KINDS:
+                if name != MODEL:
+                    key = (RIGS[0].name, name, number // 4)
+                    cases[key] = partial(measure_truth, RIGS[0], name, number // 4, settings)
+    return cases
+
+
+def coverage_rows(rows: Sequence[Json]) -> list[Json]:
+    """Return a row for each structure and parameter: share of truths in the 90 % interval, and whether the ranks are uniform."""
+    result = []
+    for rig in RIGS:
+        own = [r for r in rows if r["rig"] == rig.name and r["kind"] == MODEL]
+        for k, prior in enumerate(rig.priors):
+            ranks = np.array([r["rank"][k] for r in own])
+            if len(ranks) == 0:
+                continue
+            tail = (1 - SHARE_IN_INTERVAL) / 2
+            inside = int(np.sum((ranks >= tail) & (ranks <= 1 - tail)))
+            interval = scipy.stats.binomtest(inside, len(ranks)).proportion_ci(0.95, "wilson")
+            counts = np.histogram(ranks, bins=RANK_BINS, range=(0, 1))[0]
+            result.append(
+                {
+                    "rig": rig.name,
+                    "parameter": prior.name,
+                    "truths": len(ranks),
+                    "inside": 100 * inside / len(ranks),
+                    "low": 100 * interval.low,
+                    "high": 100 * interval.high,
+                    "counts": " ".join(map(str, counts)),
+                    "uniform": float(scipy.stats.chisquare(counts).pvalue),
+                    "narrowing": float(
+                        np.median([r["deviation"][k] for r in own]) / np.sqrt(1 / 12)
+                    ),
+                }
+            )
+    return result
+
+
+def kind_rows(rows: Sequence[Json]) -> list[Json]:
+    """Return a row for each kind of truth: how often the check refuses the model, and how many truths lie in the intervals."""
+    result = []
+    for name, kind in KINDS.items():
+        for rig in RIGS:
+            own = [r for r in rows if r["kind"] == name and r["rig"] == rig.name]
+            if not own:
+                continue
+            refused = np.array([r["probability"] < SMALL_PROBABILITY for r in own])
+            ranks = np.array([r["rank"] for r in own])
+            inside = np.mean((ranks >= 0.05) & (ranks <= 0.95), axis=0)
+            result.append(
+                {
+                    "kind": name,
+                    "rig": rig.name,
+                    "truths": len(own),
+                    "refused": 100 * float(np.mean(refused)),
+                    "inside": " / ".join(f"{100 * share:.0f}" for share in inside),
+                    "outside": "outside" if kind.outside else "inside or disturbed",
+                }
+            )
+    return result
+
+
+def write_table(measured: Measurement) -> str:
+    """Return the table of coverage and that of kinds of truths."""
+    rows = measured.values["rows"]
+    coverage = {
+        "structure and sensor": "{rig}",
+        "parameter": "{parameter}",
+        "truths": "{truths}",
+        "in the 90 % interval, %": "{inside:.0f} ({low:.0f} to {high:.0f})",
+        "ranks in ten equal parts": "{counts}",
+        "probability if uniform": "{uniform:.2f}",
+        "posterior over prior deviation": "{narrowing:.2f}",
+    }
+    kinds = {
+        "truth": "{kind}",
+        "structure and sensor": "{rig}",
+        "truths": "{truths}",
+        "refused by the check, %": "{refused:.0f}",
+        "in the 90 % intervals of restitution / friction / gap, %": "{inside}",
+    }
+    return (
+        f"{format_table(coverage, coverage_rows(rows))}\n\n{format_table(kinds, kind_rows(rows))}"
+    )
+
+
+STUDY: Study[CalibrationSettings] = Study(
+    (
+        make_rows_part(
+            NAME,
+            "posteriors of calibrate beside the truth",
+            cases=list_cases,
+            key=lambda r: (r["rig"], r["kind"], r["number"]),
+            text=write_table,
+            told=lambda settings: {
+                "first_runs": settings.first_runs,
+                "round_runs": settings.round_runs,
+                "rounds": settings.rounds,
+            },
+            sections=lambda result: {
+                NAME: f"{write_table(result)}\n\n{sources(result.conditions)}"
+            },
+            said=write_table,
+        ),
+    ),
+    kept="with --json the same command goes on from here.",
+)
+QUICK = CalibrationSettings(2, 0, 64, 48, 1)
+
+
+@command()
+@click.option("--quick", is_flag=True, help="A look: two truths of each structure, few runs.")
+@click.option(
+    "--truths",
+    type=click.IntRange(min=1),
+    default=TRUTHS,
+    show_default=True,
+    help="Truths from the prior, of each structure.",
+)
+@click.option(
+    "--disturbed",
+    type=click.IntRange(min=0),
+    default=DISTURBED,
+    show_default=True,
+    help="Truths of each disturbance and of each kind outside the model.",
+)
+@add_table_options(NAME, "docs/calibrate.md")
+def main(quick: bool, truths: int, disturbed: int, target: Path | None, page: Path | None) -> None:
+    """Print how often the 90 % intervals of calibrate hold the truth, and how often its predictive check refuses the model.
+
+    Truths are drawn from the prior and measured by simulation; the same is done with disturbed measurements and with absorbers
+    that the model lacks. Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
+    """
+    with plain_errors():
+        settings = QUICK if quick else CalibrationSettings(truths, disturbed)
+        run(STUDY, settings, make_table_paths(target, page))
