@@ -2,7 +2,7 @@
 
 ``uncertain=`` of Python and ``--uncertain`` of commands say the same: ``{"gap": "5%"}`` is a normal distribution around the number itself with this
 standard deviation, cut at three of them; ``{"gap": (0.9e-3, 1.1e-3)}`` is uniform, in SI units (frequency in Hz); ``("-3%", "5%")`` is uniform around
-the number.
+the number. The draws of a calibration's posterior are joint: those of one member are one row of them (`posterior_spreads`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,6 +26,7 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
+from optimisation.calibration.posterior import Posterior
 
 DAMPING = "damping"
 FREQUENCY = "frequency"
@@ -52,6 +53,11 @@ class Distribution:
     normal: bool
 
     @property
+    def column(self) -> str:
+        """Name of the random share that draws it: its own."""
+        return self.name
+
+    @property
     def words(self) -> str:
         """The distribution as it is given."""
         if self.normal:
@@ -68,6 +74,49 @@ class Distribution:
             return nominal * (1 + self.high * float(scipy.stats.truncnorm.ppf(share, -CUT, CUT)))
         value = self.low + share * (self.high - self.low)
         return nominal * (1 + value) if self.relative else value
+
+
+POSTERIOR = "posterior"
+POSTERIOR_NAMES = {"friction_limit": FRICTION}  # in a calibration, and here
+
+
+@dataclass(frozen=True)
+class PosteriorDistribution(Distribution):
+    """A quantity's column of the draws of a posterior; all columns of a member are of one row, so that correlations hold."""
+
+    values: tuple[float, ...] = ()
+
+    @property
+    def column(self) -> str:
+        """Name of the random share that draws it: one for all quantities of a posterior."""
+        return POSTERIOR
+
+    @property
+    def words(self) -> str:
+        """The distribution in words: its median and 90 % interval."""
+        low, median, high = np.quantile(self.values, (0.05, 0.5, 0.95))
+        return f"{self.name} {median:.4g} ({low:.4g} to {high:.4g})"
+
+    def drawn(self, share: float, nominal: float) -> float:  # noqa: ARG002 - of every distribution
+        """Return the value of the row at a ``share`` (0 to 1) of all rows."""
+        return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+
+
+def posterior_spreads(posterior: Posterior, absorber: Absorber) -> tuple[Distribution, ...]:
+    """Return what a posterior says of a device whose gap is to be chosen: restitution, friction, damping and frequency.
+
+    The measured gap is that of the measured device, and is left out; so is friction where the absorber has none.
+    """
+    parts = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
+    has_friction = all(getattr(part, "friction", None) is not None for part in parts)
+    result = {}
+    for own in posterior.names:
+        name = POSTERIOR_NAMES.get(own, own)
+        if name in NAMES and name != GAP and (name != FRICTION or has_friction):
+            values = tuple(posterior.column(own).tolist())
+            low = min(values)
+            result[name] = PosteriorDistribution(name, low, max(values), False, False, values)
+    return tuple(result[name] for name in NAMES if name in result)
 
 
 def _number(path: str, word: float | str) -> tuple[float, bool]:
@@ -143,8 +192,8 @@ def shares(every: Sequence[Distribution], members: Members) -> list[dict[str, fl
         own = np.random.default_rng(
             np.frombuffer(np.array([phase, factor]).tobytes(), dtype=np.uint32).tolist()
         )
-        columns.append({name: float(own.uniform()) for name in NAMES})
-    return [{one.name: row[one.name] for one in every} for row in columns]
+        columns.append({name: float(own.uniform()) for name in (*NAMES, POSTERIOR)})
+    return [{one.name: row[one.column] for one in every} for row in columns]
 
 
 def drawn(

@@ -27,6 +27,7 @@ from impact_env.parameters import (
 )
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_absorber
 from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
+from optimisation.calibration.posterior import Posterior, read_posterior
 from optimisation.contact import material
 from optimisation.extremes import usable_force
 from optimisation.frequency_levels import (
@@ -67,8 +68,10 @@ from optimisation.tolerances import (
 from optimisation.uncertain import (
     FRICTION,
     GAP,
+    POSTERIOR,
     Distribution,
     UncertainInput,
+    posterior_spreads,
     require_parts,
     spreads,
 )
@@ -363,8 +366,12 @@ def read_uncertain(
 
     Raises ParameterError for those that the absorber lacks, and for SI values of quantities that are searched.
     """
-    every = spreads(uncertain)
-    require_parts(every, absorber)
+    words = dict(uncertain)
+    posterior = measured_posterior(words)
+    words.pop(POSTERIOR, None)
+    measured = () if posterior is None else posterior_spreads(posterior, absorber)
+    every = spreads(words)
+    require_parts((*every, *measured), absorber)
     for one in every:
         searched = one.name == GAP or (one.name == FRICTION and not friction_fixed)
         require(
@@ -373,7 +380,22 @@ def read_uncertain(
             one.words,
             "in %, as the number itself is searched",
         )
-    return every
+        require(
+            one.name not in {other.name for other in measured},
+            f"uncertain {one.name}",
+            one.words,
+            "left out beside a posterior, which has it",
+        )
+    return (*every, *measured)
+
+
+def measured_posterior(uncertain: UncertainInput) -> Posterior | None:
+    """Return the posterior of a calibration among what is uncertain, under the key "posterior" a file or a `Posterior`; None without one."""
+    value: Any = uncertain.get(POSTERIOR)
+    if value is None or isinstance(value, Posterior):
+        return value
+    name = value if isinstance(value, str | Path) else next(iter(value))
+    return read_posterior(Path(name), "uncertain posterior")
 
 
 def check_contact(contact: Contact, radius_name: str = "radius of contact in m") -> Contact:
@@ -446,7 +468,7 @@ def advise(
     limits : Limits, optional
         Limits of stroke and impact speed.
     uncertain : dict, optional
-        Uncertain quantities by name, as in `optimisation.uncertain.spreads`.
+        Uncertain quantities by name, as in `optimisation.uncertain.spreads`; "posterior": that of a calibration, or its file.
     limit_level : float, optional
         Level in m whose probability is found.
     tolerances, sobol : bool

@@ -166,15 +166,23 @@ class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return name, tuple(words)
 
 
+def is_posterior_file(words: Sequence[str]) -> bool:
+    """Return whether the first of some words is the name of a posterior's file."""
+    return bool(words) and words[0].lower().endswith((".json", ".json.gz"))
+
+
 def join_words(args: list[str], known: Iterable[str]) -> list[str]:
-    """Return arguments with the words of each option of ``known`` as one: a name, and either one that ends in % or two."""
+    """Return arguments with the words of each option of ``known`` as one: a name, and either one that ends in % or two; or a posterior's file."""
     words_joined = list[str]()
     k = 0
     while k < len(args):
         words_joined.append(args[k])
         if args[k] in known:
             percent = [word.endswith("%") for word in args[k + 2 : k + 4]]
-            words = args[k + 1 : k + (3 if percent[:1] == [True] and percent[1:] != [True] else 4)]
+            count = 2 if percent[:1] == [True] and percent[1:] != [True] else 3
+            if is_posterior_file(args[k + 1 : k + 2]):
+                count = 1
+            words = args[k + 1 : k + 1 + count]
             words_joined += [" ".join(words)] if words else []
             k += len(words)
         k += 1
@@ -233,14 +241,17 @@ uncertain_option = click.option(
     type=Uncertain(),
     metavar="NAME 5%|LOW HIGH",
     help="damping, frequency, force, gap, restitution or friction is not known: normal with this standard deviation, cut at 3; or "
-    "uniform, in SI units or in %. May be repeated.",
+    "uniform, in SI units or in %. May be repeated. With design_gap also the posterior.json of calibrate.",
 )
 
 
 def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
     """Return the values of --uncertain in the form of Python's ``uncertain=``; raises BadInput for a name that is given twice."""
     distributions: dict[str, tuple[str, ...]] = {}
-    for name, words in values:
+    for word, own_words in values:
+        is_file = is_posterior_file([word])
+        name = "posterior" if is_file else word
+        words = (word,) if is_file else own_words
         if name in distributions:
             raise BadInput(
                 f"--uncertain {name} is given twice: once is allowed, as only one of them could count"

@@ -32,6 +32,7 @@ from optimisation.answers.gap import (
     GapQuestions,
     check_contact,
     complete_gap_answer,
+    measured_posterior,
     model_for_gap,
     read_uncertain,
 )
@@ -201,9 +202,20 @@ def limits_of(options: dict[str, Any], model: ModalModel, absorber: SlidingAbsor
     return Limits(limits.get("stroke"), min(speeds, default=None))
 
 
+def use_posterior(options: dict[str, Any]) -> None:
+    """Let restitution and friction limit be the medians of a calibration's posterior, where there is one and they are not given."""
+    posterior = measured_posterior(common.parse_uncertain(options["uncertain"]))
+    medians = {} if posterior is None else posterior.medians
+    for name in ("restitution", "friction_limit"):
+        searched = name in options["free"]
+        if name in medians and not scenes.is_option_set(name) and not searched:
+            options[name] = medians[name]
+
+
 def structure_in(options: dict[str, Any]) -> Structure:
     """Return the structure that the options describe; with --scene the values of the file's absorber take the place of the options'."""
     if options["scene"] is None:
+        use_posterior(options)
         return scenes.structure_of(
             options["structure"],
             options["position"],

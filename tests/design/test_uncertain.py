@@ -1,19 +1,32 @@
 """What is uncertain: distributions, lanes with everything drawn, a search's members, and the words of the command line."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from impact_env import Beam, Drive, Scene, beam_scene, impact_absorber, linear_sweep, modal_model
+from impact_env import (
+    Beam,
+    Drive,
+    ParameterError,
+    Scene,
+    beam_scene,
+    impact_absorber,
+    linear_sweep,
+    modal_model,
+)
 from impact_env.ensemble import Lane, draw_members
+from optimisation.answers.gap import read_uncertain
+from optimisation.calibration.posterior import Posterior
 from optimisation.cli.common import join_words, parse_uncertain
 from optimisation.contact import estimate, material, meeting_mass, reaches_beyond
+from optimisation.files import write_json
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.space import IMPACT, design_space
-from optimisation.uncertain import NAMES, drawn, shares, spreads
+from optimisation.uncertain import NAMES, drawn, posterior_spreads, shares, spreads
 
 EVERY = dict.fromkeys(NAMES, "5%")
 
@@ -197,3 +210,40 @@ def test_a_hard_impact_reaches_modes_that_were_left_out() -> None:
     model = modal_model(Beam(modes=3))
     assert reaches_beyond(model, estimate("steel", "steel", 0.01, 0.01, 1.0))
     assert not reaches_beyond(model, estimate("1e5:0.45", "steel", 0.01, 0.01, 0.1))
+
+
+def test_draws_of_a_posterior_are_joint_and_leave_other_draws_as_they_are() -> None:
+    """A row of the posterior for each member: what two quantities have in common stays."""
+    rows = np.random.default_rng(0).uniform(0.3, 0.9, 200)
+    posterior = Posterior(
+        ("restitution", "friction_limit", "gap"), np.column_stack([rows, rows / 10, rows * 1e-3])
+    )
+    absorber = impact_absorber(1e-3, 0.6, 0.1)
+    every = posterior_spreads(posterior, absorber)
+    assert [one.name for one in every] == ["restitution", "friction"]
+    members = draw_members(50, 3)
+    own = shares(every, members)
+    values = [[one.drawn(share[one.name], 0.0) for one in every] for share in own]
+    assert np.allclose([a / b for a, b in values], 10.0)
+    assert np.std([a for a, _ in values]) > 0.1
+    damping = spreads({"damping": "10%"})
+    both = shares((*damping, *every), members)
+    assert [one["damping"] for one in both] == [one["damping"] for one in shares(damping, members)]
+    frictionless = impact_absorber(1e-3, 0.6)
+    assert [one.name for one in posterior_spreads(posterior, frictionless)] == ["restitution"]
+
+
+def test_a_posterior_is_read_where_a_gap_is_chosen(tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).uniform(0.5, 0.6, (60, 1))
+    write_json(tmp_path / "p.json", Posterior(("restitution",), rows).to_plain())
+    line = ["--uncertain", str(tmp_path / "p.json"), "--uncertain", "force", "5%"]
+    assert join_words(line, {"--uncertain"}) == [*line[:3], "force 5%"]
+    words = parse_uncertain([(str(tmp_path / "p.json"), ()), ("force", ("5%",))])
+    absorber = impact_absorber(1e-3, 0.6, 0.1)
+    assert [one.name for one in read_uncertain(words, absorber, True)] == ["force", "restitution"]
+    with pytest.raises(ParameterError, match="left out beside a posterior"):
+        read_uncertain(words | {"restitution": ("5%",)}, absorber, True)
+    with pytest.raises(
+        ParameterError, match=r"uncertain posterior = .* is not allowed: a posterior"
+    ):
+        read_uncertain({"posterior": str(tmp_path / "no.json")}, absorber, True)
