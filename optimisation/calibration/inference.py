@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +15,7 @@ from optimisation.calibration.likelihood import (
     RegressionStatistics,
     SyntheticLikelihood,
     fit_regression_statistics,
+    fit_score_statistics,
     fit_synthetic_likelihood,
     polynomial_terms,
     sample_density,
@@ -31,6 +32,7 @@ DRAWS = 2000  # of the posterior
 PRIOR_DEGREE = 3  # of the means over the whole prior, at most
 LOCAL_DEGREE = 2  # and near the posterior
 RUNS_PER_TERM = 8  # simulations for each coefficient of the means
+LEAST_NEAR = 240  # simulations near the posterior that the likelihood is fitted to
 INFLATION = 1.5  # of the posterior's deviations, for the parameters of the next round
 SENSITIVE_SHARE = 0.1  # of a statistic's variance that the parameters explain, in the whole prior
 MOVED = 0.35  # posterior deviations, by which a settled posterior moves at most
@@ -76,7 +78,7 @@ class Ensemble:
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivity:
+class StatisticSensitivity:
     """What each statistic says of the parameters.
 
     ``explained`` (D,): share of its variance over the prior that a cubic polynomial of the parameters explains, of data left out;
@@ -99,7 +101,7 @@ class Inference:
     priors: tuple[Prior, ...]
     shares: Array
     values: Array
-    sensitivity: Sensitivity
+    sensitivity: StatisticSensitivity
     statistic: RegressionStatistics
     likelihood: SyntheticLikelihood
     history: Array
@@ -142,7 +144,7 @@ def simulate_ensemble(
     return Ensemble(shares, simulator.simulate(names, values, seed, progress))
 
 
-def measure_sensitivity(ensemble: Ensemble) -> Sensitivity:
+def measure_sensitivity(ensemble: Ensemble) -> StatisticSensitivity:
     """Return what each statistic says of the parameters, from simulations over the whole prior."""
     shares = ensemble.shares
     statistics = ensemble.statistics
@@ -170,7 +172,7 @@ def measure_sensitivity(ensemble: Ensemble) -> Sensitivity:
     if np.sum(used) < shares.shape[1]:
         used = np.zeros(len(explained), dtype=bool)
         used[np.argsort(-explained)[: max(shares.shape[1], 4)]] = True
-    return Sensitivity(explained, shifts, used)
+    return StatisticSensitivity(explained, shifts, used)
 
 
 def degree_for(runs: int, parameters: int, most: int) -> int:
@@ -183,44 +185,63 @@ def degree_for(runs: int, parameters: int, most: int) -> int:
     return degree
 
 
-def nearby(ensemble: Ensemble, draws: Array) -> Ensemble:
-    """Return the simulations near the posterior's draws: within its farthest draws, inflated, and as many as the likelihood needs."""
-    centre = np.mean(draws, axis=0)
-    covariance = np.atleast_2d(np.cov(draws.T)) + 1e-8 * np.eye(draws.shape[1])
-    inverse = np.linalg.inv(covariance)
+@dataclass(frozen=True, eq=False)
+class Neighbourhood:
+    """Points within a squared Mahalanobis distance ``reach`` of a centre (P,)."""
 
-    def distance(points: Array) -> Array:
-        return np.asarray(np.einsum("np,pq,nq->n", points - centre, inverse, points - centre))
+    centre: Array
+    covariance: Array
+    reach: float
 
-    reach = INFLATION**2 * float(np.quantile(distance(draws), 0.99))
-    parameters = draws.shape[1]
-    needed = RUNS_PER_TERM * polynomial_terms(np.zeros((1, parameters)), 2).shape[1]
-    own = distance(ensemble.shares)
-    order = np.argsort(own)
-    number = max(int(np.sum(own <= reach)), min(2 * needed, len(own)))
-    return ensemble.selected(order[:number])
+    def distance(self, points: Array) -> Array:
+        """Return the squared distance (N,) of points (N, P)."""
+        inverse = np.linalg.inv(self.covariance + 1e-8 * np.eye(len(self.centre)))
+        apart = points - self.centre
+        return np.asarray(np.einsum("np,pq,nq->n", apart, inverse, apart))
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points (N, P) are inside, (N,)."""
+        return self.distance(points) <= self.reach
+
+
+def find_neighbourhood(ensemble: Ensemble, draws: Array) -> Neighbourhood:
+    """Return where the next posterior is: inside the farthest draws, inflated, and where there are enough simulations."""
+    near = Neighbourhood(np.median(draws, axis=0), np.atleast_2d(np.cov(draws.T)), np.inf)
+    reach = INFLATION**2 * float(np.quantile(near.distance(draws), 0.99))
+    own = np.sort(near.distance(ensemble.shares))
+    return replace(near, reach=max(reach, float(own[min(LEAST_NEAR, len(own)) - 1])))
 
 
 def fit_posterior(
     ensemble: Ensemble,
     observed: Array,
     used: NDArray[np.bool_],
-    degree: int,
+    near: Neighbourhood | None,
     generator: np.random.Generator,
 ) -> tuple[Array, RegressionStatistics, SyntheticLikelihood]:
-    """Return draws (N, P) of the posterior that an ensemble gives, its regression statistics and its likelihood.
+    """Return draws (N, P) of the posterior that an ensemble gives, its linear statistics and its likelihood.
 
-    ``degree`` is that of the means' polynomials, at most.
+    Near a point only the simulations there are used; beyond them means and variances would be extrapolated. None: the whole prior.
     """
-    statistic, values = fit_regression_statistics(ensemble.shares, ensemble.statistics[:, used])
-    degree = degree_for(len(values), values.shape[1], degree)
-    likelihood = fit_synthetic_likelihood(ensemble.shares, values, degree)
+    if near is None:
+        shares = ensemble.shares
+        statistic, values = fit_regression_statistics(shares, ensemble.statistics[:, used])
+        degree = degree_for(len(values), values.shape[1], PRIOR_DEGREE)
+    else:
+        inside = near.contains(ensemble.shares)
+        shares = ensemble.shares[inside]
+        statistic, values = fit_score_statistics(
+            shares, ensemble.statistics[inside][:, used], near.centre
+        )
+        degree = degree_for(len(values), values.shape[1], LOCAL_DEGREE)
+    likelihood = fit_synthetic_likelihood(shares, values, degree)
     target = statistic.compute(observed[None, used])[0]
-    start = np.concatenate([ensemble.shares, generator.random((400, values.shape[1]))])
-    draws = sample_density(
-        lambda shares: likelihood.log_density(shares, target), start, DRAWS, generator
-    )
-    return draws, statistic, likelihood
+
+    def log_density(points: Array) -> Array:
+        density = likelihood.log_density(points, target)
+        return density if near is None else np.where(near.contains(points), density, -np.inf)
+
+    return sample_density(log_density, shares, DRAWS, generator), statistic, likelihood
 
 
 def propose(draws: Array, runs: int, generator: np.random.Generator) -> Array:
@@ -291,15 +312,16 @@ def infer(
     sensitivity = measure_sensitivity(ensemble)
     generator = np.random.default_rng([seed, 2])
     draws, statistic, likelihood = fit_posterior(
-        ensemble, observed, sensitivity.used, PRIOR_DEGREE, generator
+        ensemble, observed, sensitivity.used, None, generator
     )
     history = [(np.median(draws, axis=0), np.std(draws, axis=0))]
     settled = False
     for number in range(1, rounds + 1):
         more = simulate(propose(draws, round_runs, generator), number)
         ensemble = ensemble.joined(require_runs(more))
+        near = find_neighbourhood(ensemble, draws)
         draws, statistic, likelihood = fit_posterior(
-            nearby(ensemble, draws), observed, sensitivity.used, LOCAL_DEGREE, generator
+            ensemble, observed, sensitivity.used, near, generator
         )
         history.append((np.median(draws, axis=0), np.std(draws, axis=0)))
         settled = is_settled(history)

@@ -1,9 +1,9 @@
-"""A Gaussian synthetic likelihood of regression statistics, and its posterior by Markov chains.
+"""A Gaussian synthetic likelihood of a few linear statistics, and its posterior by Markov chains.
 
-The D summary statistics are reduced to one for each parameter, by ridge regression of the parameters on them (Fearnhead and
-Prangle, 2012, doi:10.1111/j.1467-9868.2011.01010.x). Mean and covariance of these, as functions of the parameters, are fitted to
-the simulated ensembles; a Gaussian with them is the synthetic likelihood (Wood, 2010, doi:10.1038/nature09319). Parameters are
-shares (P,) from 0 to 1 of their prior distributions.
+The D summary statistics are reduced to one for each parameter: over the whole prior by ridge regression of the parameters on them
+(Fearnhead and Prangle, 2012, doi:10.1111/j.1467-9868.2011.01010.x), near the posterior by generalised least squares. Mean and
+covariance of these, as functions of the parameters, are fitted to the simulated ensembles; a Gaussian with them is the synthetic
+likelihood (Wood, 2010, doi:10.1038/nature09319). Parameters are shares (P,) from 0 to 1 of their prior distributions.
 """
 
 from collections.abc import Callable
@@ -21,6 +21,10 @@ LOG_CHI2_MEAN = 1.2704  # minus the mean of the logarithm of a squared standard 
 STRETCH = 2.0  # of the moves of Goodman and Weare (2010)
 WALKERS = 60
 BURN_IN = 400  # steps
+FOLDS = 5
+SHRINKAGE = 0.3  # of correlations of summary statistics towards none
+PRIOR_PRECISION = 12.0  # one over the variance of a share of the prior
+LEAST_DEVIATION = 1e-3  # of a logarithm
 LEAST_VARIANCE = 1e-10  # of a regression statistic, in squared shares
 
 
@@ -78,6 +82,59 @@ def fit_regression_statistics(
     assert best is not None
     _, weights, residual = best
     return RegressionStatistics(mean, scale, weights, offset), shares - residual
+
+
+def fit_score_statistics(
+    shares: Array, statistics: Array, centre: Array
+) -> tuple[RegressionStatistics, Array]:
+    """Fit the statistics that are best near a point, for normal summary statistics whose mean depends on the parameters there linearly.
+
+    They are the generalised least squares estimates of the parameters, with a shrunk correlation of the summary statistics.
+
+    Parameters
+    ----------
+    shares : array, (N, P)
+        Parameters of the simulations.
+    statistics : array, (N, D)
+        Their summary statistics.
+    centre : array, (P,)
+        Point near which the parameters are.
+
+    Returns
+    -------
+    RegressionStatistics
+        Estimates of the parameters.
+    array, (N, P)
+        The estimates of the simulations, each by a fit to `FOLDS` - 1 parts without it.
+
+    """
+    values = np.empty(shares.shape)
+    fold = np.arange(len(shares)) % FOLDS
+    for k in range(FOLDS):
+        own = fold == k
+        part = _estimate_locally(shares[~own], statistics[~own], centre)
+        values[own] = part.compute(statistics[own])
+    return _estimate_locally(shares, statistics, centre), values
+
+
+def _estimate_locally(shares: Array, statistics: Array, centre: Array) -> RegressionStatistics:
+    """Return the generalised least squares estimates near a point."""
+    parameters = shares.shape[1]
+    terms = polynomial_terms(shares, 2)
+    coefficients = np.linalg.lstsq(terms, statistics, rcond=None)[0]
+    residual = statistics - terms @ coefficients
+    deviation = np.maximum(np.std(residual, axis=0), LEAST_DEVIATION)
+    z = residual / deviation
+    correlation = (1 - SHRINKAGE) * (z.T @ z) / len(z)
+    np.fill_diagonal(correlation, 1.0)
+    mean = polynomial_terms(centre[None], 2)[0] @ coefficients
+    step = 1e-4
+    moved = polynomial_terms(centre + step * np.eye(parameters), 2) @ coefficients
+    slopes = ((moved - mean) / step / deviation).T
+    weighted = np.linalg.solve(correlation, slopes)
+    precision = slopes.T @ weighted + PRIOR_PRECISION * np.eye(parameters)
+    weights = np.linalg.solve(precision, weighted.T).T
+    return RegressionStatistics(mean, deviation, weights, centre)
 
 
 def polynomial_terms(shares: Array, degree: int) -> Array:
@@ -140,7 +197,7 @@ def fit_synthetic_likelihood(shares: Array, values: Array, degree: int) -> Synth
     z = (values - terms @ coefficients) / np.exp(linear @ log_variance / 2)
     correlation = np.asarray(np.atleast_2d(np.corrcoef(z.T)), dtype=np.float64)
     gram = terms.T @ terms
-    gram_inverse = np.linalg.pinv(gram, hermitian=True)
+    gram_inverse = np.asarray(np.linalg.pinv(gram, hermitian=True), dtype=np.float64)
     return SyntheticLikelihood(degree, coefficients, log_variance, correlation, gram_inverse)
 
 

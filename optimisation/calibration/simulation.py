@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 OVERSAMPLING = 2  # samples of the velocity in a sampling interval of an accelerometer
 MOST_EVENTS_PER_PERIOD = 400  # of the resonance: a run with more is left out
+LEVEL_TOLERANCE = 0.01  # of each level: what model and sensors are trusted to at best
 START_SHARE = 0.9  # of the gap: the absorber starts within it, anywhere
 
 
@@ -327,7 +328,9 @@ class Simulator:
         for k, part in enumerate(self.parts):
             show = None if progress is None else partial(_shift, progress, k * len(scenes), total)
             results.append(part.simulate(scenes, seed + k, self.threads, show))
-        return np.concatenate(results, axis=1)
+        statistics = np.concatenate(results, axis=1)
+        generator = np.random.default_rng([seed, len(self.parts)])
+        return statistics + LEVEL_TOLERANCE * generator.standard_normal(statistics.shape)
 
     @property
     def moves_base(self) -> bool:

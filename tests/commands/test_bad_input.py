@@ -307,6 +307,8 @@ check_places --quick
     --judges 0 -> 0 is not
 manifold_gaps
     --page none.md -> none.md
+check_calibration --quick
+    --truths 0 -> 0 is not in the range
 check_gaps --quick
     --rate 0 -> rate = 0.0 is not allowed
 error_vs_runtime
