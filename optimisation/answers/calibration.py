@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from impact_env.ensemble import LaneProgress
 from impact_env.kernels.compiling.cache import hash_sources
 from impact_env.modes import Structure
-from impact_env.parameters import SlidingAbsorber, count, instance, one_of, require
+from impact_env.parameters import (
+    SlidingAbsorber,
+    count,
+    count_from,
+    instance,
+    keep_checked,
+    one_of,
+    require,
+)
 from impact_env.plain import from_scene
 from impact_env.scene import Scene
 from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
@@ -68,10 +76,13 @@ class CalibrationRuns:
     replicates: int = REPLICATES
 
     def __post_init__(self) -> None:
-        count("first runs", self.first, 32)
-        count("runs of a round", self.each_round, 16)
-        count("rounds", self.rounds, 1)
-        count("replicates", self.replicates, 20)
+        keep_checked(
+            self,
+            first=count_from(32),
+            each_round=count_from(16),
+            rounds=count_from(1),
+            replicates=count_from(20),
+        )
 
 
 QUICK_RUNS = CalibrationRuns(96, 48, 2, 48)
@@ -335,12 +346,12 @@ def calibrate(
     every = tuple(own)
     require(len(every) > 0, "measurements", every, "one or more")
     require_moving(every)
-    one_of("alternatives", alternatives, ALTERNATIVES)
+    alternatives = one_of("alternatives", alternatives, ALTERNATIVES)
     absorber = instance("absorber", absorber, SlidingAbsorber)
     runs = CalibrationRuns() if runs is None else runs
     seed = count("seed", seed, 0)
     scene = Scene(model_with_absorber_at(structure), absorber)
-    scene.model.check_resonance(resonance)
+    resonance = scene.model.check_resonance(resonance)
     require_plausible(every, structure, resonance)
     linear = fit_linear(structure, scene, every, resonance)
     if linear is not None:
