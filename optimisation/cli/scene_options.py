@@ -69,7 +69,7 @@ def read_structure(path: Path) -> Structure:
     """Return the structure of a file; its warnings are printed, a line each. Raises BadInput for a bladed disk."""
     if "cyclic" in read_plain(path):
         raise BadInput(
-            f"--structure = {path} is not allowed: a bladed disk is given with its absorbers, as --scene of sweep, compare or design gap"
+            f"{path} is not allowed: a bladed disk is given with its absorbers, as --scene of sweep, compare_absorbers or design_gap"
         )
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StructureWarning)
