@@ -36,14 +36,14 @@ PARTS = (
 )
 
 # a line for each of `PARTS`, by processor time with compiled kernels (kinds.py compiles them before). Files that take most, in s:
-# plain_python 85, interrupted 60, printed_blocks, bifurcation_curves, orbits_script and design_scripts 40, first_use 36, bounds,
-# structure_commands, harmonic_balance, kernel_cache and command 20 to 30.
+# plain_python 90, interrupted 60, bifurcation_curves 50, printed_blocks, orbits_script and design_scripts 40, first_use, cluster and
+# search_truth 33, training 28, bounds, structure_commands, kernel_cache, command, regimes, harmonic_balance and gap_search 20.
 _LONGEST_FIRST = """
     kernels/bounds kernels/kernel_cache kernels/loads kernels/exact_contacts kernels/dense_motion kernels/budget kernels/energies
-    kernels/plain_python kernels/search_truth kernels/one_result kernels/several kernels/stepping kernels/verification kernels/regimes
+    kernels/plain_python kernels/search_truth kernels/regimes kernels/one_result kernels/verification kernels/several kernels/stepping
     periodic/bifurcation_curves simulator/first_use periodic/harmonic_balance simulator/controlled simulator/stop_and_passes simulator/places
-    design/load_gap house/extras design/advice design/cluster design/study
-    environments/active environments/training environments/suite
+    design/cluster design/limit_against_simulation design/gap_search design/precision design/answers design/study design/load_gap house/extras
+    environments/training environments/suite environments/admission environments/leaks environments/active
     commands/interrupted commands/printed_blocks commands/orbits_script commands/design_scripts commands/structure_commands commands/command
     commands/explore commands/compare_absorbers commands/explore_browser studies/stability_report studies/benchmark_scripts
 """
