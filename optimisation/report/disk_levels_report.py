@@ -143,7 +143,7 @@ def draw_gap_levels(choice: DiskGapChoice) -> Figure:
     axes.axhline(MM * np.median(choice.without), color=COLOURS[WITHOUT], ls="--", label=WITHOUT)
     best = MM * choice.gap(choice.recommended)
     axes.axvline(best, color=COLOURS[FRICTION], lw=1, label=f"recommended, {best:.3g} mm")
-    axes.set(xscale="log", yscale="log")
+    axes.set_ylim(bottom=0)
     axes.set_xlabel("clearance to either wall in mm")
     axes.set_ylabel("level of the worst sector in mm")
     figure.legend(loc="outside lower center", ncols=3, fontsize=9)
