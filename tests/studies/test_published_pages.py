@@ -11,6 +11,7 @@ from places import ROOT
 
 from optimisation.files import read_json
 from studies.cli import (
+    compare_chain,
     error_vs_runtime,
     findings,
     friction_branches,
@@ -19,6 +20,7 @@ from studies.cli import (
     search_methods,
     specialisation,
     stability,
+    which_blades,
 )
 from studies.paper import study as paper
 from studies.study import Measurement, OutputPaths, Part, Study, read_measurement
@@ -27,6 +29,8 @@ DOCS = ROOT / "docs"
 # studies that publish their numbers: the page, and the folder or the file of the numbers
 PUBLISHED: tuple[tuple[Study[Any], str, str], ...] = (
     (paper.STUDY, "paper.md", "paper"),
+    (compare_chain.STUDY, "many_absorbers.md", "many_absorbers"),
+    (which_blades.STUDY, "which_blades.md", "which_blades"),
     (error_vs_runtime.STUDY, "methods.md", "methods"),
     (stability.STUDY, "methods.md", "methods"),
     (findings.STUDY, "findings.md", "findings"),

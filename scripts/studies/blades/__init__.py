@@ -1,0 +1,1 @@
+"""Bladed disks: comparison with another program, and which blades need an absorber."""

@@ -1,0 +1,206 @@
+"""Which blades of a mistuned disk need an impact absorber: level of the worst blade over clearance, for four layouts, over random disks."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import numpy as np
+
+from optimisation.cli.common import command
+from optimisation.page import DOCS, markdown
+from studies.blades.mistuned import (
+    BARE,
+    LAYOUTS,
+    Case,
+    add_disks,
+    find_best,
+    measure_case,
+    summarise,
+)
+from studies.study import (
+    Json,
+    Measurement,
+    OutputPaths,
+    Part,
+    Saver,
+    Steps,
+    Study,
+    add_sources,
+    paths_beside_page,
+    run,
+)
+
+NAME = "which_blades"
+DISKS = 200  # without absorbers, and with the best clearance of a layout
+SCAN_DISKS = 20  # with each clearance
+QUICK_DISKS = 4
+LEGEND_ROOM = 1.15  # of the largest level: space above it
+CLEARANCES = (0.2, 0.35, 0.6, 1.0)  # over the amplitude of the tuned disk without absorbers
+QUICK_CLEARANCES = (0.35, 0.8)
+
+
+class Settings(NamedTuple):
+    """Numbers of disks with the best clearance and with each; clearances."""
+
+    disks: int
+    scan_disks: int
+    clearances: tuple[float, ...]
+
+
+def count_steps(settings: Settings) -> int:
+    """Return the number of cases that are scanned, and of those to which disks are added."""
+    return 1 + len(LAYOUTS) * (len(settings.clearances) + 1)
+
+
+def measure(settings: Settings, known: Json) -> Steps:
+    """Yield all rows after each: every layout with every clearance, and more disks with the best one."""
+    rows = {key(row): row for row in known.get("rows", ())}
+    cases = [Case(BARE, 0.0)]
+    cases += [Case(name, clearance) for name in LAYOUTS for clearance in settings.clearances]
+
+    def values() -> Json:
+        return {"settings": list(settings[:2]), "rows": [rows[c] for c in cases if c in rows]}
+
+    if cases[0] not in rows:
+        rows[cases[0]] = measure_case(cases[0], 0, settings.disks)
+    yield values()
+    for layout in LAYOUTS.values():
+        own = [case for case in cases if case.layout == layout.name]
+        for case in own:
+            if case not in rows:
+                rows[case] = measure_case(case, 0, settings.scan_disks)
+            yield values()
+        best = key(find_best([rows[case] for case in own])[layout.name])
+        if rows[best]["drawn"] < settings.disks:
+            rows[best] = add_disks(rows[best], settings.disks)
+        yield values()
+
+
+def key(row: Json) -> Case:
+    """Return the case of a row."""
+    return Case(row["layout"], row["clearance"])
+
+
+def divide_rows(rows: list[Json]) -> tuple[Json, list[Json]]:
+    """Return the row without absorbers, and the others."""
+    (bare,) = (row for row in rows if row["layout"] == BARE)
+    return bare, [row for row in rows if row["layout"] != BARE]
+
+
+def band(values: list[float], digits: int = 2) -> str:
+    """Return a median with its band."""
+    median, low, high = (f"{value:.{digits}f}" for value in values)
+    return f"{median} ({low} to {high})"
+
+
+def make_line(words: str, row: Json, bare: Json, clearance: str) -> list[str]:
+    """Return a line of the table."""
+    summary = summarise(row, bare)
+    return [
+        words,
+        clearance,
+        band(summary["level"]),
+        f"{summary['tuned']:.2f}",
+        band(summary["amplification"]),
+        f"{summary['participation'][0]:.2f}",
+        str(summary["disks"]),
+    ]
+
+
+def make_table(measured: Measurement) -> str:
+    """Return the table of the best clearance of each layout."""
+    bare, rows = divide_rows(measured.values["rows"])
+    best = find_best(rows)
+    lines = [make_line("none", bare, bare, "")]
+    for layout in LAYOUTS.values():
+        if layout.name in best:
+            row = best[layout.name]
+            lines.append(make_line(layout.words, row, bare, f"{row['clearance']:g}"))
+    head = (
+        "absorbers in",
+        "best clearance",
+        "worst blade, mistuned",
+        "worst blade, tuned",
+        "amplification factor",
+        "participation",
+        "disks",
+    )
+    return markdown(head, lines)
+
+
+def make_figure(measured: Measurement) -> Saver:
+    """Return a figure of level and amplification factor over the clearance."""
+    bare, rows = divide_rows(measured.values["rows"])
+
+    def save(path: Path) -> None:
+        import matplotlib as mpl
+
+        mpl.use("Agg")
+        import matplotlib.pyplot as plt
+
+        figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.8), layout="constrained")
+        for k, layout in enumerate(LAYOUTS.values()):
+            own = sorted(
+                (row for row in rows if row["layout"] == layout.name),
+                key=lambda row: row["clearance"],
+            )
+            if not own:
+                continue
+            x = [row["clearance"] for row in own]
+            for ax, name in zip(axes, ("level", "amplification"), strict=True):
+                values = np.array([summarise(row, bare)[name] for row in own])
+                (line,) = ax.plot(x, values[:, 0], "o-", ms=3, color=f"C{k}", label=layout.words)
+                ax.fill_between(x, values[:, 1], values[:, 2], color=line.get_color(), alpha=0.15)
+        for ax, name in zip(axes, ("level", "amplification"), strict=True):
+            median, low, high = summarise(bare, bare)[name]
+            ax.axhline(median, color="k", ls="--", lw=1, label="no absorbers")
+            ax.axhspan(low, high, color="k", alpha=0.06, lw=0)
+            ax.set_xlabel("clearance over the tuned amplitude")
+            ax.set_xscale("log")
+            ax.set_xticks(x, [f"{value:g}" for value in x], minor=False)
+            ax.minorticks_off()
+            ax.grid(visible=True, lw=0.3)
+        axes[0].set_ylabel(
+            "level of the worst blade over that\nof the tuned disk without absorbers"
+        )
+        axes[1].set_ylabel("amplification factor")
+        axes[0].set_ylim(top=LEGEND_ROOM * axes[0].get_ylim()[1])
+        axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper left")
+        figure.savefig(path, dpi=110)
+        plt.close(figure)
+
+    return save
+
+
+PART: Part[Settings] = Part(
+    NAME,
+    "which blades need an absorber",
+    measure=measure,
+    steps=lambda settings, _: count_steps(settings),
+    markers=(NAME,),
+    sections=lambda measured: {NAME: add_sources(make_table)(measured)},
+    told=lambda settings: {"settings": list(settings[:2])},
+    figures=lambda measured: {NAME: make_figure(measured)},
+)
+STUDY: Study[Settings] = Study((PART,), kept="finished cases are in the file.")
+
+
+@command()
+@click.option("--quick", is_flag=True, help="Four disks and two clearances.")
+@click.option("--redraw", is_flag=True, help="Write table and figure from existing numbers.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=DOCS,
+    show_default=False,
+    help="Folder of the page which_blades.md and of its folder of numbers and figures (default: docs).",
+)
+def main(quick: bool, redraw: bool, out: Path) -> None:
+    """Compare layouts of absorbers on randomly mistuned disks; a run that was stopped goes on when it is called again."""
+    settings = (
+        Settings(QUICK_DISKS, QUICK_DISKS // 2, QUICK_CLEARANCES)
+        if quick
+        else Settings(DISKS, SCAN_DISKS, CLEARANCES)
+    )
+    place: OutputPaths = paths_beside_page(out, NAME, out / NAME)
+    run(STUDY, settings, place, redraw=redraw)
