@@ -12,20 +12,12 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from impact_env.ensemble import Executor, Threads
 from impact_env.extras import how_to_install
 from impact_env.parameters import ParameterError
 
 if TYPE_CHECKING:
     from optimisation.search.cluster import Workers
-
-cluster_option = click.option(
-    "--cluster",
-    metavar="ADDRESS",
-    help="Send the runs to the workers of the Dask scheduler at this address instead.",
-)
 
 
 @contextmanager

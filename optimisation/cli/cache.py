@@ -1,4 +1,4 @@
-"""Tell where compiled kernels are kept and how large they are, or remove them."""
+"""Where compiled kernels are, or remove them."""
 
 import re
 import shutil
@@ -12,6 +12,7 @@ from filelock import FileLock
 
 from impact_env.kernels.compiling.cache import LOCK_TIMEOUT_S, find_folders, hash_sources
 from optimisation.cli.common import command, plain_errors
+from optimisation.cli.options import OptionSpec, option, switch
 
 SOURCE_HASH = re.compile(
     r"[0-9a-f]{16}"
@@ -69,28 +70,43 @@ def clear(these: Iterable[KernelFolder]) -> None:
         shutil.rmtree(one.folder)
 
 
-@command()
-@click.argument("action", type=click.Choice(["info", "clear"]), default="info")
-@click.option("--older", is_flag=True, help="With clear: keep the kernels of today's sources.")
-def main(action: str, older: bool) -> None:
+@dataclass(frozen=True, kw_only=True)
+class CacheOptions:
+    """Options of ``cache``."""
+
+    action: str = option(
+        OptionSpec(
+            names=("action",),
+            help="What is done",
+            type=click.Choice(["info", "clear"]),
+            default="info",
+        )
+    )
+    older: bool = option(
+        switch("--older", "With clear: not the kernels of today's sources", usual=True)
+    )
+
+
+@command(CacheOptions, examples=("cache", "cache clear --older"))
+def main(options: CacheOptions) -> None:
     """Tell where compiled kernels are kept and how large they are (info), or remove them (clear): they are compiled anew when they are next used.
 
     Other files in that folder stay. IMPACT_ENV_CACHE names another folder.
     """
     with plain_errors():
-        if older and action == "info":
+        if options.older and options.action == "info":
             raise click.UsageError("--older goes with clear alone")
         places = parent_folders()
         if not places:
             click.echo(
                 "No kernels are kept: NUMBA_DISABLE_JIT is set, or no folder can be written to."
             )
-        if action == "clear":
+        if options.action == "clear":
             these = [
                 one
                 for place in places[:1]
                 for one in list_kernel_folders(place)
-                if not (older and one.current)
+                if not (options.older and one.current)
             ]
             clear(these)
             click.echo(

@@ -1,7 +1,8 @@
-"""Find an absorber's restitution, friction and clearance from a measured response, with intervals, and check whether the model explains it."""
+"""Restitution, friction and gap from a measured response."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ import click
 
 from impact_env.ensemble import LaneProgress
 from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
     RigidWalls,
     SlidingAbsorber,
     friction_law,
@@ -28,25 +28,23 @@ from optimisation.calibration.plan import FACTORS
 from optimisation.checkpoint import Checkpoint
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
-from optimisation.files import require_writable
+from optimisation.cli.options import OptionSpec, is_number, option
+from optimisation.files import require_writable, write_files
 from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import counting_bar
 
 USUAL_RESTITUTION = 0.6
 USUAL_FREE = ("restitution", "friction_limit", "gap")
-FREE_HELP = (
-    f"Free parameter, with its prior: {FORM}, or 'log' after two numbers; without numbers the usual range. May be repeated. "
-    f"One of {', '.join(PARAMETERS)}.  [default: {', '.join(USUAL_FREE)}]"
-)
-PLAN_HELP = (
-    "Expected width of the intervals after one more sweep at other forces: factors of the measured load, with commas between, or "
+FREE_MORE = f"{FORM}, or 'log' after two numbers; without numbers the usual range. One of {', '.join(PARAMETERS)}."
+PLAN_MORE = (
+    "Factors of the measured load, with commas between, or "
     f"'usual' for {', '.join(f'{factor:g}' for factor in FACTORS)}."
 )
 MEASUREMENT = click.Path(dir_okay=False, path_type=Path)
 
 
 class FreeParameter(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """A name of a parameter, and the words of its prior, as `CalibrateCommand` joins them."""
+    """A name of a parameter, and the words of its prior, as `count_prior_words` counts them."""
 
     name = "name [low high [log|normal]]"
 
@@ -61,45 +59,77 @@ class FreeParameter(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return name, tuple(words)
 
 
-class CalibrateCommand(common.OneCommand):
-    """A command whose --free takes a name and up to three further words."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Join the words of each --free."""
-        return super().parse_args(ctx, join_free(args))
-
-
-def join_free(args: Sequence[str]) -> list[str]:
-    """Return arguments with the words of each ``--free`` as one: a name, numbers, and the name of a distribution.
-
-    >>> join_free(["m.toml", "--free", "gap", "1e-3", "2e-3", "log", "--seed", "1"])
-    ['m.toml', '--free', 'gap 1e-3 2e-3 log', '--seed', '1']
-    """
-    joined = list[str]()
-    k = 0
-    while k < len(args):
-        joined.append(args[k])
-        k += 1
-        if joined[-1] != "--free":
-            continue
-        words = [*args[k : k + 1]]
-        k += 1
-        while k < len(args) and len(words) < 4 and is_prior_word(args[k], len(words)):
-            words.append(args[k])
-            k += 1
-        joined += [" ".join(words)] if words else []
-    return joined
+def count_prior_words(words: Sequence[str]) -> int:
+    """Return how many words after ``--free`` are its value: a name, numbers, and the name of a distribution."""
+    count = 1
+    while count < min(len(words), 4) and is_prior_word(words[count], count):
+        count += 1
+    return count
 
 
 def is_prior_word(text: str, position: int) -> bool:
     """Return whether a word at a position after ``--free`` is a part of a prior: two numbers, then a distribution."""
     if position == 3:
         return text in ("log", "normal", "uniform")
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return is_number(text)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOptions:
+    """Options of ``calibrate``; None: not given."""
+
+    measurement: Path = option(
+        OptionSpec(names=("measurement",), help="Measurement", type=MEASUREMENT, required=True)
+    )
+    structure: Path | None = option("structure")
+    scene: Path | None = option(
+        "scene", help="Structure and impact absorber from a .toml or .json file"
+    )
+    position: float = option("position")
+    mass_ratio: float = option("mass_ratio")
+    mass_kg: float | None = option("mass_kg")
+    gap: float = option("gap", more="A free one's usual range is half to twice this.", usual=True)
+    restitution: float = option(
+        "restitution", more="Where it is not free.", default=USUAL_RESTITUTION
+    )
+    friction_limit: float = option("friction_limit", more="Where it is not free.", default=0.0)
+    resonance: int = option(
+        "resonance", help="Resonance near which the structure was excited, counted from 1"
+    )
+    free: tuple[tuple[str, tuple[str, ...]], ...] = option(
+        "free",
+        help="Free parameter, with its prior; may be repeated",
+        more=FREE_MORE,
+        type=FreeParameter(),
+        metavar="NAME [LOW HIGH]",
+        default_text=", ".join(USUAL_FREE),
+        count_words=count_prior_words,
+    )
+    alternatives: str = option(
+        OptionSpec(
+            names=("--alternatives",),
+            help=f"Compare other models: {', '.join(ALTERNATIVES)}",
+            more="Springs as walls, restitution that falls with speed, friction added or left out.",
+            type=click.Choice(ALTERNATIVES),
+            metavar="WHEN",
+            default=WHEN_REFUSED,
+        )
+    )
+    plan: str | None = option(
+        OptionSpec(
+            names=("--plan",),
+            help="Expected width of the intervals after one more sweep at other forces",
+            more=PLAN_MORE,
+            type=str,
+            metavar="F,F,...|usual",
+        )
+    )
+    quick: bool = option("quick", more="Fewer simulated measurements, wider intervals.")
+    seed: int = option("seed")
+    threads: int | None = option("threads")
+    resume: Path | None = option("resume")
+    json: Path | None = option("json", help="Write the summary here, too")
+    out: Path = option("out", default=Path("results/calibrate"))
 
 
 def free_of(values: Sequence[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...] | None]:
@@ -112,20 +142,20 @@ def free_of(values: Sequence[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[st
     return table or dict.fromkeys(USUAL_FREE)
 
 
-def device_of(options: dict[str, Any]) -> tuple[Any, SlidingAbsorber]:
+def device_of(options: CalibrateOptions) -> tuple[Any, SlidingAbsorber]:
     """Return structure and absorber: of a scene's file, or the structure with the absorber that the options describe."""
     own = ("structure", "gap", "restitution", "friction_limit", "mass_ratio", "mass_kg")
-    if options["scene"] is not None:
-        return scenes.read_device(options["scene"], *own)
-    structure = scenes.structure_of(options["structure"], options["position"])
+    if options.scene is not None:
+        return scenes.read_device(options.scene, *own)
+    structure = scenes.structure_of(options.structure, options.position)
     model = model_with_absorber_at(structure)
-    ratio = scenes.mass_ratio_of(options["mass_ratio"], options["mass_kg"], model.beam_mass)
-    friction = friction_law(non_negative("friction_limit", options["friction_limit"]))
-    walls = RigidWalls(options["gap"], options["restitution"])
-    free = {name for name, _ in options["free"]} or set(USUAL_FREE)
+    ratio = scenes.mass_ratio_of(options.mass_ratio, options.mass_kg, model.beam_mass)
+    friction = friction_law(non_negative("friction_limit", options.friction_limit))
+    walls = RigidWalls(options.gap, options.restitution)
+    free = {name for name, _ in options.free} or set(USUAL_FREE)
     if friction is None and "friction_limit" in free:
-        inertia = ratio * model.beam_mass * model.resonance_omega(options["resonance"]) ** 2
-        friction = friction_law(0.1 * inertia * options["gap"])
+        inertia = ratio * model.beam_mass * model.resonance_omega(options.resonance) ** 2
+        friction = friction_law(0.1 * inertia * options.gap)
     return structure, SlidingAbsorber(ratio, walls, friction)
 
 
@@ -143,100 +173,42 @@ def show_stage(label: str, _runs: int) -> Iterator[LaneProgress | None]:
         yield show
 
 
-@common.command(cls=CalibrateCommand)
-@click.argument("measurement", type=MEASUREMENT)
-@scenes.structure_option
-@scenes.scene_option
-@click.option(
-    "--free",
-    multiple=True,
-    type=FreeParameter(),
-    metavar="NAME [LOW HIGH [log|normal]]",
-    help=FREE_HELP,
+@common.command(
+    CalibrateOptions,
+    examples=("calibrate measured.toml --quick", "calibrate measured.toml --structure arm.toml"),
 )
-@click.option(
-    "--gap",
-    type=float,
-    default=RigidWalls.gap,
-    show_default=True,
-    help="Clearance to either wall in m; a free one's usual range is half to twice this.",
-)
-@click.option(
-    "--restitution",
-    type=float,
-    default=USUAL_RESTITUTION,
-    show_default=True,
-    help="Coefficient of restitution, where it is not free.",
-)
-@click.option(
-    "--friction-limit",
-    type=float,
-    default=0.0,
-    show_default=True,
-    help="Friction limit in N, where it is not free; 0: none.",
-)
-@click.option(
-    "--mass-ratio",
-    type=float,
-    default=DEFAULT_MASS_RATIO,
-    show_default=True,
-    help="Absorber mass over the structure's mass.",
-)
-@scenes.mass_option
-@scenes.position_option
-@click.option(
-    "--resonance",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Resonance near which the structure was excited, counted from 1.",
-)
-@click.option(
-    "--alternatives",
-    type=click.Choice(ALTERNATIVES),
-    default=WHEN_REFUSED,
-    show_default=True,
-    help="Compare other models: springs as walls, restitution that falls with speed, friction added or left out.",
-)
-@click.option("--plan", help=PLAN_HELP)
-@click.option(
-    "--quick", is_flag=True, help="A look: fewer simulated measurements, wider intervals."
-)
-@common.seed_option
-@common.threads_option
-@common.resume_option
-@common.out_option("results/calibrate", "Folder for posterior, figures, tables and card.")
-def main(measurement: Path, **options: Any) -> None:
+def main(options: CalibrateOptions) -> None:
     """Find an absorber's parameters from the records or levels of MEASUREMENT, a .toml or .json file (docs/calibrate.md).
 
     The measured load drives simulations with parameters from their prior distributions. Statistics of the response give the
     posterior: medians, 90 % intervals and correlations. A predictive check says whether the model explains the measurement.
-    posterior.json is what design_gap --uncertain reads.
+    posterior.json is what design gap --uncertain reads.
     """
     with common.plain_errors():
-        require_writable("--out", options["out"])
-        common.check_target("--resume", options["resume"])
-        factors = factors_of(options["plan"])
-        free = free_of(options["free"])
+        require_writable("--out", options.out)
+        common.check_target("--resume", options.resume)
+        common.check_targets({"json": options.json})
+        factors = factors_of(options.plan)
+        free = free_of(options.free)
         structure, absorber = device_of(options)
-        measurements = read_measurements(measurement)
-        checkpoint = Checkpoint(options["resume"])
+        measurements = read_measurements(options.measurement)
+        checkpoint = Checkpoint(options.resume)
         try:
             answer = calibrate(
                 measurements,
                 structure,
                 absorber,
                 free,
-                resonance=options["resonance"],
-                alternatives=options["alternatives"],
+                resonance=options.resonance,
+                alternatives=options.alternatives,
                 plan=factors,
-                runs=QUICK_RUNS if options["quick"] else CalibrationRuns(),
-                seed=options["seed"],
-                threads=options["threads"],
+                runs=QUICK_RUNS if options.quick else CalibrationRuns(),
+                seed=options.seed,
+                threads=options.threads,
                 checkpoint=checkpoint,
                 stages=show_stage,
             )
         finally:
             checkpoint.close()
         click.echo(str(answer))
-        common.name_files(answer.save(options["out"]))
+        common.name_files(answer.save(options.out) + write_files({options.json: answer.to_json()}))

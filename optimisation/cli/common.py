@@ -1,9 +1,11 @@
 """Shared parts of the commands: errors in one line, exit codes, and checks of files to be written."""
 
+import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from functools import partial, reduce, wraps
+from dataclasses import replace
+from functools import reduce, wraps
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +14,28 @@ import click
 from impact_env.extras import MissingExtraError
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
+from optimisation.cli.options import (
+    FIGURES,
+    FILE,
+    HELP_ALL,
+    SECTIONS,
+    TABLE,
+    Command,
+    OptionSpec,
+    TableOption,
+    file_spec,
+    is_posterior_file,
+    join_words,
+    list_specs,
+    make_options,
+    make_parameters,
+    rename_older,
+)
 from optimisation.files import STANDARD_OUTPUT, is_writable, json_to
 from optimisation.machine import conditions, sources
 from optimisation.page import fill, require_markers
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
-FIGURES = (".png", ".pdf", ".svg")
-FILE = click.Path(dir_okay=False, path_type=Path)
-Command = Callable[..., Any]
 
 
 class BadInput(click.ClickException):
@@ -56,10 +72,13 @@ def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
         ) from error
 
 
-def page_option(marker: str, page: str) -> Callable[[Command], Command]:
-    """Add --page, for a table between two comments that hold the ``marker``, as in ``page``."""
-    words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in {page}."
-    return file_option("--page", words)
+def page_spec(marker: str, page: str) -> OptionSpec:
+    """Return --page, for a table between two comments that hold the ``marker``, as in ``page``."""
+    words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in {page}"
+    return replace(TABLE["page"], help=words)
+
+
+page_option = page_spec
 
 
 def check_page(page: Path | None, marker: str) -> None:
@@ -82,9 +101,9 @@ def stack_options(options: Sequence[Callable[[Command], Command]]) -> Callable[[
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
-def file_option(name: str, words: str) -> Callable[[Command], Command]:
-    """Add an option that names a file."""
-    return click.option(name, type=FILE, metavar="FILE", help=words)
+def file_option(name: str, words: str) -> OptionSpec:
+    """Return an option that names a file."""
+    return file_spec(name, words.removesuffix("."))
 
 
 def out_option(
@@ -107,25 +126,11 @@ def check_targets(options: dict[str, Any], *suffixes: str) -> None:
         check_target(f"--{name}", options.get(name), endings)
 
 
-threads_option = click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the result does not depend on it.  [default: all cores]",
-)
-seed_option = click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the phases and forces.",
-)
-RATE_HELP = (
-    "Sweep rate in % per 100 pseudo periods.  [default: 1, less by the square of damping below 1 %]"
-)
-rate_option = click.option("--rate", type=float, help=RATE_HELP)
-plot_option = file_option("--plot", "Draw it: .png, .pdf or .svg.")
-RESUME = "Keep each finished piece in this file, and take from it what is there: goes on where a run was stopped."
-resume_option = file_option("--resume", RESUME)
+threads_option = TABLE["threads"]
+seed_option = TABLE["seed"]
+rate_option = TABLE["rate"]
+cluster_option = TABLE["cluster"]
+resume_option = TABLE["resume"]
 
 
 def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
@@ -134,84 +139,70 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
     def add(command: Command) -> Command:
         @wraps(command)
         def called(**options: Any) -> Any:
-            if str(options[name]) != "-":
-                return command(**options)
-            with json_to(sys.stdout), redirect_stdout(sys.stderr):
-                return command(**options | {name: STANDARD_OUTPUT})
+            with json_on_standard_output(options[name]) as target:
+                return command(**options | {name: target})
 
-        return click.option("--json", name, type=FILE, metavar="FILE|-", help=words)(called)
+        option = click.option("--json", name, type=FILE, metavar="FILE|-", help=words)
+        return option(called)
 
     return add
 
 
-OLDER = {
-    "--percent-per-100-periods": "--rate",
-    "--figure": "--plot",
-}  # names of options of the version before, and theirs of now
+@contextmanager
+def json_on_standard_output(target: Path | None) -> Iterator[Path | None]:
+    """Give the file of --json; for - what is printed goes to standard error, and the JSON alone to standard output."""
+    if str(target) != "-":
+        yield target
+        return
+    with json_to(sys.stdout), redirect_stdout(sys.stderr):
+        yield STANDARD_OUTPUT
 
 
-class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """A name of `optimisation.uncertain.NAMES` with a standard deviation in % or two numbers: as many words as it takes, which `OneCommand` joins."""
+class TableCommand(click.Command):
+    """A command whose --help has the usual options and --help-all every one.
 
-    name = "name 5%|low high"
+    It takes an option by its name of the version before, with a warning, and one that is given twice not at all.
+    """
 
-    def convert(
+    def __init__(
         self,
-        value: object,
-        param: click.Parameter | None,  # noqa: ARG002
-        ctx: click.Context | None,  # noqa: ARG002
-    ) -> tuple[str, tuple[str, ...]]:
-        """Return the name and its words."""
-        name, *words = str(value).split(" ")
-        return name, tuple(words)
+        *args: Any,
+        examples: Sequence[str] = (),
+        rewrite: Callable[[list[str]], list[str]] | None = None,
+        **settings: Any,
+    ) -> None:
+        super().__init__(*args, **settings)
+        self.examples = tuple(examples)
+        self.rewrite = rewrite
+        if any(self.is_extra(parameter) for parameter in self.params):
+            self.params.append(
+                click.Option(
+                    ["--help-all"],
+                    is_flag=True,
+                    is_eager=True,
+                    expose_value=False,
+                    callback=show_all_options,
+                    help="Show every option and exit.",
+                )
+            )
 
-
-def is_posterior_file(words: Sequence[str]) -> bool:
-    """Return whether the first of some words is the name of a posterior's file."""
-    return bool(words) and words[0].lower().endswith((".json", ".json.gz"))
-
-
-def join_words(args: list[str], known: Iterable[str]) -> list[str]:
-    """Return arguments with the words of each option of ``known`` as one: a name, and either one that ends in % or two; or a posterior's file."""
-    words_joined = list[str]()
-    k = 0
-    while k < len(args):
-        words_joined.append(args[k])
-        if args[k] in known:
-            percent = [word.endswith("%") for word in args[k + 2 : k + 4]]
-            count = 2 if percent[:1] == [True] and percent[1:] != [True] else 3
-            if is_posterior_file(args[k + 1 : k + 2]):
-                count = 1
-            words = args[k + 1 : k + 1 + count]
-            words_joined += [" ".join(words)] if words else []
-            k += len(words)
-        k += 1
-    return words_joined
-
-
-class OneCommand(click.Command):
-    """A command that takes an option by its older name, too, with a notice, and one that is given twice not at all."""
+    @staticmethod
+    def is_extra(parameter: click.Parameter) -> bool:
+        """Return whether --help leaves an option out."""
+        return isinstance(parameter, TableOption) and not parameter.spec.usual
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put the names of now in the place of older ones; raises UsageError for an option that is given twice and takes one value."""
-        known = {name for parameter in self.params for name in parameter.opts}
-        for k, word in enumerate(args):
-            name, equals, value = word.partition("=")
-            if name in OLDER and name not in known:
-                click.echo(
-                    f"warning: {name} is called {OLDER[name]} now; the next version does not know the older name",
-                    err=True,
-                )
-                args[k] = OLDER[name] + equals + value
-        args = join_words(
-            args,
-            {
-                name
-                for parameter in self.params
-                if isinstance(parameter.type, Uncertain)
-                for name in parameter.opts
-            },
-        )
+        args = rename_older(args, self.params)
+        if self.rewrite is not None:
+            args = self.rewrite(args)
+        counters = {
+            name: parameter.spec.count_words
+            for parameter in self.params
+            if isinstance(parameter, TableOption) and parameter.spec.count_words is not None
+            for name in parameter.opts
+        }
+        args = join_words(args, counters)
         single = [
             parameter
             for parameter in self.params
@@ -234,22 +225,63 @@ class OneCommand(click.Command):
         with plain_errors():
             return super().invoke(ctx)
 
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the first paragraph of the docstring, or all of it, and the examples."""
+        text = inspect.cleandoc(self.help or "")
+        if not ctx.meta.get(HELP_ALL) and any(map(self.is_extra, self.params)):
+            text = text.split("\n\n")[0]
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(text)
+        if self.examples:
+            program = ctx.find_root().info_name
+            with formatter.section("Example" if len(self.examples) == 1 else "Examples"):
+                for example in self.examples:
+                    formatter.write(f"{'':>{formatter.current_indent}}{program} {example}\n")
 
-uncertain_option = click.option(
-    "--uncertain",
-    multiple=True,
-    type=Uncertain(),
-    metavar="NAME 5%|LOW HIGH",
-    help="damping, frequency, force, gap, restitution or friction is not known: normal with this standard deviation, cut at 3; or "
-    "uniform, in SI units or in %. May be repeated. With design_gap also the posterior.json of calibrate.",
-)
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the usual options in one list, or all of them under the headings of their sections."""
+        everything = bool(ctx.meta.get(HELP_ALL))
+        listed: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is None or (self.is_extra(parameter) and not everything):
+                continue
+            section = parameter.spec.section if isinstance(parameter, TableOption) else "Other"
+            listed.setdefault(section, []).append(record)
+        sections = [name for name in (*SECTIONS, "Other") if name in listed]
+        if everything and len(sections) > 2:
+            for name in sections:
+                with formatter.section(f"{name} options"):
+                    formatter.write_dl(listed[name], col_max=HELP_COLUMN)
+            return
+        with formatter.section("Options"):
+            records = [record for name in sections for record in listed[name]]
+            formatter.write_dl(records, col_max=HELP_COLUMN)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the end of the help where every option is listed."""
+        if ctx.meta.get(HELP_ALL):
+            super().format_epilog(ctx, formatter)
+
+
+HELP_COLUMN = 26  # widest name of an option with its help on the same line
+
+
+def show_all_options(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """Print the help with every option and end."""
+    if not value or ctx.resilient_parsing:
+        return
+    ctx.meta[HELP_ALL] = True
+    click.echo(ctx.get_help(), color=ctx.color)
+    ctx.exit()
 
 
 def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
     """Return the values of --uncertain in the form of Python's ``uncertain=``; raises BadInput for a name that is given twice."""
     distributions: dict[str, tuple[str, ...]] = {}
     for word, own_words in values:
-        is_file = is_posterior_file([word])
+        is_file = is_posterior_file(word)
         name = "posterior" if is_file else word
         words = (word,) if is_file else own_words
         if name in distributions:
@@ -260,11 +292,58 @@ def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, 
     return distributions
 
 
-command = partial(
-    click.command,
-    cls=OneCommand,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 150},
-)
+COMMAND_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+def command(
+    group: type[Any] | None = None,
+    *,
+    examples: Sequence[str] = (),
+    epilog: str | None = None,
+    rewrite: Callable[[list[str]], list[str]] | None = None,
+) -> Callable[[Command], TableCommand]:
+    """Return a decorator that makes a command.
+
+    Parameters
+    ----------
+    group : type, optional
+        Frozen dataclass with the options, see `optimisation.cli.options`; the function takes one of these. Without it the options
+        are declared by decorators, and the function takes them as keyword arguments.
+    examples : sequence of str
+        Lines of the help, from the command's name on.
+    epilog : str, optional
+        Text at the end of the help.
+    rewrite : callable, optional
+        Puts forms of today in the place of older ones, in the arguments of the command line.
+    """
+
+    def make(function: Command) -> TableCommand:
+        if group is None:
+            made: TableCommand = click.command(
+                cls=TableCommand, examples=examples, context_settings=COMMAND_SETTINGS
+            )(function)
+            return made
+        owns_json = "json" in list_specs(group)
+
+        @wraps(function)
+        def called(**values: Any) -> Any:
+            if not owns_json:
+                return function(make_options(group, values))
+            with json_on_standard_output(values["json"]) as target:
+                return function(make_options(group, values | {"json": target}))
+
+        return TableCommand(
+            function.__name__,
+            callback=called,
+            params=make_parameters(group),
+            help=function.__doc__,
+            epilog=epilog,
+            examples=examples,
+            rewrite=rewrite,
+            context_settings=COMMAND_SETTINGS,
+        )
+
+    return make
 
 
 @contextmanager

@@ -1,9 +1,10 @@
-"""Choose the gap of an impact absorber for a force by simulation: the one with the lowest level, and the one that bears a change of the force."""
+"""The gap of an impact absorber for a force."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
@@ -13,7 +14,6 @@ from impact_env.ensemble import Executor, LaneProgress
 from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
     Beam,
     RigidWalls,
     SlidingAbsorber,
@@ -38,11 +38,8 @@ from optimisation.answers.gap import (
 )
 from optimisation.cli import common, disk_commands
 from optimisation.cli import scene_options as scenes
-from optimisation.contact import (
-    ALLOWED,
-    YIELD_PRESSURE,
-    YieldLimit,
-)
+from optimisation.cli.options import number, option, switch
+from optimisation.contact import ALLOWED, YIELD_PRESSURE, YieldLimit
 from optimisation.duration import (
     COARSE_PERIODS,
     COARSER,
@@ -51,8 +48,8 @@ from optimisation.duration import (
     announce_duration,
     announce_load_runs,
 )
-from optimisation.executors import cluster_option, workers
 from optimisation.executors import executor as executor_on
+from optimisation.executors import workers
 from optimisation.extremes import usable_force, usable_gap, usable_rate
 from optimisation.files import require_writable, write_files
 from optimisation.gap_advice import (
@@ -70,7 +67,6 @@ from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
 from optimisation.progress import runs_bar, sweeps_bar
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
-    HISTORY_HELP,
     save_history,
 )
 from optimisation.sweep_range import find_sweep_range
@@ -83,24 +79,20 @@ from optimisation.tolerances import (
 
 QUICK_MEMBERS = 1
 SWEEPS = 50  # of a search, about
-MEMBERS_HELP = (
-    f"Runs for each gap of an answer, other in phase and 1e-6 of force.  [default: {MEMBERS}]"
-)
-FRICTION_HELP = f"Friction limit in N at any gap; 0: none.  [default: the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap]"
-CONTACT_HELP = f"Estimate contact time and force: of absorber and wall {ALLOWED}; radius in m of the rounder one."
 CONSTRAINTS = ("stroke", "impact_speed", "yield_stress")
-CONSTRAINT_HELP = (
-    "Answer within a limit, in SI units; may be repeated: stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress "
-    f"(Pa, of the softer body of --contact, whose peak pressure stays below {YIELD_PRESSURE:g} times it)."
+CONSTRAINT_MORE = (
+    "stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress (Pa, of the softer body of --contact, "
+    f"whose peak pressure stays below {YIELD_PRESSURE:g} times it)."
 )
+FRICTION_TEXT = f"the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap"
 MOST_DRAWS = 3 * DRAWS_ALONE + DRAWS_TOGETHER + DRAWS_CHECKED
-TOLERANCES_HELP = (
-    "With --limit-level: how precisely gap, restitution and friction must be made so that the level stays below it with "
-    f"{100 * SURE:.0f} % probability; what --uncertain names besides is drawn too. About {2 * MOST_DRAWS} sweeps."
+TOLERANCES_MORE = (
+    f"So that the level stays below that of --limit-level with {100 * SURE:.0f} % probability; what --uncertain names besides is drawn too. "
+    f"About {2 * MOST_DRAWS} sweeps."
 )
-SOBOL_HELP = (
-    "Sobol shares of the recommended device: which of gap, restitution, friction, mass, force and on a beam place its level depends on, within "
-    "10 %, 0.1, 50 %, 5 %, 10 % and 0.02 of the length. About 1000 sweeps."
+SOBOL_MORE = (
+    "Gap, restitution, friction, mass, force and on a beam place, within 10 %, 0.1, 50 %, 5 %, 10 % and 0.02 of the length. "
+    "About 1000 sweeps."
 )
 DRAWS_OF_TOLERANCES = TOLERANCE_DRAWS
 QUICK_DRAWS = (16, 32, 16)
@@ -134,48 +126,126 @@ NOT_OF_DISKS = (
 )
 
 
-def runs_of(options: dict[str, Any]) -> dict[str, Any]:
-    """Return how a search runs, whatever acts."""
-    members = options["members"] or (QUICK_MEMBERS if options["quick"] else MEMBERS)
-    return {"tolerance": options["force_tolerance"], "members": members, "seed": options["seed"]}
+@dataclass(frozen=True, kw_only=True)
+class GapOptions:
+    """Options of ``design gap``; None: not given."""
+
+    structure: Path | None = option("structure")
+    scene: Path | None = option(
+        "scene", help="Structure and impact absorber from a .toml or .json file"
+    )
+    position: float = option("position")
+    modes: int = option("modes", default=Beam.modes)
+    damping: float = option("damping", default=Beam.damping_ratio)
+    mass_ratio: float = option("mass_ratio")
+    mass_kg: float | None = option("mass_kg")
+    restitution: float = option("restitution", default=RESTITUTION)
+    friction_limit: float | None = option(
+        "friction_limit",
+        help="Friction limit at any gap, 0 for none",
+        default_text=FRICTION_TEXT,
+    )
+    force: float | None = option("force", more="With --load a factor on it, 1 unless given.")
+    load: Path | None = option("load")
+    resonance: int = option("resonance", help="Resonance near which it acts, counted from 1")
+    force_tolerance: float = option("force_tolerance", default=TOLERANCE)
+    free: tuple[str, ...] = option(
+        "free",
+        help=f"Search this too: {' or '.join(CANDIDATES)}; may be repeated",
+        more="The gap is searched for each value.",
+        type=click.Choice([*CANDIDATES]),
+        metavar="NAME",
+        usual=False,
+    )
+    uncertain: tuple[tuple[str, tuple[str, ...]], ...] = option("uncertain", usual=True)
+    contact: tuple[str, str, float] | None = option(
+        "contact", more=f"Estimates contact time and force. Each material is {ALLOWED}."
+    )
+    constraint: tuple[tuple[str, float], ...] = option(
+        "constraint",
+        more=CONSTRAINT_MORE,
+        type=click.Tuple([click.Choice(CONSTRAINTS), float]),
+        usual=True,
+    )
+    limit_level: float | None = option("limit_level", more="Prints the probability that it does.")
+    tolerances: bool = option(
+        switch(
+            "--tolerances",
+            "How precisely gap, restitution and friction must be made",
+            more=TOLERANCES_MORE,
+        )
+    )
+    sobol: bool = option(
+        switch("--sobol", "Sobol shares of what the level depends on", more=SOBOL_MORE)
+    )
+    gaps: int | None = option(
+        number(
+            "--gaps",
+            "Simulate so many gaps around the rule's as well, an odd number",
+            type=click.IntRange(min=3),
+        )
+    )
+    rate: float | None = option("rate")
+    quick: bool = option("quick", help=f"A first answer from {QUICK_MEMBERS} member, unless given")
+    members: int | None = option("members", default_text=str(MEMBERS))
+    seed: int = option("seed")
+    threads: int | None = option("threads")
+    cluster: str | None = option("cluster")
+    json: Path | None = option("json", help="Write the summary here, too")
+    device: Path | None = option("device", usual=True)
+    history: Path | None = option("history")
+    no_card: bool = option("no_card")
+    out: Path = option("out", default=Path("results/design_gap"))
+
+    @property
+    def usual_members(self) -> int:
+        """Return the number of runs for each gap of an answer."""
+        return self.members or (QUICK_MEMBERS if self.quick else MEMBERS)
+
+    @property
+    def runs(self) -> dict[str, Any]:
+        """Return how a search runs, whatever acts."""
+        return {
+            "tolerance": self.force_tolerance,
+            "members": self.usual_members,
+            "seed": self.seed,
+        }
 
 
 def search_swept(
     model: ModalModel,
     absorber: SlidingAbsorber,
-    options: dict[str, Any],
+    options: GapOptions,
+    force: float,
     rate: float,
     factors: tuple[float, ...],
     limits: Limits,
     executor: Executor,
 ) -> Advice:
     """Search the gap as the options say, under a bar; a long search says how long, and answers from fast sweeps first."""
-    low, high = find_sweep_range(model, absorber.mass_ratio, options["resonance"])
+    low, high = find_sweep_range(model, absorber.mass_ratio, options.resonance)
     periods = 1e4 * (high - low) / rate
 
     def search(rate: float, factors: tuple[float, ...], **how: Any) -> Advice:
         with sweeps_bar("simulating", leave="members" not in how) as show:
-            case = swept_force(
-                model, options["force"], options["resonance"], absorber.mass_ratio, rate
-            )
+            case = swept_force(model, force, options.resonance, absorber.mass_ratio, rate)
             return search_gap(
                 case,
                 absorber,
-                free=options["free"],
-                friction_fixed=options["friction_limit"] is not None,
+                free=options.free,
+                friction_fixed=options.friction_limit is not None,
                 factors=factors,
                 limits=limits,
                 progress=show,
                 executor=executor,
-                **runs_of(options) | how,
+                **options.runs | how,
             )
 
     scene = Scene(model, absorber)
-    force = options["force"]
-    resonance = options["resonance"]
+    resonance = options.resonance
     long = (
-        options["cluster"] is None
-        and announce_duration(scene, force, resonance, periods, SWEEPS, options["threads"]) > LONG_S
+        options.cluster is None
+        and announce_duration(scene, force, resonance, periods, SWEEPS, options.threads) > LONG_S
     )
     if long and periods > COARSER * COARSE_PERIODS:
         coarse = search(COARSER * rate, (), members=1)
@@ -187,57 +257,63 @@ def search_swept(
     return search(rate, factors)
 
 
-def limits_of(options: dict[str, Any], model: ModalModel, absorber: SlidingAbsorber) -> Limits:
+def limits_of(options: GapOptions, model: ModalModel, absorber: SlidingAbsorber) -> Limits:
     """Return the limits that the options give: a yield stress as the impact speed at which yield begins."""
-    limits = {name: positive(f"constraint {name}", value) for name, value in options["constraint"]}
+    limits = {name: positive(f"constraint {name}", value) for name, value in options.constraint}
     speeds = [limits["impact_speed"]] if "impact_speed" in limits else []
     if "yield_stress" in limits:
-        if not options["contact"]:
+        if not options.contact:
             raise common.BadInput(
                 "--constraint yield_stress needs --contact: materials and radius that touch"
             )
-        first, second, radius = options["contact"]
+        first, second, radius = options.contact
         limit = YieldLimit((first, second), radius, limits["yield_stress"])
         speeds.append(limit.speed(model, absorber.mass_ratio * model.beam_mass))
     return Limits(limits.get("stroke"), min(speeds, default=None))
 
 
-def use_posterior(options: dict[str, Any]) -> None:
-    """Let restitution and friction limit be the medians of a calibration's posterior, where there is one and they are not given."""
-    posterior = measured_posterior(common.parse_uncertain(options["uncertain"]))
+def use_posterior(options: GapOptions) -> GapOptions:
+    """Return the options with the medians of a calibration's posterior as restitution and friction limit, where they are not given."""
+    posterior = measured_posterior(common.parse_uncertain(options.uncertain))
     medians = {} if posterior is None else posterior.medians
-    for name in ("restitution", "friction_limit"):
-        searched = name in options["free"]
-        if name in medians and not scenes.is_option_set(name) and not searched:
-            options[name] = medians[name]
-
-
-def structure_in(options: dict[str, Any]) -> Structure:
-    """Return the structure that the options describe; with --scene the values of the file's absorber take the place of the options'."""
-    if options["scene"] is None:
-        use_posterior(options)
-        return scenes.structure_of(
-            options["structure"],
-            options["position"],
-            modes=options["modes"],
-            damping_ratio=options["damping"],
-        )
-    structure, absorber = scenes.read_device(options["scene"], *OF_SCENE)
-    options["friction_limit"] = (
-        0.0 if absorber.friction is None else absorber.friction.limit
-    )  # that of the file stays as it is, whatever the gap
-    options["mass_ratio"] = absorber.mass_ratio
-    options["restitution"] = rigid_walls(absorber).restitution
-    return structure
-
-
-def absorber_on(model: ModalModel, options: dict[str, Any]) -> SlidingAbsorber:
-    """Return the absorber at the rule's gap that the options describe."""
-    ratio = scenes.mass_ratio_of(options["mass_ratio"], options["mass_kg"], model.beam_mass)
-    absorber = scaled_absorber(
-        model, options["force"], options["resonance"], ratio, options["restitution"]
+    return replace(
+        options,
+        **{
+            name: medians[name]
+            for name in ("restitution", "friction_limit")
+            if name in medians and not scenes.is_option_set(name) and name not in options.free
+        },
     )
-    limit = options["friction_limit"]
+
+
+def read_structure(options: GapOptions) -> tuple[GapOptions, Structure]:
+    """Return the structure, and the options; with --scene the values of the file's absorber are in the options' place."""
+    if options.scene is None:
+        options = use_posterior(options)
+        structure = scenes.structure_of(
+            options.structure,
+            options.position,
+            modes=options.modes,
+            damping_ratio=options.damping,
+        )
+        return options, structure
+    structure, absorber = scenes.read_device(options.scene, *OF_SCENE)
+    of_file = replace(
+        options,
+        mass_ratio=absorber.mass_ratio,
+        restitution=rigid_walls(absorber).restitution,
+        friction_limit=0.0
+        if absorber.friction is None
+        else absorber.friction.limit,  # as it is, whatever the gap
+    )
+    return of_file, structure
+
+
+def absorber_on(model: ModalModel, options: GapOptions, force: float) -> SlidingAbsorber:
+    """Return the absorber at the rule's gap that the options describe."""
+    ratio = scenes.mass_ratio_of(options.mass_ratio, options.mass_kg, model.beam_mass)
+    absorber = scaled_absorber(model, force, options.resonance, ratio, options.restitution)
+    limit = options.friction_limit
     return (
         absorber
         if limit is None
@@ -245,64 +321,62 @@ def absorber_on(model: ModalModel, options: dict[str, Any]) -> SlidingAbsorber:
     )
 
 
-def refuse_contradictions(options: dict[str, Any], absorber: SlidingAbsorber) -> None:
+def refuse_contradictions(options: GapOptions, absorber: SlidingAbsorber) -> None:
     """Raise BadInput or ParameterError for options that say two things of one quantity, or need what is left out."""
-    for name in options["free"]:
+    for name in options.free:
         if scenes.is_option_set(name):
             option = scenes.option_name(name)
             raise common.BadInput(
                 f"--free {name} does not go with {option}: it is searched, or has the value that is given"
             )
-    if "friction_limit" in options["free"] and absorber.friction is None:
+    if "friction_limit" in options.free and absorber.friction is None:
         raise common.BadInput(
             "--free friction_limit does not go with a device that has no friction: shares of its limit are tried"
         )
-    limits_yield = any(name == "yield_stress" for name, _ in options["constraint"])
-    if options["contact"] is not None and options["no_card"] and not limits_yield:
+    limits_yield = any(name == "yield_stress" for name, _ in options.constraint)
+    if options.contact is not None and options.no_card and not limits_yield:
         raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
 
 
-def questions_of(options: dict[str, Any], absorber: SlidingAbsorber) -> GapQuestions:
+def questions_of(options: GapOptions, absorber: SlidingAbsorber) -> GapQuestions:
     """Return what is to be run of the recommended device; raises BadInput or ParameterError for options that contradict each other."""
-    contact = options["contact"]
+    contact = options.contact
     if contact is not None:
         contact = check_contact(contact, "radius of --contact in m")
     every = read_uncertain(
-        common.parse_uncertain(options["uncertain"]),
+        common.parse_uncertain(options.uncertain),
         absorber,
-        options["friction_limit"] is not None,
+        options.friction_limit is not None,
     )
-    limit_level = options["limit_level"]
+    limit_level = options.limit_level
     if limit_level is not None:
         limit_level = positive("limit_level", limit_level)
-    elif options["tolerances"]:
+    elif options.tolerances:
         raise common.BadInput(
             "--tolerances needs --limit-level: the level in m below which the device must stay"
         )
-    draws = QUICK_DRAWS if options["quick"] else DRAWS_OF_TOLERANCES
-    samples = QUICK_SOBOL if options["quick"] else SOBOL
+    draws = QUICK_DRAWS if options.quick else DRAWS_OF_TOLERANCES
+    samples = QUICK_SOBOL if options.quick else SOBOL
     return GapQuestions(
         every,
         limit_level,
         contact,
-        draws if options["tolerances"] else None,
-        samples if options["sobol"] else None,
-        not options["no_card"],
-        options["seed"],
+        draws if options.tolerances else None,
+        samples if options.sobol else None,
+        not options.no_card,
+        options.seed,
     )
 
 
-def show_stages(options: dict[str, Any], scene: Scene, advice: Advice) -> Stages:
+def show_stages(options: GapOptions, force: float, scene: Scene, advice: Advice) -> Stages:
     """Return the bars of what is run after the search; each says first how long it takes, unless it runs on a cluster."""
     low, high = advice.check.limits
     periods = 1e4 * (high - low) / advice.check.rate
 
     @contextmanager
     def show_stage(label: str, runs: int) -> Iterator[LaneProgress | None]:
-        if options["cluster"] is None:
-            force = options["force"]
-            resonance = options["resonance"]
-            announce_duration(scene, force, resonance, periods, runs, options["threads"])
+        if options.cluster is None:
+            announce_duration(scene, force, options.resonance, periods, runs, options.threads)
         with sweeps_bar(label, leave=False) as show:
             yield show
 
@@ -314,11 +388,11 @@ def probe_gap(model: ModalModel, loads: Loads) -> float:
     return design_gap_for(model, loads) or RigidWalls.gap
 
 
-def under_load(options: dict[str, Any]) -> None:
+def under_load(options: GapOptions, load: Path) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
-    scenes.refuse_with_load(options["load"], "rate")
+    scenes.refuse_with_load(load, "rate")
     scenes.refuse_with_load(
-        options["load"],
+        load,
         "free",
         "gaps",
         "uncertain",
@@ -331,38 +405,39 @@ def under_load(options: dict[str, Any]) -> None:
         "no_card",
         why="there the gap alone is searched, and there is no card",
     )
-    structure = structure_in(options)
-    require_writable("--out", options["out"])
-    common.check_target("--device", options["device"], (".json",))
+    options, structure = read_structure(options)
+    require_writable("--out", options.out)
+    common.check_targets({"json": options.json})
+    common.check_target("--device", options.device, (".json",))
     model = model_for_gap(structure)
-    loads = scenes.loads_of(options["load"], model, options["resonance"])
-    ratio = scenes.mass_ratio_of(options["mass_ratio"], options["mass_kg"], model.beam_mass)
+    loads = scenes.loads_of(load, model, options.resonance)
+    ratio = scenes.mass_ratio_of(options.mass_ratio, options.mass_kg, model.beam_mass)
 
-    with workers(options["threads"], options["cluster"]) as executor:
-        case = AppliedLoads(model, loads, options["resonance"])
-        case = case.times(1.0 if options["force"] is None else options["force"])
-        absorber = case.absorber(ratio, options["restitution"], options["friction_limit"])
+    with workers(options.threads, options.cluster) as executor:
+        case = AppliedLoads(model, loads, options.resonance)
+        case = case.times(1.0 if options.force is None else options.force)
+        absorber = case.absorber(ratio, options.restitution, options.friction_limit)
 
         def search(**how: Any) -> Advice:
             with runs_bar("simulating") as show:
                 return search_gap(
                     case,
                     absorber,
-                    friction_fixed=options["friction_limit"] is not None,
-                    threads=options["threads"],
+                    friction_fixed=options.friction_limit is not None,
+                    threads=options.threads,
                     progress=show,
                     executor=executor,
-                    **runs_of(options) | how,
+                    **options.runs | how,
                 )
 
-        members = runs_of(options)["members"]
+        members = options.usual_members
         probe = Scene(
-            model, impact_absorber(probe_gap(model, loads), options["restitution"], None, ratio)
+            model, impact_absorber(probe_gap(model, loads), options.restitution, None, ratio)
         )
         number = CHECK_MEMBERS + (PAIRS if members <= MEMBERS else 10 + 5 * members)
         long = (
-            options["cluster"] is None
-            and announce_load_runs(probe, loads, number, options["threads"]) > LONG_S
+            options.cluster is None
+            and announce_load_runs(probe, loads, number, options.threads) > LONG_S
         )
         if long and members > 1:
             coarse = search(members=1)
@@ -379,108 +454,22 @@ def under_load(options: dict[str, Any]) -> None:
         raise KeyboardInterrupt
     answer = GapAnswer(advice, structure)
     click.echo(str(answer))
-    files = answer.save(options["out"])
-    if options["device"] is not None:
-        scenes.write_device(options["device"], structure, advice.recommended.absorber)
-        files.append(options["device"])
+    files = answer.save(options.out) + write_files({options.json: answer.to_json()})
+    if options.device is not None:
+        scenes.write_device(options.device, structure, advice.recommended.absorber)
+        files.append(options.device)
     common.name_files(files)
     common.end_early(advice.complete, "the files hold the runs that were finished.")
 
 
-@common.command()
-@scenes.structure_option
-@scenes.scene_option
-@click.option(
-    "--force",
-    type=float,
-    help="Amplitude of the harmonic force in N; with --load a factor on it.  [default: with --load 1]",
+@common.command(
+    GapOptions,
+    examples=(
+        "design gap --force 3.5 --quick",
+        "design gap --force 3.5 --uncertain gap=5% --device device.json",
+    ),
 )
-@scenes.load_option
-@click.option(
-    "--resonance",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Resonance near which it acts, counted from 1.",
-)
-@click.option(
-    "--force-tolerance",
-    type=float,
-    default=TOLERANCE,
-    show_default=True,
-    help="Share by which the force may be larger or smaller.",
-)
-@click.option(
-    "--mass-ratio",
-    type=float,
-    default=DEFAULT_MASS_RATIO,
-    show_default=True,
-    help="Absorber mass over beam mass.",
-)
-@scenes.mass_option
-@scenes.position_option
-@click.option(
-    "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
-)
-@click.option(
-    "--restitution",
-    type=float,
-    default=RESTITUTION,
-    show_default=True,
-    help="Coefficient of restitution in the simulation, 0 to 1.",
-)
-@click.option("--friction-limit", type=float, help=FRICTION_HELP)
-@click.option(
-    "--free",
-    multiple=True,
-    type=click.Choice([*CANDIDATES]),
-    help="Search this one too, the gap anew for each value; may be repeated.",
-)
-@common.uncertain_option
-@click.option(
-    "--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP
-)
-@click.option(
-    "--constraint",
-    multiple=True,
-    type=(click.Choice(CONSTRAINTS), float),
-    metavar="NAME LIMIT",
-    help=CONSTRAINT_HELP,
-)
-@click.option(
-    "--limit-level",
-    type=float,
-    help="Print the probability that the level of the recommended device stays below this, in m.",
-)
-@click.option("--tolerances", is_flag=True, help=TOLERANCES_HELP)
-@click.option("--sobol", is_flag=True, help=SOBOL_HELP)
-@common.rate_option
-@click.option(
-    "--damping",
-    type=float,
-    default=Beam.damping_ratio,
-    show_default=True,
-    help="Damping ratio of all modes.",
-)
-@click.option("--quick", is_flag=True, help=f"A look: {QUICK_MEMBERS} member, unless given.")
-@click.option(
-    "--gaps",
-    type=click.IntRange(min=3),
-    help="Simulate so many gaps around the rule's besides, odd, the rule's in the middle.",
-)
-@click.option("--members", type=click.IntRange(min=1), help=MEMBERS_HELP)
-@common.seed_option
-@common.threads_option
-@cluster_option
-@common.file_option("--device", "Write structure and recommended absorber as a scene, .json.")
-@common.file_option("--history", HISTORY_HELP)
-@click.option(
-    "--no-card",
-    is_flag=True,
-    help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.",
-)
-@common.out_option("results/design_gap")
-def main(**options: Any) -> None:
+def main(options: GapOptions) -> None:
     """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
 
     Sweeps up and down bracket the gap with the lowest level (sharp), and by the scaling law the one whose largest level over the tolerance of the
@@ -493,53 +482,54 @@ def main(**options: Any) -> None:
     With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
     """
     with common.plain_errors():
-        scenes.refuse_with_structure(options["structure"], "modes", "damping")
-        disk = scenes.read_disk(options["scene"])
+        scenes.refuse_with_structure(options.structure, "modes", "damping")
+        disk = scenes.read_disk(options.scene)
         if disk is not None:
             disk_commands.refuse_with_disk(NOT_OF_DISKS)
-            require_writable("--out", options["out"])
-            common.check_target("--device", options["device"], (".json",))
+            require_writable("--out", options.out)
+            common.check_targets({"json": options.json})
+            common.check_target("--device", options.device, (".json",))
             disk_commands.choose_gap_on_file(disk, options)
             return
-        if options["load"] is not None:
-            under_load(options)
+        if options.load is not None:
+            under_load(options, options.load)
             return
-        if options["force"] is None:
+        if options.force is None:
             raise common.BadInput(
                 "--force is missing: the amplitude of the harmonic force in N, or --load FILE"
             )
-        options["force"] = usable_force("--force", options["force"])
-        structure = structure_in(options)
+        force = usable_force("--force", options.force)
+        options, structure = read_structure(options)
         model = model_for_gap(structure)
-        scenes.warn_of_nodes(model, options["resonance"])
-        absorber = absorber_on(model, options)
-        usable_gap(
-            "--force", f"{options['force']:g} N", "the design rule", rigid_walls(absorber).gap
-        )
+        scenes.warn_of_nodes(model, options.resonance)
+        absorber = absorber_on(model, options, force)
+        usable_gap("--force", f"{force:g} N", "the design rule", rigid_walls(absorber).gap)
         refuse_contradictions(options, absorber)
         questions = questions_of(options, absorber)
-        factors = () if options["gaps"] is None else tuple(map(float, gap_factors(options["gaps"])))
-        require_writable("--out", options["out"])
-        common.check_target("--device", options["device"], (".json",))
-        common.check_target("--history", options["history"], HISTORY_FORMATS)
+        factors = () if options.gaps is None else tuple(map(float, gap_factors(options.gaps)))
+        require_writable("--out", options.out)
+        common.check_targets({"json": options.json})
+        common.check_target("--device", options.device, (".json",))
+        common.check_target("--history", options.history, HISTORY_FORMATS)
         rate = (
-            default_rate(model, (options["resonance"],))
-            if options["rate"] is None
-            else usable_rate("--rate", options["rate"], [PAPER_LIMITS])
+            default_rate(model, (options.resonance,))
+            if options.rate is None
+            else usable_rate("--rate", options.rate, [PAPER_LIMITS])
         )
         limits = limits_of(options, model, absorber)
-        with executor_on(options["threads"], options["cluster"]) as executor:
-            advice = search_swept(model, absorber, options, rate, factors, limits, executor)
+        with executor_on(options.threads, options.cluster) as executor:
+            advice = search_swept(model, absorber, options, force, rate, factors, limits, executor)
             if advice.recommended is None:
                 raise KeyboardInterrupt
-            stages = show_stages(options, Scene(model, advice.recommended.absorber), advice)
+            scene = Scene(model, advice.recommended.absorber)
+            stages = show_stages(options, force, scene, advice)
             answer = complete_gap_answer(advice, structure, questions, executor, stages)
         click.echo(str(answer))
-        files = answer.save(options["out"])
-        if options["history"] is not None and (run := answer.worst_run()) is not None:
-            files += write_files({options["history"]: partial(save_history, run=run)})
-        if options["device"] is not None:
-            scenes.write_device(options["device"], structure, advice.recommended.absorber)
-            files.append(options["device"])
+        files = answer.save(options.out) + write_files({options.json: answer.to_json()})
+        if options.history is not None and (run := answer.worst_run()) is not None:
+            files += write_files({options.history: partial(save_history, run=run)})
+        if options.device is not None:
+            scenes.write_device(options.device, structure, advice.recommended.absorber)
+            files.append(options.device)
     common.name_files(files)
     common.end_early(advice.complete, "the files hold the runs that were finished.")

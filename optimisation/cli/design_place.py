@@ -1,9 +1,10 @@
-"""Choose place, mass and gap of an impact absorber by simulation, with a map of where on the structure one works."""
+"""Place, mass and gap of an impact absorber."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import click
 
@@ -14,17 +15,10 @@ from optimisation.absorber_rules import RESTITUTION, rigid_walls
 from optimisation.baselines import simulate_baselines
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.design_gap import (
-    CONSTRAINT_HELP,
-    CONSTRAINTS,
-    CONTACT_HELP,
-    FRICTION_HELP,
-    MEMBERS_HELP,
-)
-from optimisation.cli.design_options import At
-from optimisation.contact import YieldLimit, material
+from optimisation.cli.design_gap import CONSTRAINT_MORE, CONSTRAINTS, FRICTION_TEXT
+from optimisation.cli.options import option
+from optimisation.contact import ALLOWED, YieldLimit, material
 from optimisation.duration import LONG_S, duration_in_words, seconds_per_period
-from optimisation.executors import cluster_option
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force
 from optimisation.files import require_writable, write_files
@@ -45,14 +39,13 @@ from optimisation.place_advice import (
     SweepPlan,
     advise_place,
 )
-from optimisation.place_map import BEAM_PLACES, Places, find_places
+from optimisation.place_map import BEAM_PLACES, find_places
 from optimisation.progress import sweeps_bar
 from optimisation.report import place_report as report
 from optimisation.report.card import text as as_text
 from optimisation.report.card import write_card
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
-    HISTORY_HELP,
     frequency_files,
     save_history,
 )
@@ -63,58 +56,126 @@ QUICK_MEMBERS = 1
 DEFAULT_RESONANCES = (1, 1)
 LOAD_WORDS = (
     "--load is not possible here: places are ranked by the response to a harmonic force near resonances; "
-    "`design_gap --load FILE --position PLACE` searches the gap at one place"
+    "`design gap --load FILE --position PLACE` searches the gap at one place"
 )
-AT_HELP = "Resonance and force in N; may be repeated. In place of --force and --resonances."
-FORCE_HELP = "Amplitude of the harmonic force in N, the same near each of --resonances."
-MASS_HELP = f"Absorber mass over the structure's to try; may be repeated.  [default: {', '.join(f'{x:g}' for x in MASS_RATIOS)}]"
-POSITION_HELP = (
-    "Try this place only; may be repeated: a share of the beam's length, or the number of a node, row or place of the file.  [default: "
-    f"{BEAM_PLACES} places over the length; the places that the file lists, or all its nodes in the direction of the one that it lists]"
-)
-LIMIT_HELP = f"Recommend the lightest mass whose level stays below this, in m, with {100 * SURE:.0f} % probability."
-EXAMPLES = """Examples:
-
-\b
-  design_place --force 3.5                                     # the paper's beam
-  design_place --at 1:3.5 --at 2:35 --mass-ratio 0.02          # one device for two resonances
-  design_place --structure docs/examples/frame.toml --force 20 --limit-level 0.0005
-"""
+POSITION_TEXT = f"{BEAM_PLACES} places over the length; the places that the file lists, or all its nodes in the direction of the one that it lists"
 
 
-def forces_of(options: dict[str, Any]) -> dict[int, float]:
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions:
+    """Options of ``design place``; None or empty: not given."""
+
+    structure: Path | None = option("structure")
+    scene: Path | None = option(
+        "scene", help="Structure and impact absorber from a .toml or .json file"
+    )
+    position: tuple[float, ...] = option(
+        "position",
+        help="Try this place only; may be repeated",
+        more="A share of the beam's length, or the number of a node, row or place of the file.",
+        default=None,
+        default_text=POSITION_TEXT,
+        multiple=True,
+    )
+    modes: int = option("modes", default=Beam.modes)
+    damping: float = option("damping", default=Beam.damping_ratio)
+    mass_ratio: tuple[float, ...] = option(
+        "mass_ratio",
+        help="Absorber mass over the structure's to try; may be repeated",
+        default=None,
+        default_text=", ".join(f"{ratio:g}" for ratio in MASS_RATIOS),
+        multiple=True,
+    )
+    mass_kg: tuple[float, ...] = option(
+        "mass_kg", help="Absorber mass to try in place of ratios; may be repeated", multiple=True
+    )
+    restitution: float = option("restitution", default=RESTITUTION)
+    friction_limit: float | None = option(
+        "friction_limit",
+        help="Friction limit at any gap, 0 for none",
+        default_text=FRICTION_TEXT,
+    )
+    load: str | None = option("load", type=str, hidden=True)
+    force: float | None = option(
+        "force", help="Amplitude of the harmonic force, the same near each of --resonances"
+    )
+    resonances: tuple[int, int] = option("resonances", default=DEFAULT_RESONANCES, default_text="1")
+    at: tuple[tuple[int, float], ...] = option("at", more="In place of --force and --resonances.")
+    force_tolerance: float = option(
+        "force_tolerance",
+        help="Share by which the forces may be larger or smaller, all together",
+        default=TOLERANCE,
+    )
+    contact: tuple[str, str, float] | None = option(
+        "contact", more=f"Estimates contact time and force. Each material is {ALLOWED}."
+    )
+    constraint: tuple[tuple[str, float], ...] = option(
+        "constraint",
+        more=CONSTRAINT_MORE,
+        type=click.Tuple([click.Choice(CONSTRAINTS), float]),
+    )
+    limit_level: float | None = option(
+        "limit_level",
+        more=f"The lightest mass that does so with {100 * SURE:.0f} % probability is recommended.",
+        usual=True,
+    )
+    rate: float | None = option("rate")
+    quick: bool = option(
+        "quick",
+        help=f"A first answer from {QUICK_MEMBERS} member, unless given, and {QUICK_TRIAL_PLACES} places of each mass",
+    )
+    members: int | None = option("members", default_text=str(MEMBERS))
+    seed: int = option("seed")
+    threads: int | None = option("threads")
+    cluster: str | None = option("cluster")
+    json: Path | None = option("json", help="Write the summary here, too")
+    device: Path | None = option("device", usual=True)
+    history: Path | None = option("history")
+    no_card: bool = option("no_card")
+    out: Path = option("out", default=Path("results/design_place"))
+
+
+def forces_of(options: PlaceOptions) -> dict[int, float]:
     """Return the force in N by resonance; raises BadInput unless the options say it once."""
-    if options["at"]:
+    if options.at:
         for name in ("force", "resonances"):
             if scenes.is_option_set(name):
                 raise common.BadInput(
                     f"--{name} does not go with --at, which names resonances with their forces"
                 )
         forces: dict[int, float] = {}
-        for resonance, force in options["at"]:
+        for resonance, force in options.at:
             if resonance in forces:
                 raise common.BadInput(
                     f"--at {resonance}:{force:g} is not allowed: each resonance once, and {resonance}:{forces[resonance]:g} is given"
                 )
             forces[resonance] = usable_force("--at", force)
         return forces
-    if options["force"] is None:
+    if options.force is None:
         raise common.BadInput(
             "--force is missing: the amplitude of the harmonic force in N, or --at RESONANCE:FORCE"
         )
-    force = usable_force("--force", options["force"])
-    return dict.fromkeys(options["resonances"], force)
+    force = usable_force("--force", options.force)
+    return dict.fromkeys(options.resonances, force)
 
 
-def structure_in(options: dict[str, Any]) -> tuple[Structure, Path | None]:
-    """Return the structure, and its file if it has one; with --scene the absorber of the file gives mass, restitution and friction."""
-    if options["scene"] is None:
-        file = options["structure"]
+class PlaceStructure(NamedTuple):
+    """A structure and its file, None if it has none."""
+
+    structure: Structure
+    file: Path | None
+
+
+def read_structure(options: PlaceOptions) -> tuple[PlaceOptions, PlaceStructure]:
+    """Return the structure, and the options: with --scene mass, restitution and friction are those of the file's absorber."""
+    if options.scene is None:
+        file = options.structure
         if file is not None:
-            return scenes.read_structure(file), file
-        return Beam(modes=options["modes"], damping_ratio=options["damping"]), None
+            return options, PlaceStructure(scenes.read_structure(file), file)
+        beam = Beam(modes=options.modes, damping_ratio=options.damping)
+        return options, PlaceStructure(beam, None)
     structure, absorber = scenes.read_device(
-        options["scene"],
+        options.scene,
         "structure",
         "modes",
         "damping",
@@ -123,35 +184,31 @@ def structure_in(options: dict[str, Any]) -> tuple[Structure, Path | None]:
         "restitution",
         "friction_limit",
     )
-    options["mass_ratio"] = (absorber.mass_ratio,)
-    options["restitution"] = rigid_walls(absorber).restitution
-    options["friction_limit"] = 0.0 if absorber.friction is None else absorber.friction.limit
-    return structure, None
+    of_file = replace(
+        options,
+        mass_ratio=(absorber.mass_ratio,),
+        restitution=rigid_walls(absorber).restitution,
+        friction_limit=0.0 if absorber.friction is None else absorber.friction.limit,
+    )
+    return of_file, PlaceStructure(structure, None)
 
 
-def places_in(options: dict[str, Any]) -> Places:
-    """Return the places that the options allow."""
-    structure, file = structure_in(options)
-    places = find_places(structure, file)
-    return places.subset(options["position"]) if options["position"] else places
-
-
-def masses_of(options: dict[str, Any], structure_mass: float) -> tuple[float, ...]:
+def masses_of(options: PlaceOptions, structure_mass: float) -> tuple[float, ...]:
     """Return the mass ratios to try."""
-    if not options["mass_kg"]:
-        return options["mass_ratio"] or MASS_RATIOS
-    if options["mass_ratio"]:
+    if not options.mass_kg:
+        return options.mass_ratio or MASS_RATIOS
+    if options.mass_ratio:
         raise common.BadInput(
             "--mass-kg does not go with --mass-ratio: each says what the masses are"
         )
     return tuple(
-        scenes.mass_ratio_of(MASS_RATIOS[0], mass, structure_mass) for mass in options["mass_kg"]
+        scenes.mass_ratio_of(MASS_RATIOS[0], mass, structure_mass) for mass in options.mass_kg
     )
 
 
-def yield_limit_of(options: dict[str, Any], limits: dict[str, float]) -> YieldLimit | None:
+def yield_limit_of(options: PlaceOptions, limits: dict[str, float]) -> YieldLimit | None:
     """Return the limit that yield sets to impacts, None without one; raises BadInput or ParameterError for options that do not go together."""
-    contact = options["contact"]
+    contact = options.contact
     if contact is None:
         if "yield_stress" in limits:
             raise common.BadInput(
@@ -164,7 +221,7 @@ def yield_limit_of(options: dict[str, Any], limits: dict[str, float]) -> YieldLi
     radius = positive("radius of --contact in m", radius)
     if "yield_stress" in limits:
         return YieldLimit((first, second), radius, limits["yield_stress"])
-    if options["no_card"]:
+    if options.no_card:
         raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
     return None
 
@@ -209,104 +266,38 @@ def worst_resonance(advice: PlaceAdvice) -> int:
 
 
 def write(
-    options: dict[str, Any], advice: PlaceAdvice, curves: Sequence[ResonanceCurves]
+    options: PlaceOptions, advice: PlaceAdvice, curves: Sequence[ResonanceCurves]
 ) -> list[Path]:
     """Write figures, map and summary, and what the options ask for; return the files."""
-    out = options["out"]
+    out = options.out
     content = report.summary(advice)
     contents: dict[Path | None, object] = {
-        options["json"]: content,
+        options.json: content,
         out / "summary.json": content,
         out / "places.csv": (report.columns(advice), report.rows(advice)),
         out / "places.png": partial(report.save_places, advice=advice),
     }
     contents |= frequency_files(out, curves)
     best = advice.recommended
-    if options["history"] is not None and best is not None:
+    if options.history is not None and best is not None:
         r = worst_resonance(advice)
         run = record_worst_run(advice.case_of(best, r), best.runs[r])
-        contents[options["history"]] = partial(save_history, run=run)
+        contents[options.history] = partial(save_history, run=run)
     files = write_files(contents)
-    if options["device"] is not None and best is not None:
-        scenes.write_device(options["device"], advice.structure_with(best), best.absorber)
-        files.append(options["device"])
+    if options.device is not None and best is not None:
+        scenes.write_device(options.device, advice.structure_with(best), best.absorber)
+        files.append(options.device)
     return files
 
 
-@common.command(epilog=EXAMPLES)
-@scenes.structure_option
-@scenes.scene_option
-@click.option("--load", hidden=True)
-@click.option("--force", type=float, help=FORCE_HELP)
-@click.option(
-    "--resonances",
-    type=(int, int),
-    default=DEFAULT_RESONANCES,
-    show_default=True,
-    help="Resonances near which it acts, counted from 1; twice the same: one.",
+@common.command(
+    PlaceOptions,
+    examples=(
+        "design place --force 3.5 --quick",
+        "design place --at 1:3.5 --at 2:35 --mass-ratio 0.02",
+    ),
 )
-@click.option("--at", multiple=True, type=At(), help=AT_HELP)
-@click.option(
-    "--force-tolerance",
-    type=float,
-    default=TOLERANCE,
-    show_default=True,
-    help="Share by which the forces may be larger or smaller, all together.",
-)
-@click.option("--mass-ratio", type=float, multiple=True, help=MASS_HELP)
-@click.option(
-    "--mass-kg", type=float, multiple=True, help="Masses to try in kg, in place of the ratios."
-)
-@click.option("--position", type=float, multiple=True, help=POSITION_HELP)
-@click.option(
-    "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
-)
-@click.option(
-    "--damping",
-    type=float,
-    default=Beam.damping_ratio,
-    show_default=True,
-    help="Damping ratio of all modes.",
-)
-@click.option(
-    "--restitution",
-    type=float,
-    default=RESTITUTION,
-    show_default=True,
-    help="Coefficient of restitution in the simulation, 0 to 1.",
-)
-@click.option("--friction-limit", type=float, help=FRICTION_HELP)
-@click.option(
-    "--contact", type=(str, str, float), metavar="MATERIAL MATERIAL RADIUS", help=CONTACT_HELP
-)
-@click.option(
-    "--constraint",
-    multiple=True,
-    type=(click.Choice(CONSTRAINTS), float),
-    metavar="NAME LIMIT",
-    help=CONSTRAINT_HELP,
-)
-@click.option("--limit-level", type=float, help=LIMIT_HELP)
-@common.rate_option
-@click.option(
-    "--quick",
-    is_flag=True,
-    help=f"A look: {QUICK_MEMBERS} member, unless given, and {QUICK_TRIAL_PLACES} places of each mass.",
-)
-@click.option("--members", type=click.IntRange(min=1), help=MEMBERS_HELP)
-@common.seed_option
-@common.threads_option
-@cluster_option
-@common.file_option("--device", "Write structure and recommended absorber as a scene, .json.")
-@common.file_option("--history", HISTORY_HELP)
-@click.option(
-    "--no-card",
-    is_flag=True,
-    help="Leave the card out: what the device bears, and what a tuned absorber or a damper would do.",
-)
-@common.json_option("Write the summary here, too.")
-@common.out_option("results/design_place", "Folder for figures and tables.")
-def main(**options: Any) -> None:
+def main(options: PlaceOptions) -> None:
     """Choose where an impact absorber sits, how heavy it is and which gap it has, for forces near one or several resonances.
 
     All places are ranked by the linear structure; the best few of each mass run, and the gap of the best is searched as by design_gap, for all
@@ -315,41 +306,45 @@ def main(**options: Any) -> None:
     and leaves what is finished.
     """
     with common.plain_errors():
-        if options["load"] is not None:
+        if options.load is not None:
             raise common.BadInput(LOAD_WORDS)
-        scenes.refuse_with_structure(options["structure"], "modes", "damping")
+        scenes.refuse_with_structure(options.structure, "modes", "damping")
         forces = forces_of(options)
-        places = places_in(options)
+        options, source = read_structure(options)
+        places = find_places(source.structure, source.file)
+        if options.position:
+            places = places.subset(options.position)
         ratios = masses_of(options, places.model.beam_mass)
-        limits = {name: positive(f"constraint {name}", x) for name, x in options["constraint"]}
+        limits = {name: positive(f"constraint {name}", x) for name, x in options.constraint}
         yield_limit = yield_limit_of(options, limits)
-        if options["limit_level"] is not None:
-            options["limit_level"] = positive("limit_level", options["limit_level"])
+        limit_level = options.limit_level
+        if limit_level is not None:
+            limit_level = positive("limit_level", limit_level)
         forces = {places.model.check_resonance(r): force for r, force in forces.items()}
-        require_writable("--out", options["out"])
-        common.check_targets(options)
-        common.check_target("--device", options["device"], (".json",))
-        common.check_target("--history", options["history"], HISTORY_FORMATS)
-        members = options["members"] or (QUICK_MEMBERS if options["quick"] else MEMBERS)
-        with executor_on(options["threads"], options["cluster"]) as executor:
+        require_writable("--out", options.out)
+        common.check_targets({"json": options.json})
+        common.check_target("--device", options.device, (".json",))
+        common.check_target("--history", options.history, HISTORY_FORMATS)
+        members = options.members or (QUICK_MEMBERS if options.quick else MEMBERS)
+        with executor_on(options.threads, options.cluster) as executor:
             with sweeps_bar("simulating") as show:
                 advice = advise_place(
                     places,
                     forces,
                     mass_ratios=ratios,
-                    restitution=options["restitution"],
-                    friction_limit=options["friction_limit"],
+                    restitution=options.restitution,
+                    friction_limit=options.friction_limit,
                     limits=Limits(limits.get("stroke"), limits.get("impact_speed")),
                     yield_limit=yield_limit,
-                    limit_level=options["limit_level"],
-                    tolerance=options["force_tolerance"],
+                    limit_level=limit_level,
+                    tolerance=options.force_tolerance,
                     members=members,
-                    trial_places=QUICK_TRIAL_PLACES if options["quick"] else TRIAL_PLACES,
-                    seed=options["seed"],
-                    percent_per_100_periods=options["rate"],
+                    trial_places=QUICK_TRIAL_PLACES if options.quick else TRIAL_PLACES,
+                    seed=options.seed,
+                    percent_per_100_periods=options.rate,
                     announce=None
-                    if options["cluster"]
-                    else lambda plan: announce(plan, options["threads"]),
+                    if options.cluster
+                    else lambda plan: announce(plan, options.threads),
                     progress=show,
                     executor=executor,
                 )
@@ -360,7 +355,7 @@ def main(**options: Any) -> None:
             curves: list[ResonanceCurves] = []
             if advice.complete:
                 curves = curves_of(advice, executor)
-            if advice.complete and not options["no_card"]:
+            if advice.complete and not options.no_card:
                 r = worst_resonance(advice)
                 impacts = impact_loads(advice.case_of(best, r), executor)
                 baselines = {
@@ -374,12 +369,12 @@ def main(**options: Any) -> None:
                     )
                     for part in best.parts
                 }
-                own = report.card(advice, impacts, baselines, curves, options["contact"])
+                own = report.card(advice, impacts, baselines, curves, options.contact)
         printed = [*report.answer(advice), "", report.text(advice), ""]
         printed += [f"Warning: {line}." for line in report.warnings(advice)]
         printed += [report.sweeps_line(advice), *([] if own is None else ["", as_text(own)])]
         click.echo("\n".join(printed))
         files = write(options, advice, curves)
-        files += [] if own is None else write_card(options["out"], own)
+        files += [] if own is None else write_card(options.out, own)
     common.name_files(files)
     common.end_early(advice.complete, "the files hold the runs that were finished.")

@@ -1,8 +1,9 @@
-"""Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept."""
+"""Versions, extras, processor, threads and kernels."""
 
 import importlib.util
 import platform
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
 from impact_env.kernels.compiling.cache import SHIPPED, find_shipping_obstacle
 from optimisation.cli.cache import list_kernel_folders, parent_folders
-from optimisation.cli.common import check_targets, command, json_option, plain_errors
+from optimisation.cli.common import check_targets, command, plain_errors
+from optimisation.cli.options import option
 from optimisation.files import write_files
 from optimisation.machine import processor, versions
 
@@ -117,22 +119,29 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
             ("compiled", text + (f", and {others / 1e6:.1f} MB of others" if others else ""))
         )
     shipped = about["shipped"]
-    used = f"{shipped['kernels']} kernels came with the package; `impact-absorber prepare --host` compiles the usual ones for this processor"
+    compiling = "`impact-absorber prepare --this-processor` compiles the usual ones for this one"
+    used = f"{shipped['kernels']} kernels for many processors came with the package; {compiling}"
     rows.append(
         ("shipped", f"not used: {shipped['unused_because']}" if shipped["unused_because"] else used)
     )
     return rows
 
 
-@command()
-@json_option("Also write it to this JSON file.")
-def main(json: Path | None) -> None:
+@dataclass(frozen=True, kw_only=True)
+class DoctorOptions:
+    """Options of ``doctor``."""
+
+    json: Path | None = option("json", help="Write it as JSON, too")
+
+
+@command(DoctorOptions, examples=("doctor",))
+def main(options: DoctorOptions) -> None:
     """Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept. It belongs into a report of an error."""
     with plain_errors():
-        check_targets({"json": json})
+        check_targets({"json": options.json})
         about = describe_installation()
         rows = lines(about)
         width = max(len(name) for name, _ in rows)
         for name, text in rows:
             click.echo(f"{name:<{width}}  {text}")
-        write_files({json: about})
+        write_files({options.json: about})

@@ -1,8 +1,9 @@
-"""A page in the browser to move sliders on: curve, sweep, frequency response and motion of one absorber, at once."""
+"""A page in the browser with sliders for one absorber."""
 
 # needs: explore
 
 import webbrowser
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -11,60 +12,77 @@ from impact_env.modes import Structure
 from impact_env.parameters import Beam
 from impact_env.structures.cyclic import BladedDisk
 from optimisation.cli.common import command, plain_errors
-from optimisation.cli.scene_options import read_disk, read_structure, structure_option
+from optimisation.cli.options import OptionSpec, option, switch
+from optimisation.cli.scene_options import read_disk, read_structure
 
 PORT = 8651
 
 
-@command()
-@structure_option
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=PORT,
-    show_default=True,
-    help="Port of the page; 0: any that is free.",
-)
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address of the page. Any but this one lets others on the network use it; 0.0.0.0 or ::: all of this machine's.",
-)
-@click.option(
-    "--name",
-    "names",
-    multiple=True,
-    help="Another name under which browsers reach the page, as that of a proxy or of a container; may be repeated.",
-)
-@click.option(
-    "--browser/--no-browser", default=True, show_default=True, help="Open the page in the browser."
-)
-def main(
-    structure: Path | None, port: int, host: str, names: tuple[str, ...], browser: bool
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ExploreOptions:
+    """Options of ``explore``; None: not given."""
+
+    structure: Path | None = option("structure")
+    port: int = option(
+        OptionSpec(
+            names=("--port",),
+            help="Port of the page; 0: any that is free",
+            type=click.IntRange(0, 65535),
+            default=PORT,
+            usual=True,
+        )
+    )
+    host: str = option(
+        OptionSpec(
+            names=("--host",),
+            help="Address of the page",
+            more="Any but this one lets others on the network use it; 0.0.0.0 or ::: all of this machine's.",
+            type=str,
+            metavar="ADDRESS",
+            default="127.0.0.1",
+            usual=True,
+        )
+    )
+    names: tuple[str, ...] = option(
+        OptionSpec(
+            names=("--name",),
+            help="Another name under which browsers reach the page; may be repeated",
+            more="As that of a proxy or of a container.",
+            type=str,
+            metavar="NAME",
+            multiple=True,
+            usual=True,
+        )
+    )
+    browser: bool = option(
+        switch("--browser/--no-browser", "Open the page in the browser", default=True, usual=True)
+    )
+
+
+@command(ExploreOptions, examples=("explore", "explore --structure arm.toml --port 8700"))
+def main(options: ExploreOptions) -> None:
     """Explore absorbers on the paper's beam, or another structure, on a page of this machine, until Ctrl-C.
 
     The page needs no network. What a kind of absorber has to be compiled for is compiled once, while the page says so.
     """
     with plain_errors():
         own: Structure | BladedDisk = Beam()
-        if structure is not None:
-            own = read_disk(structure) or read_structure(structure)
+        if options.structure is not None:
+            own = read_disk(options.structure) or read_structure(options.structure)
         from optimisation.explore.server import bound, page_address, serve  # needs the extra
 
-        listening = bound(host, port)
+        listening = bound(options.host, options.port)
         place = page_address(listening)
 
         def started() -> None:
             click.echo(f"{place}  (Ctrl-C ends it)")
-            if browser:
+            if options.browser:
                 webbrowser.open(place)
 
         serve(
             own,
-            "the paper's beam" if structure is None else structure.name,
-            (host, *names),
+            "the paper's beam" if options.structure is None else options.structure.name,
+            (options.host, *options.names),
             listening,
             started,
         )

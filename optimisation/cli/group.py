@@ -1,7 +1,7 @@
 """The commands by name: ``impact-absorber NAME`` anywhere, ``scripts/run NAME`` in a checkout, which also has those that make its pages.
 
-A command is the function ``main`` of the module of its name; a module is imported when its command is called, since some take long or need an extra.
-``periodic`` is a group of its own, whose subcommands are those of `PERIODIC`.
+A command is the function ``main`` of its module (`optimisation.cli.names`), which is imported when the command is called, since
+some take long or need an extra. Names of the version before go on working, with a note on stderr.
 """
 
 import ast
@@ -9,7 +9,6 @@ import difflib
 import importlib
 import importlib.util
 import os
-import re
 import sys
 from copy import copy
 from functools import partial
@@ -20,87 +19,53 @@ import click
 
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
 from optimisation.cli.common import INTERRUPTED
-
-HERE = Path(__file__).parent
-PAGES = Path(__file__).resolve().parents[2] / "scripts" / "studies" / "cli"  # a checkout's
-HEADINGS = {
-    "Explore": ("explore", "structure"),
-    "Simulate": ("sweep", "compare_absorbers", "render_episode"),
-    "Design": (
-        "design_gap",
-        "design_place",
-        "optimise_design",
-        "pareto",
-        "mass_ratios",
-        "tune_ltva",
-    ),
-    "Measure": ("calibrate",),
-    "Periodic responses": ("periodic", "frequency_response", "balance_error"),
-    "Learn": ("train", "judge", "record_demonstrations"),
-    "This installation": ("doctor", "prepare", "cache"),
-}
-# subcommands of ``periodic``, in the order of its help, and their modules
-PERIODIC = {
-    "orbits": "orbits",
-    "curves": "curves",
-    "isola": "isola",
-    "manifold": "manifold",
-    "basins": "basins",
-    "diagram": "diagram",
-    "section": "section",
-}
-OLDER_NAMES = ("orbits", "isola", "manifold")  # subcommands that are also commands, not listed
-NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)
-HEAD_LINES = 40  # a command says near its top what it needs
+from optimisation.cli.names import (
+    GROUPS,
+    HEADINGS,
+    OLDER_DEFAULTS,
+    REPRODUCE,
+    list_commands,
+    list_needs,
+    list_older_names,
+    list_studies,
+)
 
 
-def files() -> dict[str, dict[str, Path]]:
-    """Return the module of each command, by heading and name; in a checkout also of those that make pages."""
-    by_heading = {
-        heading: {name: HERE / f"{name}.py" for name in names}
-        for heading, names in HEADINGS.items()
-    }
-    if PAGES.is_dir():
-        by_heading["Pages and benchmarks of this checkout"] = {
-            file.stem: file for file in sorted(PAGES.glob("[!_]*.py"))
-        }
-    return by_heading
-
-
-def subcommand_files() -> dict[str, Path]:
-    """Return the modules of the subcommands of ``periodic``, by their names."""
-    return {name: HERE / f"{module}.py" for name, module in PERIODIC.items()}
+def name_of(name: str) -> str:
+    """Return the name of now of a command, which may be called by the one of the version before."""
+    return list_older_names().get(name, name)
 
 
 def modules() -> dict[str, Path]:
-    """Return the files of all modules that are a command or a subcommand, by the names of the modules."""
-    known = {name: file for commands in files().values() for name, file in commands.items()}
-    return known | {file.stem: file for file in subcommand_files().values()}
+    """Return the modules of all commands by their names."""
+    return list_commands()
 
 
 def file_of(name: str) -> Path | None:
-    """Return the file of the module of a command or subcommand, None if there is none of this name."""
-    return modules().get(name)
+    """Return the module of a command, None if there is none of this name."""
+    return list_commands().get(name_of(name))
 
 
 def imported(name: str) -> ModuleType:
-    """Return the module of a command that there is."""
-    return importlib.import_module(
-        f"optimisation.cli.{name}" if (HERE / f"{name}.py").exists() else f"studies.cli.{name}"
-    )
+    """Return the module of a command that there is, by its name of now or of the version before."""
+    name = name_of(name)
+    folder = "optimisation.cli"
+    stem = name
+    if name.startswith(f"{REPRODUCE} "):
+        folder = "studies.cli"
+        stem = name.removeprefix(f"{REPRODUCE} ")
+    return importlib.import_module(f"{folder}.{stem.replace(' ', '_').replace('-', '_')}")
 
 
 def missing_extras(file: Path) -> dict[str, list[str]]:
     """Return the extras that a command needs and that are not complete here, each with the packages that are missing."""
-    head = "\n".join(file.read_text(encoding="utf-8").splitlines()[:HEAD_LINES])
-    needed = [extra for line in NEEDS.findall(head) for extra in line.replace(",", " ").split()]
     missing = {
         extra: [
             name
             for name, brings in EXTRAS.items()
             if brings == extra and importlib.util.find_spec(name) is None
         ]
-        for extra in needed
+        for extra in list_needs(file)
     }
     return {extra: packages for extra, packages in missing.items() if packages}
 
@@ -113,82 +78,134 @@ def refuse(name: str, missing: dict[str, list[str]], /, **_options: object) -> N
     )
 
 
+def summary_of(file: Path) -> str:
+    """Return the first line of the docstring of a module, without importing it."""
+    docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return docstring.partition("\n")[0].rstrip(".")
+
+
 class Commands(click.Group):
-    """Commands whose modules are imported when they are called."""
+    """Commands whose modules are imported when they are called: those whose names begin with the words of a ``prefix``."""
 
-    def sections(self) -> dict[str, dict[str, Path]]:
-        """Return the commands that help lists: the file of each, by heading and name."""
-        return files()
+    def __init__(self, prefix: str = "", **settings: object) -> None:
+        super().__init__(**settings)  # type: ignore[arg-type]
+        self.prefix = prefix
 
-    def older(self) -> dict[str, Path]:
-        """Return further names of commands, which are not listed."""
-        return {name: HERE / f"{PERIODIC[name]}.py" for name in OLDER_NAMES}
+    def own_commands(self) -> dict[str, Path]:
+        """Return the modules of this group's commands, by their names in it."""
+        start = f"{self.prefix} " if self.prefix else ""
+        return {
+            name.removeprefix(start): file
+            for name, file in list_commands().items()
+            if name.startswith(start) and (self.prefix or " " not in name)
+        }
 
-    def file_of(self, name: str) -> Path | None:
-        """Return the file of a command of this group, None if there is none of this name."""
-        known = self.older()
-        for commands in self.sections().values():
-            known |= commands
-        return known.get(name)
+    def own_groups(self) -> list[str]:
+        """Return the names of the groups in this one."""
+        if self.prefix:
+            return []
+        return [name for name in GROUPS if name != REPRODUCE or list_studies()]
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's own signature
         """Return all names that are listed."""
-        return sorted(name for commands in self.sections().values() for name in commands)
+        return sorted([*self.own_commands(), *self.own_groups()])
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Return a command, None if there is none of this name; without an extra that it needs, it can tell its options only."""
-        file = self.file_of(cmd_name)
+        if cmd_name in self.own_groups():
+            return make_group(cmd_name)
+        name = f"{self.prefix} {cmd_name}" if self.prefix else name_of(cmd_name)
+        file = list_commands().get(name)
         if file is None:
             return None
         try:
-            command: click.Command = imported(file.stem).main
+            command: click.Command = copy(imported(name).main)
         except KeyboardInterrupt:  # click would call it an error of its own
             click.echo("Broken off.", err=True)
             sys.exit(INTERRUPTED)
         if missing := missing_extras(file):
-            command = copy(command)
-            command.callback = partial(refuse, cmd_name, missing)
+            command.callback = partial(refuse, name, missing)
         return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is called; raises UsageError, with the names that are most alike, if there is none."""
-        if not args[0].startswith("-") and self.file_of(args[0]) is None:
-            alike = difflib.get_close_matches(args[0], self.list_commands(ctx))
-            ctx.fail(
-                f"there is no command {args[0]}"
-                + (f"; did you mean {' or '.join(alike)}?" if alike else "")
+        word = args[0]
+        older = {} if self.prefix else list_older_names()
+        if word in older:
+            click.echo(
+                f"note: {word} is called {older[word]} now; the next version does not know the older name",
+                err=True,
             )
+        elif not word.startswith("-") and word not in self.list_commands(ctx):
+            self.refuse_name(ctx, word)
         return super().resolve_command(ctx, args)
 
+    def refuse_name(self, ctx: click.Context, word: str) -> None:
+        """Raise UsageError for a command that there is not, with the names that are most alike."""
+        start = f"{self.prefix} " if self.prefix else ""
+        names = {name.replace(" ", "-"): name for name in list_commands()}
+        names |= {name.rpartition(" ")[2]: name for name in list_commands()}
+        names |= {name: name for name in self.own_groups()}
+        if self.prefix:
+            names = {name: f"{start}{name}" for name in self.own_commands()}
+        alike = difflib.get_close_matches(word.replace("_", "-"), names)
+        suggestions = dict.fromkeys(names[name] for name in alike)
+        ctx.fail(
+            f"there is no command {start}{word}"
+            + (f"; did you mean {' or '.join(suggestions)}?" if suggestions else "")
+        )
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the names under their headings, with the first line of each module's docstring, without importing a command."""
-        for heading, commands in self.sections().items():
-            docstrings = {
-                name: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-                for name, file in commands.items()
-            }
-            with formatter.section(heading):
+        """Write the names with the first line of each module's docstring, those of the whole under headings."""
+        if self.prefix:
+            with formatter.section("Commands"):
                 formatter.write_dl(
-                    [(name, words.partition("\n")[0]) for name, words in docstrings.items()]
+                    [(name, summary_of(file)) for name, file in self.own_commands().items()]
                 )
+            return
+        known = list_commands()
+        groups = self.own_groups()
+        for heading, names in HEADINGS.items():
+            words = dict.fromkeys(name.partition(" ")[0] for name in names)
+            lines = [(name, summary_of(known[name])) for name in names]
+            if heading not in EXPANDED:  # one line for each group
+                lines = [(f"{word} NAME", GROUPS[word]) for word in words]
+            if heading == LAST and REPRODUCE in groups:
+                lines.append((f"{REPRODUCE} NAME", GROUPS[REPRODUCE]))
+            with formatter.section(heading):
+                formatter.write_dl(lines)
 
 
-GROUP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 160}
+EXPANDED = ("Simulate", "Design an absorber", "This installation")  # headings with every command
+LAST = "This installation"
+GROUP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+def make_group(name: str) -> Commands:
+    """Return a group of commands, as ``design``."""
+    return Commands(
+        prefix=name,
+        name=name,
+        help=f"{GROUPS[name]}.\n\n{name} NAME --help lists the options of a command.",
+        subcommand_metavar="NAME [OPTIONS]",
+        options_metavar="",
+        context_settings=GROUP_SETTINGS,
+    )
 
 
 @click.command(
     cls=Commands,
     subcommand_metavar="NAME [OPTIONS]",
     options_metavar="",
-    context_settings=GROUP_SETTINGS,
+    context_settings={**GROUP_SETTINGS, "default_map": OLDER_DEFAULTS},
 )
 @click.version_option(package_name=DISTRIBUTION)
 def main() -> None:
-    """Simulate, compare and design absorbers on a vibrating beam. NAME --help lists the options of a command.
+    """Simulate, compare and design absorbers on a vibrating beam.
 
-    Results go to the folder results of the current one. The shell completes names and options: docs/installation.md.
+    NAME --help lists the usual options of a command, NAME --help-all every one.
     """
     os.environ["MPLBACKEND"] = "Agg"  # figures go to files
 

@@ -2,16 +2,16 @@
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import click
 import numpy as np
 from click.core import ParameterSource
 
-from impact_env.drive import FrequencySchedule, constant_frequency, default_rate, linear_sweep
+from impact_env.drive import default_rate, linear_sweep
 from impact_env.laws import CONCEPTS, make
 from impact_env.loads import Loads, Random, Samples
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
@@ -41,35 +41,27 @@ from impact_env.scene import Scene, beam_scene
 from impact_env.structures.cyclic import BladedDisk
 from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
-from optimisation.cli.common import BadInput, Command, file_option, stack_options
+from optimisation.cli.common import BadInput
+from optimisation.cli.options import (
+    LOADS_IN_SHORT,
+    TABLE,
+    OptionSpec,
+    option,
+    option_values,
+)
 from optimisation.extremes import usable_mass_ratio
 from optimisation.files import write_json
 from optimisation.mounting import model_with_absorber_at
 from optimisation.tuned import minimax
 
-PLACE = "Place of absorber and response, over the length; of a beam from a file the absorber's only; of modes the number of a place."
-position_option = click.option(
-    "--position", type=float, default=Beam.absorber_position, show_default=True, help=PLACE
-)
-RESONANCES_HELP = "Two resonances to look at, counted from 1; twice the same: one."
-structure_option = file_option(
-    "--structure",
-    "Structure from a .toml or .json file in place of the paper's beam (docs/your_structure.md).",
-)
-scene_option = file_option(
-    "--scene",
-    "Structure and impact absorber from a .toml or .json file, as design_gap --device writes it.",
-)
-mass_option = click.option(
-    "--mass-kg", type=float, help="Absorber mass in kg, in the place of its ratio."
-)
+structure_option = TABLE["structure"]
 
 
 def read_structure(path: Path) -> Structure:
     """Return the structure of a file; its warnings are printed, a line each. Raises BadInput for a bladed disk."""
     if "cyclic" in read_plain(path):
         raise BadInput(
-            f"{path} is not allowed: a bladed disk is given with its absorbers, as --scene of sweep, compare_absorbers or design_gap"
+            f"{path} is not allowed: a bladed disk is given with its absorbers, as --scene of sweep, compare or design gap"
         )
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StructureWarning)
@@ -181,6 +173,7 @@ def is_option_set(name: str) -> bool:
     return click.get_current_context().get_parameter_source(name) not in (
         None,
         ParameterSource.DEFAULT,
+        ParameterSource.DEFAULT_MAP,  # the default of an older name of the command
     )
 
 
@@ -193,56 +186,6 @@ def refuse_with_structure(structure: Path | None, *names: str) -> None:
             )
 
 
-def scene_options(restitution: str, friction: str = "") -> Callable[[Command], Command]:
-    """Add the options of an absorber for commands on periodic motions; what is left out is None.
-
-    ``restitution`` says which are allowed, ``friction`` is the default of the friction limit where it is to be told.
-    """
-    default_words = f"  [default: {friction}]" if friction else ""
-    options = (
-        file_option("--scene", "Beam and absorber from a .toml or .json file."),
-        structure_option,
-        click.option("--modes", type=int, help=f"Number of modes kept.  [default: {Beam.modes}]"),
-        click.option(
-            "--damping",
-            type=float,
-            help=f"Modal damping ratio, the same for all modes.  [default: {Beam.damping_ratio}]",
-        ),
-        click.option(
-            "--mass-ratio",
-            type=float,
-            help=f"Absorber mass over beam mass.  [default: {DEFAULT_MASS_RATIO}]",
-        ),
-        click.option(
-            "--gap", type=float, help=f"Clearance to either wall in m.  [default: {RigidWalls.gap}]"
-        ),
-        click.option(
-            "--restitution",
-            type=float,
-            help=f"Coefficient of restitution{restitution}.  [default: {RigidWalls.restitution}]",
-        ),
-        click.option(
-            "--friction-limit",
-            type=float,
-            help=f"Friction limit in N; 0: no friction.{default_words}",
-        ),
-    )
-
-    return stack_options(options)
-
-
-SHORT = {
-    "base": ("acceleration_m_s2",),
-    "unbalance": ("unbalance_kg_m",),
-    "random": ("low_hz", "high_hz", "value", "duration_s"),
-    "shock": ("peak_n", "pulse_s", "duration_s"),
-}
-load_option = file_option(
-    "--load",
-    "Loads other than one force, from a .toml or .json file (docs/loads.md): base, unbalance, tones, samples, random, shock. In short: "
-    + ", ".join(":".join((kind, *names)).upper() for kind, names in SHORT.items())
-    + ".",
-)
 NODE_TOL = 1e-6  # of the largest of a place's mode shapes: finite elements have such noise at nodes
 OUTSIDE_SHARE = (
     1e-3  # of a load's mean square: from there on it is told that it lies above the modes
@@ -252,9 +195,9 @@ OUTSIDE_SHARE = (
 def _in_short(text: str, model: ModalModel, resonance: int) -> dict[str, Any] | None:
     """Return the table that a short form stands for, None for the name of a file."""
     kind, *numbers = text.split(":")
-    if kind not in SHORT or not numbers or Path(text).exists():
+    if kind not in LOADS_IN_SHORT or not numbers or Path(text).exists():
         return None
-    names = SHORT[kind]
+    names = LOADS_IN_SHORT[kind]
     try:
         numbers_by_name = dict(zip(names, map(float, numbers), strict=True))
     except ValueError:
@@ -342,21 +285,18 @@ def refuse_with_load(
             raise BadInput(f"{options[name]} does not go with --load: {why}")
 
 
-Options = dict[str, Any]  # the options of the command line; None: not given
 FRICTION_DAMPER_LIMIT = friction_damper().friction.limit  # type: ignore[union-attr]
 OPTIONS = {
     "damping": "absorber_damping"
 }  # options that are called otherwise than the value that they give: --damping is the structure's
-PARTS = {kind: {OPTIONS.get(name, name) for name in keys} for kind, keys in CONCEPTS.items()}
 DEFAULT_ABSORBER = "impact"
-SCENE_OPTIONS = (
-    "absorber",
-    "modes",
-    "damping",
-    *sorted(set().union(*PARTS.values())),
-)  # what a file of a scene says
-
-
+SLIDING_VALUES = ("mass_ratio", "gap", "restitution", "friction_limit")
+ALL_VALUES = tuple({name: None for keys in CONCEPTS.values() for name in keys})
+VALUE_DEFAULTS = {
+    "mass_ratio": str(DEFAULT_MASS_RATIO),
+    "gap": str(RigidWalls.gap),
+    "restitution": str(RigidWalls.restitution),
+}
 LOAD_OPTIONS = (
     "force",
     "phase",
@@ -368,157 +308,207 @@ LOAD_OPTIONS = (
 )  # what a file of loads says
 
 
-def absorber_options(defaults: Mapping[str, str]) -> Callable[[Command], Command]:
-    """Add an option for each plain name of the table of laws; ``defaults``: the help's words in place of the library's default."""
-    keys = {name: key for concept in CONCEPTS.values() for name, key in concept.items()}
-    usual = {
-        "mass_ratio": str(DEFAULT_MASS_RATIO),
-        "restitution": str(RigidWalls.restitution),
-    } | dict(defaults)
-    options = []
-    for name, key in keys.items():
-        kinds = [kind for kind, known in CONCEPTS.items() if name in known]
-        text = f"{key.what}{f', in {key.unit}' if key.unit else ''} ({', '.join(kinds)})."
-        text += f"  [default: {usual[name]}]" if name in usual else ""
-        options.append(click.option(option_name(OPTIONS.get(name, name)), type=float, help=text))
-    return stack_options(options)
-
-
 def option_name(name: str) -> str:
     """Return an option as it is typed."""
     return "--" + name.replace("_", "-")
 
 
-def kind_of(options: Options) -> str:
-    """Return the absorber's kind, one of `PARTS`."""
-    return DEFAULT_ABSORBER if options["absorber"] is None else str(options["absorber"])
+def absorber_specs(*names: str, **default_texts: str) -> dict[str, tuple[str, OptionSpec]]:
+    """Return the options of an absorber's values, by the plain names of the table of laws: of these ``names``, or of all.
+
+    A value that is not given keeps the library's default; ``default_texts`` are the words of the help for it.
+    """
+    texts = VALUE_DEFAULTS | default_texts
+    specs = {}
+    for name in names or ALL_VALUES:
+        keys = {kind: known[name] for kind, known in CONCEPTS.items() if name in known}
+        more = "" if names else f"For {', '.join(keys)}."
+        parameter = OPTIONS.get(name, name)
+        if name in TABLE and name == parameter:
+            spec = replace(TABLE[name], default=None, more=more)
+        else:
+            key = next(iter(keys.values()))
+            what = key.what[:1].upper() + key.what[1:]
+            spec = OptionSpec(
+                names=(option_name(parameter),),
+                help=what,
+                unit=key.unit,
+                more=more,
+                section="Absorber",
+            )
+        specs[name] = (parameter, replace(spec, default_text=texts.get(name, "")))
+    return specs
 
 
-def chosen(options: Options, **parameters: str) -> Options:
-    """Return the parameters, named after the library, whose options were given; the others keep the library's defaults."""
-    return {
-        parameter: options[option]
-        for parameter, option in parameters.items()
-        if options.get(option) is not None
-    }
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """Structure and absorber of a command that simulates one scene; None: not given.
+
+    ``values`` has those of the absorber that are given, by their plain names.
+    """
+
+    scene: Path | None = option("scene")
+    structure: Path | None = option("structure")
+    absorber: str | None = None
+    modes: int | None = option("modes")
+    damping: float | None = option("damping")
+    values: Mapping[str, float] = option_values(absorber_specs(*SLIDING_VALUES))
+    mass_kg: float | None = option("mass_kg")
+    force: float | None = None
+    resonance: int = 1
 
 
-def refuse_parts(options: Options) -> None:
+@dataclass(frozen=True, kw_only=True)
+class MapOptions:
+    """Values of the scenes of a map, as numbers with commas between; empty: not given."""
+
+    map_modes: str = option(
+        OptionSpec(
+            names=("--map-modes",),
+            help="Numbers of modes of a map, at most --modes",
+            type=str,
+            metavar="N,N,...",
+            default="",
+            default_text="--modes",
+        )
+    )
+    map_restitutions: str = option(
+        OptionSpec(
+            names=("--map-restitutions",),
+            help="Restitutions of a map",
+            type=str,
+            metavar="E,E,...",
+            default="",
+            default_text="--restitution",
+        )
+    )
+    map_friction_limits: str = option(
+        OptionSpec(
+            names=("--map-friction-limits",),
+            help="Friction limits of a map in N",
+            type=str,
+            metavar="F,F,...",
+            default="",
+            default_text="--friction-limit",
+        )
+    )
+
+
+Scenes = TypeVar("Scenes", bound=SceneOptions)
+
+
+class MadeScene(NamedTuple):
+    """A scene, its beam (None where a file has another structure), and the force in N (None: not given and by no rule)."""
+
+    scene: Scene
+    beam: Beam | None
+    force: float | None
+
+
+def kind_of(options: SceneOptions) -> str:
+    """Return the absorber's kind, one of `impact_env.laws.CONCEPTS`."""
+    return DEFAULT_ABSORBER if options.absorber is None else options.absorber
+
+
+def refuse_parts(options: SceneOptions) -> None:
     """Raise BadInput if two options of the scene do not go together."""
-    if options["structure"] is not None:
-        for name in ("scene", "modes", "damping"):
-            if options[name] is not None:
+    beam = {"modes": options.modes, "damping": options.damping}
+    if options.structure is not None:
+        for name, of_structure in {"scene": options.scene, **beam}.items():
+            if of_structure is not None:
                 raise BadInput(
                     f"{option_name(name)} does not go with --structure: the file says what the structure is"
                 )
-    if options["scene"] is not None:
-        for name in SCENE_OPTIONS:
-            if options.get(name) is not None:
+    own: dict[str, object] = {
+        OPTIONS.get(name, name): value for name, value in options.values.items()
+    }
+    if options.scene is not None:
+        own |= {"absorber": options.absorber, "mass_kg": options.mass_kg, **beam}
+        for name, value in own.items():
+            if value is not None:
                 raise BadInput(
                     f"{option_name(name)} does not go with --scene: the file says what the scene is"
                 )
         return
     kind = kind_of(options)
-    for name in sorted(set().union(*PARTS.values()) - PARTS[kind]):
-        if options.get(name) is not None:
-            kinds = " or ".join(k for k, parts in PARTS.items() if name in parts)
-            raise BadInput(
-                f"{option_name(name)} does not go with --absorber {kind}: it is for {kinds}"
-            )
+    for name in sorted(options.values):
+        if name not in CONCEPTS[kind]:
+            kinds = " or ".join(k for k, known in CONCEPTS.items() if name in known)
+            option = option_name(OPTIONS.get(name, name))
+            raise BadInput(f"{option} does not go with --absorber {kind}: it is for {kinds}")
+    if options.mass_kg is not None and "mass_ratio" not in CONCEPTS[kind]:
+        raise BadInput(f"--mass-kg does not go with --absorber {kind}: it has no mass")
 
 
-def refuse_runs(options: Options) -> None:
-    """Raise BadInput if two options of the run do not go together."""
-    if options["steps_per_period"] is not None and options["method"] == "exact":
-        raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
-    if options["most_events"] is not None and options["method"] != "exact":
-        raise BadInput(
-            f"--most-events does not go with --method {options['method']}: it steps through time, whatever happens"
-        )
-    if options["measures"] is not None and options["method"] != "exact":
-        raise BadInput(
-            f"--measures does not go with --method {options['method']}: they are read from exact runs"
-        )
-    if options["absolute"] and options["measures"] is None:
-        raise BadInput("--absolute needs --measures: it says what these are of")
-    refuse_with_load(options["load"], *LOAD_OPTIONS)
-    if options["load"] is not None:
-        return
-    constant = options["start"] == options["stop"]
-    if constant and options["periods"] is None:
-        raise BadInput(
-            f"--to = {options['stop']} equal to --from is a constant frequency: it needs --periods"
-        )
-    if not constant and options["periods"] is not None:
-        raise BadInput(
-            "--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate"
-        )
-    if constant and options["rate"] is not None:
-        raise BadInput("--rate does not go with a constant frequency, --to equal to --from")
-    if options["down"] and not options["start"] < options["stop"]:
-        raise BadInput(
-            f"--down swaps --from and --to: it needs --from = {options['start']} below --to = {options['stop']}"
-        )
+def with_mass_ratio(options: Scenes, structure_mass: float) -> Scenes:
+    """Return the options with the mass ratio that --mass-kg stands for, if it is given; raises BadInput if both are."""
+    if options.mass_kg is None:
+        return options
+    ratio = mass_ratio_of(DEFAULT_MASS_RATIO, options.mass_kg, structure_mass)
+    return replace(options, values={**options.values, "mass_ratio": ratio}, mass_kg=None)
 
 
-def make_absorber(options: Options, model: ModalModel | None = None) -> Absorber | None:
+def make_absorber(options: SceneOptions, model: ModalModel | None = None) -> Absorber | None:
     """Return the absorber that the options describe; what is not given keeps the library's default, or on a file's ``model`` follows from a rule."""
     kind = kind_of(options)
     usual = {} if model is None or kind == "none" else by_rule(kind, options, model)
-    return make(
-        kind, usual | chosen(options, **{name: OPTIONS.get(name, name) for name in CONCEPTS[kind]})
-    )
+    return make(kind, usual | dict(options.values))
 
 
-def force_by_rule(options: Options, model: ModalModel) -> float:
-    """Return the force in N for which the design rule gives the gap that was given, or the library's default gap, which then is used."""
-    ratio = DEFAULT_MASS_RATIO if options["mass_ratio"] is None else options["mass_ratio"]
-    if options["gap"] is None and kind_of(options) == "impact":
-        options["gap"] = RigidWalls.gap
-    gap = RigidWalls.gap if options["gap"] is None else options["gap"]
-    return design_force(
-        model,
-        positive("mass_ratio", ratio) * model.beam_mass,
-        positive("gap", gap),
-        options["resonance"],
-    )
+def mass_of(options: SceneOptions, model: ModalModel) -> float:
+    """Return the absorber's mass in kg."""
+    ratio = options.values.get("mass_ratio", DEFAULT_MASS_RATIO)
+    return positive("mass_ratio", ratio) * model.beam_mass
 
 
-def by_rule(kind: str, options: Options, model: ModalModel) -> Options:
-    """Return the defaults for another structure than the paper's: the gap by the design rule, the LTVA tuned, the damper by the energy of a cycle."""
-    ratio = DEFAULT_MASS_RATIO if options["mass_ratio"] is None else options["mass_ratio"]
-    mass = positive("mass_ratio", ratio) * model.beam_mass
-    force = options["force"]
-    resonance = options["resonance"]
-    if kind == "impact" and options["gap"] is None:
+def force_by_rule(options: SceneOptions, model: ModalModel) -> float:
+    """Return the force in N for which the design rule gives the gap that was given, or the library's default gap."""
+    gap = positive("gap", options.values.get("gap", RigidWalls.gap))
+    return design_force(model, mass_of(options, model), gap, options.resonance)
+
+
+def by_rule(kind: str, options: SceneOptions, model: ModalModel) -> dict[str, Any]:
+    """Return the defaults for another structure than the paper's: the gap by the design rule, the LTVA tuned, the damper by the energy of a cycle.
+
+    Without a force the gap is the library's, for which `force_by_rule` gives the force.
+    """
+    values = options.values
+    mass = mass_of(options, model)
+    resonance = options.resonance
+    force = force_by_rule(options, model) if options.force is None else options.force
+    if kind == "impact" and "gap" not in values:
+        if options.force is None:
+            return {"gap": RigidWalls.gap}
         return {"gap": design_gap(model, mass, force, resonance)}
-    if kind == "friction" and options["friction_limit"] is None:
+    if kind == "friction" and "friction_limit" not in values:
         return {"friction_limit": best_friction(model, mass, force, resonance)[0]}
-    if kind == "tuned" and (
-        options.get("stiffness") is None or options.get("absorber_damping") is None
-    ):
-        tuned = minimax(model, ratio, resonance)
+    if kind == "tuned" and not {"stiffness", "damping"} <= values.keys():
+        tuned = minimax(model, values.get("mass_ratio", DEFAULT_MASS_RATIO), resonance)
         return {"stiffness": tuned.stiffness, "damping": tuned.damping}
     return {}
 
 
-def make_scene(options: Options) -> tuple[Scene, Beam | None]:
-    """Return the scene and its beam, which is None where a file has another structure."""
-    if options["scene"] is not None:
-        plain = read_plain(options["scene"])
-        scene = to_scene(plain, options["scene"].parent)
+def make_scene(options: SceneOptions) -> MadeScene:
+    """Return the scene that the options describe, and the force: on another structure than the paper's by the design rule, unless given."""
+    if options.scene is not None:
+        plain = read_plain(options.scene)
+        scene = to_scene(plain, options.scene.parent)
         warn_of_mass(scene)
-        return scene, to_beam(plain)
-    if options["structure"] is not None:
-        structure = read_structure(options["structure"])
+        return MadeScene(scene, to_beam(plain), options.force)
+    if options.structure is not None:
+        structure = read_structure(options.structure)
         model = model_with_absorber_at(structure)
-        if options["force"] is None:
-            options["force"] = force_by_rule(options, model)
-        return Scene(model, make_absorber(options, model)), structure if isinstance(
-            structure, Beam
-        ) else None
-    beam = Beam(**chosen(options, modes="modes", damping_ratio="damping"))
-    return beam_scene(beam, make_absorber(options)), beam
+        options = with_mass_ratio(options, model.beam_mass)
+        force = force_by_rule(options, model) if options.force is None else options.force
+        beam = structure if isinstance(structure, Beam) else None
+        return MadeScene(Scene(model, make_absorber(options, model)), beam, force)
+    beam = Beam(
+        modes=Beam.modes if options.modes is None else options.modes,
+        damping_ratio=Beam.damping_ratio if options.damping is None else options.damping,
+    )
+    if options.mass_kg is not None:
+        options = with_mass_ratio(options, modal_model(beam).beam_mass)
+    return MadeScene(beam_scene(beam, make_absorber(options)), beam, options.force)
 
 
 HEAVY = 0.5  # of the structure's mass
@@ -534,28 +524,9 @@ def warn_of_mass(scene: Scene) -> None:
         )
 
 
-def make_method(options: Options) -> Method:
-    """Return the method that the options ask for."""
-    if options["method"] == "exact":
+def make_method(name: str, steps_per_period: int | None) -> Method:
+    """Return the method of a name, exact, moreau or runge-kutta, with its steps per period of the highest mode (None: the method's own)."""
+    if name == "exact":
         return Exact()
-    return {"moreau": Moreau, "runge-kutta": RungeKutta}[options["method"]](
-        **chosen(options, steps_per_period="steps_per_period")
-    )
-
-
-def make_schedule(options: Options, scene: Scene) -> FrequencySchedule:
-    """Return the sweep, or the constant frequency, that the options ask for."""
-    omega = scene.model.resonance_omega(options["resonance"])
-    start = options["start"]
-    stop = options["stop"]
-    if start == stop:
-        return constant_frequency(omega, start, options["periods"])
-    if options["down"]:
-        start, stop = stop, start
-    rate = options["rate"]
-    return linear_sweep(
-        omega,
-        start,
-        stop,
-        default_rate(scene.model, (options["resonance"],)) if rate is None else rate,
-    )
+    stepping = {"moreau": Moreau, "runge-kutta": RungeKutta}[name]
+    return stepping() if steps_per_period is None else stepping(steps_per_period=steps_per_period)

@@ -1,5 +1,6 @@
-"""Show what a file says of a structure: its modes, their shapes at the places in use, masses, and the node nearest to a point."""
+"""Modes, shapes and masses of a structure from a file."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -13,15 +14,13 @@ from impact_env.plain_files import read_plain
 from impact_env.plain_structures import read_structure_nodes
 from impact_env.structures.matrix_files import read_coordinates
 from optimisation.cli.common import (
-    FILE,
     BadInput,
     check_targets,
     command,
-    file_option,
-    json_option,
     name_files,
     plain_errors,
 )
+from optimisation.cli.options import FILE, OptionSpec, file_spec, option
 from optimisation.cli.scene_options import read_structure
 from optimisation.files import write_files
 from optimisation.mounting import model_with_absorber_at
@@ -153,37 +152,49 @@ def assurance_data(comparison: ModeComparison) -> dict[str, object]:
     }
 
 
-@command()
-@click.argument("file", type=FILE)
-@click.option(
-    "--near",
-    type=float,
-    nargs=3,
-    metavar="X Y Z",
-    help="Tell the nodes, or rows of matrices, nearest to this point in m.",
-)
-@click.option(
-    "--mac",
-    "second",
-    type=FILE,
-    help="Compare the mode shapes with those of this structure file, by the modal assurance criterion.",
-)
-@file_option("--plot", "Draw the shapes and the places: .png, .pdf or .svg.")
-@json_option("Write mass and modes, in SI units.")
-def main(
-    file: Path,
-    near: tuple[float, float, float] | None,
-    second: Path | None,
-    plot: Path | None,
-    json: Path | None,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class StructureOptions:
+    """Options of ``structure``; None: not given."""
+
+    file: Path = option(
+        OptionSpec(names=("file",), help="Structure file", type=FILE, required=True)
+    )
+    near: tuple[float, float, float] | None = option(
+        OptionSpec(
+            names=("--near",),
+            help="Name the nodes, or rows of matrices, nearest to this point in m",
+            type=(float, float, float),
+            metavar="X Y Z",
+            usual=True,
+        )
+    )
+    second: Path | None = option(
+        file_spec(
+            "--mac",
+            "Compare the mode shapes with those of this structure file",
+            more="By the modal assurance criterion.",
+            usual=True,
+            section="Computation",
+        )
+    )
+    json: Path | None = option("json", help="Write mass and modes")
+    plot: Path | None = option("plot", help="Draw the shapes and the places")
+
+
+@command(StructureOptions, examples=("structure arm.toml", "structure arm.toml --plot arm.png"))
+def main(options: StructureOptions) -> None:
     """Show the structure of FILE: modes, shapes at force, absorber and response, masses; and the node nearest to a point."""
     with plain_errors():
-        check_targets({"json": json, "plot": plot})
-        structure = read_structure(file)
+        check_targets({"json": options.json, "plot": options.plot})
+        structure = read_structure(options.file)
         model = model_with_absorber_at(structure)
-        printed = [text(model, structure), *(["", nearest(file, near)] if near is not None else [])]
-        comparison = None if second is None else compare_modes(file, second)
+        printed = [
+            text(model, structure),
+            *(["", nearest(options.file, options.near)] if options.near is not None else []),
+        ]
+        comparison = None
+        if options.second is not None:
+            comparison = compare_modes(options.file, options.second)
         if comparison is not None:
             printed += ["", assurance_text(comparison)]
         modes = [
@@ -193,12 +204,12 @@ def main(
         click.echo("\n".join(printed))
         files = write_files(
             {
-                json: {
+                options.json: {
                     "mass_kg": model.beam_mass,
                     "modes": modes,
                     **({} if comparison is None else {"mac": assurance_data(comparison)}),
                 },
-                plot: lambda path: save_structure(path, structure),
+                options.plot: lambda path: save_structure(path, structure),
             }
         )
     name_files(files)

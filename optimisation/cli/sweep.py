@@ -1,18 +1,26 @@
-"""One sweep through a resonance to look at: response level and impacts, on request energy balance and the time it took."""
+"""One sweep through a resonance: level and impacts."""
 
 import json
 import statistics
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from impact_env.drive import PAPER_LIMITS, Drive, Excitation, FrequencySchedule
+from impact_env.drive import (
+    Drive,
+    Excitation,
+    FrequencySchedule,
+    constant_frequency,
+    default_rate,
+    linear_sweep,
+)
 from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_lane, run_lanes
-from impact_env.laws import describe_absorber
+from impact_env.laws import CONCEPTS, describe_absorber
 from impact_env.methods import PAPER_STEPS, Exact, Method
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
 from impact_env.results import MOST_SAMPLES_PER_PERIOD, Record, Response
@@ -22,18 +30,11 @@ from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import simulate
 from optimisation.answers.disk import sweep_disk
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.common import (
-    FIGURES,
-    BadInput,
-    check_target,
-    command,
-    file_option,
-    json_option,
-    plain_errors,
-)
+from optimisation.cli.common import BadInput, check_target, command, plain_errors
+from optimisation.cli.options import FIGURES, OptionSpec, number, option, option_values, switch
 from optimisation.disks import find_disk_range, find_excited_resonance, force_of
 from optimisation.duration import announce_duration
-from optimisation.executors import cluster_option, workers
+from optimisation.executors import workers
 from optimisation.extremes import sweep_ratio
 from optimisation.files import STANDARD_OUTPUT, replacing, write_files, write_json
 from optimisation.machine import Timed
@@ -53,14 +54,141 @@ from optimisation.sweep_range import find_sweep_range
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 REST = "rest"
 STEADY = "steady"
-START_HELP = (
-    "State in which runs begin: at rest, as in the paper, or in the steady state of the linear structure at the first frequency, as in the commands "
-    "that choose a design."
-)
 SHORT = 2.0  # s: a run below this is timed three times
 TIME_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} left]"
 MOST_SAMPLED = 2**30  # bytes of states that a figure or measures may need
 T = TypeVar("T")
+
+
+START_MORE = (
+    "At rest, as in the paper, or in the steady state of the linear structure at the first frequency, "
+    "as in the commands that choose a design."
+)
+VALUE_TEXTS = {
+    "gap": f"{RigidWalls.gap}, with --structure by the design rule",
+    "friction_limit": f"none for impact, {scenes.FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle",
+    "friction_stiffness": "with compliant walls their stiffness",
+    "stiffness": f"{TunedAbsorber.stiffness}, with --structure tuned",
+    "damping": f"{TunedAbsorber.damping}, of a tuned one with --structure tuned",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(scenes.SceneOptions):
+    """Options of ``sweep``; None: not given."""
+
+    absorber: str | None = option(
+        OptionSpec(
+            names=("--absorber",),
+            help=f"Kind of absorber: {', '.join(CONCEPTS)}",
+            more="Impact absorber, friction damper, linear tuned absorber, added mass (stuck), nonlinear sink, nothing.",
+            type=click.Choice(list(CONCEPTS)),
+            metavar="KIND",
+            default_text=scenes.DEFAULT_ABSORBER,
+            usual=True,
+            section="Absorber",
+        )
+    )
+    values: Mapping[str, float] = option_values(scenes.absorber_specs(**VALUE_TEXTS))
+    load: Path | None = option("load")
+    force: float | None = option(
+        "force", default_text=f"{FORCE}, with --structure by the design rule"
+    )
+    phase: float = option(
+        number(
+            "--phase", "Initial phase of the force", unit="rad", default=0.0, section="Excitation"
+        )
+    )
+    resonance: int = option("resonance")
+    start: float = option(
+        "start", more="With a heavier absorber than the paper's lower, and --to higher."
+    )
+    stop: float = option("stop", more="Equal to --from: constant.")
+    periods: float | None = option(
+        number(
+            "--periods", "Length in pseudo periods at a constant frequency", section="Excitation"
+        )
+    )
+    rate: float | None = option("rate")
+    down: bool = option(switch("--down", "Sweep down: swaps --from and --to", section="Excitation"))
+    initial_state: str = option(
+        OptionSpec(
+            names=("--start",),
+            help="State in which runs begin",
+            more=START_MORE,
+            type=click.Choice([REST, STEADY]),
+            default=REST,
+            section="Runs",
+        )
+    )
+    method: str = option(
+        OptionSpec(
+            names=("--method",),
+            help="Method of integration: exact, moreau or runge-kutta",
+            type=click.Choice(["exact", "moreau", "runge-kutta"]),
+            metavar="METHOD",
+            default="exact",
+            section="Runs",
+        )
+    )
+    steps_per_period: int | None = option(
+        number(
+            "--steps-per-period",
+            "Steps per period of the highest mode (moreau, runge-kutta)",
+            type=int,
+            default_text=str(PAPER_STEPS),
+            section="Runs",
+        )
+    )
+    most_events: int | None = option(
+        number(
+            "--most-events",
+            "Events after which a run is given up (exact)",
+            type=int,
+            default_text="a million, and 5000 each pseudo period",
+            section="Runs",
+        )
+    )
+    members: int = option("members", default=1, more="The first one has the phase of --phase.")
+    seed: int = option("seed")
+    cluster: str | None = option("cluster")
+    energy: bool = option(
+        switch(
+            "--energy",
+            "Account for the energies of the first member",
+            more="It takes a kernel of its own.",
+            section="Output",
+        )
+    )
+    time: bool = option(
+        switch(
+            "--time",
+            "Time an integration alone, with nothing observed",
+            more="It takes a kernel of its own.",
+            section="Output",
+        )
+    )
+    measures: int | None = option(
+        number(
+            "--measures",
+            "Spectrum, percentiles, rainflow and impacts of each member",
+            more=f"From so many samples a pseudo period, {SAMPLES} unless given (docs/loads.md).",
+            type=int,
+            flag_value=SAMPLES,
+            metavar="[SAMPLES]",
+            section="Output",
+        )
+    )
+    absolute: bool = option(
+        switch(
+            "--absolute",
+            "With --measures and a base that moves: of the motion in space",
+            more="Not relative to the base.",
+            section="Output",
+        )
+    )
+    json: Path | None = option("json")
+    plot: Path | None = option("plot")
 
 
 def integration_time(
@@ -119,16 +247,16 @@ def recorded(lane: Lane, method: Method, record: Record, most_events: int | None
 
 
 def compute(
-    options: scenes.Options,
+    options: SweepOptions,
     scene: Scene,
     drives: list[Excitation],
     method: Method,
     executor: Executor | None,
 ) -> Result:
     """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for."""
-    record = Record(events=True, energy=options["energy"], series=options["plot"] is not None)
-    most_events = options["most_events"]
-    steady = options["initial_state"] == STEADY
+    record = Record(events=True, energy=options.energy, series=options.plot is not None)
+    most_events = options.most_events
+    steady = options.initial_state == STEADY
     every = [Lane(scene, drive, steady_start=steady) for drive in drives]
     if steady and every[0].start is None:
         raise BadInput(
@@ -149,7 +277,7 @@ def compute(
             )
             if not others.complete:
                 raise KeyboardInterrupt
-        if options["time"]:
+        if options.time:
             bar.set_description_str("timing")
             wall_time = run_in_thread(
                 lambda: integration_time(scene, drives[0], method, most_events), bar
@@ -167,22 +295,22 @@ def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples:
 
 
 def measured(
-    options: scenes.Options,
+    options: SweepOptions,
     scene: Scene,
     beam: Beam | None,
     drives: list[Excitation],
     executor: Executor | None,
 ) -> list[dict[str, Any]] | None:
     """Return the measures of each member; None without --measures."""
-    if options["measures"] is None:
+    if options.measures is None:
         return None
     signal_options = SignalOptions(
-        options["measures"],
-        options["absolute"],
+        options.measures,
+        options.absolute,
         stress_shape(scene.model if beam is None else beam),
     )
     with Bar(total=len(drives), desc="measuring", unit="run", delay=1, leave=False) as bar:
-        steady = options["initial_state"] == STEADY
+        steady = options.initial_state == STEADY
         every = [Lane(scene, drive, steady_start=steady) for drive in drives]
         measures = each_lane(
             every, signal_options, progress=lambda _done, _total: bar.update(), executor=executor
@@ -192,114 +320,108 @@ def measured(
     return [one for one in measures if one is not None]
 
 
-def write(result: Result, options: scenes.Options, beam: Beam | None) -> None:
+def write(result: Result, options: SweepOptions, beam: Beam | None) -> None:
     """Write the files asked for: all of them or none."""
     with ExitStack() as files:
-        if options["json"] is STANDARD_OUTPUT:
+        if options.json is STANDARD_OUTPUT:
             write_json(STANDARD_OUTPUT, contract(result, beam))
-        elif options["json"] is not None:
+        elif options.json is not None:
             text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
-            files.enter_context(replacing(options["json"].resolve())).write_text(text + "\n")
-        if options["plot"] is not None:
+            files.enter_context(replacing(options.json.resolve())).write_text(text + "\n")
+        if options.plot is not None:
             absorbers = describe_absorber(result.response.scene.absorber).split(
                 "; "
             )  # a line for each of several
-            run = describe_run(result.response, options["resonance"], describe_start(result))
+            run = describe_run(result.response, options.resonance, describe_start(result))
             title = "\n".join([*absorbers, run])
             save_figure(
-                files.enter_context(replacing(options["plot"].resolve())),
+                files.enter_context(replacing(options.plot.resolve())),
                 title,
                 result.response,
-                options["resonance"],
+                options.resonance,
             )
 
 
-def run(options: scenes.Options) -> None:
+def run(options: SweepOptions) -> None:
     """Do what the options ask for: print the summary, then write files.
 
     Raises BadInput or ParameterError before anything is computed or written.
     """
     scenes.refuse_parts(options)
-    scenes.refuse_runs(options)
-    if options["force"] is None and options["load"] is None:
-        options["force"] = scenes.find_file_force(options["scene"] or options["structure"])
-    options["force"] = (
-        FORCE
-        if options["force"] is None
-        and (options["structure"] is None or options["load"] is not None)
-        else options["force"]
-    )
-    check_target("--json", options["json"])
-    check_target("--plot", options["plot"], FIGURES)
-    disk = scenes.read_disk(options["scene"])
+    refuse_runs(options)
+    if options.force is None and options.load is None:
+        force = scenes.find_file_force(options.scene or options.structure)
+        options = replace(options, force=force)
+    if options.force is None and (options.structure is None or options.load is not None):
+        options = replace(options, force=FORCE)
+    check_target("--json", options.json)
+    check_target("--plot", options.plot, FIGURES)
+    disk = scenes.read_disk(options.scene)
     if disk is not None:
         run_disk(options, disk)
         return
-    scene, beam = scenes.make_scene(options)
-    method = scenes.make_method(options)
+    scene, beam, force = scenes.make_scene(options)
+    assert force is not None
+    method = scenes.make_method(options.method, options.steps_per_period)
     find_solver(scene, method)
-    first = make_drive(options, scene)
+    first = make_drive(options, scene, force)
     schedule = first.schedule
     check_load(scene, first, method)
-    if count("members", options["members"], 1) == 1 and options["cluster"] is not None:
+    if count("members", options.members, 1) == 1 and options.cluster is not None:
         raise BadInput("--cluster needs --members above 1: the first member runs here")
-    if options["plot"] is not None:
+    if options.plot is not None:
         refuse_long("--plot", scene, schedule, Record().samples_per_period)
-    if options["measures"] is not None:
-        refuse_long(
-            "--measures",
-            scene,
-            schedule,
-            count("measures", options["measures"], 4, MOST_SAMPLES_PER_PERIOD),
-        )
-    drives = drives_of(draw_members(options["members"], options["seed"]), first)
-    if isinstance(first, Drive) and isinstance(method, Exact) and options["cluster"] is None:
+    if options.measures is not None:
+        samples = count("measures", options.measures, 4, MOST_SAMPLES_PER_PERIOD)
+        refuse_long("--measures", scene, schedule, samples)
+    drives = drives_of(draw_members(options.members, options.seed), first)
+    if isinstance(first, Drive) and isinstance(method, Exact) and options.cluster is None:
         announce_duration(
-            scene, first.amplitude, options["resonance"], schedule.periods, len(drives), None
+            scene, first.amplitude, options.resonance, schedule.periods, len(drives), None
         )
-    with workers(None, options["cluster"]) as executor:
+    with workers(None, options.cluster) as executor:
         result = compute(options, scene, drives, method, executor)
         result = replace(result, measures=measured(options, scene, beam, drives, executor))
     low, high = (float(end) for end in sorted((schedule.omegas / schedule.reference)[[0, -1]]))
-    if options["load"] is None and low != high:  # at a constant frequency nothing is swept
+    if options.load is None and low != high:  # at a constant frequency nothing is swept
         rate = 1e4 * (high - low) / schedule.periods
         ratio = sweep_ratio(
-            scene.model, rate, options["resonance"], (low, high), options["initial_state"] == STEADY
+            scene.model, rate, options.resonance, (low, high), options.initial_state == STEADY
         )
         result = replace(result, sweep_ratio=ratio)
-    click.echo(summary(result, options["resonance"]))
+    click.echo(summary(result, options.resonance))
     write(result, options, beam)
 
 
 NOT_OF_DISKS = ("energy", "time", "measures", "absolute")
 
 
-def run_disk(options: scenes.Options, disk: BladedDisk) -> None:
+def run_disk(options: SweepOptions, disk: BladedDisk) -> None:
     """Sweep a bladed disk, print the levels of its sectors, and write files."""
     for name in NOT_OF_DISKS:
         if scenes.is_option_set(name):
             raise BadInput(f"{scenes.option_name(name)} does not go with a bladed disk")
     is_set = scenes.is_option_set
-    chosen = options["resonance"] if is_set("resonance") else find_excited_resonance(disk)
+    chosen = options.resonance if is_set("resonance") else find_excited_resonance(disk)
     model = disk.tuned().model
     resonance = model.check_resonance(chosen)
-    method = scenes.make_method(options)
-    if options["load"] is None:
+    method = scenes.make_method(options.method, options.steps_per_period)
+    if options.load is None:
         low, high = find_disk_range(disk, resonance)
-        start = options["start"] if is_set("start") else low
-        stop = options["stop"] if is_set("stop") else high
-        wanted = options | {"start": start, "stop": stop, "resonance": resonance}
-        schedule = scenes.make_schedule(wanted, Scene(model))
-        force = force_of(disk, options["force"] if is_set("force") else None)
-        drive: Excitation = Drive(force, schedule, options["phase"])
+        start = options.start if is_set("start") else low
+        stop = options.stop if is_set("stop") else high
+        wanted = replace(options, resonance=resonance)
+        schedule = make_schedule(wanted, Scene(model), (start, stop))
+        force = force_of(disk, options.force if is_set("force") else None)
+        drive: Excitation = Drive(force, schedule, options.phase)
     else:
-        drive = scenes.loads_of(options["load"], model, resonance)
+        drive = scenes.loads_of(options.load, model, resonance)
         size = disk.scene()
         refuse_long("a load", size, drive.schedule, Record().samples_per_period)
     check_load(disk.scene(), drive, method)
     total = round(drive.schedule.periods)
     with (
-        workers(None, options["cluster"]) as executor,
+        workers(None, options.cluster) as executor,
         Bar(total=total, desc="integrating", bar_format=TIME_BAR, delay=1, leave=False) as bar,
     ):
 
@@ -311,183 +433,101 @@ def run_disk(options: scenes.Options, disk: BladedDisk) -> None:
             disk,
             drive=drive,
             resonance=resonance,
-            members=count("members", options["members"], 1),
-            seed=options["seed"],
-            steady_start=options["initial_state"] == STEADY,
+            members=count("members", options.members, 1),
+            seed=options.seed,
+            steady_start=options.initial_state == STEADY,
             method=method,
-            most_events=options["most_events"],
+            most_events=options.most_events,
             watch=show,
             executor=executor,
         )
     click.echo(str(answer))
-    write_files({options["json"]: answer.to_json(), options["plot"]: answer.save_figure})
+    write_files({options.json: answer.to_json(), options.plot: answer.save_figure})
 
 
-def make_drive(options: scenes.Options, scene: Scene) -> Excitation:
-    """Return the force, or the loads of a file."""
-    if options["load"] is None:
-        scenes.warn_of_nodes(scene.model, options["resonance"])
-        wide = wide_range_of(scene, options["resonance"])
-        return Drive(
-            options["force"], scenes.make_schedule(options | wide, scene), options["phase"]
+def refuse_runs(options: SweepOptions) -> None:
+    """Raise BadInput if two options of the run do not go together."""
+    if options.steps_per_period is not None and options.method == "exact":
+        raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
+    if options.most_events is not None and options.method != "exact":
+        raise BadInput(
+            f"--most-events does not go with --method {options.method}: it steps through time, whatever happens"
         )
-    loads = scenes.loads_of(options["load"], scene.model, options["resonance"])
+    if options.measures is not None and options.method != "exact":
+        raise BadInput(
+            f"--measures does not go with --method {options.method}: they are read from exact runs"
+        )
+    if options.absolute and options.measures is None:
+        raise BadInput("--absolute needs --measures: it says what these are of")
+    scenes.refuse_with_load(options.load, *scenes.LOAD_OPTIONS)
+    if options.load is not None:
+        return
+    constant = options.start == options.stop
+    if constant and options.periods is None:
+        raise BadInput(
+            f"--to = {options.stop} equal to --from is a constant frequency: it needs --periods"
+        )
+    if not constant and options.periods is not None:
+        raise BadInput(
+            "--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate"
+        )
+    if constant and options.rate is not None:
+        raise BadInput("--rate does not go with a constant frequency, --to equal to --from")
+    if options.down and not options.start < options.stop:
+        raise BadInput(
+            f"--down swaps --from and --to: it needs --from = {options.start} below --to = {options.stop}"
+        )
+
+
+def make_schedule(
+    options: SweepOptions, scene: Scene, limits: tuple[float, float]
+) -> FrequencySchedule:
+    """Return the sweep, or the constant frequency, that the options ask for, between ``limits`` over the resonance."""
+    omega = scene.model.resonance_omega(options.resonance)
+    start, stop = limits
+    if start == stop:
+        assert options.periods is not None
+        return constant_frequency(omega, start, options.periods)
+    if options.down:
+        start, stop = stop, start
+    rate = options.rate
+    return linear_sweep(
+        omega,
+        start,
+        stop,
+        default_rate(scene.model, (options.resonance,)) if rate is None else rate,
+    )
+
+
+def make_drive(options: SweepOptions, scene: Scene, force: float) -> Excitation:
+    """Return the force, or the loads of a file."""
+    if options.load is None:
+        scenes.warn_of_nodes(scene.model, options.resonance)
+        schedule = make_schedule(options, scene, limits_of(options, scene))
+        return Drive(force, schedule, options.phase)
+    loads = scenes.loads_of(options.load, scene.model, options.resonance)
     check_size(scene, loads)
     return loads
 
 
-def wide_range_of(scene: Scene, resonance: int) -> dict[str, float]:
-    """Return the range of a sweep with an absorber heavier than the paper's, which the paper's range may miss; nothing where a range was given."""
+def limits_of(options: SweepOptions, scene: Scene) -> tuple[float, float]:
+    """Return the range of a sweep: with an absorber heavier than the paper's a wider one, unless a range is given."""
     absorber = scene.absorber
     heavy = absorber is not None and absorber.mass_ratio > 1.05 * DEFAULT_MASS_RATIO
-    if (
-        absorber is None
-        or not heavy
-        or scenes.is_option_set("start")
-        or scenes.is_option_set("stop")
-    ):
-        return {}
-    start, stop = find_sweep_range(scene.model, absorber.mass_ratio, resonance)
-    return {"start": start, "stop": stop}
+    range_set = scenes.is_option_set("start") or scenes.is_option_set("stop")
+    if absorber is None or not heavy or range_set:
+        return options.start, options.stop
+    return find_sweep_range(scene.model, absorber.mass_ratio, options.resonance)
 
 
-def default(text: str, value: object) -> str:
-    """Return a help text with a default that click does not know of."""
-    return f"{text}  [default: {value}]"
-
-
-KINDS_HELP = default(
-    "Impact absorber, friction damper, linear tuned absorber, added mass, nonlinear sink, nothing.",
-    scenes.DEFAULT_ABSORBER,
-)
-TO_HELP = "Last frequency over the resonance frequency; equal to --from: constant."
-RATE_HELP = default(
-    "Rate of the sweep in percent of the resonance frequency.",
-    "1, less by the square of damping below 1 %",
-)
-MEASURES_HELP = (
-    "Spectrum, percentiles, rainflow and impacts of each member, from so many samples "
-    f"a pseudo period, {SAMPLES} unless given (docs/loads.md)."
-)
-
-
-@command()
-@click.option("--absorber", type=click.Choice(list(scenes.PARTS)), help=KINDS_HELP)
-@file_option("--scene", "Beam and absorber from a .toml or .json file (docs/scenes.md).")
-@scenes.structure_option
-@click.option("--modes", type=int, help=default("Number of modes kept.", Beam.modes))
-@click.option(
-    "--damping",
-    type=float,
-    help=default("Modal damping ratio, the same for all modes.", Beam.damping_ratio),
-)
-@scenes.absorber_options(
-    {
-        "gap": f"{RigidWalls.gap}, with --structure by the design rule",
-        "friction_limit": f"none for impact, {scenes.FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle",
-        "friction_stiffness": "with compliant walls their stiffness",
-        "stiffness": f"{TunedAbsorber.stiffness}, with --structure tuned",
-        "damping": f"{TunedAbsorber.damping}, of a tuned one with --structure tuned",
-    }
-)
-@scenes.load_option
-@click.option(
-    "--force",
-    type=float,
-    help=default(
-        "Amplitude of the harmonic force in N.", f"{FORCE}, with --structure by the design rule"
+@command(
+    SweepOptions,
+    examples=(
+        "sweep --modes 2 --from 0.98 --to 1 --rate 10",
+        "sweep --absorber tuned --force 3.5 --plot sweep.png",
     ),
 )
-@click.option(
-    "--phase", type=float, default=0.0, show_default=True, help="Initial phase of the force in rad."
-)
-@click.option(
-    "--resonance",
-    type=int,
-    default=1,
-    show_default=True,
-    help="Resonance, counted from 1, that frequencies and pseudo periods refer to.",
-)
-@click.option(
-    "--from",
-    "start",
-    type=float,
-    default=PAPER_LIMITS[0],
-    show_default=True,
-    help="First frequency over the resonance frequency; with a heavier absorber than the paper's lower, and --to higher.",
-)
-@click.option("--to", "stop", type=float, default=PAPER_LIMITS[1], show_default=True, help=TO_HELP)
-@click.option("--periods", type=float, help="Length in pseudo periods at a constant frequency.")
-@click.option("--rate", type=float, help=RATE_HELP)
-@click.option("--down", is_flag=True, help="Sweep down: swaps --from and --to.")
-@click.option(
-    "--start",
-    "initial_state",
-    type=click.Choice([REST, STEADY]),
-    default=REST,
-    show_default=True,
-    help=START_HELP,
-)
-@click.option(
-    "--method",
-    type=click.Choice(["exact", "moreau", "runge-kutta"]),
-    default="exact",
-    show_default=True,
-    help="Method of integration.",
-)
-@click.option(
-    "--steps-per-period",
-    type=int,
-    help=default("Steps per period of the highest mode (moreau, runge-kutta).", PAPER_STEPS),
-)
-@click.option(
-    "--most-events",
-    type=int,
-    help=default(
-        "Events after which a run is given up (exact).", "a million, and 5000 each pseudo period"
-    ),
-)
-@click.option(
-    "--members",
-    type=int,
-    default=1,
-    show_default=True,
-    help="Runs other in phase and 1e-6 of force; the first has --phase.",
-)
-@click.option(
-    "--seed",
-    type=int,
-    default=0,
-    show_default=True,
-    help="Seed of the other members' phases and forces.",
-)
-@cluster_option
-@click.option(
-    "--energy",
-    is_flag=True,
-    help="Account for the energies of the first member, which takes a kernel of its own.",
-)
-@click.option(
-    "--time",
-    is_flag=True,
-    help="Time an integration alone, with nothing observed, which takes a kernel of its own.",
-)
-@click.option(
-    "--measures",
-    type=int,
-    is_flag=False,
-    flag_value=SAMPLES,
-    metavar="[SAMPLES]",
-    help=MEASURES_HELP,
-)
-@click.option(
-    "--absolute",
-    is_flag=True,
-    help="With --measures and a base that moves: of the motion in space, not relative to the base.",
-)
-@json_option("Write the results, in SI units.")
-@file_option("--plot", "Draw the run: .png, .pdf or .svg.")
-def main(**options: Any) -> None:
+def main(options: SweepOptions) -> None:
     """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
 
     In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip and stuck time are those of the first

@@ -31,7 +31,6 @@ Array = NDArray[np.float64]
 CURVE_COLOURS = (BLUE, ORANGE, PINK, GREEN, SKY)  # of the concepts as in the figure over the force
 FREQUENCY_COLUMNS = ("resonance", "force_n", "absorber", "frequency_hz", "level_m")
 HISTORY_FORMATS = (".csv", ".npz", ".png", ".pdf", ".svg")
-HISTORY_HELP = "Write the motion of the run with the highest level: .csv or .npz (every sample, SI units), or draw it: .png, .pdf, .svg."
 COLUMNS = (
     "time_s",
     "frequency_hz",

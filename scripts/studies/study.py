@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from impact_env import IntegrationError, ParameterError
 from optimisation.cli.common import (
-    Command,
     check_target,
     end_early,
     json_option,
@@ -26,6 +25,7 @@ from optimisation.cli.common import (
     page_option,
     plain_errors,
 )
+from optimisation.cli.options import Command
 from optimisation.files import read_json, replacing, require_writable, write_csv, write_json
 from optimisation.machine import PACKAGES, conditions, sources
 from optimisation.page import DOCS, fill, has_markers, markdown, require_markers

@@ -12,7 +12,7 @@ from commands import FAST, done, load, read
 from drawing import bands, line, lines, saved_figures
 
 from impact_env import Beam, modal_model
-from optimisation.cli import compare_absorbers
+from optimisation.cli import compare as command
 from optimisation.comparison import Comparison, compare
 from optimisation.report.card import Row
 from optimisation.tuned import den_hartog, undamped_h2
@@ -95,9 +95,9 @@ def small(*_own: object, **options: Any) -> Comparison:
 
 
 def test_the_comparisons_card(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", small)
+    monkeypatch.setattr("optimisation.cli.compare.compare", small)
     drawn = saved_figures(monkeypatch)
-    result = done(compare_absorbers, "--forces", 5, "--members", 2, "--out", tmp_path)
+    result = done(command, "--forces", 5, "--members", 2, "--out", tmp_path)
     content = summary_of(tmp_path)
     own = content["resonances"]["1"]["concepts"]["impact"]["absorber"]
     expected = mass("Impact absorber", own["mass_ratio"])

@@ -22,7 +22,7 @@ from impact_env.modes import ModalModel, modal_model
 from impact_env.scene import Scene
 from impact_env.steady_start import find_steady_start
 from optimisation import comparison
-from optimisation.cli import compare_absorbers
+from optimisation.cli import compare as command
 from optimisation.cli.group import imported
 from optimisation.comparison import (
     FORCE_SPAN,
@@ -170,10 +170,10 @@ def test_a_level_that_is_read_at_an_end_of_the_sweeps_is_warned_of(study: Compar
 def test_a_quick_comparison_writes_all_files(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("optimisation.cli.compare_absorbers.compare", small)
+    monkeypatch.setattr("optimisation.cli.compare.compare", small)
     out = tmp_path / "new" / "folder"
     history = tmp_path / "run.npz"
-    done(compare_absorbers, "--quick", "--seed", 4, "--out", out, "--history", history)
+    done(command, "--quick", "--seed", 4, "--out", out, "--history", history)
     assert {file.name for file in out.iterdir()} == FILES
     assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG")
     content = json.loads((out / "summary.json").read_text())
@@ -282,9 +282,7 @@ def test_each_kind_goes_through_sweep_and_comparison(
     assert output["response_level_m"][0] > 0
     assert output["pseudo_periods"] == pytest.approx(8, rel=1e-6)
     drawn = saved_figures(monkeypatch)
-    result = done(
-        compare_absorbers, *options, "--members", 1, "--forces", 2, "--out", tmp_path / "out"
-    )
+    result = done(command, *options, "--members", 1, "--forces", 2, "--out", tmp_path / "out")
     output = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert len(read(tmp_path / "out" / "runs.csv")) >= 4 * 2
     assert f"{output['ratio_5_50_95']['impact'][0][0][1]:.3f}" in result.output

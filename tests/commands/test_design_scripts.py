@@ -24,9 +24,9 @@ from impact_env.plain import to_scene
 from impact_env.scene import Scene
 from optimisation.absorber_rules import scaled_absorber
 from optimisation.bounds import design_gap, reach
-from optimisation.cli import mass_ratios
+from optimisation.cli import design_masses as mass_ratios
 from optimisation.cli.common import plain_errors
-from optimisation.cli.design_duration import announce_search
+from optimisation.cli.search_duration import announce_search
 from optimisation.comparison import compare
 from optimisation.duration import announce_load_runs, duration_in_words
 from optimisation.gap_advice import check_gap

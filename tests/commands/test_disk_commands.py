@@ -13,7 +13,8 @@ from impact_env import Drive, ModalModel, Scene, impact_absorber
 from impact_env.ensemble import Lane, draw_members, run_lanes
 from impact_env.plain import to_disk
 from impact_env.structures.cyclic import BladedDisk
-from optimisation.cli import compare_absorbers, design_gap
+from optimisation.cli import compare as compare_absorbers
+from optimisation.cli import design_gap
 from optimisation.cli import sweep as sweep_script
 from optimisation.disk_levels import (
     disk_case,

@@ -10,7 +10,7 @@ pytest.importorskip("stable_baselines3")
 from PIL import Image, ImageSequence
 
 from impact_env.envs.evaluation import play
-from optimisation.cli import render_episode
+from optimisation.cli import rl_render as render_episode
 from optimisation.rl.agents import load_agent, packaged_file
 from studies.cli import benchmark_envs
 

@@ -109,7 +109,7 @@ STOPS = (
     Stop(
         "orbits",
         f"{ORBITS} --json a.json",
-        "optimisation.cli.orbits.all_orbits_over",
+        "optimisation.cli.periodic_orbits.all_orbits_over",
         2,
         "a.json",
         "a.json",
@@ -117,7 +117,7 @@ STOPS = (
     Stop(
         "orbits",
         f"{ORBITS} --symmetric --json a.json",
-        "optimisation.cli.orbits.orbits_over",
+        "optimisation.cli.periodic_orbits.orbits_over",
         2,
         "a.json",
         "a.json",

@@ -17,7 +17,7 @@ from impact_env.periodic import HybridOrbit, Orbit, hybrid_orbit_of, orbit_of, u
 from impact_env.periodic.orbit_table import ORBIT_COLUMNS
 from impact_env.periodic.response_curve import CurvePoint
 from impact_env.plain import to_scene
-from optimisation.cli import orbits
+from optimisation.cli import periodic_orbits as orbits
 from optimisation.cli.group import imported
 from optimisation.report.periodic_figures import thin_marks
 

@@ -19,6 +19,7 @@ from impact_env.parameters import Beam, StuckAbsorber
 from impact_env.plain import from_scene
 from impact_env.scene import beam_scene
 from optimisation.cli import scene_options, sweep
+from optimisation.cli.options import make_options
 
 STRONG = [*SHORT[:-1], 40, "--force", 20]  # 5 pseudo periods
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
@@ -46,9 +47,9 @@ def results(folder: Path, *arguments: str) -> dict[str, Any]:
     return json.loads(target.read_text())
 
 
-def options(*arguments: str) -> dict[str, Any]:
+def options(*arguments: str) -> sweep.SweepOptions:
     with sweep.main.make_context("sweep", list(arguments)) as context:
-        return dict(context.params)
+        return make_options(sweep.SweepOptions, context.params)
 
 
 @pytest.mark.parametrize(
@@ -204,11 +205,12 @@ def test_plot_is_written(
     done(sweep, "--absorber", "none", *arguments)
     (figure,) = drawn
     parsed = options("--absorber", "none", *map(str, arguments[2:]))
-    force = sweep.FORCE if parsed["force"] is None else parsed["force"]
-    scene, _ = scene_options.make_scene(parsed)
+    force = sweep.FORCE if parsed.force is None else parsed.force
+    scene = scene_options.make_scene(parsed).scene
+    limits = (parsed.start, parsed.stop)
     run = simulate(
         scene,
-        Drive(force, scene_options.make_schedule(parsed, scene)),
+        Drive(force, sweep.make_schedule(parsed, scene, limits)),
         record=Record(series=True),
     )
     time = run.recorded.history.time
@@ -245,15 +247,15 @@ def test_scene_from_a_file_is_the_scene_of_the_options(tmp_path: Path) -> None:
 
 def test_defaults_are_the_papers() -> None:
     parsed = options()
-    scene, beam = scene_options.make_scene(parsed)
+    scene, beam, force = scene_options.make_scene(parsed)
     assert beam == Beam()
-    schedule = scene_options.make_schedule(parsed, scene)
+    assert force is None
+    schedule = sweep.make_schedule(parsed, scene, (parsed.start, parsed.stop))
     assert scene.model.modes == Beam.modes
     assert set(scene.model.damping_ratio) == {Beam.damping_ratio}
     assert tuple(schedule.omegas / schedule.reference) == pytest.approx(PAPER_LIMITS)
     assert schedule.periods == pytest.approx(1600)
-    assert scene_options.make_method(parsed) == Exact()
-    assert scene_options.make_method(options("--method", "moreau")) == Moreau()
-    assert scene_options.make_method(
-        options("--method", "runge-kutta", "--steps-per-period", "50")
-    ) == RungeKutta(50)
+    assert scene_options.make_method(parsed.method, parsed.steps_per_period) == Exact()
+    assert scene_options.make_method("moreau", None) == Moreau()
+    stepping = options("--method", "runge-kutta", "--steps-per-period", "50")
+    assert scene_options.make_method(stepping.method, stepping.steps_per_period) == RungeKutta(50)

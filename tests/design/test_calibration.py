@@ -58,6 +58,7 @@ from optimisation.calibration.simulation import (
 from optimisation.calibration.summaries import Statistic, plan_record_summary
 from optimisation.checkpoint import Checkpoint
 from optimisation.cli import calibrate as command
+from optimisation.cli.options import join_words
 from optimisation.files import write_json
 
 Array = NDArray[np.float64]
@@ -639,6 +640,6 @@ def test_words_of_a_prior_are_joined() -> None:
         "--seed",
         "1",
     ]
-    assert command.join_free(words) == [
+    assert join_words(words, {"--free": command.count_prior_words}) == [
         "m.toml", "--free", "gap 1e-3 2e-3 log", "--free", "restitution", "--seed", "1",
     ]  # fmt: skip

@@ -13,7 +13,7 @@ from commands import SHORT, done, load
 from places import ROOT, SUPPORT, fresh
 
 from impact_env import Beam
-from optimisation.cli import frequency_response
+from optimisation.cli import periodic_branches
 from optimisation.comparison import compare
 from optimisation.problem import run_chunks
 from optimisation.search.cluster import ClusterError, Workers
@@ -124,7 +124,7 @@ def test_a_command_gives_with_a_cluster_what_it_gives_without(address: str, tmp_
     runs = ["--envelope", "2", "--members", "2", "--settle", "50", "--window", "20"]
     files = [tmp_path / name for name in ("a.json", "b.json")]
     for file, where in zip(files, (["--threads", "1"], ["--cluster", address]), strict=True):
-        done(frequency_response, *line, *runs, *where, "--json", str(file))
+        done(periodic_branches, *line, *runs, *where, "--json", str(file))
     here, remote = (json.loads(file.read_text()) for file in files)
     assert here == remote
     assert [point["omega_ratio"] for point in here["stationary"]] == [1.02, 1.04]

@@ -29,7 +29,7 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
 
 from impact_env import ParameterError
-from optimisation.cli import train as command
+from optimisation.cli import rl_train as command
 from optimisation.report.learning_report import save_learning_curve
 from optimisation.rl.agents import (
     Agent,

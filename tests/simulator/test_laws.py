@@ -30,7 +30,7 @@ from impact_env.periodic.case import case_of
 from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.hybrid_case import HybridCase
 from impact_env.plain import from_scene, to_scene
-from optimisation.cli.scene_options import OPTIONS, SCENE_OPTIONS, make_absorber
+from optimisation.cli.scene_options import SceneOptions, make_absorber
 
 EXAMPLES: dict[str, dict[str, Any]] = {
     "impact": {"mass_ratio": 0.03, "gap": 2e-3, "restitution": 0.8, "friction_limit": 0.2},
@@ -89,12 +89,7 @@ def test_one_vocabulary(name: str) -> None:
         ).scene.absorber
         == absorber
     )
-    options = (
-        dict.fromkeys(SCENE_OPTIONS)
-        | {OPTIONS.get(key, key): value for key, value in own_values.items()}
-        | {"absorber": concept}
-    )
-    assert make_absorber(options) == absorber
+    assert make_absorber(SceneOptions(absorber=concept, values=own_values)) == absorber
     if absorber is not None:
         plain = {"beam": {"modes": 2}, "absorber": {"kind": concept, **own_values}}
         assert to_scene(plain).absorber == absorber

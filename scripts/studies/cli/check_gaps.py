@@ -14,8 +14,14 @@ from impact_env import Drive, Scene, SlidingAbsorber, simulate
 from impact_env.drive import default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, each_lane
 from optimisation.absorber_rules import scaled_absorber
-from optimisation.cli.common import command, plain_errors, rate_option, threads_option
-from optimisation.executors import cluster_option, workers
+from optimisation.cli.common import (
+    cluster_option,
+    command,
+    plain_errors,
+    rate_option,
+    threads_option,
+)
+from optimisation.executors import workers
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, expected_factor, search_gap
 from optimisation.load_cases import swept_force
 from optimisation.machine import sources

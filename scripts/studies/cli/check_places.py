@@ -12,8 +12,14 @@ import numpy as np
 from impact_env import Beam, Drive, ModalModel, Scene, SlidingAbsorber
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import Executor, Lane, each_lane
-from optimisation.cli.common import command, plain_errors, rate_option, threads_option
-from optimisation.executors import cluster_option, workers
+from optimisation.cli.common import (
+    cluster_option,
+    command,
+    plain_errors,
+    rate_option,
+    threads_option,
+)
+from optimisation.executors import workers
 from optimisation.gap_advice import MEMBERS, TOLERANCE
 from optimisation.machine import sources
 from optimisation.place_advice import PlaceAdvice, PlacedDevice, advise_place, expected_gap

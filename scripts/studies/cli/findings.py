@@ -11,9 +11,9 @@ import numpy as np
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import cluster_option, command, plain_errors
 from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
-from optimisation.executors import cluster_option, executor
+from optimisation.executors import executor
 from optimisation.files import require_writable
 from optimisation.machine import peak_memory
 from optimisation.page import markdown, published

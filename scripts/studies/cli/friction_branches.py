@@ -16,8 +16,8 @@ from impact_env.curve import BAND
 from impact_env.drive import PAPER_DAMPING
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
-from optimisation.cli.common import command, plain_errors
-from optimisation.executors import cluster_option, executor
+from optimisation.cli.common import cluster_option, command, plain_errors
+from optimisation.executors import executor
 from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition
 from optimisation.problem import Problem

@@ -15,9 +15,15 @@ from impact_env.ensemble import Executor
 from impact_env.parameters import positive, require
 from impact_env.periodic.residence import ExitRate, Hazard, Jumps, Range, hazard
 from impact_env.periodic.stationary import ResponseKind
-from optimisation.cli.common import BadInput, command, plain_errors
-from optimisation.cli.scene_options import make_scene, refuse_parts, structure_option
-from optimisation.executors import cluster_option, workers
+from optimisation.cli.common import BadInput, cluster_option, command, plain_errors
+from optimisation.cli.scene_options import (
+    SLIDING_VALUES,
+    SceneOptions,
+    make_scene,
+    refuse_parts,
+    structure_option,
+)
+from optimisation.executors import workers
 from optimisation.machine import sources
 from optimisation.page import markdown, published
 from optimisation.report.figures import figure_of, write_figure
@@ -486,18 +492,7 @@ STUDY: Study[RegimeSettings] = Study(
 )
 
 
-OWN = (
-    "scene",
-    "structure",
-    "modes",
-    "damping",
-    "mass_ratio",
-    "gap",
-    "restitution",
-    "friction_limit",
-    "force",
-)
-NOT_ASKED = ("absorber", "contact_stiffness", "friction_stiffness", "stiffness", "absorber_damping")
+OWN = ("scene", "structure", "modes", "damping", *SLIDING_VALUES, "force")
 QUICK = {
     "stay_members": 10,
     "stay_periods": 1000.0,
@@ -517,10 +512,17 @@ def is_own(settings: dict[str, Any]) -> bool:
 
 def own_case(settings: dict[str, Any]) -> RegimeCase:
     """Return the case that the options describe. Raises BadInput or ParameterError."""
-    settings = settings | dict.fromkeys(NOT_ASKED) | {"resonance": 1}  # the one that is looked at
-    refuse_parts(settings)
-    scene, _ = make_scene(settings)
-    if settings["force"] is None:  # only a structure has a force that follows from the rule
+    options = SceneOptions(
+        scene=settings["scene"],
+        structure=settings["structure"],
+        modes=settings["modes"],
+        damping=settings["damping"],
+        values={name: settings[name] for name in SLIDING_VALUES if settings[name] is not None},
+        force=settings["force"],
+    )
+    refuse_parts(options)
+    scene, _, force = make_scene(options)
+    if force is None:  # only a structure has a force that follows from the rule
         raise BadInput("a scene of your own needs --force")
     first = positive("--from", settings["start"])
     last = positive("--to", settings["stop"])
@@ -532,7 +534,7 @@ def own_case(settings: dict[str, Any]) -> RegimeCase:
         "own",
         str(scene),
         scene,
-        settings["force"],
+        force,
         settings["approach"] or first,
         ratios,
         settings["slowness"],

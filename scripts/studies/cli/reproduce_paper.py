@@ -5,8 +5,8 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import command, plain_errors
-from optimisation.executors import cluster_option, workers
+from optimisation.cli.common import cluster_option, command, plain_errors
+from optimisation.executors import workers
 from studies.paper.frame import PaperSettings
 from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, make_paths
 from studies.study import run

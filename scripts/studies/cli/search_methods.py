@@ -23,8 +23,8 @@ import scipy
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
-from optimisation.cli.common import command, plain_errors
-from optimisation.executors import cluster_option, executor
+from optimisation.cli.common import cluster_option, command, plain_errors
+from optimisation.executors import executor
 from optimisation.machine import sources
 from optimisation.objectives import Condition, Constraint
 from optimisation.page import DOCS, published

@@ -1,5 +1,7 @@
-"""Poincare sections of long runs, with rotation number and Lyapunov exponent."""
+"""Poincare sections and Lyapunov exponents of runs."""
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
@@ -9,13 +11,8 @@ from impact_env.parameters import count
 from impact_env.periodic.attractors import SettledMotion, settle_runs
 from impact_env.periodic.basins import START_REACH, draw_start
 from optimisation.cli import common
-from optimisation.cli.attractor_options import (
-    case_from,
-    case_options,
-    ratio_text,
-    settle_options,
-    settling_from,
-)
+from optimisation.cli.attractor_options import AttractorOptions, ratio_text
+from optimisation.cli.options import OptionSpec, option
 from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import runs_bar
@@ -87,43 +84,50 @@ def plain_section(motion: SettledMotion) -> dict[str, Any]:
     }
 
 
-@common.command()
-@case_options
-@click.option(
-    "--section",
-    "section",
-    type=click.Choice(("stroboscopic", "impacts")),
-    default="stroboscopic",
-    show_default=True,
-    help="What the figure shows: states at phase 0 of the force, or phase and velocity at impacts.",
+@dataclass(frozen=True, kw_only=True)
+class SectionOptions(AttractorOptions):
+    """Options of ``periodic section``; None: not given."""
+
+    section: str = option(
+        OptionSpec(
+            names=("--section",),
+            help="What the figure has: stroboscopic or impacts",
+            more="States at phase 0 of the force, or phase and velocity at impacts.",
+            type=click.Choice(("stroboscopic", "impacts")),
+            metavar="NAME",
+            default="stroboscopic",
+            usual=True,
+            section="Output",
+        )
+    )
+    starts: int = option(
+        "starts",
+        help="Runs from random initial states; 0: one run from rest",
+        default=0,
+        usual=True,
+    )
+    csv: Path | None = option("csv", help="Write a row for each state and each impact")
+
+
+@common.command(
+    SectionOptions,
+    examples=(
+        "periodic section --modes 1 --restitution 0.75 --frequency 0.93",
+        "periodic section --modes 1 --section impacts --plot section.png",
+    ),
 )
-@click.option(
-    "--starts",
-    type=int,
-    default=0,
-    show_default=True,
-    help="Runs from random initial states; 0: one run from rest.",
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the random states.")
-@settle_options
-@common.threads_option
-@common.json_option("Write states and impacts, in SI units.")
-@common.file_option("--csv", "Write a row for each state and each impact.")
-@common.plot_option
-def main(**options: Any) -> None:
+def main(options: SectionOptions) -> None:
     """Draw a Poincare section of a long run, and say whether its motion is periodic, quasi-periodic or chaotic.
 
     Of motions that do not repeat the largest Lyapunov exponent is printed with its 95 % interval, and the rotation number of the invariant circle
     with its change from one half of the window to the other.
-
-    Example: periodic section --modes 1 --restitution 0.838 --force 2.76 --at 0.9315 --section impacts --plot section.png
     """
     with common.plain_errors():
-        common.check_targets(options)
-        settling = settling_from(options)
-        starts = count("--starts", options["starts"], 0)
-        seed = count("--seed", options["seed"], 0)
-        case = case_from(options)
+        common.check_targets(vars(options))
+        settling = options.settling
+        starts = count("--starts", options.starts, 0)
+        seed = count("--seed", options.seed, 0)
+        case = options.case()
         begin = [(case, np.zeros(2 * case.model.modes + 2), 0.0)]
         if starts:
             reach = START_REACH * case.gap
@@ -132,21 +136,21 @@ def main(**options: Any) -> None:
                 for k in range(starts)
             ]
         with runs_bar("section") as show:
-            result = settle_runs(begin, settling, threads=options["threads"], progress=show)
+            result = settle_runs(begin, settling, threads=options.threads, progress=show)
         motions = [motion for motion in result if motion is not None]
         complete = len(motions) == len(result)
         if motions:
             click.echo(f"{ratio_text(case)}\n\n{section_table(motions)}")
         files = write_files(
             {
-                options["json"]: {
+                options.json: {
                     "complete": complete,
                     "runs": [plain_section(motion) for motion in motions],
                 },
-                options["csv"]: (list(SECTION_COLUMNS), section_rows(motions)),
+                options.csv: (list(SECTION_COLUMNS), section_rows(motions)),
             }
             | (
-                {options["plot"]: lambda path: save_section(path, motions, options["section"])}
+                {options.plot: lambda path: save_section(path, motions, options.section)}
                 if motions
                 else {}
             )

@@ -1,7 +1,8 @@
-"""The forces at which isolas of periodic orbits are born and merge."""
+"""The forces at which isolas are born and merge."""
 
 from contextlib import closing
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
 
 import click
 
@@ -12,11 +13,30 @@ from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
 from optimisation.checkpoint import Checkpoint
 from optimisation.cli import common
-from optimisation.cli.scene_options import make_scene, option_name, refuse_parts, scene_options
+from optimisation.cli.options import option
+from optimisation.cli.scene_options import (
+    MapOptions,
+    SceneOptions,
+    make_scene,
+    option_name,
+    refuse_parts,
+)
 from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import counting_bar
 from optimisation.report.periodic_figures import save_isolas
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolaOptions(SceneOptions, MapOptions):
+    """Options of ``periodic isola``; None or empty: not given."""
+
+    start: float = option("start", help="First frequency over the first resonance")
+    stop: float = option("stop", help="Last frequency over the first resonance")
+    resume: Path | None = option("resume")
+    json: Path | None = option("json", help="Write fold force, thresholds and map")
+    csv: Path | None = option("csv", help="Write a row for each birth and merger", usual=True)
+    plot: Path | None = option("plot")
 
 
 def table(cells: tuple[IsolaCell, ...]) -> str:
@@ -40,27 +60,29 @@ def table(cells: tuple[IsolaCell, ...]) -> str:
     )
 
 
-def computed(options: dict[str, Any]) -> IsolaMap:
+def computed(options: IsolaOptions) -> IsolaMap:
     """Do what the options ask for. Raises BadInput or ParameterError before anything long is done."""
     kinds = {"map_modes": int, "map_restitutions": float, "map_friction_limits": float}
     modes, restitutions, limits = (
-        common.numbers(option_name(name), options[name], kind) if options[name] else ()
+        common.numbers(option_name(name), getattr(options, name), kind)
+        if getattr(options, name)
+        else ()
         for name, kind in kinds.items()
     )
-    scene, _ = make_scene(options)
+    scene = make_scene(options).scene
     case = case_of(scene, 1.0, float(scene.model.omega[0]))
     if modes or restitutions or limits:  # the case's own where only the others are given
         modes = modes or (case.model.modes,)
         restitutions = restitutions or (case.restitution,)
     with (
-        closing(Checkpoint(options["resume"])) as checkpoint,
+        closing(Checkpoint(options.resume)) as checkpoint,
         validation_alongside(case),
         counting_bar("isolas", "cells", leave=False) as show,
     ):
         return isola_map(
             case,
-            options["start"],
-            options["stop"],
+            options.start,
+            options.stop,
             modes,
             restitutions,
             show,
@@ -69,65 +91,21 @@ def computed(options: dict[str, Any]) -> IsolaMap:
         )
 
 
-@common.command()
-@scene_options(", 0 to 1", friction="none")
-@click.option(
-    "--from",
-    "start",
-    type=float,
-    default=0.9,
-    show_default=True,
-    help="Lowest frequency over the first resonance's.",
+@common.command(
+    IsolaOptions,
+    examples=(
+        "periodic isola --modes 1 --from 0.93 --to 1",
+        "periodic isola --modes 3 --map-modes 1,3 --resume isola.kept --plot isola.png",
+    ),
 )
-@click.option(
-    "--to",
-    "stop",
-    type=float,
-    default=1.0,
-    show_default=True,
-    help="Highest frequency over the first resonance's.",
-)
-@click.option(
-    "--map-modes",
-    default="",
-    metavar="N,N,...",
-    help="Numbers of modes of a map, at most --modes.  [default: that]",
-)
-@click.option(
-    "--map-restitutions",
-    default="",
-    metavar="E,E,...",
-    help="Restitutions of a map.  [default: --restitution]",
-)
-@click.option(
-    "--map-friction-limits",
-    default="",
-    metavar="N,N,...",
-    help="Friction limits of a map in N.  [default: --friction-limit]",
-)
-@common.resume_option
-@common.json_option("Write fold force, thresholds and map, in SI units.")
-@common.file_option("--csv", "Write a row for each birth and merger.")
-@common.plot_option
-def main(**options: Any) -> None:
+def main(options: IsolaOptions) -> None:
     """Find the forces at which closed branches of symmetric two-impact orbits are born and merge with their neighbours.
 
     They are the valleys and ridges of the smallest force that has an orbit, a closed form over the frequency; each is then found again with its
     friction reversals and confirmed by the exact method. Ctrl-C writes what is known so far; --resume keeps each finished cell of the map.
     """
     with common.plain_errors():
-        common.check_targets(options)
-        options |= dict.fromkeys(
-            (
-                "absorber",
-                "contact_stiffness",
-                "friction_stiffness",
-                "stiffness",
-                "absorber_damping",
-                "force",
-            )
-        )
-        options["resonance"] = 1  # the one that is looked at
+        common.check_targets(vars(options))
         refuse_parts(options)
         isola_map = computed(options)
         cells = (isola_map.own, *isola_map.cells)
@@ -138,9 +116,9 @@ def main(**options: Any) -> None:
         click.echo(table(cells))
         files = write_files(
             {
-                options["json"]: isola_map.to_plain(),
-                options["csv"]: rows,
-                options["plot"]: lambda path: save_isolas(path, isola_map),
+                options.json: isola_map.to_plain(),
+                options.csv: rows,
+                options.plot: lambda path: save_isolas(path, isola_map),
             }
         )
     common.name_files(files)

@@ -1,11 +1,13 @@
-"""Harmonic balance beside the exact orbit: error over harmonics and weight, and what a branch takes."""
+"""Error of harmonic balance against exact orbits."""
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
 
 from impact_env.modes import modal_model
-from impact_env.parameters import Beam, RigidWalls, count, positive, require
+from impact_env.parameters import Beam, count, positive, require
 from impact_env.periodic.balance_branches import (
     BALANCE_COLUMNS,
     BalanceRow,
@@ -19,16 +21,69 @@ from optimisation.cli.common import (
     check_targets,
     command,
     end_early,
-    file_option,
-    json_option,
     name_files,
     numbers,
     plain_errors,
 )
+from optimisation.cli.options import OptionSpec, option, switch
 from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
 from optimisation.report.periodic_figures import save_balance
+
+
+@dataclass(frozen=True, kw_only=True)
+class BalanceOptions:
+    """Options of ``periodic balance-error``; None: not given."""
+
+    modes: int = option("modes", default=3, default_text="", usual=True)
+    friction_limit: float = option("friction_limit", default=0.01)
+    gap: float = option("gap")
+    force: float = option("force", default=1.5)
+    frequency: float = option(
+        "frequency",
+        help="Frequency over the first resonance at which displacements are compared",
+        default=0.95,
+    )
+    start: float = option("start", help="First frequency of the branch over the first resonance")
+    stop: float = option("stop", help="Last frequency of the branch over the first resonance")
+    harmonics: str = option(
+        OptionSpec(
+            names=("--harmonics",),
+            help="Highest harmonics, with commas between",
+            type=str,
+            metavar="H,H,...",
+            default="10,20,40",
+            usual=True,
+        )
+    )
+    weights: str = option(
+        OptionSpec(
+            names=("--weights",),
+            help="Weights of the contact in m_a omega_1^2, with commas between",
+            type=str,
+            metavar="W,W,...",
+            default="50,100,200",
+            usual=True,
+        )
+    )
+    growing: bool = option(
+        switch(
+            "--growing",
+            "Weights are those at 20 harmonics and grow with the square of their number",
+        )
+    )
+    branches: bool = option(
+        switch(
+            "--branches/--no-branches",
+            "Follow and time the branch at each setting too",
+            default=True,
+            usual=True,
+        )
+    )
+    json: Path | None = option("json", help="Write the rows")
+    csv: Path | None = option("csv", help="Write the rows")
+    plot: Path | None = option("plot", help="Draw errors and times over harmonics")
 
 
 def format_value(value: Any, scale: float, digits: int) -> str:
@@ -81,37 +136,37 @@ def text(exact: ReferenceOrbit, rows: list[BalanceRow]) -> str:
     return "\n".join([*notes, "", markdown(header, lines)])
 
 
-def computed(options: dict[str, Any]) -> tuple[ReferenceOrbit, list[BalanceRow], bool]:
+def computed(options: BalanceOptions) -> tuple[ReferenceOrbit, list[BalanceRow], bool]:
     """Do what the options ask for; False: ended by Ctrl-C."""
     orders, weights = (
-        [positive(f"--{name}", x) for x in numbers(f"--{name}", options[name], float)]
+        [positive(f"--{name}", x) for x in numbers(f"--{name}", getattr(options, name), float)]
         for name in ("harmonics", "weights")
     )
     harmonics = [count("--harmonics", round(h), 1, 1000) for h in orders]
-    low = positive("--from", options["start"])
-    high = positive("--to", options["stop"])
+    low = positive("--from", options.start)
+    high = positive("--to", options.stop)
     require(
-        low < options["at"] < high,
-        "--at",
-        options["at"],
+        low < options.frequency < high,
+        "--frequency",
+        options.frequency,
         f"between --from = {low} and --to = {high}",
     )
-    model = modal_model(Beam(modes=options["modes"]))
+    model = modal_model(Beam(modes=options.modes))
     case = Case(
         model,
-        options["at"] * float(model.omega[0]),
-        options["force"],
-        options["gap"],
+        options.frequency * float(model.omega[0]),
+        options.force,
+        options.gap,
         1.0,
-        options["friction_limit"],
+        options.friction_limit,
     )
     exact = exact_orbit(case, low, high)
     rows = []
     complete = True
-    settings = list_settings(harmonics, weights, options["growing"])
+    settings = list_settings(harmonics, weights, options.growing)
     try:
         with Bar(total=len(settings), desc="harmonic balance", bar_format=BAR, leave=False) as bar:
-            for row in balance_rows(exact, low, high, settings, options["branches"]):
+            for row in balance_rows(exact, low, high, settings, options.branches):
                 rows.append(row)
                 bar.update()
     except KeyboardInterrupt:
@@ -119,96 +174,26 @@ def computed(options: dict[str, Any]) -> tuple[ReferenceOrbit, list[BalanceRow],
     return exact, rows, complete
 
 
-@command()
-@click.option(
-    "--modes", type=int, default=3, show_default=True, help="Number of modes of the paper's beam."
+@command(
+    BalanceOptions,
+    examples=("periodic balance-error --modes 2 --harmonics 10 --weights 50 --no-branches",),
 )
-@click.option(
-    "--friction-limit",
-    type=float,
-    default=0.01,
-    show_default=True,
-    help="Friction limit in N; 0: no friction.",
-)
-@click.option(
-    "--gap",
-    type=float,
-    default=RigidWalls.gap,
-    show_default=True,
-    help="Clearance to either wall in m.",
-)
-@click.option(
-    "--force",
-    type=float,
-    default=1.5,
-    show_default=True,
-    help="Amplitude of the harmonic force in N.",
-)
-@click.option(
-    "--at",
-    type=float,
-    default=0.95,
-    show_default=True,
-    help="Frequency over the first resonance's at which displacements are compared.",
-)
-@click.option(
-    "--from",
-    "start",
-    type=float,
-    default=0.85,
-    show_default=True,
-    help="Lowest frequency of the branch over the first resonance's.",
-)
-@click.option(
-    "--to",
-    "stop",
-    type=float,
-    default=1.1,
-    show_default=True,
-    help="Highest frequency of the branch over the first resonance's.",
-)
-@click.option(
-    "--harmonics",
-    default="10,20,40",
-    show_default=True,
-    help="Highest harmonics, with commas between.",
-)
-@click.option(
-    "--weights",
-    default="50,100,200",
-    show_default=True,
-    help="Weights of the contact in m_a omega_1^2, with commas between.",
-)
-@click.option(
-    "--growing",
-    is_flag=True,
-    help="Weights are those at 20 harmonics and grow with the square of their number.",
-)
-@click.option(
-    "--branches/--no-branches",
-    default=True,
-    show_default=True,
-    help="Follow and time the branch at each setting too.",
-)
-@json_option("Write the rows.")
-@file_option("--csv", "Write the rows.")
-@file_option("--plot", "Draw errors and times over harmonics: .png, .pdf or .svg.")
-def main(**options: Any) -> None:
+def main(options: BalanceOptions) -> None:
     """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch.
 
     Times are those of the processor; nothing is compiled.
     """
     with plain_errors():
-        check_targets(options)
+        check_targets(vars(options))
         exact, rows, complete = computed(options)
         plain = [row.to_plain() for row in rows]
         contents = {
-            options["json"]: {"complete": complete, "rows": plain},
-            options["csv"]: (
+            options.json: {"complete": complete, "rows": plain},
+            options.csv: (
                 BALANCE_COLUMNS,
                 [["" if v is None else v for v in row.values()] for row in plain],
             ),
-            options["plot"]: lambda path: save_balance(path, exact, rows, options["growing"]),
+            options.plot: lambda path: save_balance(path, exact, rows, options.growing),
         }
         click.echo(text(exact, rows))
         files = write_files(contents)

@@ -1,5 +1,7 @@
-"""Shares of random initial states by attractor, lifetimes, and maps of what runs end on."""
+"""Shares of initial states by attractor, lifetimes."""
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
@@ -17,14 +19,13 @@ from impact_env.periodic.basins import (
 from impact_env.periodic.case import Case
 from optimisation.cli import common
 from optimisation.cli.attractor_options import (
-    case_from,
-    case_options,
+    AttractorOptions,
+    Range,
     range_option,
     ratio_text,
-    settle_options,
-    settling_from,
     values_of,
 )
+from optimisation.cli.options import number, option, switch
 from optimisation.cli.scene_options import is_option_set
 from optimisation.files import write_files
 from optimisation.page import markdown
@@ -128,92 +129,91 @@ def map_rows(result: AttractorMap) -> tuple[list[str], list[list[Any]]]:
     return names, [[cell[name] for name in names] for cell in plain]
 
 
-@common.command()
-@case_options
-@range_option("--over", "Parameter along which shares are followed, and its range in SI units")
-@range_option("--map", "With --over: second parameter of a map of what one run ends on")
-@click.option(
-    "--points", type=int, default=11, show_default=True, help="Values of the parameter of --over."
+@dataclass(frozen=True, kw_only=True)
+class BasinOptions(AttractorOptions):
+    """Options of ``periodic basins``; None: not given."""
+
+    over: Range | None = range_option(
+        "--over", "Parameter along which shares are followed, and its range in SI units"
+    )
+    map: Range | None = range_option(
+        "--map", "With --over: second parameter of a map of what one run ends on"
+    )
+    points: int = option("points", help="Number of values of the parameter of --over", default=11)
+    map_points: int = option(
+        number("--map-points", "Number of values of the parameter of --map", type=int, default=11)
+    )
+    starts: int = option(
+        "starts", help="Random initial states at each point", default=FRACTION_STARTS, usual=True
+    )
+    random: bool = option(
+        switch(
+            "--random-start",
+            "With --map: runs begin at one random state, not at rest",
+            older=("--random",),
+        )
+    )
+    reach: float | None = option(
+        number(
+            "--reach", "How far initial states reach", unit="m", default_text="1.5 times the gap"
+        )
+    )
+    match_tolerance: float = option(
+        number(
+            "--match",
+            "Largest difference of the features of one attractor at neighbouring values",
+            default=MATCH_TOL,
+        )
+    )
+    burn_in: float = option(
+        number(
+            "--burn-in",
+            "Periods at the start of runs that are left out of lifetimes",
+            default=BURN_IN,
+        )
+    )
+    csv: Path | None = option(
+        "csv", help="Write a row for each attractor and value, or for each point of a map"
+    )
+
+
+@common.command(
+    BasinOptions,
+    examples=(
+        "periodic basins --modes 1 --restitution 0.75 --frequency 0.93 --starts 16",
+        "periodic basins --modes 1 --over frequency 0.92 0.94 --points 5",
+    ),
 )
-@click.option(
-    "--map-points",
-    type=int,
-    default=11,
-    show_default=True,
-    help="Values of the parameter of --map.",
-)
-@click.option(
-    "--starts",
-    type=int,
-    default=FRACTION_STARTS,
-    show_default=True,
-    help="Random initial states at each point.",
-)
-@click.option(
-    "--random",
-    is_flag=True,
-    help="With --map: runs begin at one random state, not at rest.",
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the random states.")
-@click.option(
-    "--reach",
-    type=float,
-    help="How far initial states reach, in m.  [default: 1.5 times the gap]",
-)
-@click.option(
-    "--match",
-    "match_tolerance",
-    type=float,
-    default=MATCH_TOL,
-    show_default=True,
-    help="Largest difference of the features of one attractor at neighbouring values.",
-)
-@click.option(
-    "--burn-in",
-    type=float,
-    default=BURN_IN,
-    show_default=True,
-    help="Periods at the start of runs that are left out of lifetimes.",
-)
-@settle_options
-@common.threads_option
-@common.json_option("Write attractors, shares and lifetimes, or the map, in SI units.")
-@common.file_option(
-    "--csv", "Write a row for each attractor and value, or for each point of a map."
-)
-@common.plot_option
-def main(**options: Any) -> None:
+def main(options: BasinOptions) -> None:
     """Find the attractors that runs from random initial states end on, and the share of each with its 95 % interval.
 
     At one frequency and force, or over a parameter (--over), along which an attractor has one number. A mirror image counts as the same
     attractor. Where runs leave an irregular motion for a periodic one, or lose their impacts, their mean lifetime is printed.
 
     --over with --map draws what one run ends on at each point of two parameters.
-
-    Example: periodic basins --modes 1 --restitution 0.75 --at 0.93 --over frequency 0.92 0.94 --points 5
     """
     with common.plain_errors():
-        common.check_targets(options)
-        if options["map"] is not None and options["over"] is None:
+        common.check_targets(vars(options))
+        if options.map is not None and options.over is None:
             raise common.BadInput("--map needs --over, the first parameter")
-        if options["map"] is None and (options["random"] or is_option_set("map_points")):
-            raise common.BadInput("--random and --map-points go with --map")
-        if options["map"] is not None and is_option_set("starts"):
+        if options.map is None and (options.random or is_option_set("map_points")):
+            raise common.BadInput("--random-start and --map-points go with --map")
+        if options.map is not None and is_option_set("starts"):
             raise common.BadInput("--starts does not go with --map: one run at each point")
-        case = case_from(options)
-        complete = shares(options, case) if options["map"] is None else mapped(options, case)
+        case = options.case()
+        complete = shares(options, case) if options.map is None else mapped(options, case)
     common.end_early(complete)
 
 
-def shares(options: dict[str, Any], case: Case) -> bool:
+def shares(options: BasinOptions, case: Case) -> bool:
     """Print and write basin fractions; return whether all were computed."""
-    settling = settling_from(options)
-    starts = count("--starts", options["starts"], 1)
-    match_tolerance = positive("--match", options["match_tolerance"])
-    burn_in = non_negative("--burn-in", options["burn_in"])
-    over = options["over"]
+    settling = options.settling
+    starts = count("--starts", options.starts, 1)
+    match_tolerance = positive("--match", options.match_tolerance)
+    burn_in = non_negative("--burn-in", options.burn_in)
+    over = options.over
     parameter = None if over is None else over[0]
-    values = [] if over is None else values_of("--over", over, options["points"], case).tolist()
+    values = [] if over is None else values_of("--over", over, options.points, case).tolist()
     complete = [True]
     points: list[BasinPoint] = []
     with common.stop_on_interrupt(complete), runs_bar("basins") as show:
@@ -231,11 +231,11 @@ def shares(options: dict[str, Any], case: Case) -> bool:
             values,
             starts=starts,
             options=settling,
-            reach=options["reach"],
+            reach=options.reach,
             match_tolerance=match_tolerance,
             burn_in=burn_in,
-            seed=options["seed"],
-            threads=options["threads"],
+            seed=options.seed,
+            threads=options.threads,
             progress=progress,
         ):
             points.append(point)  # noqa: PERF402 - an interrupt leaves those that are finished
@@ -246,43 +246,43 @@ def shares(options: dict[str, Any], case: Case) -> bool:
             click.echo(f"\n{line}")
     files = write_files(
         {
-            options["json"]: {
+            options.json: {
                 "complete": complete[0],
                 "points": [point.to_plain() for point in points],
             },
-            options["csv"]: (list(BASIN_COLUMNS), basin_rows(points)),
+            options.csv: (list(BASIN_COLUMNS), basin_rows(points)),
         }
-        | ({options["plot"]: lambda path: save_basins(path, points)} if points else {})
+        | ({options.plot: lambda path: save_basins(path, points)} if points else {})
     )
     common.name_files(files)
     return complete[0]
 
 
-def mapped(options: dict[str, Any], case: Case) -> bool:
+def mapped(options: BasinOptions, case: Case) -> bool:
     """Print and write the map of two parameters; return whether all was computed."""
-    settling = settling_from(options)
-    first = values_of("--over", options["over"], options["points"], case)
-    second = values_of(
-        "--map", options["map"], count("--map-points", options["map_points"], 2), case
-    )
+    settling = options.settling
+    assert options.over is not None
+    assert options.map is not None
+    first = values_of("--over", options.over, options.points, case)
+    second = values_of("--map", options.map, count("--map-points", options.map_points, 2), case)
     with runs_bar("map") as show:
         result = attractor_map(
             case,
-            (options["over"][0], options["map"][0]),
+            (options.over[0], options.map[0]),
             first.tolist(),
             second.tolist(),
-            random_start=options["seed"] if options["random"] else None,
+            random_start=options.seed if options.random else None,
             options=settling,
-            threads=options["threads"],
+            threads=options.threads,
             progress=show,
         )
     click.echo(map_text(result))
     names, rows = map_rows(result)
     files = write_files(
         {
-            options["json"]: result.to_plain(),
-            options["csv"]: (names, rows),
-            options["plot"]: lambda path: save_attractor_map(path, result),
+            options.json: result.to_plain(),
+            options.csv: (names, rows),
+            options.plot: lambda path: save_attractor_map(path, result),
         }
     )
     common.name_files(files)

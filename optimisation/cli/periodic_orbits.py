@@ -1,7 +1,8 @@
-"""Exact periodic orbits with their stability, folds, births and mergers of isolas."""
+"""Exact periodic orbits and their stability."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -9,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
     Beam,
     CompliantWalls,
     ElasticCoulombFriction,
@@ -67,20 +67,17 @@ from optimisation.cli.common import (
     check_targets,
     command,
     end_early,
-    file_option,
-    json_option,
     name_files,
     plain_errors,
-    stack_options,
     stop_on_interrupt,
 )
+from optimisation.cli.options import OptionSpec, name_parameter, option, switch
 from optimisation.cli.scene_options import (
     is_option_set,
+    mass_ratio_of,
     model_of,
     read_device,
     refuse_with_structure,
-    scene_option,
-    structure_option,
 )
 from optimisation.files import write_files
 from optimisation.mounting import model_with_absorber_at
@@ -89,11 +86,8 @@ from optimisation.progress import stages_bar
 from optimisation.report import periodic_figures as report
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
-FORCE_HELP = f"Amplitude of the harmonic force in N; not used for thresholds.  [default: {FORCE}, with --structure or --scene by the design rule]"
-GAP_HELP = f"Clearance to either wall in m.  [default: {RigidWalls.gap}, with --structure and --force by the design rule]"
-# of the first resonance, the paper's range
-FROM = 0.9
-TO = 1.06
+FORCE_TEXT = f"{FORCE}, with --structure or --scene by the design rule"
+GAP_TEXT = f"{RigidWalls.gap}, with --structure and --force by the design rule"
 # frequencies listed, and those from which branches lead to a single one, with its neighbourhood
 POINTS = 81
 AROUND = 21
@@ -132,6 +126,94 @@ ShowProgress = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, kw_only=True)
+class CaseOptions:
+    """Structure, absorber, force and range of frequencies; None: not given."""
+
+    structure: Path | None = option("structure")
+    scene: Path | None = option(
+        "scene", help="Structure and impact absorber from a .toml or .json file"
+    )
+    modes: int = option("modes", default=Beam.modes, usual=True)
+    damping: float = option("damping", default=Beam.damping_ratio)
+    mass_ratio: float = option("mass_ratio", usual=False)
+    mass_kg: float | None = option("mass_kg")
+    gap: float | None = option("gap", default=None, default_text=GAP_TEXT)
+    restitution: float = option("restitution", usual=True)
+    friction_limit: float = option("friction_limit", default=0.0)
+    force: float | None = option("force", default_text=FORCE_TEXT)
+    start: float = option("start", help="First frequency over the first resonance")
+    stop: float = option("stop", help="Last frequency over the first resonance")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrbitOptions(CaseOptions):
+    """Options of ``periodic orbits``; None: not given."""
+
+    frequency: float | None = option(
+        "frequency",
+        help="One frequency only, over the first resonance",
+        more="Lists also what runs settle to, of any period up to eight of the force's.",
+    )
+    over: tuple[str, float, float] | None = option(
+        "over",
+        help="Branches over a parameter, at --frequency; with --curve the second parameter",
+        more=f"{', '.join(PARAMETER_NAMES)}; for scenes of several absorbers or springs force or frequency. SI units, frequencies over "
+        "the first resonance.",
+        type=click.Tuple([click.Choice(BRANCH_PARAMETERS), float, float]),
+    )
+    curve: tuple[str, ...] = option(
+        OptionSpec(
+            names=("--curve",),
+            help="Curve of a bifurcation over two parameters; may be repeated",
+            more=f"{', '.join(CURVES)}. `periodic curves` has the same with options of its own.",
+            type=click.Choice(list(CURVES)),
+            metavar="KIND",
+            multiple=True,
+        )
+    )
+    points: int = option("points", help="Number of frequencies", default=POINTS)
+    starts: int = option("starts", default=DEFAULT_RUNS)
+    seed: int = option("seed")
+    symmetric: bool = option("symmetric", usual=True)
+    folds: bool = option(
+        switch(
+            "--folds",
+            "The folds of the branches at this force instead of orbits",
+            more="`periodic folds` has the same.",
+        )
+    )
+    thresholds: bool = option(
+        switch(
+            "--thresholds",
+            "The forces at which isolas are born and merge instead of orbits",
+            more="`periodic isola` has the same, with maps.",
+        )
+    )
+    csv: Path | None = option(
+        "csv", more="Of an orbit, branch or curve (docs/frequency_domain.md#files)."
+    )
+    plot: Path | None = option("plot", help="With --curve: draw it", usual=False)
+    json: Path | None = option("json")
+
+    @property
+    def along(self) -> str | None:
+        """Return the parameter over which branches are followed."""
+        return None if self.over is None or self.curve else self.over[0]
+
+    @property
+    def parameter(self) -> str:
+        """Return the parameter of --over."""
+        assert self.over is not None
+        return self.over[0]
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Return the range of the parameter of --over."""
+        assert self.over is not None
+        return self.over[1:]
+
+
 def searched(
     case: Case,
     ratios: Array,
@@ -150,75 +232,77 @@ def searched(
 
 
 def listed(
-    case: Case, options: dict[str, Any], show: ShowProgress, complete: list[bool]
+    case: Case, options: OrbitOptions, show: ShowProgress, complete: list[bool]
 ) -> list[OrbitSearch]:
     """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
-    found: list[OrbitSearch] = []
+    searches: list[OrbitSearch] = []
     with stop_on_interrupt(complete):
-        if options["at"] is None:
-            found += searched(
+        if options.frequency is None:
+            searches += searched(
                 case,
-                np.linspace(options["start"], options["stop"], options["points"]),
-                options["symmetric"],
+                np.linspace(options.start, options.stop, options.points),
+                options.symmetric,
                 show,
-                starts=options["starts"],
-                seed=options["seed"],
+                starts=options.starts,
+                seed=options.seed,
             )
-            return found
-        around(case, options, show, found)
-        here = found[0]
-        for settled in () if options["symmetric"] else attractors(here.case, here.orbits):
+            return searches
+        around(case, options, show, searches)
+        here = searches[0]
+        for settled in () if options.symmetric else attractors(here.case, here.orbits):
             if isinstance(settled, NoOrbit):
-                found[0] = replace(found[0], refused=(*found[0].refused, settled))
+                searches[0] = replace(searches[0], refused=(*searches[0].refused, settled))
             else:
-                found[0] = replace(
-                    found[0], orbits=tuple(drop_repeated([*found[0].orbits, settled]))
+                searches[0] = replace(
+                    searches[0], orbits=tuple(drop_repeated([*searches[0].orbits, settled]))
                 )
-        if not options["symmetric"] and options["starts"] > 0:
-            draw(found, options, show)
-    return found
+        if not options.symmetric and options.starts > 0:
+            draw(searches, options, show)
+    return searches
 
 
-def draw(found: list[OrbitSearch], options: dict[str, Any], show: ShowProgress) -> None:
+def draw(searches: list[OrbitSearch], options: OrbitOptions, show: ShowProgress) -> None:
     """Add what runs from random initial states end on at the single frequency asked for."""
-    here = found[0]
+    here = searches[0]
     basins = find_basins(
         here.case,
         here.orbits,
-        options["starts"],
-        seed=options["seed"],
+        options.starts,
+        seed=options.seed,
         progress=lambda done, total: show("random starts", done, total),
     )
     orbits = tuple(drop_repeated([*here.orbits, *basins.orbits]))
-    found[0] = replace(here, orbits=orbits, basins=basins)
+    searches[0] = replace(here, orbits=orbits, basins=basins)
 
 
 def around(
-    case: Case, options: dict[str, Any], show: ShowProgress, found: list[OrbitSearch]
+    case: Case, options: OrbitOptions, show: ShowProgress, searches: list[OrbitSearch]
 ) -> None:
-    """Add the orbits at the single frequency asked for to ``found``, even after Ctrl-C; its neighbours are where branches begin."""
-    at = options["at"]
+    """Add the orbits at the single frequency asked for to ``searches``, even after Ctrl-C; its neighbours are where branches begin."""
+    at = options.frequency
+    assert at is not None
     groups = list[OrbitSearch]()
-    low = max(options["start"], at - RANGE)
-    high = min(options["stop"], at + RANGE)
+    low = max(options.start, at - RANGE)
+    high = min(options.stop, at + RANGE)
     try:
         groups += searched(
             case,
             np.union1d(np.linspace(low, high, AROUND), [at]),
-            options["symmetric"],
+            options.symmetric,
             show,
             settle=False,
         )
     finally:
-        found += [group for group in groups if abs(group.case.omega_ratio - at) < 1e-12]
+        searches += [group for group in groups if abs(group.case.omega_ratio - at) < 1e-12]
 
 
-def along(case: Case, options: dict[str, Any], show: ShowProgress) -> Iterator[ResponseCurve]:
+def along(case: Case, options: OrbitOptions, show: ShowProgress) -> Iterator[ResponseCurve]:
     """Yield the branches of the symmetric orbits at one frequency over another parameter, each once."""
-    name = PARAMETER_NAMES[options["along"]]
+    name = PARAMETER_NAMES[options.parameter]
     known = list[Array]()
-    at = case.changed(omega=options["at"] * case.omega)
-    low, high = options["over"]
+    assert options.frequency is not None
+    at = case.changed(omega=options.frequency * case.omega)
+    low, high = options.limits
     for orbit in closed_form_orbits(at).orbits:
         if any(lies_on(places, orbit.solution) for places in known):
             continue
@@ -244,10 +328,10 @@ def _renamed(plain: Any, key: str) -> Any:
     }
 
 
-def along_text(found: list[ResponseCurve], name: str) -> str:
+def along_text(curves: list[ResponseCurve], name: str) -> str:
     """Return a line for each branch over a parameter."""
     rows = []
-    for number, curve in enumerate(found, 1):
+    for number, curve in enumerate(curves, 1):
         places = ", ".join(
             f"{mark.kind} {mark.omega_ratio:.6g}"
             + ("" if mark.criticality is None else f" ({mark.criticality})")
@@ -265,12 +349,12 @@ def along_text(found: list[ResponseCurve], name: str) -> str:
 
 
 def two_parameters(
-    case: Case, options: dict[str, Any], show: ShowProgress, complete: list[bool]
+    case: Case, options: OrbitOptions, show: ShowProgress, complete: list[bool]
 ) -> Iterator[dict[str, Any]]:
     """Yield the plain forms of the curves of bifurcations through the branches over the frequency, over that and a second parameter."""
     first = case.omega
-    name = PARAMETER_NAMES[options["second"]]
-    limits = (options["start"] * first, options["stop"] * first)
+    name = PARAMETER_NAMES[options.parameter]
+    limits = (options.start * first, options.stop * first)
 
     def show_points(what: str, points: int, _value: float) -> None:
         show(f"{what}, points", points, 0)
@@ -279,18 +363,20 @@ def two_parameters(
         branches = list(orbit_branches(case, *limits, progress=show_points))
         branches += (
             ()
-            if options["symmetric"]
+            if options.symmetric
             else [
-                found for found in descendants(branches, limits) if isinstance(found, OrbitBranch)
+                searches
+                for searches in descendants(branches, limits)
+                if isinstance(searches, OrbitBranch)
             ]
         )
         if any(branch.branch.ended == INTERRUPTED for branch in branches):
             raise KeyboardInterrupt
         for curve in bifurcation_curves(
             branches,
-            [CURVES[kind] for kind in options["curve"]],
+            [CURVES[kind] for kind in options.curve],
             name,
-            options["over"],
+            options.limits,
             limits,
             show_points,
         ):
@@ -298,7 +384,7 @@ def two_parameters(
             yield curve.to_plain()
 
 
-class FoundOrbits(NamedTuple):
+class OrbitResults(NamedTuple):
     """What a call prints, its ``files`` by their paths as `write_files` takes them, and whether the work came to its end."""
 
     text: str
@@ -306,130 +392,125 @@ class FoundOrbits(NamedTuple):
     complete: bool
 
 
-def orbit_files(options: dict[str, Any], plain: list[dict[str, Any]]) -> dict[Any, object]:
+def orbit_files(options: OrbitOptions, plain: list[dict[str, Any]]) -> dict[Any, object]:
     """Return the files of orbits, folds, births or mergers in their plain forms."""
-    return {options["json"]: plain, options["csv"]: (ORBIT_COLUMNS, orbit_rows(plain))}
+    return {options.json: plain, options.csv: (ORBIT_COLUMNS, orbit_rows(plain))}
 
 
-def branch_files(
-    options: dict[str, Any], plain: list[dict[str, Any]], key: str
-) -> dict[Any, object]:
+def branch_files(options: OrbitOptions, plain: list[dict[str, Any]], key: str) -> dict[Any, object]:
     """Return the files of branches in their plain forms; ``key``: name of their parameter."""
-    return {options["json"]: plain, options["csv"]: (ORBIT_COLUMNS, branch_rows(plain, key))}
+    return {options.json: plain, options.csv: (ORBIT_COLUMNS, branch_rows(plain, key))}
 
 
-def bifurcations(case: Case, options: dict[str, Any]) -> FoundOrbits:
+def bifurcations(case: Case, options: OrbitOptions) -> OrbitResults:
     """Return the curves of bifurcations over two parameters."""
-    complete, (key, words, scale) = [True], UNITS[options["second"]]
+    complete = [True]
+    key, words, scale = UNITS[options.parameter]
     with stages_bar("orbits", leave=False) as show:
         curves = list(two_parameters(case, options, show, complete))
-    force = "" if options["second"] == "force" else f", {case.force:g} N"
+    force = "" if options.parameter == "force" else f", {case.force:g} N"
     files = {
-        options["json"]: curves,
-        options["csv"]: (ORBIT_COLUMNS, bifurcation_rows(curves, key)),
-        options["plot"]: lambda path: report.save_curves(
+        options.json: curves,
+        options.csv: (ORBIT_COLUMNS, bifurcation_rows(curves, key)),
+        options.plot: lambda path: report.save_curves(
             path, curves, f"{case.scene}{force}", words, scale
         ),
     }
-    return FoundOrbits(report.curve_text(curves, words, scale), files, complete[0])
+    return OrbitResults(report.curve_text(curves, words, scale), files, complete[0])
 
 
-def check(options: dict[str, Any]) -> None:
-    """Raise BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written.
+def check(options: OrbitOptions) -> OrbitOptions:
+    """Return the options with a range that holds the single frequency, if no range is given.
 
-    The range's usual ends go with a single frequency beyond them.
+    Raises BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written.
     """
-    if options["at"] is not None and positive("--at", options["at"]):
+    at = options.frequency
+    if at is not None and positive("--frequency", at):
         if not is_option_set("start"):
-            options["start"] = min(options["start"], max(options["at"] - RANGE, options["at"] / 2))
+            options = replace(options, start=min(options.start, max(at - RANGE, at / 2)))
         if not is_option_set("stop"):
-            options["stop"] = max(options["stop"], options["at"] + RANGE)
-    if options["folds"] and options["thresholds"]:
+            options = replace(options, stop=max(options.stop, at + RANGE))
+    if options.folds and options.thresholds:
         raise BadInput("--folds does not go with --thresholds: the JSON file has one list")
-    if options["curve"]:
-        if (
-            options["second"] is None
-            or options["over"] is None
-            or any(options[name] for name in ("along", "at", "folds", "thresholds"))
-        ):
+    if options.curve:
+        if options.over is None or at is not None or options.folds or options.thresholds:
             raise BadInput(
-                "--curve goes with --with, a second parameter, and --over, its range, and not with --along, --at, --folds or --thresholds"
+                "--curve goes with --over, a second parameter and its range, and not with --frequency, --folds or --thresholds"
             )
-        if options["second"] == "friction-limit" and not options["over"][0] > 0:
+        if options.parameter == "frequency":
+            raise BadInput("--over frequency does not go with --curve: it is the first parameter")
+        if options.parameter == "friction-limit" and not options.limits[0] > 0:
             allowed = (
                 "friction limits above 0, as without friction the order of events is another one"
             )
-            raise BadInput(f"--over = {options['over']} is not allowed: {allowed}")
-    elif options["second"] is not None or options["plot"] is not None:
+            raise BadInput(f"--over = {options.limits} is not allowed: {allowed}")
+    elif options.plot is not None:
+        raise BadInput("--plot goes with --curve: it draws curves over two parameters")
+    elif options.over is not None and at is None:
         raise BadInput(
-            "--with and --plot go with --curve: they are about curves over two parameters"
+            "--over goes with --frequency: branches begin at its orbits; with --curve it is the second parameter"
         )
-    elif (options["along"] is None) != (options["over"] is None) or (
-        options["along"] is not None and options["at"] is None
-    ):
+    if options.over is not None:
+        low, high = options.limits
+        require(low < high, "--over", options.limits, "two numbers, the lower one first")
+    if at is not None and (options.folds or options.thresholds):
         raise BadInput(
-            "--along, --over and --at go together: a parameter, the range it is followed over, and the frequency"
+            "--frequency does not go with --folds or --thresholds: they are sought from --from to --to"
         )
-    if options["over"] is not None:
-        low, high = options["over"]
-        require(low < high, "--over", options["over"], "two numbers, the lower one first")
-    if options["at"] is not None and (options["folds"] or options["thresholds"]):
+    if not 0 < options.start < options.stop:
         raise BadInput(
-            "--at does not go with --folds or --thresholds: they are sought from --from to --to"
+            f"--from = {options.start} is not allowed: a ratio above 0 and below --to = {options.stop}"
         )
-    if not 0 < options["start"] < options["stop"]:
+    if at is not None and not options.start <= at <= options.stop:
         raise BadInput(
-            f"--from = {options['start']} is not allowed: a ratio above 0 and below --to = {options['stop']}"
+            f"--frequency = {at} is not allowed: a ratio from --from = {options.start} to --to = {options.stop}"
         )
-    if options["at"] is not None and not options["start"] <= options["at"] <= options["stop"]:
-        raise BadInput(
-            f"--at = {options['at']} is not allowed: a ratio from --from = {options['start']} to --to = {options['stop']}"
-        )
-    options["points"] = count("points", options["points"], 2)
-    options["starts"] = count("starts", options["starts"], 0)
-    options["seed"] = count("seed", options["seed"], 0)
-    check_targets(options, ".json", ".gz")
+    count("points", options.points, 2)
+    count("starts", options.starts, 0)
+    count("seed", options.seed, 0)
+    check_targets(vars(options), ".json", ".gz")
+    return options
 
 
-def case_of(options: dict[str, Any]) -> Case:
+def case_of(options: CaseOptions) -> Case:
     """Return structure and absorber at the first resonance; on a structure from a file force or gap, the one not given, is by the design rule."""
-    refuse_with_structure(options["structure"], "modes", "damping")
-    if options["scene"] is None:
-        model = model_of(
-            options["structure"], modes=options["modes"], damping_ratio=options["damping"]
-        )
+    refuse_with_structure(options.structure, "modes", "damping")
+    gap = options.gap
+    restitution = options.restitution
+    friction_limit = options.friction_limit
+    if options.scene is None:
+        model = model_of(options.structure, modes=options.modes, damping_ratio=options.damping)
+        ratio = mass_ratio_of(options.mass_ratio, options.mass_kg, model.beam_mass)
     else:
         structure, device = read_device(
-            options["scene"],
+            options.scene,
             "structure",
             "modes",
             "damping",
             "mass_ratio",
+            "mass_kg",
             "gap",
             "restitution",
             "friction_limit",
         )
         model = model_with_absorber_at(structure)
         walls = rigid_walls(device)
-        options |= {
-            "mass_ratio": device.mass_ratio,
-            "gap": walls.gap,
-            "restitution": walls.restitution,
-        }
-        options["friction_limit"] = 0.0 if device.friction is None else device.friction.limit
-    force = options["force"]
-    gap = options["gap"]
-    ratio = positive("mass_ratio", options["mass_ratio"])
+        ratio = device.mass_ratio
+        gap = walls.gap
+        restitution = walls.restitution
+        friction_limit = 0.0 if device.friction is None else device.friction.limit
+    force = options.force
+    ratio = positive("mass_ratio", ratio)
     if gap is None:
         gap = (
             RigidWalls.gap
-            if options["structure"] is None or force is None
+            if options.structure is None or force is None
             else design_gap(model, ratio * model.beam_mass, force)
         )
     if force is None:
         force = (
             FORCE
-            if options["structure"] is None and options["scene"] is None
+            if options.structure is None and options.scene is None
             else design_force(model, ratio * model.beam_mass, positive("gap", gap))
         )
     return Case(
@@ -437,20 +518,20 @@ def case_of(options: dict[str, Any]) -> Case:
         float(model.omega[0]),
         force,
         gap,
-        options["restitution"],
-        options["friction_limit"],
+        restitution,
+        friction_limit,
         ratio,
     )
 
 
-def hybrid_case_of(options: dict[str, Any]) -> HybridCase | None:
+def hybrid_case_of(options: OrbitOptions) -> HybridCase | None:
     """Return the case of a scene with several absorbers or with springs, at the frequency asked for; None for any other scene.
 
     Raises BadInput for options that only other scenes have.
     """
-    if options["scene"] is None or options["structure"] is not None:
+    if options.scene is None or options.structure is not None:
         return None  # `case_of` refuses both together
-    scene = to_scene(read_plain(options["scene"]), options["scene"].parent)
+    scene = to_scene(read_plain(options.scene), options.scene.parent)
     absorber = scene.absorber
     soft = isinstance(absorber, SlidingAbsorber) and (
         isinstance(absorber.walls, CompliantWalls)
@@ -463,24 +544,24 @@ def hybrid_case_of(options: dict[str, Any]) -> HybridCase | None:
         if is_option_set(name):
             option = name.replace("_", "-")
             raise BadInput(f"--{option} does not go with a scene of {what}")
-    if options["at"] is None or options["curve"]:
-        raise BadInput(f"--at is required for a scene of {what}, without --curve")
-    if options["along"] not in (None, "force", "frequency"):
-        raise BadInput(f"--along = {options['along']}: force or frequency for a scene of {what}")
-    force = FORCE if options["force"] is None else options["force"]
-    return HybridCase(scene, options["at"] * float(scene.model.omega[0]), force)
+    if options.frequency is None or options.curve:
+        raise BadInput(f"--frequency is required for a scene of {what}, without --curve")
+    if options.along not in (None, "force", "frequency"):
+        raise BadInput(f"--over {options.along}: force or frequency for a scene of {what}")
+    force = FORCE if options.force is None else options.force
+    return HybridCase(scene, options.frequency * float(scene.model.omega[0]), force)
 
 
-def hybrid_orbits(case: HybridCase, options: dict[str, Any]) -> FoundOrbits:
+def hybrid_orbits(case: HybridCase, options: OrbitOptions) -> OrbitResults:
     """Return the orbits that runs come to in a scene with several absorbers or springs, or their branches."""
     complete = [True]
     results: list[HybridOrbit | NoHybridOrbit] = []
     branches: list[HybridBranch] = []
     with stages_bar("orbits", leave=False) as show, stop_on_interrupt(complete):
-        for result in find_hybrid_orbits(case, options["starts"], options["seed"]):
+        for result in find_hybrid_orbits(case, options.starts, options.seed):
             results.append(result)
             show("runs", len(results), 0)
-        for orbit in results if options["along"] else ():
+        for orbit in results if options.along else ():
             if isinstance(orbit, HybridOrbit) and not any(
                 is_on_branch(orbit, branch) for branch in branches
             ):
@@ -488,7 +569,7 @@ def hybrid_orbits(case: HybridCase, options: dict[str, Any]) -> FoundOrbits:
     orbits = [result for result in results if isinstance(result, HybridOrbit)]
     refused = [result.reason for result in results if isinstance(result, NoHybridOrbit)]
     notes = report.reasons(refused, "runs lead to")
-    if not options["along"]:
+    if not options.along:
         stable = sum(orbit.stable for orbit in orbits)
         lines = [
             report.hybrid_table(orbits),
@@ -497,29 +578,29 @@ def hybrid_orbits(case: HybridCase, options: dict[str, Any]) -> FoundOrbits:
             *notes,
         ]
         plain = [plain_hybrid_orbit(orbit) for orbit in orbits]
-        return FoundOrbits("\n".join(lines), orbit_files(options, plain), complete[0])
-    over_force = options["along"] == "force"
+        return OrbitResults("\n".join(lines), orbit_files(options, plain), complete[0])
+    over_force = options.along == "force"
     key = "force_N" if over_force else "omega_ratio"
     reference = 1.0 if over_force else float(case.scene.model.omega[0])
     curves = [branch.curve(reference) for branch in branches]
     plain = [
-        {"omega_ratio": options["at"], **_renamed(curve.to_plain(), key)}
+        {"omega_ratio": options.frequency, **_renamed(curve.to_plain(), key)}
         if over_force
         else curve.to_plain()
         for curve in curves
     ]
     ends = [f"Branch {number}: {curve.message}." for number, curve in enumerate(curves, 1)]
     text = "\n".join([along_text(curves, key), "", *ends, *notes])
-    return FoundOrbits(text, branch_files(options, plain, key), complete[0])
+    return OrbitResults(text, branch_files(options, plain, key), complete[0])
 
 
 def follow_hybrid_branch(
-    orbit: HybridOrbit, options: dict[str, Any], show: ShowProgress
+    orbit: HybridOrbit, options: OrbitOptions, show: ShowProgress
 ) -> HybridBranch:
     """Return the branch through an orbit over the parameter and range asked for."""
-    low, high = options["over"]
+    low, high = options.limits
     name = "force"
-    if options["along"] == "frequency":
+    if options.along == "frequency":
         name = "omega"
         first = float(orbit.case.scene.model.omega[0])
         low, high = (low * first, high * first)
@@ -550,40 +631,40 @@ def is_on_branch(orbit: HybridOrbit, branch: HybridBranch) -> bool:
     return False
 
 
-def run(options: dict[str, Any]) -> FoundOrbits:
+def run(options: OrbitOptions) -> OrbitResults:
     """Do what the options ask for."""
-    check(options)
+    options = check(options)
     hybrid = hybrid_case_of(options)
     if hybrid is not None:
         return hybrid_orbits(hybrid, options)
-    if options["along"] == "frequency":
+    if options.along == "frequency":
         raise BadInput(
-            "--along frequency is for scenes of several absorbers or springs; others have --from and --to"
+            "--over frequency is for scenes of several absorbers or springs; others have --from and --to"
         )
     case = case_of(options)
-    if options["curve"]:
-        low, high = options["over"]
-        name = PARAMETER_NAMES[options["second"]]
+    if options.curve:
+        low, high = options.limits
+        name = PARAMETER_NAMES[options.parameter]
         own = getattr(case, name)
         for limit in (low, high):
             case.changed(**{name: limit})  # raises where it is not allowed
         require(
             low <= own <= high,
             "--over",
-            options["over"],
+            options.limits,
             f"a range around {own:g}, where the curves begin",
         )
     with validation_alongside(case):
-        return asked_for(case, options)
+        return compute_results(case, options)
 
 
-def asked_for(case: Case, options: dict[str, Any]) -> FoundOrbits:
+def compute_results(case: Case, options: OrbitOptions) -> OrbitResults:
     """Return folds, thresholds or orbits, as `run`."""
-    low = options["start"]
-    high = options["stop"]
-    if options["curve"]:
+    low = options.start
+    high = options.stop
+    if options.curve:
         return bifurcations(case, options)
-    if options["thresholds"]:
+    if options.thresholds:
         levels = find_thresholds(case, low, high)
         plain = [
             {
@@ -596,8 +677,8 @@ def asked_for(case: Case, options: dict[str, Any]) -> FoundOrbits:
             for level in levels
             if isinstance(level.orbit, Orbit)
         ]
-        return FoundOrbits(report.threshold_text(levels), orbit_files(options, plain), True)
-    if options["folds"]:
+        return OrbitResults(report.threshold_text(levels), orbit_files(options, plain), True)
+    if options.folds:
         located = find_folds(case, low, high)
         pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
         plain = [
@@ -610,28 +691,29 @@ def asked_for(case: Case, options: dict[str, Any]) -> FoundOrbits:
             }
             for fold, orbit in pairs
         ]
-        return FoundOrbits(report.fold_text(located), orbit_files(options, plain), True)
-    if options["along"] is not None:
+        return OrbitResults(report.fold_text(located), orbit_files(options, plain), True)
+    if options.along is not None:
         with stages_bar("orbits", leave=False) as show:
             curves = list(along(case, options, show))
-        key = UNITS[options["along"]][0]
+        key = UNITS[options.parameter][0]
         plain = [
-            {"omega_ratio": options["at"], **_renamed(curve.to_plain(), key)} for curve in curves
+            {"omega_ratio": options.frequency, **_renamed(curve.to_plain(), key)}
+            for curve in curves
         ]
-        return FoundOrbits(along_text(curves, key), branch_files(options, plain, key), True)
+        return OrbitResults(along_text(curves, key), branch_files(options, plain, key), True)
     complete = [True]
     with stages_bar("orbits", leave=False) as show:
-        found = listed(case, options, show, complete)
-    orbits = [orbit for group in found for orbit in group.orbits]
+        searches = listed(case, options, show, complete)
+    orbits = [orbit for group in searches for orbit in group.orbits]
     notes = report.refusals(
-        [orbit for group in found for orbit in group.refused], "solutions or runs are"
+        [orbit for group in searches for orbit in group.refused], "solutions or runs are"
     )
     stable = sum(orbit.stability.stable for orbit in orbits)
     lines = [
-        report.orbit_table(found),
+        report.orbit_table(searches),
         "",
         f"{len(orbits)} orbits, {stable} of them stable.",
-        *report.basin_lines(found),
+        *report.basin_lines(searches),
         *notes,
     ]
     plain = [
@@ -639,133 +721,21 @@ def asked_for(case: Case, options: dict[str, Any]) -> FoundOrbits:
             **plain_orbit(orbit),
             "basin": None if group.basins is None else group.basins.to_plain(orbit),
         }
-        for group in found
+        for group in searches
         for orbit in group.orbits
     ]
-    return FoundOrbits("\n".join(lines), orbit_files(options, plain), complete[0])
+    return OrbitResults("\n".join(lines), orbit_files(options, plain), complete[0])
 
 
-case_options = stack_options(
-    (
-        structure_option,
-        scene_option,
-        click.option(
-            "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
-        ),
-        click.option(
-            "--damping",
-            type=float,
-            default=Beam.damping_ratio,
-            show_default=True,
-            help="Modal damping ratio, the same for all modes.",
-        ),
-        click.option(
-            "--mass-ratio",
-            type=float,
-            default=DEFAULT_MASS_RATIO,
-            show_default=True,
-            help="Absorber mass over beam mass.",
-        ),
-        click.option("--gap", type=float, help=GAP_HELP),
-        click.option(
-            "--restitution",
-            type=float,
-            default=RigidWalls.restitution,
-            show_default=True,
-            help="Coefficient of restitution, 0 to 1.",
-        ),
-        click.option(
-            "--friction-limit",
-            type=float,
-            default=0.0,
-            show_default=True,
-            help="Friction limit in N; 0: no friction.",
-        ),
-        click.option("--force", type=float, help=FORCE_HELP),
-        click.option(
-            "--from",
-            "start",
-            type=float,
-            default=FROM,
-            show_default=True,
-            help="First frequency over that of the first resonance.",
-        ),
-        click.option(
-            "--to",
-            "stop",
-            type=float,
-            default=TO,
-            show_default=True,
-            help="Last frequency over that of the first resonance.",
-        ),
-    )
+@command(
+    OrbitOptions,
+    examples=(
+        "periodic orbits --modes 3 --frequency 0.95 --symmetric",
+        "periodic orbits --modes 2 --frequency 0.95 --over force 1 6 --json -",
+    ),
+    rewrite=name_parameter,
 )
-
-
-@command()
-@case_options
-@click.option(
-    "--at",
-    type=float,
-    help="One frequency only; also what runs beside its orbits settle to, of any period up to eight of the force's.",
-)
-@click.option(
-    "--along",
-    type=click.Choice(BRANCH_PARAMETERS),
-    help="With --at: the symmetric orbits' branches over this parameter; frequency: for scenes of several absorbers or springs.",
-)
-@click.option(
-    "--curve",
-    type=click.Choice(list(CURVES)),
-    multiple=True,
-    help="Its curve over two parameters; repeatable. `periodic curves` has the same with options of its own.",
-)
-@click.option(
-    "--with",
-    "second",
-    type=click.Choice(list(PARAMETER_NAMES)),
-    help="With --curve: the parameter beside the frequency.",
-)
-@click.option(
-    "--over",
-    type=float,
-    nargs=2,
-    metavar="LOW HIGH",
-    help="Range of the parameter of --along or --with, SI units; frequencies over the first resonance's.",
-)
-@click.option(
-    "--points",
-    type=int,
-    default=POINTS,
-    show_default=True,
-    help="Frequencies listed from the first to the last.",
-)
-@click.option(
-    "--starts",
-    type=int,
-    default=DEFAULT_RUNS,
-    show_default=True,
-    help="Runs from random initial states at each frequency; 0: none.",
-)
-@click.option(
-    "--seed", type=int, default=0, show_default=True, help="Of the random initial states."
-)
-@click.option("--symmetric", is_flag=True, help="Symmetric orbits only, which is quicker.")
-@click.option(
-    "--folds", is_flag=True, help="The folds of the branches at this force instead of orbits."
-)
-@click.option(
-    "--thresholds",
-    is_flag=True,
-    help="The forces at which isolas are born and merge instead of orbits.",
-)
-@file_option(
-    "--csv",
-    "Write a row for each orbit, or point of a branch or curve (docs/frequency_domain.md#files).",
-)
-@file_option("--plot", "With --curve: draw it: .png, .pdf or .svg.")
-@json_option("Write the list, in SI units.")
-def main(**options: Any) -> None:
+def main(options: OrbitOptions) -> None:
     """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
 
     It is on the paper's beam, or on another structure.
@@ -777,9 +747,10 @@ def main(**options: Any) -> None:
     that lives as long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
 
     With a --scene of two to four absorbers, or whose walls or friction are springs, orbits are those that runs from rest and from random states come
-    to, of any kind; --along force or frequency follows their branches.
+    to, of any kind; --over force or frequency follows their branches.
 
-    --curve follows folds, broken symmetry, doubled periods or tori, from where branches have them, over the frequency and a second parameter.
+    --curve follows folds, broken symmetry, doubled periods or tori, from where branches have them, over the frequency and the parameter of
+    --over.
     """
     with plain_errors():
         text, files, complete = run(options)

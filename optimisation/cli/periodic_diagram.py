@@ -1,6 +1,8 @@
-"""Bifurcation diagrams by runs up and down a parameter, with exact branches over them."""
+"""Bifurcation diagrams by runs, with exact branches."""
 
 from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
@@ -20,13 +22,12 @@ from impact_env.periodic.diagrams import (
 from impact_env.periodic.validation import validation_alongside
 from optimisation.cli import common
 from optimisation.cli.attractor_options import (
-    case_from,
-    case_options,
+    AttractorOptions,
+    Range,
     range_option,
-    settle_options,
-    settling_from,
     values_of,
 )
+from optimisation.cli.options import OptionSpec, number, option, switch
 from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import stages_bar
@@ -72,72 +73,81 @@ def diagram_rows(points: list[DiagramPoint]) -> list[list[Any]]:
     return [row for point in points for row in point.rows()]
 
 
-@common.command()
-@case_options
-@range_option("--over", "Parameter and its range in SI units", required=True)
-@click.option("--points", type=int, default=101, show_default=True, help="Values of the parameter.")
-@click.option(
-    "--direction",
-    type=click.Choice((*DIRECTIONS, "both")),
-    default="both",
-    show_default=True,
-    help="Whether the parameter rises or falls.",
+@dataclass(frozen=True, kw_only=True)
+class DiagramOptions(AttractorOptions):
+    """Options of ``periodic diagram``; None: not given."""
+
+    over: Range = range_option("--over", "Parameter and its range in SI units", required=True)
+    points: int = option("points", default=101, usual=True)
+    direction: str = option(
+        OptionSpec(
+            names=("--direction",),
+            help="Whether the parameter rises or falls",
+            type=click.Choice((*DIRECTIONS, "both")),
+            default="both",
+        )
+    )
+    random: bool = option(
+        switch(
+            "--random-start",
+            "The first run of each direction begins at a random state, not at rest",
+            older=("--random",),
+        )
+    )
+    starts: int = option(
+        "starts", help="Further runs at each value, from random initial states", default=0
+    )
+    quantity: str = option(
+        OptionSpec(
+            names=("--quantity",),
+            help=f"What the figure has: {', '.join(QUANTITY_LABELS)}",
+            more="Files have all.",
+            type=click.Choice(tuple(QUANTITY_LABELS)),
+            metavar="NAME",
+            default="relative",
+            section="Output",
+        )
+    )
+    branches: bool = option(
+        switch(
+            "--branches/--no-branches",
+            "Exact branches over the runs; not for the mass ratio",
+            default=True,
+        )
+    )
+    branch_period: int = option(
+        number(
+            "--branch-period",
+            "Longest period of branches, in periods of the force",
+            type=int,
+            default=2,
+        )
+    )
+    csv: Path | None = option("csv", help="Write a row for each number of each section")
+
+
+@common.command(
+    DiagramOptions,
+    examples=(
+        "periodic diagram --modes 1 --over force 1 1.5 --points 11 --no-branches",
+        "periodic diagram --modes 1 --over frequency 0.928 0.938 --plot diagram.png",
+    ),
 )
-@click.option(
-    "--random",
-    is_flag=True,
-    help="The first run of each direction begins at a random state, not at rest.",
-)
-@click.option(
-    "--starts",
-    type=int,
-    default=0,
-    show_default=True,
-    help="Further runs at each value, from random initial states.",
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the random states.")
-@click.option(
-    "--quantity",
-    type=click.Choice(tuple(QUANTITY_LABELS)),
-    default="relative",
-    show_default=True,
-    help="What the figure shows; files have all.",
-)
-@click.option(
-    "--branches/--no-branches",
-    default=True,
-    show_default=True,
-    help="Exact branches over the runs; not for the mass ratio.",
-)
-@click.option(
-    "--branch-period",
-    type=int,
-    default=2,
-    show_default=True,
-    help="Longest period of branches, in periods of the force.",
-)
-@settle_options
-@common.threads_option
-@common.json_option("Write points and branches, in SI units.")
-@common.file_option("--csv", "Write a row for each number of each section.")
-@common.plot_option
-def main(**options: Any) -> None:
+def main(options: DiagramOptions) -> None:
     """Compute a bifurcation diagram over a parameter by runs, up and down, each from the last state of the one before.
 
     Points are the stroboscopic section (relative displacement or displacement at phase 0), the phases of impacts, or the response level. Runs from
     random states may be added at each value (--starts). Exact branches of symmetric orbits, of what leaves them, and of orbits that runs end on are
     drawn over them, stable ones solid, unstable ones dashed.
-
-    Example: periodic diagram --modes 1 --restitution 0.8 --over frequency 0.928 0.938 --points 41 --random --plot diagram.png
     """
     with common.plain_errors():
-        common.check_targets(options)
-        settling = settling_from(options)
-        longest = count("--branch-period", options["branch_period"], 1)
-        case = case_from(options)
-        parameter, low, high = options["over"]
-        values = values_of("--over", options["over"], options["points"], case)
-        directions = DIRECTIONS if options["direction"] == "both" else (options["direction"],)
+        common.check_targets(vars(options))
+        settling = options.settling
+        longest = count("--branch-period", options.branch_period, 1)
+        case = options.case()
+        parameter, low, high = options.over
+        values = values_of("--over", options.over, options.points, case)
+        directions = DIRECTIONS if options.direction == "both" else (options.direction,)
         complete = [True]
         points: list[DiagramPoint] = []
         branches: list[BranchPoints] = []
@@ -151,15 +161,15 @@ def main(**options: Any) -> None:
                 parameter,
                 values.tolist(),
                 directions=directions,
-                starts=options["starts"],
-                random_start=options["random"],
-                seed=options["seed"],
+                starts=options.starts,
+                random_start=options.random,
+                seed=options.seed,
                 options=settling,
-                threads=options["threads"],
+                threads=options.threads,
                 progress=lambda done, total: show("runs", done, total),
             ):
                 points.append(point)  # noqa: PERF402 - an interrupt leaves those that are finished
-            if options["branches"] and parameter in FOLLOWED:
+            if options.branches and parameter in FOLLOWED:
                 for branch in diagram_branches(
                     case,
                     parameter,
@@ -180,9 +190,9 @@ def main(**options: Any) -> None:
             click.echo(f"\n{len(branches)} exact branches: {words}")
         files = write_files(
             {
-                options["json"]: result.to_plain() | {"complete": complete[0]},
-                options["csv"]: (list(DIAGRAM_COLUMNS), diagram_rows(points)),
-                options["plot"]: lambda path: save_diagram(path, result, options["quantity"]),
+                options.json: result.to_plain() | {"complete": complete[0]},
+                options.csv: (list(DIAGRAM_COLUMNS), diagram_rows(points)),
+                options.plot: lambda path: save_diagram(path, result, options.quantity),
             }
         )
     common.name_files(files)

@@ -1,25 +1,26 @@
-"""Tune the linear absorber: closed forms, numerical optima and the paper's values, with a proof of each peak."""
+"""The tuned linear absorber, with a proof of its peak."""
 
 # needs: optimise
 
 import math
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
+from impact_env.parameters import Beam
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     check_page,
+    check_targets,
     command,
     fill_page,
     name_files,
-    out_option,
-    page_option,
+    page_spec,
     plain_errors,
 )
+from optimisation.cli.options import option
 from optimisation.files import require_writable, write_files
 from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
@@ -39,6 +40,7 @@ from optimisation.report.tuning_report import (
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.under_loads import tuned_under
 
+MARKER = "tunings"
 HEADER = (
     "tuning",
     "k, N/m",
@@ -50,6 +52,44 @@ HEADER = (
     "H2 norm, %",
     "proved, %",
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuneOptions:
+    """Options of ``design tune``; None: not given."""
+
+    structure: Path | None = option("structure")
+    scene: Path | None = option(
+        "scene", help="Structure and impact absorber from a .toml or .json file"
+    )
+    position: float = option("position")
+    modes: int = option("modes", default=Beam.modes)
+    damping: float = option("damping", default=Beam.damping_ratio)
+    mass_ratio: float = option("mass_ratio")
+    mass_kg: float | None = option("mass_kg", usual=True)
+    load: Path | None = option("load")
+    resonance: int = option("resonance", help="Resonance to tune to, counted from 1")
+    low: float = option(
+        "start",
+        help="First frequency that is scored, over the resonance",
+        default=LOW,
+        older=("--low",),
+    )
+    high: float = option(
+        "stop",
+        help="Last frequency that is scored, over the resonance",
+        more="A range that cannot hold both peaks is refused.",
+        default=HIGH,
+        older=("--high",),
+    )
+    quick: bool = option(
+        "quick",
+        help="Without the proofs",
+        more="They take a second for the first resonance and a minute for higher ones.",
+    )
+    json: Path | None = option("json", help="Write the summary here, too")
+    out: Path = option("out", default=Path("results/design_tune"))
+    page: Path | None = option(page_spec(MARKER, "docs/which_gap.md"))
 
 
 def text(table: TuningTable, bounds: dict[str, float]) -> str:
@@ -91,9 +131,6 @@ def text(table: TuningTable, bounds: dict[str, float]) -> str:
     return "\n".join([markdown(HEADER, lines), "", *notes])
 
 
-MARKER = "tunings"
-
-
 def certificates(table: TuningTable) -> dict[str, float]:
     """Return the proved largest amplitude (m/N) of each tuning by its key; one that cannot be proved is left out, with a line on standard error."""
     from optimisation.bounds.relaxation import (
@@ -129,58 +166,10 @@ def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]
     return files + write_card(out, tuning_card(table, bounds))
 
 
-@command()
-@scenes.structure_option
-@scenes.scene_option
-@scenes.load_option
-@click.option(
-    "--resonance",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Resonance to tune to, counted from 1.",
+@command(
+    TuneOptions, examples=("design tune --quick", "design tune --resonance 2 --mass-ratio 0.05")
 )
-@click.option(
-    "--mass-ratio",
-    type=float,
-    default=DEFAULT_MASS_RATIO,
-    show_default=True,
-    help="Absorber mass over beam mass.",
-)
-@scenes.mass_option
-@scenes.position_option
-@click.option(
-    "--modes", type=int, default=Beam.modes, show_default=True, help="Number of modes kept."
-)
-@click.option(
-    "--damping",
-    type=float,
-    default=Beam.damping_ratio,
-    show_default=True,
-    help="Modal damping ratio, the same for all modes.",
-)
-@click.option(
-    "--low",
-    type=float,
-    default=LOW,
-    show_default=True,
-    help="Begin of the scoring range over the resonance frequency.",
-)
-@click.option(
-    "--high",
-    type=float,
-    default=HIGH,
-    show_default=True,
-    help="End of the scoring range; a range that cannot hold both peaks is refused.",
-)
-@click.option(
-    "--quick",
-    is_flag=True,
-    help="Without the proofs, which take a second for the first resonance and a minute for higher ones.",
-)
-@out_option("results/tune_ltva")
-@page_option(MARKER, "docs/which_gap.md")
-def main(**options: Any) -> None:
+def main(options: TuneOptions) -> None:
     """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
@@ -188,45 +177,47 @@ def main(**options: Any) -> None:
     With --load the spring and damper with the least measure under the loads of a file (docs/loads.md), beside those of the least peak: for a random
     load the H2 tuning for its spectrum.
     """
-    structure, scene, load, page, resonance, out = (
-        options[name] for name in ("structure", "scene", "load", "page", "resonance", "out")
-    )
     with plain_errors():
-        scenes.refuse_with_structure(structure, "modes", "damping")
-        if scene is None:
+        scenes.refuse_with_structure(options.structure, "modes", "damping")
+        if options.scene is None:
             model = scenes.model_of(
-                structure,
-                options["position"],
-                modes=options["modes"],
-                damping_ratio=options["damping"],
+                options.structure,
+                options.position,
+                modes=options.modes,
+                damping_ratio=options.damping,
             )
-            ratio = options["mass_ratio"]
+            ratio = options.mass_ratio
         else:
             own, absorber = scenes.read_device(
-                scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position"
+                options.scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position"
             )
             model = model_with_absorber_at(own)
             ratio = absorber.mass_ratio
-        ratio = scenes.mass_ratio_of(ratio, options["mass_kg"], model.beam_mass)
-        require_writable("--out", out)
-        if load is not None:
+        ratio = scenes.mass_ratio_of(ratio, options.mass_kg, model.beam_mass)
+        require_writable("--out", options.out)
+        check_targets({"json": options.json})
+        if options.load is not None:
             scenes.refuse_with_load(
-                load,
+                options.load,
                 "low",
                 "high",
                 "page",
                 "quick",
                 why="there is no range of frequencies to score, and nothing to prove",
             )
-            tuned = tuned_under(model, scenes.loads_of(load, model, resonance), ratio)
+            loads = scenes.loads_of(options.load, model, options.resonance)
+            tuned = tuned_under(model, loads, ratio)
             click.echo(tuned_text(tuned))
-            files = write_files({out / "summary.json": tuned_summary(tuned)})
+            content = tuned_summary(tuned)
+            files = write_files({options.out / "summary.json": content, options.json: content})
         else:
-            check_page(page, MARKER)
-            scenes.warn_of_nodes(model, resonance)
-            table = tuning_table(model, ratio, resonance, options["low"], options["high"])
-            bounds = {} if options["quick"] else certificates(table)
+            check_page(options.page, MARKER)
+            scenes.warn_of_nodes(model, options.resonance)
+            table = tuning_table(model, ratio, options.resonance, options.low, options.high)
+            bounds = {} if options.quick else certificates(table)
             printed = text(table, bounds)
             click.echo(printed)
-            files = write(out, table, bounds) + fill_page(page, MARKER, printed)
+            files = write(options.out, table, bounds)
+            files += write_files({options.json: summary(table, bounds)})
+            files += fill_page(options.page, MARKER, printed)
     name_files(files)

@@ -1,7 +1,7 @@
-"""Tell the best gap over the design rule's for several masses of the absorber, by simulation."""
+"""The best gap over the design rule's for several masses."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,29 +17,21 @@ from impact_env.parameters import Beam
 from impact_env.scene import Scene
 from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.bounds import reach
+from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
+    BadInput,
     check_page,
     check_targets,
     command,
-    file_option,
     fill_page,
     name_files,
-    page_option,
+    page_spec,
     plain_errors,
-    rate_option,
-    threads_option,
 )
-from optimisation.cli.scene_options import (
-    RESONANCES_HELP,
-    model_of,
-    read_device,
-    scene_option,
-    structure_option,
-    warn_of_nodes,
-)
+from optimisation.cli.options import option
 from optimisation.comparison import RESONANCES
 from optimisation.duration import COARSER, LONG_S, PlannedRuns, announce_coarse, announce_runs
-from optimisation.executors import cluster_option, workers
+from optimisation.executors import workers
 from optimisation.extremes import usable_rate
 from optimisation.files import write_files
 from optimisation.frequency_levels import (
@@ -64,11 +56,60 @@ LOW_FACTORS = 1.12 ** np.arange(
 FORCE = 1.0  # N: any would do, as gap and friction are in proportion to it
 
 
+@dataclass(frozen=True, kw_only=True)
+class MassesOptions:
+    """Options of ``design masses``; None or empty: not given."""
+
+    structure: Path | None = option("structure")
+    scene: Path | None = option("scene", help="Structure from the .toml or .json file of a scene")
+    mass_ratio: tuple[float, ...] = option(
+        "mass_ratio",
+        help="Absorber mass over the structure's; may be repeated",
+        default=None,
+        default_text=", ".join(map(str, RATIOS)),
+        multiple=True,
+    )
+    mass_kg: tuple[float, ...] = option(
+        "mass_kg", help="Absorber mass in place of ratios; may be repeated", multiple=True
+    )
+    resonances: tuple[int, int] = option("resonances", default=RESONANCES)
+    rate: float | None = option("rate", usual=True)
+    members: int = option("members", default=4, usual=True)
+    threads: int | None = option("threads")
+    cluster: str | None = option("cluster")
+    json: Path | None = option("json", help="Write the rows of the table")
+    plot: Path | None = option(
+        "plot", help="Draw the level over the frequency with each mass at its best gap"
+    )
+    page: Path | None = option(page_spec(MARKER, "docs/which_gap.md"))
+
+    def arguments(self, executor: Executor | None) -> dict[str, Any]:
+        """Return the arguments of `check_gap`."""
+        rate = self.rate
+        if rate is not None:
+            rate = usable_rate("--rate", rate, [PAPER_LIMITS])
+        return {
+            "members": self.members,
+            "threads": self.threads,
+            "percent_per_100_periods": rate,
+            "executor": executor,
+        }
+
+
 def gap_factors(free_over_rule: float) -> NDArray[np.float64]:
     """Return gaps over the rule's for the free amplitude over the rule's gap; the rule's own is one of them."""
     if free_over_rule >= 1:
         return FACTORS
     return np.union1d(0.6 * free_over_rule * LOW_FACTORS, 1.0)
+
+
+def masses_of(options: MassesOptions, structure_mass: float) -> tuple[float, ...]:
+    """Return the mass ratios to try; raises BadInput if they are given twice."""
+    if not options.mass_kg:
+        return options.mass_ratio or RATIOS
+    if options.mass_ratio:
+        raise BadInput("--mass-kg does not go with --mass-ratio: each says what the masses are")
+    return tuple(scenes.mass_ratio_of(RATIOS[0], mass, structure_mass) for mass in options.mass_kg)
 
 
 def checks(
@@ -140,6 +181,22 @@ def _cells(check: GapCheck) -> tuple[str, ...]:
     )
 
 
+def plain_check(check: GapCheck) -> dict[str, Any]:
+    """Return the row of a mass and resonance as plain data."""
+    best = check.best
+    assert best is not None
+    return {
+        "mass_ratio": check.absorber.mass_ratio,
+        "resonance": check.resonance,
+        "free_amplitude_over_rule_gap": float(check.reach),
+        "best_gap_over_rule": float(check.gaps[best] / check.rule),
+        "relative_level_at_best": float(check.relative[best]),
+        "relative_level_at_rule": float(check.relative[check.at_rule]),
+        "sweep_range": [float(end) for end in check.limits],
+        "level_read_at": float(find_reading_ratios(check.curves[best])[0]),
+    }
+
+
 def _reading(check: GapCheck, best: int) -> str:
     """Return where the level at the best gap was read, over the resonance; an end of the sweeps is named."""
     ratio = float(find_reading_ratios(check.curves[best])[0])
@@ -182,43 +239,11 @@ def frequency_of(
     return parts
 
 
-@command()
-@structure_option
-@scene_option
-@click.option(
-    "--resonances", type=(int, int), default=RESONANCES, show_default=True, help=RESONANCES_HELP
+@command(
+    MassesOptions,
+    examples=("design masses --mass-ratio 0.02 --resonances 1 --members 1 --rate 10",),
 )
-@click.option(
-    "--mass-ratio",
-    "ratios",
-    type=float,
-    multiple=True,
-    help=f"Absorber mass over the structure's; may be repeated.  [default: {RATIOS}]",
-)
-@click.option(
-    "--members",
-    type=click.IntRange(min=1),
-    default=4,
-    show_default=True,
-    help="Runs for each gap, other in phase and 1e-6 of force.",
-)
-@rate_option
-@threads_option
-@cluster_option
-@file_option(
-    "--plot",
-    "Draw the level over the frequency with each mass at its best gap: .png, .pdf or .svg.",
-)
-@page_option(MARKER, "docs/which_gap.md")
-def main(
-    structure: Path | None,
-    scene: Path | None,
-    ratios: tuple[float, ...],
-    cluster: str | None,
-    page: Path | None,
-    plot: Path | None,
-    **options: Any,
-) -> None:
+def main(options: MassesOptions) -> None:
     """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.
 
     Where the free structure moves less than the rule's gap they are 0.24 to 0.94 times its amplitude.
@@ -226,37 +251,37 @@ def main(
     By the scaling law the force does not matter: gap and friction are in proportion to it. Levels are relative to no absorber, at its own place.
     """
     with plain_errors():
-        check_page(page, MARKER)
-        check_targets({"plot": plot})
+        check_page(options.page, MARKER)
+        check_targets({"plot": options.plot, "json": options.json})
         model = (
-            model_of(structure, Beam.absorber_position)
-            if scene is None
-            else model_with_absorber_at(read_device(scene, "structure")[0])
+            scenes.model_of(options.structure, Beam.absorber_position)
+            if options.scene is None
+            else model_with_absorber_at(scenes.read_device(options.scene, "structure")[0])
         )
-        options["percent_per_100_periods"] = options.pop("rate")
-        if options["percent_per_100_periods"] is not None:
-            options["percent_per_100_periods"] = usable_rate(
-                "--rate", options["percent_per_100_periods"], [PAPER_LIMITS]
-            )
-        warn_of_nodes(model, *options["resonances"])
-        resonances = tuple(dict.fromkeys(options.pop("resonances")))
-        ratios = ratios or RATIOS
-        with workers(options["threads"], cluster) as options["executor"]:
-            if cluster is None and announce(model, ratios, resonances, options) > LONG_S:
+        scenes.warn_of_nodes(model, *options.resonances)
+        resonances = tuple(dict.fromkeys(options.resonances))
+        ratios = masses_of(options, model.beam_mass)
+        with workers(options.threads, options.cluster) as executor:
+            arguments = options.arguments(executor)
+            if options.cluster is None and announce(model, ratios, resonances, arguments) > LONG_S:
                 coarse = [
                     text(
                         checks(
-                            model, ratios, (resonance,), options | fast(model, resonance, options)
+                            model,
+                            ratios,
+                            (resonance,),
+                            arguments | fast(model, resonance, arguments),
                         )
                     )
                     for resonance in resonances
                 ]
                 announce_coarse("\n" + "\n".join(coarse))
-            checks_made = checks(model, ratios, resonances, options)
-            frequency = [] if plot is None else frequency_of(checks_made, options["executor"])
+            checks_made = checks(model, ratios, resonances, arguments)
+            frequency = [] if options.plot is None else frequency_of(checks_made, executor)
         table = text(checks_made)
         click.echo(table)
-        files = fill_page(page, MARKER, table)
-        if plot is not None:
-            files += write_files({plot: partial(save_frequency, parts=frequency)})
+        files = fill_page(options.page, MARKER, table)
+        files += write_files({options.json: [plain_check(check) for check in checks_made]})
+        if options.plot is not None:
+            files += write_files({options.plot: partial(save_frequency, parts=frequency)})
     name_files(files)

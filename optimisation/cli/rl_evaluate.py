@@ -1,10 +1,11 @@
-"""Rules, schedules and agents on the same held-out seeds: which is better, and how sure that is; and the leaderboard."""
+"""Rules and agents on the same held-out seeds."""
 
 # needs: env
 
 import csv
 import shutil
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -12,8 +13,9 @@ import click
 from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, Evaluation, PolicyScores, evaluate
 from impact_env.extras import DISTRIBUTION
 from impact_env.parameters import require
-from optimisation.cli.common import check_target, command, plain_errors
-from optimisation.files import write_csv
+from optimisation.cli.common import check_target, check_targets, command, plain_errors
+from optimisation.cli.options import OptionSpec, at_least, option
+from optimisation.files import write_csv, write_files
 from optimisation.machine import installed
 from optimisation.page import DOCS, ROOT, fill, markdown, require_markers
 from optimisation.progress import Bar
@@ -26,6 +28,54 @@ PAGE = DOCS / "tasks.md"
 MARKER = "leaderboard"
 COLUMNS = ("task", "policy", "who", "commit", "split", "episodes", "score", "low", "high")
 THIS_PROJECT = "this project"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions:
+    """Options of ``rl evaluate``; None or empty: not given."""
+
+    tasks: tuple[str, ...] = option(
+        "tasks",
+        type=click.Choice(list(TASKS)),
+        more=f"{', '.join(TASKS)}.",
+        default_text="all, with --agent the agents'",
+    )
+    files: tuple[Path, ...] = option(
+        OptionSpec(
+            names=("--agent",),
+            help="File of an agent; may be repeated",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            multiple=True,
+            usual=True,
+        )
+    )
+    split: str = option(
+        OptionSpec(
+            names=("--split",),
+            help=f"Seeds that are played: {', '.join(SEED_SPLITS)}",
+            type=click.Choice(list(SEED_SPLITS)),
+            metavar="NAME",
+            default="test",
+            usual=True,
+        )
+    )
+    episodes: int = option("episodes", type=at_least(2), default=EPISODES)
+    json: Path | None = option("json", help="Write the scores")
+    leaderboard: Path | None = option(
+        OptionSpec(
+            names=("--board",),
+            help=f"Write the scores into a leaderboard, as in docs/{LEADERBOARD.name}",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            section="Output",
+        )
+    )
+    page: Path | None = option(
+        "page",
+        help=f"Write the leaderboard's table into a page, as in docs/{PAGE.name}; with --board",
+        type=click.Path(path_type=Path),
+    )
 
 
 def evaluate_policies(task: str, agents: list[Agent], split: str, episodes: int) -> Evaluation:
@@ -91,63 +141,61 @@ def write_leaderboard(path: Path, evaluations: dict[str, Evaluation]) -> list[li
     return rows
 
 
-@command()
-@click.option(
-    "--task",
-    "tasks",
-    multiple=True,
-    type=click.Choice(list(TASKS)),
-    help="May be repeated.  [default: all, with --agent the agents']",
+def plain_scores(evaluations: dict[str, Evaluation]) -> list[dict[str, object]]:
+    """Return the scores as plain data: a row for each task and policy, with the 95 % interval of the mean."""
+    return [
+        {
+            "task": task,
+            "policy": scored.name,
+            "split": one.split,
+            "episodes": len(one.seeds),
+            "score": float(scored.mean),
+            "interval": [float(end) for end in scored.interval],
+        }
+        for task, one in evaluations.items()
+        for scored in (one.policy, *one.others.values())
+    ]
+
+
+@command(
+    EvaluateOptions,
+    examples=(
+        "rl evaluate --task GapChoice-v1 --episodes 4",
+        "rl evaluate --agent results/rl_train/agent.npz",
+    ),
 )
-@click.option(
-    "--agent",
-    "files",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="An agent's file; may be repeated.",
-)
-@click.option("--split", type=click.Choice(list(SEED_SPLITS)), default="test", show_default=True)
-@click.option("--episodes", type=click.IntRange(min=2), default=EPISODES, show_default=True)
-@click.option(
-    "--board",
-    "leaderboard",
-    type=click.Path(path_type=Path),
-    help=f"Write the scores into a leaderboard, as in docs/{LEADERBOARD.name}.",
-)
-@click.option(
-    "--page",
-    type=click.Path(path_type=Path),
-    help=f"Write the leaderboard's table into a page, as in docs/{PAGE.name}; with --board.",
-)
-def main(
-    tasks: tuple[str, ...],
-    files: tuple[Path, ...],
-    split: str,
-    episodes: int,
-    leaderboard: Path | None,
-    page: Path | None,
-) -> None:
+def main(options: EvaluateOptions) -> None:
     """Play chosen rules, shipped agents and given ones on the first seeds of a split, and say which is better and how sure that is."""
+    page = options.page
     with plain_errors():
-        check_target("--board", leaderboard, (".csv",))
+        check_target("--board", options.leaderboard, (".csv",))
         check_target("--page", page)
-        require(page is None or leaderboard is not None, "--page", str(page), "given with --board")
+        check_targets({"json": options.json})
+        require(
+            page is None or options.leaderboard is not None,
+            "--page",
+            str(page),
+            "given with --board",
+        )
         if page is not None:
             require_markers(page, PAGE, (MARKER,))
-        agents = [load_agent(file) for file in files]
+        agents = [load_agent(file) for file in options.files]
         own = {agent.env_id.split("/")[1] for agent in agents}
         require(
             own <= set(TASKS), "--agent", sorted(own - set(TASKS)), f"agents for {', '.join(TASKS)}"
         )
         evaluations = {}
-        for task in tasks or [name for name in TASKS if not own or name in own]:
+        for task in options.tasks or [name for name in TASKS if not own or name in own]:
             evaluations[task] = evaluate_policies(
-                task, [agent for agent in agents if agent.env_id == env_of(task)], split, episodes
+                task,
+                [agent for agent in agents if agent.env_id == env_of(task)],
+                options.split,
+                options.episodes,
             )
             click.echo(f"{evaluations[task]}\n")
-        if leaderboard is not None:
-            rows = write_leaderboard(leaderboard, evaluations)
+        write_files({options.json: plain_scores(evaluations)})
+        if options.leaderboard is not None:
+            rows = write_leaderboard(options.leaderboard, evaluations)
             if page is not None:
                 table = [
                     (f"`{task}`", name, who, f"{float(s):.3f} [{float(a):.3f}, {float(b):.3f}]")

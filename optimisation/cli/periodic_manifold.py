@@ -1,7 +1,8 @@
-"""The slow invariant manifold by one formula, beside exact orbits."""
+"""The slow invariant manifold, and exact orbits."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import click
@@ -18,7 +19,14 @@ from impact_env.periodic.slow_manifold import (
 )
 from impact_env.periodic.validation import validation_alongside
 from optimisation.cli import common
-from optimisation.cli.scene_options import make_scene, option_name, refuse_parts, scene_options
+from optimisation.cli.options import OptionSpec, option
+from optimisation.cli.scene_options import (
+    MapOptions,
+    SceneOptions,
+    make_scene,
+    option_name,
+    refuse_parts,
+)
 from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import counting_bar
@@ -33,7 +41,45 @@ MAPS = {
 COLUMNS = ("modes", "restitution", "mass_ratio", "friction_limit_N", "orbits", *VARIANTS)
 
 
-def variant_table(found: ManifoldCheck, force: float | None) -> str:
+@dataclass(frozen=True, kw_only=True)
+class ManifoldOptions(SceneOptions, MapOptions):
+    """Options of ``periodic manifold``; None or empty: not given."""
+
+    force: float | None = option("force", help="Amplitude of a force for which a gap is wanted")
+    resonance: int = option("resonance")
+    orbit_forces: str = option(
+        OptionSpec(
+            names=("--orbit-forces",),
+            help="Forces in N of the exact orbits",
+            type=str,
+            metavar="F,F,...",
+            default="",
+            default_text="0.5, 0.7, 1, 1.4, 2 times the onset of modulation",
+            section="Excitation",
+            older=("--forces",),
+        )
+    )
+    start: float = option("start", help="First frequency of the orbits over the resonance")
+    stop: float = option("stop", help="Last frequency of the orbits over the resonance")
+    points: int = option(
+        "points", help="Number of frequencies; 0: no orbits, only the formulas", default=13
+    )
+    map_mass_ratios: str = option(
+        OptionSpec(
+            names=("--map-mass-ratios",),
+            help="Mass ratios of a map",
+            type=str,
+            metavar="M,M,...",
+            default="",
+            default_text="--mass-ratio",
+        )
+    )
+    json: Path | None = option("json", help="Write variants, orbits and map")
+    csv: Path | None = option("csv", help="Write a row for each case of the map")
+    plot: Path | None = option("plot")
+
+
+def variant_table(result: ManifoldCheck, force: float | None) -> str:
     """Return a line for each variant: what it says of the absorber, and its error beside the orbits."""
     header = [
         "variant",
@@ -46,7 +92,7 @@ def variant_table(found: ManifoldCheck, force: float | None) -> str:
         header.append(f"gap for {force:g} N, mm")
     rows = []
     for name in VARIANTS:
-        manifold = found.manifold(name)
+        manifold = result.manifold(name)
         row = [
             name,
             f"{manifold.restitution:.3f}",
@@ -55,43 +101,43 @@ def variant_table(found: ManifoldCheck, force: float | None) -> str:
             f"{manifold.modulation_force:.4g}",
         ]
         if force is not None:
-            gap = manifold_gap(found.case.changed(force=force), found.resonance, name)
+            gap = manifold_gap(result.case.changed(force=force), result.resonance, name)
             row.append(f"{1e3 * gap:.4g}")
         rows.append(row)
-    if found.points:
+    if result.points:
         header += ["median error, %", "95 % of orbits within, %"]
         for name, row in zip(VARIANTS, rows, strict=True):
-            size = 100 * np.abs(found.errors(name))
+            size = 100 * np.abs(result.errors(name))
             row += [f"{np.median(size):.2f}", f"{np.quantile(size, 0.95):.2f}"]
     return markdown(tuple(header), rows)
 
 
-def map_row(found: ManifoldCheck) -> list[Any]:
+def map_row(result: ManifoldCheck) -> list[Any]:
     """Return the values of `COLUMNS`: the parameters, the number of orbits, and the median relative error of each variant."""
-    case = found.case
-    errors = [found.median_error(name) for name in VARIANTS]
+    case = result.case
+    errors = [result.median_error(name) for name in VARIANTS]
     return [
         case.model.modes,
         case.restitution,
         case.mass_ratio,
         case.friction_limit,
-        len(found.points),
+        len(result.points),
         *errors,
     ]
 
 
 def plain_rows(rows: list[list[Any]]) -> list[dict[str, Any]]:
     """Return the map as JSON has it; an error without orbits is None."""
-    found = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
+    result = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
     return [
-        {name: None if value != value else value for name, value in row.items()} for row in found
+        {name: None if value != value else value for name, value in row.items()} for row in result
     ]
 
 
 def map_table(rows: list[list[Any]]) -> str:
     """Return the table of median errors in %."""
     header = ("modes", "restitution", "mass, %", "friction, N", "orbits", *VARIANTS)
-    shown = [
+    cells = [
         [
             str(modes),
             f"{restitution:g}",
@@ -102,13 +148,15 @@ def map_table(rows: list[list[Any]]) -> str:
         ]
         for modes, restitution, mass, limit, orbits, *errors in rows
     ]
-    return markdown(header, shown)
+    return markdown(header, cells)
 
 
-def cases_of_map(case: Case, given: dict[str, Any]) -> list[Case]:
+def cases_of_map(case: Case, options: ManifoldOptions) -> list[Case]:
     """Return the cases of the map that the options ask for, none if there is no such option."""
     values = {
-        name: common.numbers(option_name(name), given[name], kind) if given[name] else ()
+        name: common.numbers(option_name(name), getattr(options, name), kind)
+        if getattr(options, name)
+        else ()
         for name, kind in MAPS.items()
     }
     if not any(values.values()):
@@ -130,79 +178,33 @@ def cases_of_map(case: Case, given: dict[str, Any]) -> list[Case]:
     ]
 
 
-@common.command()
-@scene_options(", 0 to 1", friction="none")
-@click.option(
-    "--resonance", type=int, default=1, show_default=True, help="Number of the resonance."
+@common.command(
+    ManifoldOptions,
+    examples=(
+        "periodic manifold --modes 1 --points 1",
+        "periodic manifold --modes 10 --restitution 0.7 --force 3.5",
+    ),
 )
-@click.option("--force", type=float, help="Amplitude in N of a force for which a gap is wanted.")
-@click.option(
-    "--forces",
-    default="",
-    metavar="N,N,...",
-    help="Forces in N of the exact orbits.  [default: 0.5, 0.7, 1, 1.4, 2 times the onset of modulation]",
-)
-@click.option(
-    "--from",
-    "start",
-    type=float,
-    default=0.92,
-    show_default=True,
-    help="Lowest frequency of the orbits over the resonance's.",
-)
-@click.option(
-    "--to",
-    "stop",
-    type=float,
-    default=1.04,
-    show_default=True,
-    help="Highest frequency of the orbits over the resonance's.",
-)
-@click.option(
-    "--points",
-    type=int,
-    default=13,
-    show_default=True,
-    help="Number of frequencies; 0: no orbits, only the formulas.",
-)
-@click.option("--map-modes", default="", metavar="N,N,...", help="Numbers of modes of a map.")
-@click.option("--map-restitutions", default="", metavar="E,E,...", help="Restitutions of a map.")
-@click.option("--map-mass-ratios", default="", metavar="M,M,...", help="Mass ratios of a map.")
-@click.option(
-    "--map-friction-limits", default="", metavar="N,N,...", help="Friction limits of a map in N."
-)
-@common.json_option("Write variants, orbits and map, in SI units.")
-@common.file_option("--csv", "Write a row for each case of the map.")
-@common.plot_option
-def main(**given: Any) -> None:
+def main(options: ManifoldOptions) -> None:
     """Compute the slow invariant manifold of an impact absorber, and compare it with exact orbits.
 
     Two impacts a period keep the amplitude of the resonant mode on a curve over the absorber's amplitude, whatever the force is. Four variants of
     the formula are printed, from the literature's to the one with all modes, with what each says of fold force, modulation and gap.
-
-    Example: periodic manifold --modes 10 --restitution 0.7 --force 3.5 --plot manifold.png
     """
     with common.plain_errors():
-        common.check_targets(given)
-        refuse_map_of_one(given)
-        given |= dict.fromkeys(
-            (
-                "absorber",
-                "contact_stiffness",
-                "friction_stiffness",
-                "stiffness",
-                "absorber_damping",
-            )
-        )
-        refuse_parts(given)
-        points = count("--points", given["points"], 0)
-        wanted = given["force"]
-        scene, _ = make_scene(dict(given))
-        resonance = count("--resonance", given["resonance"], 1, scene.model.modes)
+        common.check_targets(vars(options))
+        refuse_map_of_one(options)
+        refuse_parts(options)
+        points = count("--points", options.points, 0)
+        wanted = options.force
+        scene = make_scene(options).scene
+        resonance = count("--resonance", options.resonance, 1, scene.model.modes)
         case = case_of(scene, 1.0, float(scene.model.resonance_omega(resonance)))
-        cases = cases_of_map(case, given)
-        ratios = np.linspace(given["start"], given["stop"], points)
-        forces = common.numbers("--forces", given["forces"], float) if given["forces"] else None
+        cases = cases_of_map(case, options)
+        ratios = np.linspace(options.start, options.stop, points)
+        forces = None
+        if options.orbit_forces:
+            forces = common.numbers("--orbit-forces", options.orbit_forces, float)
         complete = [True]
         own = ManifoldCheck(case, resonance, ())
         rows: list[list[Any]] = []
@@ -224,21 +226,21 @@ def main(**given: Any) -> None:
         plain = own.to_plain() | {"map": plain_rows(rows), "complete": complete[0]}
         files = write_files(
             {
-                given["json"]: plain,
-                given["csv"]: (COLUMNS, rows),
-                given["plot"]: lambda path: save_manifold(path, own),
+                options.json: plain,
+                options.csv: (COLUMNS, rows),
+                options.plot: lambda path: save_manifold(path, own),
             }
         )
     common.name_files(files)
     common.end_early(complete[0])
 
 
-def stable_of(found: ManifoldCheck) -> int:
+def stable_of(result: ManifoldCheck) -> int:
     """Return how many of the orbits are stable."""
-    return sum(point.stable for point in found.points)
+    return sum(point.stable for point in result.points)
 
 
-def refuse_map_of_one(given: dict[str, Any]) -> None:
+def refuse_map_of_one(options: ManifoldOptions) -> None:
     """Raise BadInput for --csv without a map, whose rows it would hold."""
-    if given["csv"] is not None and not any(given[name] for name in MAPS):
+    if options.csv is not None and not any(getattr(options, name) for name in MAPS):
         raise common.BadInput("--csv is for a map: add --map-modes or one of its siblings")

@@ -1,0 +1,219 @@
+"""Pareto fronts of two aims of one absorber."""
+
+# needs: optimise
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+from impact_env.ensemble import Executor
+from impact_env.parameters import ParameterError
+from optimisation.cli import design_options as design
+from optimisation.cli.common import (
+    check_targets,
+    command,
+    end_early,
+    end_without,
+    name_files,
+    plain_errors,
+)
+from optimisation.cli.options import OptionSpec, at_least, number, option
+from optimisation.cli.scene_options import is_option_set, refuse_with_load
+from optimisation.cli.search_duration import announce_search
+from optimisation.executors import executor as executor_on
+from optimisation.files import require_writable, write_files
+from optimisation.objectives import Objective
+from optimisation.problem import Problem
+from optimisation.report.card import write_card
+from optimisation.report.cards import front_card
+from optimisation.report.design_figures import save_front
+from optimisation.report.front_report import bounds_of, front_summary, front_table, front_text
+from optimisation.search import pareto as fronts
+from optimisation.search.run_cache import check_study_file
+from optimisation.search.settings import CMA, SAMPLERS, default_settings
+from optimisation.space import FRICTION_LIMIT, GAP, IMPACT
+
+RESONANCES = "resonances"
+SEVERITY = "severity"
+DESIGNS = 300
+QUICK_DESIGNS = 100
+FRONT_SAMPLERS = [name for name in SAMPLERS if name != CMA]
+MEMBERS = 4
+QUICK_MEMBERS = 2
+DEFAULT_AT = {RESONANCES: fronts.FORCES, SEVERITY: ((1, 3.5),)}
+SEVEREST = 0.1  # W: a corner for hypervolumes
+CORNERS = {RESONANCES: fronts.CORNER, SEVERITY: (fronts.CORNER[0], SEVEREST)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrontOptions(design.StudyOptions):
+    """Options of ``design pareto``; None: not given."""
+
+    against: str = option(
+        OptionSpec(
+            names=("--against",),
+            help="First against second resonance, or level against impact severity",
+            type=click.Choice([RESONANCES, SEVERITY]),
+            metavar="AIM",
+            default=RESONANCES,
+            usual=True,
+        )
+    )
+    at: tuple[tuple[int, float], ...] = option(
+        "at",
+        default_text="1:3.5 and, for resonances, 2:15; with --structure by the design rule",
+    )
+    designs: int | None = option(
+        number(
+            "--designs",
+            "Designs to search, rounded up to whole batches",
+            type=at_least(2),
+            default_text=str(DESIGNS),
+            usual=True,
+            section="Runs",
+        )
+    )
+    sampler: str | None = option(
+        OptionSpec(
+            names=("--sampler",),
+            help=f"Method of the search: {', '.join(FRONT_SAMPLERS)}",
+            type=click.Choice(FRONT_SAMPLERS),
+            metavar="METHOD",
+            default_text="nsga2",
+        )
+    )
+    random_seeds: int = option(
+        number(
+            "--random-seeds",
+            "Compare with random search, with this many seeds",
+            type=at_least(0),
+            default=0,
+        )
+    )
+    json: Path | None = option("json", help="Write the summary here, too")
+    out: Path = option(
+        "out",
+        more="Each choice of --against has a folder in it.",
+        default=Path("results/design_pareto"),
+    )
+
+
+def make(against: str, options: FrontOptions) -> Problem:
+    """Return the problem; where severity counts, the restitution is the material's and not free, as elastic walls lose nothing."""
+    objectives: tuple[Objective, ...] = (Objective(), Objective("severity"))
+    if against == SEVERITY:
+        options = replace(options, free_by_default=(GAP, FRICTION_LIMIT))
+    source = design.read_source(options)
+    loads = design.loads_in(options, source)
+    pairs = design.forces_at(options, source, DEFAULT_AT[against]) if loads is None else []
+    if against == RESONANCES:
+        resonances = sorted({resonance for resonance, _ in pairs})
+        if len(resonances) != 2:
+            raise ParameterError(
+                f"--at = {pairs} is not allowed: with --against {RESONANCES} two resonances"
+            )
+        objectives = tuple(Objective(resonance=resonance) for resonance in resonances)
+    members = options.members or (QUICK_MEMBERS if options.quick else MEMBERS)
+    space = design.make_space(IMPACT, options, source)
+    conditions = (
+        design.make_conditions(space, source.structure, pairs)
+        if loads is None
+        else design.load_conditions(loads)
+    )
+    return design.make_problem(
+        space, conditions, objectives, replace(options, members=members), source
+    )
+
+
+def study(
+    problem: Problem, against: str, options: FrontOptions, journal: Path, executor: Executor
+) -> fronts.Front:
+    """Search, judge and compare; what a Ctrl-C breaks off is left out."""
+    designs = options.designs or (QUICK_DESIGNS if options.quick else DESIGNS)
+    settings = default_settings(problem, options.sampler, options.batch, options.seed)
+    check_study_file(journal)
+    announce_search(
+        problem,
+        designs * (1 + 2 * options.random_seeds),
+        options.threads,
+        options.cluster,
+        executor,
+    )
+    front = fronts.search_front(problem, settings, designs, CORNERS[against], journal, executor)
+    if front.finished and front.index:
+        front = fronts.front_service_loads(fronts.judge_front(front, executor), executor)
+        front = (
+            fronts.compare_with_random(front, settings, options.random_seeds, executor)
+            if options.random_seeds
+            else front
+        )
+    return front
+
+
+def write(out: Path, front: fronts.Front, options: FrontOptions) -> list[Path]:
+    """Write the tables and figures of a front, and return the files."""
+    summary = design.conditions_of(options) | front_summary(front)
+    files = write_files(
+        {
+            out / "front.csv": front_table(front),
+            out / "summary.json": summary,
+            options.json: summary,
+        }
+    )
+    if front.fresh and front.paper is not None:
+        labels = [o.label for o in front.problem.objectives]
+        searched, front_designs = (
+            np.array([e.score.values for e in part]) for part in (front.evaluated, front.members)
+        )
+        fresh = np.array([j.score.values for j in front.fresh])
+        paper = np.array(front.paper.score.values)
+        files.append(out / "front.png")
+        save_front(
+            files[-1],
+            (labels[0], labels[1]),
+            searched,
+            front_designs,
+            fresh,
+            paper,
+            bounds_of(front),
+        )
+    return files + write_card(out, front_card(front))
+
+
+@command(
+    FrontOptions,
+    epilog=design.variables_help(),
+    examples=(
+        "design pareto --quick",
+        "design pareto --against severity --at 1:3.5 --quick",
+    ),
+)
+def main(options: FrontOptions) -> None:
+    """Search a Pareto front of impact absorbers: first against second resonance, or response level against impact severity.
+
+    Writes front.png, front.csv (every design) and summary.json, and prints the front. Ctrl-C ends the search; the same command goes
+    on from there.
+    """
+    against = options.against
+    if options.load is not None and not is_option_set("against"):
+        against = SEVERITY
+    out = options.out / against
+    with plain_errors(design.BROKEN_OFF):
+        if against == RESONANCES:
+            refuse_with_load(
+                options.load,
+                "against",
+                why=f"loads are met as they are; {SEVERITY} goes with it",
+            )
+        require_writable("--out", out)
+        check_targets({"json": options.json})
+        problem = make(against, options)
+        with executor_on(options.threads, options.cluster) as executor:
+            front = study(problem, against, options, design.journal_of(options, out), executor)
+        click.echo(front_text(front))
+        files = write(out, front, options)
+    name_files(files)
+    end_early(front.finished, design.GOES_ON)
+    end_without(bool(front.index))

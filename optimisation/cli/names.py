@@ -1,0 +1,120 @@
+"""Names of the commands: groups and headings, the module of each, the names of the version before, and the extras that each needs.
+
+The module of ``design gap`` is ``design_gap.py``: its words with underscores. ``scripts/run`` reads `OLDER_NAMES` line by line, before
+there is an environment.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+HERE = Path(__file__).parent
+STUDIES = Path(__file__).resolve().parents[2] / "scripts" / "studies" / "cli"  # of a checkout
+REPRODUCE = "reproduce"  # group of the studies that make a checkout's pages
+HEADINGS = {
+    "Simulate": ("sweep", "compare", "calibrate", "structure", "explore"),
+    "Design an absorber": (
+        "design gap",
+        "design place",
+        "design search",
+        "design pareto",
+        "design masses",
+        "design tune",
+    ),
+    "Periodic responses": (
+        "periodic orbits",
+        "periodic branches",
+        "periodic folds",
+        "periodic curves",
+        "periodic isola",
+        "periodic manifold",
+        "periodic basins",
+        "periodic diagram",
+        "periodic section",
+        "periodic balance-error",
+    ),
+    "Reinforcement learning": ("rl train", "rl evaluate", "rl render", "rl demonstrations"),
+    "This installation": ("doctor", "prepare", "cache"),
+}
+GROUPS = {
+    "design": "Gap, place, mass or every parameter of an absorber",
+    "periodic": "Periodic orbits, bifurcations and attractors",
+    "rl": "Agents for the environments",
+    REPRODUCE: "Numbers, tables and figures of this checkout's pages",
+}
+# names of the version before, which no help lists, and those of now
+OLDER_NAMES = {
+    "compare_absorbers": "compare",
+    "design_gap": "design gap",
+    "design_place": "design place",
+    "optimise_design": "design search",
+    "pareto": "design pareto",
+    "mass_ratios": "design masses",
+    "tune_ltva": "design tune",
+    "frequency_response": "periodic branches",
+    "balance_error": "periodic balance-error",
+    "orbits": "periodic orbits",
+    "isola": "periodic isola",
+    "manifold": "periodic manifold",
+    "train": "rl train",
+    "judge": "rl evaluate",
+    "record_demonstrations": "rl demonstrations",
+    "render_episode": "rl render",
+}
+# defaults of the older names that differ, by the parameters that they set
+OLDER_DEFAULTS: dict[str, dict[str, object]] = {
+    "compare_absorbers": {"out": "results/compare_absorbers"},
+    "optimise_design": {"out": "results/optimise_design"},
+    "pareto": {"out": "results/pareto"},
+    "tune_ltva": {"out": "results/tune_ltva"},
+    "frequency_response": {"start": 0.88},
+    "balance_error": {"start": 0.85, "stop": 1.1},
+    "isola": {"stop": 1.0},
+    "manifold": {"start": 0.92, "stop": 1.04},
+}
+NEEDS = re.compile(r"^# needs: *(.*)$", re.MULTILINE)
+HEAD_LINES = 40  # a command says near its top what it needs
+
+
+def list_studies() -> dict[str, Path]:
+    """Return the modules of the studies of a checkout by their names; none where there is no checkout."""
+    return {
+        f"{REPRODUCE} {file.stem.replace('_', '-')}": file
+        for file in sorted(STUDIES.glob("[!_]*.py"))
+    }
+
+
+def list_commands() -> dict[str, Path]:
+    """Return the modules of all commands by their names."""
+    shipped = {
+        name: HERE / f"{name.replace(' ', '_').replace('-', '_')}.py"
+        for names in HEADINGS.values()
+        for name in names
+    }
+    return shipped | list_studies()
+
+
+def list_older_names() -> dict[str, str]:
+    """Return the names of now by those of the version before; a study goes by its own name, too."""
+    studies = {file.stem: name for name, file in list_studies().items()}
+    return (
+        OLDER_NAMES | studies | {name.replace("_", "-"): of_now for name, of_now in studies.items()}
+    )
+
+
+def find_command(words: Sequence[str]) -> tuple[str, int]:
+    """Return the name of the command that is called, and how many of the words are its name; an empty name if there is none."""
+    commands = list_commands()
+    if words and (name := list_older_names().get(words[0])) is not None:
+        return name, 1
+    for length in (2, 1):
+        name = " ".join(words[:length])
+        if len(words) >= length and name in commands:
+            return name, length
+    return "", 0
+
+
+def list_needs(file: Path) -> list[str]:
+    """Return the extras that the module of a command says it needs."""
+    head = "\n".join(file.read_text(encoding="utf-8").splitlines()[:HEAD_LINES])
+    return [extra for line in NEEDS.findall(head) for extra in line.replace(",", " ").split()]
