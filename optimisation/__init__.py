@@ -1,7 +1,7 @@
 """Which absorber, how large a gap, where: design of absorbers by simulation.
 
 `advise`, `compare` and `explain` return whole answers: each has its text (`str`), `to_json`, `plot` and `save`, and is what the
-commands `design_gap`, `compare_absorbers` and `optimise_design` print and write.
+commands `design gap`, `compare` and `design search` print and write.
 """
 
 from importlib import import_module

@@ -2,7 +2,7 @@
 
 1. `optimisation.place_map` ranks all places for each mass by the linear structure, without a run.
 2. The best few of each mass run at three gaps with one member.
-3. The best of these, and the second where it is close, have their gap searched as by `design_gap` (`optimisation.gap_search`), for all resonances
+3. The best of these, and the second where it is close, have their gap searched as by `design gap` (`optimisation.gap_search`), for all resonances
    together: the search makes small the largest level over that without absorber. Member m of every resonance is one member.
 
 All sweeps go over one range for each resonance, that of the heaviest mass at the places that run, and start from the steady state.

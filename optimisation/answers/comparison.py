@@ -77,7 +77,7 @@ class ComparisonAnswer(CompleteAnswer):
         return comparison_card(self.comparison, self.impacts, self.frequency)
 
     def __str__(self) -> str:
-        """Return the table that `compare_absorbers` prints."""
+        """Return the table that `compare` prints."""
         if isinstance(self.comparison, LoadComparison):
             return tables.load_table(self.comparison)
         return tables.text_table(self.comparison)
@@ -180,7 +180,7 @@ def compare(
     executor: Executor | None = None,
     **options: Any,
 ) -> ComparisonAnswer:
-    """Compare absorbers of one mass over the force near resonances, or over the intensity of loads, as the command `compare_absorbers` does.
+    """Compare absorbers of one mass over the force near resonances, or over the intensity of loads, as the command `compare` does.
 
     Parameters
     ----------

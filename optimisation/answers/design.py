@@ -98,7 +98,7 @@ class DesignAnswer(CompleteAnswer):
         return findings_card(self.result, self.frequency)
 
     def __str__(self) -> str:
-        """Return what `optimise_design` prints."""
+        """Return what `design search` prints."""
         return tables.text(self.result)
 
     def to_json(self) -> Json:
@@ -282,7 +282,7 @@ def explain(
     sizes: ExplanationSizes | None = None,
     executor: Executor | None = None,
 ) -> DesignAnswer:
-    """Explain the winner of a search, as the command `optimise_design` does.
+    """Explain the winner of a search, as the command `design search` does.
 
     Parameters
     ----------

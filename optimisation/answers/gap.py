@@ -216,7 +216,7 @@ class GapAnswer(CompleteAnswer):
         return isinstance(self.advice.case, AppliedLoads)
 
     def __str__(self) -> str:
-        """Return what `design_gap` prints."""
+        """Return what `design gap` prints."""
         if self.under_loads:
             return load_gap_report.text(self.advice)
         lines = gap_report.answer(self.advice)
@@ -437,7 +437,7 @@ def advise(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> GapAnswer:
-    """Choose the gap of an impact absorber for a force near a resonance, or for loads, as the command `design_gap` does.
+    """Choose the gap of an impact absorber for a force near a resonance, or for loads, as the command `design gap` does.
 
     Parameters
     ----------

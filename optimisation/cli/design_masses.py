@@ -241,7 +241,7 @@ def frequency_of(
 
 @command(
     MassesOptions,
-    examples=("design masses --mass-ratio 0.02 --resonances 1 --members 1 --rate 10",),
+    examples=("design masses --mass-ratio 0.02 --members 1 --rate 10",),
 )
 def main(options: MassesOptions) -> None:
     """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.

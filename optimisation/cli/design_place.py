@@ -95,7 +95,7 @@ class PlaceOptions:
         help="Friction limit at any gap, 0 for none",
         default_text=FRICTION_TEXT,
     )
-    load: str | None = option("load", type=str, hidden=True)
+    load: Path | None = option("load", hidden=True)
     force: float | None = option(
         "force", help="Amplitude of the harmonic force, the same near each of --resonances"
     )

@@ -22,18 +22,20 @@ from optimisation.cli.common import INTERRUPTED
 from optimisation.cli.names import (
     GROUPS,
     HEADINGS,
+    HERE,
     OLDER_DEFAULTS,
+    OLDER_NAMES,
     REPRODUCE,
     list_commands,
     list_needs,
-    list_older_names,
+    list_other_names,
     list_studies,
 )
 
 
 def name_of(name: str) -> str:
     """Return the name of now of a command, which may be called by the one of the version before."""
-    return list_older_names().get(name, name)
+    return list_other_names().get(name, name)
 
 
 def modules() -> dict[str, Path]:
@@ -48,13 +50,9 @@ def file_of(name: str) -> Path | None:
 
 def imported(name: str) -> ModuleType:
     """Return the module of a command that there is, by its name of now or of the version before."""
-    name = name_of(name)
-    folder = "optimisation.cli"
-    stem = name
-    if name.startswith(f"{REPRODUCE} "):
-        folder = "studies.cli"
-        stem = name.removeprefix(f"{REPRODUCE} ")
-    return importlib.import_module(f"{folder}.{stem.replace(' ', '_').replace('-', '_')}")
+    file = list_commands()[name_of(name)]
+    package = "optimisation.cli" if file.parent == HERE else "studies.cli"
+    return importlib.import_module(f"{package}.{file.stem}")
 
 
 def missing_extras(file: Path) -> dict[str, list[str]]:
@@ -132,13 +130,15 @@ class Commands(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is called; raises UsageError, with the names that are most alike, if there is none."""
         word = args[0]
-        older = {} if self.prefix else list_older_names()
-        if word in older:
+        others = {} if self.prefix else list_other_names()
+        if not self.prefix and word in OLDER_NAMES:
             click.echo(
-                f"note: {word} is called {older[word]} now; the next version does not know the older name",
+                f"note: {word} is called {others[word]} now; the next version does not know the older name",
                 err=True,
             )
-        elif not word.startswith("-") and word not in self.list_commands(ctx):
+        elif (
+            word not in others and not word.startswith("-") and word not in self.list_commands(ctx)
+        ):
             self.refuse_name(ctx, word)
         return super().resolve_command(ctx, args)
 

@@ -79,7 +79,7 @@ HEAD_LINES = 40  # a command says near its top what it needs
 def list_studies() -> dict[str, Path]:
     """Return the modules of the studies of a checkout by their names; none where there is no checkout."""
     return {
-        f"{REPRODUCE} {file.stem.replace('_', '-')}": file
+        f"{REPRODUCE} {file.stem.removeprefix('reproduce_').replace('_', '-')}": file
         for file in sorted(STUDIES.glob("[!_]*.py"))
     }
 
@@ -94,18 +94,21 @@ def list_commands() -> dict[str, Path]:
     return shipped | list_studies()
 
 
-def list_older_names() -> dict[str, str]:
-    """Return the names of now by those of the version before; a study goes by its own name, too."""
+def list_short_names() -> dict[str, str]:
+    """Return the names of the studies by the words that go without ``reproduce``: those of the module, with underscores or dashes."""
     studies = {file.stem: name for name, file in list_studies().items()}
-    return (
-        OLDER_NAMES | studies | {name.replace("_", "-"): of_now for name, of_now in studies.items()}
-    )
+    return studies | {stem.replace("_", "-"): name for stem, name in studies.items()}
+
+
+def list_other_names() -> dict[str, str]:
+    """Return the names of now by the other names of commands: of the version before, and short ones of studies."""
+    return OLDER_NAMES | list_short_names()
 
 
 def find_command(words: Sequence[str]) -> tuple[str, int]:
     """Return the name of the command that is called, and how many of the words are its name; an empty name if there is none."""
     commands = list_commands()
-    if words and (name := list_older_names().get(words[0])) is not None:
+    if words and (name := list_other_names().get(words[0])) is not None:
         return name, 1
     for length in (2, 1):
         name = " ".join(words[:length])

@@ -176,7 +176,7 @@ def computed(options: BalanceOptions) -> tuple[ReferenceOrbit, list[BalanceRow],
 
 @command(
     BalanceOptions,
-    examples=("periodic balance-error --modes 2 --harmonics 10 --weights 50 --no-branches",),
+    examples=("periodic balance-error --modes 2 --weights 50",),
 )
 def main(options: BalanceOptions) -> None:
     """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch.

@@ -180,8 +180,8 @@ class BasinOptions(AttractorOptions):
 @common.command(
     BasinOptions,
     examples=(
-        "periodic basins --modes 1 --restitution 0.75 --frequency 0.93 --starts 16",
-        "periodic basins --modes 1 --over frequency 0.92 0.94 --points 5",
+        "periodic basins --modes 1 --restitution 0.75 --starts 16",
+        "periodic basins --modes 1 --over force 1 2 --points 5",
     ),
 )
 def main(options: BasinOptions) -> None:

@@ -335,8 +335,8 @@ def text(result: Overview) -> str:
 @common.command(
     BranchOptions,
     examples=(
-        "periodic branches --modes 2 --method balance --harmonics 3 --no-sweeps",
-        "periodic branches --modes 3 --friction-limit 0.01 --plot branches.png",
+        "periodic branches --modes 2 --method balance --no-sweeps",
+        "periodic branches --modes 3 --plot branches.png",
     ),
 )
 def main(options: BranchOptions) -> None:

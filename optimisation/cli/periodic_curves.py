@@ -58,7 +58,7 @@ class CurveOptions(CaseOptions):
 
 @command(
     CurveOptions,
-    examples=("periodic curves --modes 1 --over force 1.4 1.6 --symmetric --plot curves.png",),
+    examples=("periodic curves --modes 1 --over force 1.4 1.6 --symmetric",),
     rewrite=partial(name_parameter, usual="force"),
 )
 def main(options: CurveOptions) -> None:

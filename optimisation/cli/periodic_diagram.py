@@ -129,8 +129,8 @@ class DiagramOptions(AttractorOptions):
 @common.command(
     DiagramOptions,
     examples=(
-        "periodic diagram --modes 1 --over force 1 1.5 --points 11 --no-branches",
-        "periodic diagram --modes 1 --over frequency 0.928 0.938 --plot diagram.png",
+        "periodic diagram --modes 1 --over force 1 1.5 --points 11",
+        "periodic diagram --over frequency 0.92 0.94 --plot a.png",
     ),
 )
 def main(options: DiagramOptions) -> None:

@@ -95,7 +95,7 @@ def computed(options: IsolaOptions) -> IsolaMap:
     IsolaOptions,
     examples=(
         "periodic isola --modes 1 --from 0.93 --to 1",
-        "periodic isola --modes 3 --map-modes 1,3 --resume isola.kept --plot isola.png",
+        "periodic isola --modes 3 --map-modes 1,3 --plot isola.png",
     ),
 )
 def main(options: IsolaOptions) -> None:

@@ -731,7 +731,7 @@ def compute_results(case: Case, options: OrbitOptions) -> OrbitResults:
     OrbitOptions,
     examples=(
         "periodic orbits --modes 3 --frequency 0.95 --symmetric",
-        "periodic orbits --modes 2 --frequency 0.95 --over force 1 6 --json -",
+        "periodic orbits --modes 2 --frequency 0.95 --over force 1 6",
     ),
     rewrite=name_parameter,
 )

@@ -113,7 +113,7 @@ class SectionOptions(AttractorOptions):
     SectionOptions,
     examples=(
         "periodic section --modes 1 --restitution 0.75 --frequency 0.93",
-        "periodic section --modes 1 --section impacts --plot section.png",
+        "periodic section --modes 1 --section impacts --plot a.png",
     ),
 )
 def main(options: SectionOptions) -> None:

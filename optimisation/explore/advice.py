@@ -22,7 +22,7 @@ from optimisation.measures import LABELS
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import smallest_amplitude
 
-MEMBERS = 1  # as `design_gap --quick`
+MEMBERS = 1  # as `design gap --quick`
 GAP_STEP = 1.15  # between the gaps of a search for two absorbers, and the change of load that the answer must bear
 GAP_STEPS = range(-2, 10)  # from 0.76 to 3.5 of the rule's gap
 SAME_RATIO_TOL = 0.1  # of 1, within which two absorbers have the same amplitude

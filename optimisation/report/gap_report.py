@@ -1,4 +1,4 @@
-"""The answers of `design_gap` and what they rest on: as text, card, rows, JSON and figures. SI units, unless named."""
+"""The answers of `design gap` and what they rest on: as text, card, rows, JSON and figures. SI units, unless named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The answers of `design_gap --load` in words, as JSON, rows and a figure."""
+"""The answers of `design gap --load` in words, as JSON, rows and a figure."""
 
 from __future__ import annotations
 

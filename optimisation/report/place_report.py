@@ -1,4 +1,4 @@
-"""The answer of `design_place`: as text, card, rows, JSON, and a picture of the structure coloured by reach. SI units, unless named."""
+"""The answer of `design place`: as text, card, rows, JSON, and a picture of the structure coloured by reach. SI units, unless named."""
 
 import math
 from collections.abc import Iterator, Sequence

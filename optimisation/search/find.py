@@ -4,7 +4,7 @@
     findings = find(problem, Plan(designs=200))
     findings.verdict.winner.design
 
-The command `optimise_design` does no more than that, with bars and files.
+The command `design search` does no more than that, with bars and files.
 """
 
 from __future__ import annotations

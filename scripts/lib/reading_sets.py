@@ -86,9 +86,12 @@ def command(*words: str) -> Callable[[], object]:
         from click.testing import CliRunner
 
         from optimisation.cli.group import imported
+        from optimisation.cli.names import find_command
 
         with tempfile.TemporaryDirectory() as folder:
-            result = CliRunner().invoke(imported(words[0]).main, [*words[1:], "--out", folder])
+            name, length = find_command(words)
+            arguments = [*words[length:], "--out", folder]
+            result = CliRunner().invoke(imported(name).main, arguments)
         if result.exit_code:
             raise SystemExit(f"{' '.join(words)}: {result.output}")
         return result
@@ -102,14 +105,14 @@ QUESTIONS: dict[str, tuple[str, Callable[[], Callable[[], object]], bool]] = {
     "b": ("an action through env.step", step_environment, True),
     "c": ("a [load] table, from the file to the kernel", simulate_loads, True),
     "d": (
-        "design_gap, from the command line to the card",
-        lambda: command("design_gap", "--quick", "--force", "3.5", *SMALL),
+        "design gap, from the command line to the card",
+        lambda: command("design", "gap", "--quick", "--force", "3.5", *SMALL),
         False,
     ),
     "e": (
-        "optimise_design",
+        "design search",
         lambda: command(
-            *("optimise_design", "--quick", *SMALL, "--batch", "4", "--designs", "4"),
+            *("design", "search", "--quick", *SMALL, "--batch", "4", "--designs", "4"),
             "--no-figures",
         ),
         False,

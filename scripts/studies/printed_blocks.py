@@ -12,6 +12,7 @@ from pathlib import Path
 from click.testing import CliRunner
 
 from optimisation.cli.group import imported
+from optimisation.cli.names import find_command
 from optimisation.page import ROOT
 
 EXAMPLES = Path("docs", "examples")
@@ -42,11 +43,10 @@ class Block:
 
     @property
     def command(self) -> str:
-        """Return the name of the command or of the subcommand of periodic, empty for a Python example."""
+        """Return the name of the command, empty for a Python example."""
         if self.language != "sh":
             return ""
-        _, name, *arguments = shlex.split(self.source)
-        return arguments[0] if name == "periodic" else name
+        return find_command(shlex.split(self.source)[1:])[0]
 
 
 def find_blocks(text: str) -> list[Block]:
@@ -77,8 +77,9 @@ def run_source(language: str, source: str) -> str:
         with contextlib.redirect_stdout(output):
             exec(compile(source, "<example>", "exec"), {"__name__": "__example__"})
         return output.getvalue()
-    _, name, *arguments = shlex.split(source)
-    result = CliRunner().invoke(imported(name).main, arguments)
+    _, *words = shlex.split(source)
+    name, length = find_command(words)
+    result = CliRunner().invoke(imported(name).main, words[length:])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     warnings = [

@@ -1,4 +1,4 @@
-"""Structures on which the answers of `design_gap` are put to the test: twenty of many kinds, and ten hard ones.
+"""Structures on which the answers of `design gap` are put to the test: twenty of many kinds, and ten hard ones.
 
 They are beams, plates, frames and modal models, none of them the paper's beam. Plates are Kirchhoff's by Ritz's method, with Legendre
 polynomials times what the held edges ask for; portal frames are plane Euler-Bernoulli finite elements. SI units.

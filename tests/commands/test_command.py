@@ -23,10 +23,11 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from places import ROOT
 
+from impact_env.extras import EXTRAS
 from impact_env.kernels.compiling.cache import find_folders, hash_sources
 from optimisation import progress
-from optimisation.cli import group as command
 from optimisation.cli.group import imported
+from optimisation.cli.names import HEADINGS, list_commands
 from optimisation.progress import Bar, counting_bar, stages_bar
 
 NAME = "impact-absorber-workbench"
@@ -102,33 +103,34 @@ def environment(installed: Path, extras: tuple[str, ...], hook: Path) -> dict[st
 BALANCE = "--modes 2 --method balance --harmonics 3 --no-sweeps"
 STEEP = "--quick --modes 2 --rate 20 --members 2"
 QUICK = {  # the shortest form of each command
-    "balance_error": "--modes 2 --harmonics 10 --weights 50 --no-branches",
+    "periodic balance-error": "--modes 2 --harmonics 10 --weights 50 --no-branches",
     "cache": "info",
     "calibrate": f"{ROOT}/docs/examples/absorber_levels.toml --quick --free restitution",
-    "compare_absorbers": "--quick",
-    "design_gap": "--quick --force 3.5",
-    "design_place": "--quick --force 3.5 --mass-ratio 0.02 --rate 40 --position 1",
+    "compare": "--quick",
+    "design gap": "--quick --force 3.5",
+    "design place": "--quick --force 3.5 --mass-ratio 0.02 --rate 40 --position 1",
     "doctor": "",
     "explore": "--help",  # it serves until Ctrl-C
-    "judge": "--task GapChoice-v1 --episodes 4",
-    "frequency_response": BALANCE,
-    "periodic basins": "--modes 1 --restitution 0.75 --at 0.93 --starts 4",
-    "periodic diagram": "--modes 1 --restitution 0.75 --at 0.93 --over force 1 1.5 --points 2 --no-branches",
-    "periodic section": "--modes 1 --restitution 0.75 --at 0.93 --starts 1",
-    "periodic curves": "--modes 1 --kind loss-of-contact --symmetric --from 1 --to 1.02 --over 1.4 1.6",
-    "periodic isola": "--modes 1 --from 0.93",
+    "rl evaluate": "--task GapChoice-v1 --episodes 4",
+    "periodic branches": BALANCE,
+    "periodic basins": "--modes 1 --restitution 0.75 --frequency 0.93 --starts 4",
+    "periodic diagram": "--modes 1 --restitution 0.75 --frequency 0.93 --over force 1 1.5 --points 2 --no-branches",
+    "periodic section": "--modes 1 --restitution 0.75 --frequency 0.93 --starts 1",
+    "periodic curves": "--modes 1 --kind loss-of-contact --symmetric --from 1 --to 1.02 --over force 1.4 1.6",
+    "periodic folds": "--modes 1 --from 0.93 --to 0.96",
+    "periodic isola": "--modes 1 --from 0.93 --to 1",
     "periodic manifold": "--modes 1 --points 1",
-    "mass_ratios": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1 1",
-    "optimise_design": f"{STEEP} --batch 4 --designs 4 --no-figures",
-    "periodic orbits": "--modes 3 --friction-limit 0.01 --at 0.95 --symmetric",
-    "pareto": f"{STEEP} --batch 4 --designs 4",
+    "design masses": "--rate 100 --members 1 --mass-ratio 0.02 --resonances 1",
+    "design search": f"{STEEP} --batch 4 --designs 4 --no-figures",
+    "periodic orbits": "--modes 3 --friction-limit 0.01 --frequency 0.95 --symmetric",
+    "design pareto": f"{STEEP} --batch 4 --designs 4",
     "prepare": "",
-    "record_demonstrations": "--task GapChoice-v1 --episodes 2",
-    "render_episode": "--frames 4 --gif film.gif",
+    "rl demonstrations": "--task GapChoice-v1 --episodes 2",
+    "rl render": "--frames 4 --gif film.gif",
     "structure": f"{ROOT}/docs/examples/steel_beam.toml",
     "sweep": "--modes 2 --from 0.98 --to 1 --rate 10 --energy --time --plot sweep.png",
-    "train": "--quick --steps 512",
-    "tune_ltva": "--quick --modes 1",
+    "rl train": "--quick --steps 512",
+    "design tune": "--quick --modes 1",
 }
 
 
@@ -186,29 +188,25 @@ def declared(script: Path) -> tuple[str, ...]:
 
 
 def shipped() -> dict[str, Path]:
-    """Return the modules of the commands and subcommands that a wheel has."""
-    subcommands = {f"periodic {name}": file for name, file in command.subcommand_files().items()}
-    return subcommands | {name: command.HERE / f"{name}.py" for name in listed() - {"periodic"}}
-
-
-def listed() -> set[str]:
-    """Return the names of the commands that a wheel lists."""
-    return {name for names in command.HEADINGS.values() for name in names}
+    """Return the modules of the commands that a wheel has."""
+    known = list_commands()
+    return {name: known[name] for names in HEADINGS.values() for name in names}
 
 
 def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Path) -> None:
     result = run(installed, tmp_path, "--help")
     assert result.returncode == 0, result.stderr
     assert set(QUICK) == set(shipped())
-    headings = "".join(f"{heading}:(?:\\n  .*)*\\n+" for heading in command.HEADINGS)
+    headings = "".join(f"{heading}:(?:\\n  .*)*\\n+" for heading in HEADINGS)
     (lines,) = re.findall(headings, result.stdout)
-    assert {
-        line.split()[0]
-        for line in lines.splitlines()
-        if line[2:3].strip() and line.startswith("  ")
-    } == listed()
-    assert "Choose the gap of an impact absorber" in result.stdout
+    listed = {line.partition("  ")[0] for line in re.findall(r"^  (\S.*)$", lines, re.MULTILINE)}
+    groups = {name for name in listed if name.endswith(" NAME")}
+    assert groups == {"periodic NAME", "rl NAME"}
+    of_groups = tuple(name.removesuffix("NAME") for name in groups)
+    assert listed - groups == {name for name in shipped() if not name.startswith(of_groups)}
+    assert "The gap of an impact absorber for a force" in result.stdout
     assert "scripts" not in result.stdout
+    assert "reproduce" not in result.stdout
     assert {file.name for file in installed.iterdir() if file.suffix != ".dist-info"} - {"bin"} == {
         "impact_env",
         "optimisation",
@@ -219,21 +217,6 @@ def test_a_wheel_lists_its_commands_under_headings(installed: Path, tmp_path: Pa
         "optimisation/rl/hyperparameters.yaml",
     ):
         assert (installed / file).is_file()
-
-
-def test_subcommands_of_periodic_are_listed_once_and_older_names_go_on_working() -> None:
-    listed = call(command.main, "periodic", "--help").stdout
-    for name in command.PERIODIC:
-        assert len(re.findall(rf"^  {name} +\w", listed, re.M)) == 1
-    for name in command.OLDER_NAMES:
-        assert f"\n  {name} " not in call(command.main, "--help").stdout
-        older = call(command.main, name, "--help").stdout
-        assert older.replace(f"main {name}", f"main periodic {name}") == (
-            call(command.main, "periodic", name, "--help").stdout
-        )
-    refused = call(command.main, "periodic", "isolas")
-    assert (refused.exit_code, refused.stdout) == (2, "")
-    assert "there is no command isolas; did you mean isola?" in refused.stderr
 
 
 def test_another_name_is_one_error(installed: Path, tmp_path: Path) -> None:
@@ -262,13 +245,13 @@ def test_each_script_prints_its_help_without_any_extra(installed: Path, tmp_path
     for name, code, output, error in texts:
         assert code == 0, f"{name}: {error} {output}"
         assert output.startswith(f"Usage: impact-absorber {name} [OPTIONS]")
-        assert ("--json" in output) == ("--json FILE|-" in output)  # all are one option
+        assert ("--json" in output) == ("--json FILE|-" in output or " --json -" in output)
     assert heavy == []
 
 
 def test_what_is_not_declared_is_refused(installed: Path, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
-    result = run(installed, tmp_path, "optimise_design", "--quick")
+    result = run(installed, tmp_path, "design", "search", "--quick")
     assert (result.returncode, result.stdout) == (1, "")
     assert result.stderr.endswith(
         'they come with: pip install "impact-absorber-workbench[optimise]"\n'
@@ -288,7 +271,7 @@ def test_what_is_not_declared_is_refused(installed: Path, tmp_path: Path) -> Non
 def test_a_shell_completes_without_any_extra(installed: Path, tmp_path: Path) -> None:
     for words, wanted in (
         ("impact-absorber periodic man", "manifold"),
-        ("impact-absorber optimise_design --samp", "--sampler"),
+        ("impact-absorber design search --samp", "--sampler"),
     ):
         typed = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
         result = run(installed, tmp_path, _IMPACT_ABSORBER_COMPLETE="bash_complete", **typed)
@@ -302,8 +285,7 @@ def test_a_quick_form_needs_no_more_than_what_is_declared(
     name: str, installed: Path, tmp_path: Path
 ) -> None:
     """The numbers of --json go to standard output, and nothing else does."""
-    options = shipped()[name].read_text()
-    writes = "@json_option(" in options or "@table_options(" in options
+    writes = "--json" in {name for one in imported(name).main.params for name in one.opts}
     try:
         result = run(
             installed,
@@ -322,11 +304,9 @@ def test_a_quick_form_needs_no_more_than_what_is_declared(
 
 
 def test_what_scripts_need_are_extras() -> None:
-    for commands in command.files().values():
-        for name, file in commands.items():
-            assert set(declared(file)) <= {*command.EXTRAS.values(), "browser", "test"}, (
-                name
-            )  # what tests need is no extra
+    for name, file in list_commands().items():
+        # what tests need is no extra
+        assert set(declared(file)) <= {*EXTRAS.values(), "browser", "test"}, name
 
 
 OTHER = "0123456789abcdef"

@@ -15,7 +15,7 @@ from studies.printed_blocks import (
 )
 
 # relative tolerances of numbers, by command: four digits without impacts, orbits by Newton's method
-TOLERANCES = {"structure": 2e-3, "orbits": 1e-6}
+TOLERANCES = {"structure": 2e-3, "periodic orbits": 1e-6}
 # after impacts another processor or library gives other last bits, and levels of single runs are
 # random: tests of physics judge them
 CHAOTIC_TOL = 0.35
@@ -56,7 +56,7 @@ def print_block(block: Block, outputs: dict[str, str]) -> str:
 
 # pages with kernels of a moving base, which few other tests compile, or with whole searches
 NIGHTLY = ("docs/loads.md", "docs/which_gap.md", "docs/which_place.md")
-SLOW = {"design_place"}  # commands that other pages show too: at night
+SLOW = {"design place"}  # commands that other pages show too: at night
 
 
 @pytest.mark.parametrize(

@@ -104,10 +104,10 @@ def test_an_unknown_command_of_this_checkout_is_one_error(name: str) -> None:
 
 
 def test_a_checkout_lists_what_makes_its_pages() -> None:
-    result = run(ROOT, "--help")
+    result = run(ROOT, "reproduce", "--help")
     assert result.returncode == 0
     assert all(
-        f"  {file.stem} " in result.stdout
+        f"  {file.stem.removeprefix('reproduce_').replace('_', '-')} " in result.stdout
         for file in (SCRIPTS / "studies" / "cli").glob("[!_]*.py")
     )
 

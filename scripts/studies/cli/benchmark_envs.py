@@ -288,4 +288,4 @@ def main(quick: bool, target: Path | None, page: Path | None) -> None:
 
 if __name__ == "__main__":
     multiprocessing.freeze_support()
-    main(prog_name="scripts/run benchmark_envs")
+    main(prog_name="scripts/run reproduce benchmark-envs")

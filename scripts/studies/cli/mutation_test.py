@@ -175,7 +175,7 @@ def main(only: str | None, processes: int, page: Path | None) -> None:
     Faults in compiled code are judged in plain Python (NUMBA_DISABLE_JIT=1). The exit code is 1 if a fault survives that is not
     explained. Ctrl-C ends it early.
 
-    Example: scripts/run mutation_test --only friction
+    Example: scripts/run reproduce mutation-test --only friction
     """
     check_page(page, MARKER)
     faults = [fault for fault in read_faults() if not only or only in f"{fault.part} {fault.name}"]
