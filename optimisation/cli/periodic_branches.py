@@ -77,6 +77,7 @@ class BranchOptions(SceneOptions):
             metavar="METHOD",
             default=BOTH,
             usual=True,
+            section="Runs",
         )
     )
     pairs: bool = option(
