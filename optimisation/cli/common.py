@@ -243,7 +243,8 @@ class TableCommand(click.Command):
         """Write the usual options in one list, or all of them under the headings of their sections."""
         everything = bool(ctx.meta.get(HELP_ALL))
         listed: dict[str, list[tuple[str, str]]] = {}
-        for parameter in self.get_params(ctx):
+        options = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
+        for parameter in options:
             record = parameter.get_help_record(ctx)
             if record is None or (self.is_extra(parameter) and not everything):
                 continue

@@ -219,7 +219,7 @@ class TableOption(click.Option):
         words = [self.spec.sentence]
         if self.spec.more and ctx.meta.get(HELP_ALL):
             words.append(self.spec.more)
-        default = self.default_words(ctx)
+        default = self.default_words()
         if self.required:
             words.append("[required]")
         elif default:
@@ -236,11 +236,11 @@ class TableOption(click.Option):
             return "NUMBER"
         return self.make_metavar(ctx)
 
-    def default_words(self, ctx: click.Context) -> str:
+    def default_words(self) -> str:
         """Return the default as the help prints it, nothing where there is none or where it says nothing."""
         if self.spec.default_text:
             return self.spec.default_text
-        value = self.get_default(ctx, call=False)
+        value = self.spec.default
         if self.secondary_opts:
             return (self.opts if value else self.secondary_opts)[0]
         if self.is_flag or value is None or value == ():

@@ -26,8 +26,8 @@ SHIPPED = [name for names in HEADINGS.values() for name in names]
 PROGRAM = "impact-absorber"
 SCREEN = 40  # lines
 WIDTH = 80  # columns
-# options whose value is of another kind elsewhere: one harmonic, or a list of them
-OTHER_KINDS = {"--harmonics"}
+# options whose value is of another kind elsewhere: a list of harmonics, a name with its prior
+OTHER_KINDS = {"--free", "--harmonics"}
 # examples that take at most seconds, once kernels are compiled, and write into the folder
 RUN = (
     "cache",
@@ -75,6 +75,7 @@ def examples() -> list[tuple[str, str]]:
 @pytest.mark.parametrize("name", ["", *(g for g in GROUPS if g != "reproduce"), *SHIPPED])
 def test_help_is_one_screen(name: str) -> None:
     lines = help_of(name).splitlines()
+    assert "UNSET" not in help_of(name)
     assert len(lines) <= SCREEN
     assert max(map(len, lines)) <= WIDTH
 
