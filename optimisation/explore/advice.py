@@ -13,8 +13,9 @@ from impact_env.parameters import TunedAbsorber, require
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, Stop
 from optimisation.absorber_rules import best_friction, scaled_absorber
+from optimisation.explore.control import ControlValues
 from optimisation.explore.loading import Loading
-from optimisation.explore.settings import ControlValues, replace_numbers, scene_of, sweep_range_of
+from optimisation.explore.settings import replace_numbers, scene_of, sweep_range_of
 from optimisation.explore.waiting import Newer
 from optimisation.gap_advice import search_gap
 from optimisation.load_cases import AppliedLoads, swept_force

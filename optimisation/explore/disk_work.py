@@ -16,8 +16,8 @@ from impact_env.sectors import linear_sector_response, simulate_sectors
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import Stop
 from optimisation.comparison import force_grid
+from optimisation.explore.control import ControlValues
 from optimisation.explore.disk_controls import disk_of, find_disk_amplitude
-from optimisation.explore.settings import ControlValues
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import POINTS, Message, Work, rounded
 
@@ -27,7 +27,7 @@ WINDOWS = 300  # of the level over the frequency
 
 
 @dataclass(frozen=True, eq=False)
-class DiskCase(CurveCase):
+class DiskCurveCase(CurveCase):
     """The sweeps of a disk, whose frequencies refer to a resonance of the tuned disk at ``reference_omega`` in rad/s."""
 
     reference_omega: float = 1.0
@@ -57,9 +57,9 @@ class DiskWork(Work):
         """Circular frequency in rad/s to which frequencies refer: that of the tuned disk."""
         return self.tuned_omega
 
-    def case(self) -> DiskCase:
+    def case(self) -> DiskCurveCase:
         """Return the curve's case."""
-        return DiskCase(
+        return DiskCurveCase(
             self.scene,
             force_grid(self.middle(), self.forces),
             self.resonance,

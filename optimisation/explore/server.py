@@ -15,19 +15,19 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
+from impact_env.checks import describe_error
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, require
+from impact_env.parameters import ParameterError
 from impact_env.plain import Plain
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import IntegrationError, Stopped
 from optimisation.explore.advice import recommend_values
+from optimisation.explore.control import ControlValues, Refused
 from optimisation.explore.disk_work import DiskWork
 from optimisation.explore.examples import OWN, PageStructure, examples_to_list, make_structures
 from optimisation.explore.explanations import CARD_NUMBERS, format_help
 from optimisation.explore.settings import (
-    ControlValues,
     PageModel,
-    Refused,
     commands_of,
     controls_to_dict,
     load_files,
@@ -286,8 +286,10 @@ class Tab:
             for message in work.messages(self._known):
                 self.outbox.put(message | {"number": number})
             return
-        allowed = "for beams and single places: impact-absorber design gap searches for disks"
-        require(not isinstance(work.own, BladedDisk), "Recommended", "bladed disk", allowed)
+        structure = work.own
+        if isinstance(structure, BladedDisk):
+            allowed = "for beams and single places: impact-absorber design gap searches for disks"
+            raise describe_error("Recommended", "bladed disk", allowed)
         last_report = time.monotonic()
 
         def report(done: int, total: int) -> None:
@@ -298,7 +300,7 @@ class Tab:
 
         for message in work.before_advice():
             self.outbox.put(message | {"number": number})
-        advised = recommend_values(work.values, work.own, work.alone, work.stop, report)
+        advised = recommend_values(work.values, structure, work.alone, work.stop, report)
         self.outbox.put({"type": "advice", "number": number, **advised._asdict()})
 
 

@@ -319,19 +319,24 @@ def loads_on(structure: PageModel) -> dict[str, str]:
     return {name: words for name, words in LOADS.items() if name in names}
 
 
+def mass_of(structure: PageModel) -> float:
+    """Return the mass (kg) that an absorber's mass ratio refers to: the structure's, or a sector's of a disk."""
+    if isinstance(structure, BladedDisk):
+        return structure.ring.sector_mass or 0.0
+    return modal_model(structure).beam_mass
+
+
 def controls_to_dict(structure: PageModel, name: str) -> dict[str, Any]:
     """Return the controls' description for the page."""
-    is_disk = isinstance(structure, BladedDisk)
-    mass = structure.ring.sector_mass if is_disk else modal_model(structure).beam_mass
     return {
         "structure": name,
-        "beam_mass_kg": mass,
+        "beam_mass_kg": mass_of(structure),
         "concepts": concepts_on(structure),
         "loads": loads_on(structure),
         "directions": DIRECTIONS,
         "views": VIEWS,
         "groups": GROUPS,
-        "advice": not is_disk,
+        "advice": not isinstance(structure, BladedDisk),
         "controls": [asdict(control) for control in controls(structure)],
     }
 

@@ -39,9 +39,9 @@ from optimisation.absorber_rules import best_friction, scaled_absorber
 from optimisation.bounds import design_gap, reach, resonance_limit, share_reached
 from optimisation.comparison import force_grid
 from optimisation.explore.advice import tuned_to
+from optimisation.explore.control import ControlValues
 from optimisation.explore.loading import BAND, LOADS, Loading
 from optimisation.explore.settings import (
-    ControlValues,
     PageModel,
     controls,
     places_of,
