@@ -432,7 +432,7 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     Examples
     --------
     >>> from impact_env import Beam, modal_model
-    >>> round(modal_model(Beam()).omega[0], 1)
+    >>> round(float(modal_model(Beam()).omega[0]), 1)
     252.3
     """
     if isinstance(beam, ModalModel):

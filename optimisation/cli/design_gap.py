@@ -276,13 +276,15 @@ def use_posterior(options: GapOptions) -> GapOptions:
     """Return the options with the medians of a calibration's posterior as restitution and friction limit, where they are not given."""
     posterior = measured_posterior(common.parse_uncertain(options.uncertain))
     medians = {} if posterior is None else posterior.medians
+
+    def median_or_given(name: str, given: float) -> float:
+        taken = name in medians and not scenes.is_option_set(name) and name not in options.free
+        return medians[name] if taken else given
+
     return replace(
         options,
-        **{
-            name: medians[name]
-            for name in ("restitution", "friction_limit")
-            if name in medians and not scenes.is_option_set(name) and name not in options.free
-        },
+        restitution=median_or_given("restitution", options.restitution),
+        friction_limit=median_or_given("friction_limit", options.friction_limit),
     )
 
 
