@@ -277,15 +277,16 @@ def use_posterior(options: GapOptions) -> GapOptions:
     posterior = measured_posterior(common.parse_uncertain(options.uncertain))
     medians = {} if posterior is None else posterior.medians
 
-    def median_or_given(name: str, given: float) -> float:
-        taken = name in medians and not scenes.is_option_set(name) and name not in options.free
-        return medians[name] if taken else given
-
-    return replace(
-        options,
-        restitution=median_or_given("restitution", options.restitution),
-        friction_limit=median_or_given("friction_limit", options.friction_limit),
-    )
+    taken = {
+        name
+        for name in ("restitution", "friction_limit")
+        if name in medians and not scenes.is_option_set(name) and name not in options.free
+    }
+    if "restitution" in taken:
+        options = replace(options, restitution=medians["restitution"])
+    if "friction_limit" in taken:
+        options = replace(options, friction_limit=medians["friction_limit"])
+    return options
 
 
 def read_structure(options: GapOptions) -> tuple[GapOptions, Structure]:
