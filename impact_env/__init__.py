@@ -5,7 +5,7 @@
 >>> schedule = linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06)
 >>> response = simulate(scene, Drive(3.5, schedule))
 >>> print(f"{1e3 * response.level.value:.2f} mm, {response.impact_count > 1000}")
-0.67 mm, True
+1.31 mm, True
 
 - **Structure**: `Beam`, `load_structure` (a file), `ModalModel` (modes).
 - **Absorber**: `impact_absorber`, `friction_damper`, `tuned_absorber`, `impact_absorbers`; structure and

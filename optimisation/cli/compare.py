@@ -280,7 +280,7 @@ def main(options: CompareOptions) -> None:
         require_writable("--out", options.out)
         check_targets({"json": options.json})
         check_target("--history", options.history, HISTORY_FORMATS)
-        disk = scenes.read_disk(options.scene)
+        disk = scenes.read_disk(options.scene, "structure")
         if disk is not None:
             disk_commands.refuse_with_disk(NOT_OF_DISKS)
             disk_commands.compare_on_file(disk, options)

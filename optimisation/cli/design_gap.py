@@ -486,7 +486,7 @@ def main(options: GapOptions) -> None:
     """
     with common.plain_errors():
         scenes.refuse_with_structure(options.structure, "modes", "damping")
-        disk = scenes.read_disk(options.scene)
+        disk = scenes.read_disk(options.scene, "structure")
         if disk is not None:
             disk_commands.refuse_with_disk(NOT_OF_DISKS)
             require_writable("--out", options.out)

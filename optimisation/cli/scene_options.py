@@ -76,10 +76,23 @@ def read_structure(path: Path) -> Structure:
     return structure
 
 
-def read_disk(path: Path | None) -> BladedDisk | None:
-    """Return the bladed disk of a scene's file, None for no file and for another structure."""
+def refuse_with_scene(*names: str) -> None:
+    """Raise BadInput if one of the options that are named was given beside --scene."""
+    for name in names:
+        if is_option_set(name):
+            raise BadInput(
+                f"--{name.replace('_', '-')} does not go with --scene: the file says what structure and absorber are"
+            )
+
+
+def read_disk(path: Path | None, *names: str) -> BladedDisk | None:
+    """Return the bladed disk of a scene's file, None for no file and for another structure.
+
+    Raises BadInput if one of the options that are named was given beside the file.
+    """
     if path is None:
         return None
+    refuse_with_scene(*names)
     plain = read_plain(path)
     return to_disk(plain, path.parent) if "cyclic" in plain else None
 
@@ -115,11 +128,7 @@ def model_of(
 
 def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
     """Return the structure and the impact absorber of a file; raises BadInput if one of the options that are named was given beside it."""
-    for name in names:
-        if is_option_set(name):
-            raise BadInput(
-                f"--{name.replace('_', '-')} does not go with --scene: the file says what structure and absorber are"
-            )
+    refuse_with_scene(*names)
     plain = read_plain(path)
     scene = to_scene(plain, path.parent)
     beam = to_beam(plain)

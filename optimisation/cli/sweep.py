@@ -356,7 +356,7 @@ def run(options: SweepOptions) -> None:
         options = replace(options, force=FORCE)
     check_target("--json", options.json)
     check_target("--plot", options.plot, FIGURES)
-    disk = scenes.read_disk(options.scene)
+    disk = scenes.read_disk(options.scene, "structure")
     if disk is not None:
         run_disk(options, disk)
         return

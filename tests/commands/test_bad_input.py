@@ -324,6 +324,8 @@ reproduce check-places --quick
     --judges 0 -> 0 is not
 reproduce manifold-gaps
     --page none.md -> none.md
+reproduce compare-chain
+reproduce which-blades
 reproduce check-calibration --quick
     --truths 0 -> 0 is not in the range
 reproduce check-gaps --quick

@@ -206,11 +206,11 @@ def several(*members: dict[str, Any]) -> dict[str, Any]:
 PLAIN: list[tuple[Any, str]] = [
     (
         [],
-        "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, nastran, ansys, absorber",
+        "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, nastran, ansys, cyclic, absorber, force, places",
     ),
     (
         {"beams": {}},
-        "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, nastran, ansys, absorber are known",
+        "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, nastran, ansys, cyclic, absorber, force, places are known",
     ),
     ({"beam": 3}, "scene.beam = 3 is not allowed: a table with keys among length_m"),
     ({"beam": {"length_m": 10**400}}, "scene.beam.length_m = a whole number of very many digits"),
