@@ -324,6 +324,8 @@ reproduce check-places --quick
     --judges 0 -> 0 is not
 reproduce manifold-gaps
     --page none.md -> none.md
+reproduce command-table
+    --page nowhere/a.md -> --page = 'nowhere/a.md' is not allowed: a file in a folder that exists
 reproduce compare-chain
 reproduce which-blades
 reproduce check-calibration --quick

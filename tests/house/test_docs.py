@@ -8,7 +8,9 @@ from places import ROOT
 
 from impact_env.laws import CONCEPTS
 from optimisation.cli.group import file_of, modules
+from optimisation.cli.names import REPRODUCE
 from optimisation.page import has_markers
+from studies.cli import command_table
 
 KERNELS = ROOT / "impact_env" / "kernels"
 DOCS = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "internals").glob("*.md"))]
@@ -117,3 +119,10 @@ def test_pages_name_every_kind_of_absorber() -> None:
             assert rows, name
             named = "\n".join(rows) + scenes
             assert all(f"`{key}`" in named for key in keys), name
+
+
+def test_the_page_of_commands_has_the_commands_of_today() -> None:
+    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert f"<!-- {command_table.NAME} -->\n{command_table.make_tables()}\n" in text
+    shipped = [name for name in modules() if not name.startswith(REPRODUCE)]
+    assert set(re.findall(r"^\| `([^`]+)`", text, re.MULTILINE)) == set(shipped)
