@@ -310,7 +310,7 @@ def main(options: CompareOptions) -> None:
                 comparison = compare(own, progress=show, executor=executor, **arguments)
             if comparison.empty:
                 raise KeyboardInterrupt
-            answer = complete_comparison(comparison, executor, with_impacts=device is None)
+            answer = complete_comparison(comparison, executor, with_impacts=device is not None)
         answer = replace(answer, conditions=conditions(started, options.threads, options.cluster))
         click.echo(str(answer))
         files = answer.save(options.out) + write_files({options.json: answer.to_json()})

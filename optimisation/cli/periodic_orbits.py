@@ -465,11 +465,13 @@ def check(options: OrbitOptions) -> OrbitOptions:
         raise BadInput(
             f"--frequency = {at} is not allowed: a ratio from --from = {options.start} to --to = {options.stop}"
         )
-    count("points", options.points, 2)
-    count("starts", options.starts, 0)
-    count("seed", options.seed, 0)
     check_targets(vars(options), ".json", ".gz")
-    return options
+    return replace(
+        options,
+        points=count("points", options.points, 2),
+        starts=count("starts", options.starts, 0),
+        seed=count("seed", options.seed, 0),
+    )
 
 
 def case_of(options: CaseOptions) -> Case:

@@ -98,9 +98,7 @@ def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
         page.wait_for_selector(".u-over >> nth=1")
         box = page.locator(".u-over").first.bounding_box()
         page.mouse.move(box["x"] + box["width"] - 2, box["y"] + 20)
-        page.wait_for_function(
-            "document.querySelector('.u-legend').innerText.includes('3 (2 to 4)')"
-        )
+        page.wait_for_function("document.querySelector('.legend').innerText.includes('3 (2 to 4)')")
         assert page.locator("canvas").count() == 2
         page.emulate_media(media="print")
         assert [page.locator(name).first.is_visible() for name in (".printed", ".plot")] == [
