@@ -142,9 +142,9 @@ def test_options_that_do_not_go_with_several_absorbers_are_refused(tmp_path: Pat
     scene = tmp_path / "two.toml"
     scene.write_text(TWO_ABSORBERS, encoding="utf-8")
     for options, message in (
-        ([], "--at is required"),
-        (["--at", "1", "--gap", "1e-3"], "--gap does not go with"),
-        (["--at", "1", "--along", "gap", "--over", "1e-4", "1e-2"], "--along = gap"),
+        ([], "--frequency is required"),
+        (["--frequency", "1", "--gap", "1e-3"], "--gap does not go with"),
+        (["--frequency", "1", "--over", "gap", "1e-4", "1e-2"], "--over gap: force or frequency"),
     ):
         result = call(orbits, "--scene", str(scene), *options)
         assert result.exit_code == 2 or result.exit_code == 1
@@ -532,7 +532,11 @@ def test_births_and_mergers_and_their_map(monkeypatch: pytest.MonkeyPatch, tmp_p
         "--map-restitutions",
         "0.75,1",
     )
-    done(imported("isola"), "--modes", 3, "--friction-limit", 0.01, "--from", 0.93, *options)
+    done(
+        imported("periodic isola"),
+        *("--modes", 3, "--friction-limit", 0.01, "--from", 0.93, "--to", 1),
+        *options,
+    )
     summary = json.loads(files[0].read_text())
     assert [row["kind"] for row in summary["thresholds"]] == ["birth", "merger"]
     assert all(row["orbit"] == "yes" for row in summary["thresholds"])
@@ -626,7 +630,7 @@ def test_curves_have_criticality_and_special_points_in_all_files(
     options = "--modes 1 --restitution 0.8 --force 1.11 --over 1.07 1.12 --from 0.9 --to 0.94"
     options += " --symmetric --kind symmetry-breaking"
     result = done(
-        imported("curves"),
+        imported("periodic curves"),
         *options.split(),
         *("--csv", table, "--json", target, "--plot", tmp_path / "curves.png"),
     )
