@@ -5,7 +5,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import click
@@ -300,7 +300,7 @@ def test_concepts_write_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     optimise = load("optimise_design", monkeypatch)
     monkeypatch.setattr(optimise, "VARIABLES", dict.fromkeys(("impact", "tuned")))
     drawn = saved_figures(monkeypatch)
-    before = optimise.design.conditions_of({"cluster": None, "threads": 1})[
+    before = optimise.design.conditions_of(SimpleNamespace(cluster=None, threads=1))[
         "memory_bytes"
     ]  # of all that these tests have loaded and compiled
     result = done(

@@ -149,7 +149,7 @@ STOPS = (
         "a.json",
     ),
     Stop(
-        "basins",
+        "periodic basins",
         "--modes 1 --restitution 0.75 --over frequency 0.92 0.94 --points 3 --starts 2 --threads 1 --json a.json",
         f"{PERIODIC}.basins.settle_runs",
         2,
@@ -157,7 +157,7 @@ STOPS = (
         "a.json",
     ),
     Stop(
-        "basins",
+        "periodic basins",
         "--modes 1 --over frequency 0.92 0.94 --points 2 --map force 1 2 --map-points 2 --threads 1 --json a.json",
         f"{PERIODIC}.attractors.settle_motion",
         3,
@@ -165,7 +165,7 @@ STOPS = (
         "a.json",
     ),
     Stop(
-        "diagram",
+        "periodic diagram",
         "--modes 1 --restitution 0.75 --over frequency 0.92 0.94 --points 2 --no-branches --json a.json",
         f"{PERIODIC}.diagrams.settle_motion",
         3,
@@ -173,8 +173,8 @@ STOPS = (
         "a.json",
     ),
     Stop(
-        "section",
-        "--modes 1 --restitution 0.75 --at 0.93 --starts 3 --threads 1 --json a.json",
+        "periodic section",
+        "--modes 1 --restitution 0.75 --frequency 0.93 --starts 3 --threads 1 --json a.json",
         f"{PERIODIC}.attractors.settle_motion",
         2,
         "a.json",
