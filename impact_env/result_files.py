@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -84,12 +85,12 @@ def to_plain_data(value: Any) -> Any:
     return value
 
 
-class TableResult:
+class TableResult(ABC):
     """A result that is a table, or holds one."""
 
+    @abstractmethod
     def to_columns(self) -> Arrays:
         """Return the columns of the table, each (R,), by names that end in the unit."""
-        raise NotImplementedError
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return the table as a data frame, with the columns of `to_columns`.

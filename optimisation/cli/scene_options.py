@@ -367,39 +367,33 @@ class SceneOptions:
     resonance: int = 1
 
 
+def list_option(name: str, text: str, letter: str, default_text: str) -> str:
+    """Return an option of numbers with commas between, empty if it is not given."""
+    listed: str = option(
+        OptionSpec(
+            names=(name,),
+            help=text,
+            type=str,
+            metavar=f"{letter},{letter},...",
+            default="",
+            default_text=default_text,
+        )
+    )
+    return listed
+
+
 @dataclass(frozen=True, kw_only=True)
 class MapOptions:
     """Values of the scenes of a map, as numbers with commas between; empty: not given."""
 
-    map_modes: str = option(
-        OptionSpec(
-            names=("--map-modes",),
-            help="Numbers of modes of a map, at most --modes",
-            type=str,
-            metavar="N,N,...",
-            default="",
-            default_text="--modes",
-        )
+    map_modes: str = list_option(
+        "--map-modes", "Numbers of modes of a map, at most --modes", "N", "--modes"
     )
-    map_restitutions: str = option(
-        OptionSpec(
-            names=("--map-restitutions",),
-            help="Restitutions of a map",
-            type=str,
-            metavar="E,E,...",
-            default="",
-            default_text="--restitution",
-        )
+    map_restitutions: str = list_option(
+        "--map-restitutions", "Restitutions of a map", "E", "--restitution"
     )
-    map_friction_limits: str = option(
-        OptionSpec(
-            names=("--map-friction-limits",),
-            help="Friction limits of a map in N",
-            type=str,
-            metavar="F,F,...",
-            default="",
-            default_text="--friction-limit",
-        )
+    map_friction_limits: str = list_option(
+        "--map-friction-limits", "Friction limits of a map in N", "F", "--friction-limit"
     )
 
 
