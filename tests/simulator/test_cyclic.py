@@ -182,6 +182,7 @@ def test_a_table_of_masses_is_the_ring_in_closed_form() -> None:
     assert to_disk({"beam": {}}) is None
 
 
+@pytest.mark.same_bits
 def test_absorbers_of_some_sectors_have_values_of_their_own() -> None:
     gaps = [1e-5, 2e-5, 3e-5]
     limits = [0.1, 0.0, 0.2]
@@ -202,6 +203,7 @@ def test_absorbers_of_some_sectors_have_values_of_their_own() -> None:
     assert same.absorbers == disk.absorbers
 
 
+@pytest.mark.same_bits
 def test_one_sector_with_an_absorber_is_a_single_absorber() -> None:
     disk = read_disk(ABSORBER, absorber_sectors=[3])
     scene = disk.scene()
