@@ -272,13 +272,46 @@ def test_every_step_of_the_host_is_a_call_of_scripts_and_only_the_releases_last_
             for call in calls
         ):
             program = command.split()[0]
-            assert program.startswith(("scripts/", ".ci/"))
-            assert os.access(ROOT / program, os.X_OK), command
+            assert program.startswith(("scripts/", ".ci/")) or command.startswith("gh release ")
+            assert program == "gh" or os.access(ROOT / program, os.X_OK), command
     assert "secrets." not in text
     assert about["permissions"] == {"contents": "read"}
-    assert [job for job, own in about["jobs"].items() if "permissions" in own] == ["publish"] * (
-        name == "release"
+    assert {
+        job: own["permissions"] for job, own in about["jobs"].items() if "permissions" in own
+    } == (
+        {
+            "publish": {"id-token": "write"},
+            "github-release": {"contents": "write"},
+            "pages": {"pages": "write", "id-token": "write"},
+        }
+        if name == "release"
+        else {}
     )
+    assert all(job["timeout-minutes"] <= 90 for job in about["jobs"].values())
+
+
+def test_nothing_is_published_before_all_tests_have_passed() -> None:
+    yaml = pytest.importorskip("yaml")
+    text = (ROOT / ".github" / "workflows" / "release.yml").read_text()
+    jobs = yaml.safe_load(text)["jobs"]
+
+    def needs(job: str) -> set[str]:
+        named = jobs[job].get("needs", [])
+        direct = {named} if isinstance(named, str) else set(named)
+        return direct.union(*(needs(before) for before in direct))
+
+    for job in jobs.keys() - {"tests", "build", "notes", "site"}:
+        assert {"tests", "build", "notes", "site"} <= needs(job)
+    assert [step["run"] for step in jobs["tests"]["steps"] if "run" in step] == [".ci/run"]
+
+
+def test_the_notes_of_a_release_are_its_section_of_the_changelog() -> None:
+    section_of = loaded(SCRIPTS / "lib" / "release_notes.py").section_of
+    text = "# Changelog\n\n## [1.1.0] - 2026-12-01\n\nNew.\n\n### Added\n\n- A.\n\n## [1.0.0] - 2026-11-30\n\nOld.\n"
+    assert section_of("1.1.0", text) == "New.\n\n### Added\n\n- A."
+    assert section_of("1.0.0", text) == "Old."
+    with pytest.raises(ValueError, match=r"no section of version 1\.0"):
+        section_of("1.0", text)
 
 
 def test_a_wheel_from_the_source_distribution_is_the_same(tmp_path: Path) -> None:
