@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from impact_env.ensemble import available_cores
+from impact_env.parameters import require
 from optimisation.cli.common import command, end_early, plain_errors
 from optimisation.cli.options import FOLDER, OptionSpec, at_least, file_spec, number, option
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -17,13 +18,22 @@ from optimisation.page import markdown
 from optimisation.progress import Bar
 from optimisation.rl.agents import Run, TrainingEvaluation, find_runs, run_folder, ship
 from optimisation.rl.families import RandomPolicy
-from optimisation.rl.hyperparameters import ALGORITHMS, recipes, settings_for, write_zoo
+from optimisation.rl.hyperparameters import (
+    AGENT,
+    ALGORITHMS,
+    FRESH,
+    RULE,
+    recipes,
+    settings_for,
+    write_zoo,
+)
 from optimisation.rl.rules import TASKS, env_of, policies
 
 # a task that is learnt in minutes
 BOTH = "both"
 DEFAULT = "ActiveFriction-v0"
 SEEDS = 10
+STARTS = (RULE, AGENT, FRESH)
 QUICK_SHARE = 0.25
 QUICK_LEGS = 10
 OUT = Path("results/rl_train")
@@ -83,12 +93,24 @@ class TrainOptions:
             multiple=True,
         )
     )
+    start: str | None = option(
+        OptionSpec(
+            names=("--from",),
+            help=f"Policy that the actor imitates before training: {', '.join(STARTS)} or a path",
+            more="rule: the best rule of the task; agent: the agent that ships; the path of an agent's file, or of a data set of rl demonstrations.",
+            type=str,
+            metavar="START",
+            default_text="as in the hyperparameters",
+            usual=True,
+        )
+    )
     demonstrations: Path | None = option(
         OptionSpec(
             names=("--demonstrations",),
-            help="Data set of rl demonstrations to begin by imitating",
+            help="Older name of --from for a data set",
             type=click.Path(path_type=Path),
             metavar="FOLDER",
+            hidden=True,
         )
     )
     workers: int | None = option(
@@ -121,6 +143,18 @@ class TrainOptions:
     )
 
     @property
+    def changes(self) -> dict[str, Any]:
+        """Return the hyperparameters that the command line replaces."""
+        require(
+            self.start is None or self.demonstrations is None,
+            "--demonstrations",
+            str(self.demonstrations),
+            "left out beside --from",
+        )
+        start = self.start if self.demonstrations is None else str(self.demonstrations)
+        return {} if start is None else {"start": start}
+
+    @property
     def folder(self) -> Path:
         """Return the folder of the results."""
         return self.out or (OUT.with_name(f"{OUT.name}_quick") if self.quick else OUT)
@@ -142,16 +176,14 @@ def plan(task: str, options: TrainOptions) -> list[Any]:
             )
             legs = max(1, min(QUICK_LEGS if options.quick else chosen.legs, steps // chosen.round))
             chosen = settings_for(
-                env_id, algorithm, options.hyperparameters, steps=steps, legs=legs
-            )
-            job = Job(
                 env_id,
                 algorithm,
-                seed,
-                chosen,
-                arguments,
-                demonstrations=options.demonstrations,
+                options.hyperparameters,
+                steps=steps,
+                legs=legs,
+                **options.changes,
             )
+            job = Job(env_id, algorithm, seed, chosen, arguments)
             folder = run_folder(options.folder, task, algorithm, seed)
             check_folder(job, folder)
             runs.append(Planned(job, folder))
@@ -244,8 +276,8 @@ def train_task(task: str, options: TrainOptions) -> bool:
 def main(options: TrainOptions) -> None:
     """Train agents, seed by seed, and draw their learning curves.
 
-    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz, its last two checkpoints and
-    TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
+    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz (the agent of the best evaluation),
+    its best and its last two checkpoints and TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
     checkpoint; agents that are finished are not trained again.
     """
     if options.zoo is not None:

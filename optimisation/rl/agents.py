@@ -310,6 +310,11 @@ class Run:
         """The run's seed."""
         return int(self.settings["seed"])
 
+    @property
+    def score(self) -> float:
+        """Score of the leg that was best on the evaluation seeds, whose agent the run keeps."""
+        return max(evaluation.score for evaluation in self.evaluations)
+
 
 def run_folder(out: Path, task: str, algorithm: str, seed: int) -> Path:
     """Return the folder of a run."""
@@ -363,8 +368,20 @@ def find_runs(folder: Path) -> list[Run]:
 
 
 def typical(runs: Sequence[Run]) -> Run:
-    """Return the run in the middle by the score of its last evaluation, the better one of two: held-out seeds have no say in what is kept."""
-    return sorted(runs, key=lambda run: (run.evaluations[-1].score, run.seed))[len(runs) // 2]
+    """Return the run in the middle by its score on the evaluation seeds, the better one of two; test seeds choose nothing."""
+    return sorted(runs, key=lambda run: (run.score, run.seed))[len(runs) // 2]
+
+
+def _model_of(folder: Path) -> Path:
+    """Return the model of a finished run whose actor is the run's agent."""
+    agent = (folder / FINAL).read_bytes()
+    for checkpoint in sorted((folder / "checkpoints").iterdir(), reverse=True):
+        file = checkpoint / FINAL
+        if file.is_file() and file.read_bytes() == agent:
+            return checkpoint / "model.zip"
+    raise ParameterError(
+        f"run = {str(folder)!r} is not allowed: one whose checkpoints hold the model of its agent"
+    )
 
 
 def ship(source: Path, target: Path) -> list[Path]:
@@ -377,7 +394,7 @@ def ship(source: Path, target: Path) -> list[Path]:
     for (task, algorithm), runs in groups.items():
         folder = typical(runs).folder
         file = target / f"{task}_{algorithm}.zip"
-        model = max((folder / "checkpoints").glob("*/model.zip"))
+        model = _model_of(folder)
         target.mkdir(parents=True, exist_ok=True)
         with (
             replacing(file) as temporary,

@@ -4,7 +4,7 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,17 @@ def _check_action(name: str, value: Any) -> float:
     return within(name, value, -most, most, "a number between -1 and 1")
 
 
+FRESH = "none"  # a start of the networks at random
+RULE = "rule"  # at the best rule of the task
+AGENT = "agent"  # at the agent that ships with the package
+
+
+def _check_start(name: str, value: Any) -> str:
+    allowed = f"{FRESH}, {RULE}, {AGENT}, or the path of an agent's file or of a data set"
+    require(isinstance(value, str) and value != "", name, value, allowed)
+    return str(value)
+
+
 WHOLE = (
     "steps",
     "legs",
@@ -69,6 +80,8 @@ CHECKS: dict[str, Check] = {
     "initial_action": _check_action,
     "use_sde": flag,
     "sde_sample_freq": _check_noise_steps,
+    "start": _check_start,
+    "critic_rounds": count_from(0),
 }
 PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 
@@ -81,6 +94,8 @@ class Hyperparameters(ABC):
     checkpoint is written. The learning rate falls from ``learning_rate`` to
     ``final_learning_rate``, linearly from leg to leg. Rewards are multiplied by ``reward_scale`` for the algorithm alone. ``hidden``: widths of
     the layers of actor and critic. ``gamma`` is the discount for one step. The first policy does about ``initial_action`` wherever it is.
+    ``start``: the policy that the actor imitates before training: `FRESH` for no policy, `RULE`, `AGENT`, or the path of an agent's file or of
+    a data set of demonstrations.
     """
 
     steps: int
@@ -93,6 +108,7 @@ class Hyperparameters(ABC):
     gamma: float
     batch_size: int
     initial_action: float
+    start: str = field(default=FRESH, kw_only=True)
 
     def __post_init__(self) -> None:
         own = vars(self)
@@ -126,6 +142,7 @@ class Hyperparameters(ABC):
 class PPOSettings(Hyperparameters):
     """Proximal policy optimisation: ``n_steps`` of each lane a round; names are those of stable-baselines3.
 
+    In the first ``critic_rounds`` only the critic is trained: that of a cloned actor knows nothing yet, and its advantages would spoil the clone.
     With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, with -1 a whole round.
     """
 
@@ -139,6 +156,7 @@ class PPOSettings(Hyperparameters):
     log_std_init: float
     use_sde: bool
     sde_sample_freq: int
+    critic_rounds: int = field(default=0, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -293,6 +311,7 @@ ELSEWHERE = {f.name for f in fields(Hyperparameters)} - {"gamma", "batch_size"} 
     "log_std_init",
     "lstm",
     "initial_value",
+    "critic_rounds",
 }
 
 

@@ -1,4 +1,4 @@
-"""PPO and SAC of stable-baselines3 on a native vector environment: made from hyperparameters, initialised, kept in files and taken up again."""
+"""PPO and SAC of stable-baselines3 on a native vector environment: made from hyperparameters, written to files and read from them."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
 from optimisation.files import write_json
-from optimisation.rl.agents import TrainingEvaluation
-from optimisation.rl.demonstrations import Demonstrations
+from optimisation.rl.agents import FINAL, Agent, TrainingEvaluation, save_agent
 from optimisation.rl.hyperparameters import (
     PPOSettings,
     RecurrentPPOSettings,
@@ -197,22 +196,50 @@ LAST_CHECKPOINTS = 2  # checkpoints of a training run: folders that are whole or
 
 
 def save_checkpoint(
-    folder: Path, leg: int, model: Model, env: ScaledRewards, evaluations: list[TrainingEvaluation]
+    folder: Path,
+    leg: int,
+    model: Model,
+    env: ScaledRewards,
+    evaluations: list[TrainingEvaluation],
+    agent: Agent,
 ) -> None:
-    """Write the checkpoint at the end of a leg, and remove those before the last two."""
+    """Write the checkpoint at the end of a leg, and remove those that are neither among the last two nor the best."""
     target = folder / f"leg-{leg:03d}"
     temporary = folder / f".{target.name}-{os.getpid()}"
     temporary.mkdir(parents=True)
     save_model(temporary, model, env)
     write_json(temporary / "evaluations.json", [asdict(evaluation) for evaluation in evaluations])
+    save_agent(temporary / FINAL, agent)
     temporary.rename(target)
+    best = best_checkpoint(folder)
     for old in checkpoints(folder)[:-LAST_CHECKPOINTS]:
-        shutil.rmtree(old)
+        (old / REPLAY).unlink(missing_ok=True)  # large, and of use for the last ones alone
+        if old != best:
+            shutil.rmtree(old)
 
 
 def checkpoints(folder: Path) -> list[Path]:
     """Return the checkpoints from first to last."""
     return sorted(folder.glob("leg-*"))
+
+
+def best_checkpoint(folder: Path) -> Path:
+    """Return the checkpoint of the leg with the best evaluation, the first of equal ones; the last leg's where none can be read."""
+    known = checkpoints(folder)
+    scores = []
+    for checkpoint in known:
+        evaluations = read_evaluations_of(checkpoint)
+        scores.append(evaluations[-1].score if evaluations else -math.inf)
+    return known[-1] if max(scores) == -math.inf else known[int(np.argmax(scores))]
+
+
+def read_evaluations_of(checkpoint: Path) -> list[TrainingEvaluation]:
+    """Return the evaluations up to a checkpoint, none if they cannot be read."""
+    try:
+        text = (checkpoint / "evaluations.json").read_text(encoding="utf-8")
+        return [TrainingEvaluation(**values) for values in json.loads(text)]
+    except (OSError, ValueError, TypeError):
+        return []
 
 
 def last_checkpoint(
@@ -222,15 +249,11 @@ def last_checkpoint(
     for half_made in folder.glob(".leg-*"):
         shutil.rmtree(half_made)
     for checkpoint in reversed(checkpoints(folder)):
+        evaluations = read_evaluations_of(checkpoint)
         try:
-            evaluations = [
-                TrainingEvaluation(**values)
-                for values in json.loads(
-                    (checkpoint / "evaluations.json").read_text(encoding="utf-8")
-                )
-            ]
+            require(len(evaluations) > 0, "checkpoint", str(checkpoint), "one with evaluations")
             return load_model(checkpoint, algorithm, env), evaluations
-        except (ParameterError, OSError, ValueError, TypeError):
+        except ParameterError:
             shutil.rmtree(checkpoint)
     return None
 
@@ -239,49 +262,3 @@ def forget_replay(folder: Path) -> None:
     """Remove what SAC remembered: of a finished run it is the larger part by far, and nothing needs it."""
     for file in folder.glob(f"leg-*/{REPLAY}"):
         file.unlink()
-
-
-# Initialisation from demonstrations: an actor learns to do in each situation what was done there (behaviour cloning), before it is trained.
-
-
-with optional():
-    import torch
-
-EPOCHS = 40
-BATCH = 256
-LEARNING_RATE = 1e-3
-
-
-def imitate(model: Model, demonstrations: Demonstrations, seed: int, epochs: int = EPOCHS) -> float:
-    """Fit the mean action of a PPO or SAC model to demonstrations by least squares; return the mean squared error at the end.
-
-    Raises ParameterError if the demonstrations' observations or actions are of another size than the model's.
-    """
-    policy: Any = model.policy
-    tools: Any = torch
-    observations, actions = (
-        torch.from_numpy(np.concatenate(parts))
-        for parts in ([o[:-1] for o in demonstrations.observations], demonstrations.actions)
-    )
-    sizes = (model.observation_space.shape, model.action_space.shape)
-    shapes = (tuple(observations.shape[1:]), tuple(actions.shape[1:]))
-    require(
-        shapes == sizes, "shapes of demonstrations", shapes, f"{sizes}, those of the environment"
-    )
-    actor = getattr(model, "actor", None)
-    parameters = list((policy if actor is None else actor).parameters())
-    optimiser: Any = tools.optim.Adam(parameters, lr=LEARNING_RATE)
-    generator: Any = tools.Generator().manual_seed(seed)
-    mean: Any = (
-        (lambda observed: policy.get_distribution(observed).distribution.mean)
-        if actor is None
-        else (lambda observed: actor(observed, deterministic=True))
-    )
-    for _ in range(epochs):
-        for part in tools.randperm(len(observations), generator=generator).split(BATCH):
-            loss = tools.nn.functional.mse_loss(mean(observations[part]), actions[part])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-    with torch.no_grad():
-        return float(torch.nn.functional.mse_loss(mean(observations), actions))

@@ -32,23 +32,23 @@ from optimisation.rl.agents import (
     SETTINGS,
     TrainingEvaluation,
     actor_of,
+    load_agent,
     read_evaluations,
     save_agent,
     write_evaluations,
 )
-from optimisation.rl.demonstrations import dataset_hash, read_demonstrations
-from optimisation.rl.hyperparameters import PPOSettings, SACSettings
+from optimisation.rl.hyperparameters import FRESH, PPOSettings, SACSettings
 from optimisation.rl.models import (
-    Model,
     ScaledRewards,
     begin_leg,
+    best_checkpoint,
     forget_replay,
-    imitate,
     last_checkpoint,
     make_lanes,
     make_model,
     save_checkpoint,
 )
+from optimisation.rl.starts import apply_start, describe_start
 
 with optional():
     import gymnasium
@@ -56,7 +56,7 @@ with optional():
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
-RUN_FORMAT = 2
+RUN_FORMAT = 3
 PACKAGES = (
     "numpy",
     "scipy",
@@ -66,16 +66,13 @@ PACKAGES = (
     "stable_baselines3",
 )  # what a training's digits may depend on
 FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
-EVALUATION_EPISODES = 64
+EVALUATION_EPISODES = 256  # the choice of a checkpoint by fewer would be one by chance
 Show = Callable[[int, list[TrainingEvaluation]], None]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One agent to train: on an environment with its ``arguments``, with an algorithm's hyperparameters and a seed.
-
-    ``demonstrations``: folder of a data set (`optimisation.rl.demonstrations`) that the agent imitates before it is trained; None: it starts fresh.
-    """
+    """One agent to train: on an environment with its ``arguments``, with an algorithm's hyperparameters and a seed."""
 
     env_id: str
     algorithm: str
@@ -83,7 +80,6 @@ class Job:
     hyperparameters: PPOSettings | SACSettings
     arguments: Mapping[str, Any] = field(default_factory=dict)
     episodes: int = EVALUATION_EPISODES
-    demonstrations: Path | None = None
 
     def __post_init__(self) -> None:
         keep_checked(
@@ -92,14 +88,14 @@ class Job:
             hyperparameters=kind_of(PPOSettings | SACSettings),
             arguments=kind_of(Mapping),
             episodes=count_from(1),
-            demonstrations=kind_of(Path | None),
         )
+        start = self.hyperparameters.start
         memory = self.algorithm == "rppo"
         require(
-            not memory or self.demonstrations is None,
-            "demonstrations",
-            str(self.demonstrations),
-            "left out for rppo: only one step is imitated",
+            not memory or start == FRESH,
+            "start",
+            start,
+            f"{FRESH} for rppo: an imitation of single steps teaches no memory",
         )
 
     def describe(self) -> dict[str, Any]:
@@ -121,20 +117,13 @@ class Job:
             "seed": self.seed,
         }
         evaluation = {"first_seed": FIRST_EVALUATION_SEED, "episodes": self.episodes}
-        imitated = (
-            {}
-            if self.demonstrations is None
-            else {
-                "demonstrations": dataset_hash(
-                    read_demonstrations(self.demonstrations, self.env_id)
-                )
-            }
-        )
+        hyperparameters = self.hyperparameters.describe()
+        hyperparameters.pop("start")  # a path, perhaps: what is behind it counts
         whole = {
             "format": RUN_FORMAT,
             **own,
-            **imitated,
-            "hyperparameters": self.hyperparameters.describe(),
+            **describe_start(self.hyperparameters, self.env_id, self.algorithm),
+            "hyperparameters": hyperparameters,
             "evaluation": evaluation,
         }
         return dict(json.loads(json.dumps(whole)))
@@ -165,7 +154,8 @@ def train(
 ) -> list[TrainingEvaluation]:
     """Train an agent in a folder, or go on where that stopped, and return its evaluations; one that is finished is not trained again.
 
-    The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and tensorboard/. ``show`` is called
+    The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and tensorboard/. The agent of final.npz is that of the
+    leg with the best evaluation. ``show`` is called
     with the number of steps done and the evaluations so far. A KeyboardInterrupt costs the leg that was under way.
 
     Raises ParameterError if the folder holds a run of other settings, or is in use.
@@ -212,7 +202,9 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Train
     chosen = job.hyperparameters
     checkpoints = folder / "checkpoints"
     last = last_checkpoint(checkpoints, job.algorithm, env)
-    model, evaluations = last or (_fresh(job, env), [])
+    model, evaluations = last or (make_model(chosen, env, job.seed), [])
+    if last is None:
+        apply_start(model, chosen, job.env_id, job.algorithm, job.arguments, job.seed)
     show(model.num_timesteps, evaluations)
     if len(evaluations) < chosen.legs:
         model.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
@@ -222,32 +214,21 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Train
         if todo > 0:
             model.learn(
                 todo,
-                callback=_Watch(show, evaluations),
+                callback=[_Watch(show, evaluations), _CriticFirst(chosen)],
                 log_interval=chosen.log_interval,
                 reset_num_timesteps=False,
             )
-        evaluations = [
-            *evaluations,
-            evaluate(
-                actor_of(model, job.env_id, job.seed, job.arguments), job, leg, model.num_timesteps
-            ),
-        ]
+        agent = actor_of(model, job.env_id, job.seed, job.arguments)
+        evaluations = [*evaluations, evaluate(agent, job, leg, model.num_timesteps)]
         for name in ("score", "iqm", "intervals"):
             model.logger.record(f"evaluation/{name}", getattr(evaluations[-1], name))
         model.logger.dump(model.num_timesteps)
-        save_checkpoint(checkpoints, leg, model, env, evaluations)
+        save_checkpoint(checkpoints, leg, model, env, evaluations, agent)
         write_evaluations(folder, evaluations)
         show(model.num_timesteps, evaluations)
-    save_agent(folder / FINAL, actor_of(model, job.env_id, job.seed, job.arguments))
+    save_agent(folder / FINAL, load_agent(best_checkpoint(checkpoints) / FINAL))
     forget_replay(checkpoints)
     return evaluations
-
-
-def _fresh(job: Job, env: ScaledRewards) -> Model:
-    model = make_model(job.hyperparameters, env, job.seed)
-    if job.demonstrations is not None:
-        imitate(model, read_demonstrations(job.demonstrations, job.env_id), job.seed)
-    return model
 
 
 class _Watch(BaseCallback):
@@ -261,6 +242,27 @@ class _Watch(BaseCallback):
     def _on_step(self) -> bool:
         self.show(self.num_timesteps, self.evaluations)
         return True
+
+
+class _CriticFirst(BaseCallback):
+    """Trains PPO's critic alone in the first rounds of a run."""
+
+    def __init__(self, chosen: PPOSettings | SACSettings) -> None:
+        super().__init__()
+        rounds = chosen.critic_rounds if isinstance(chosen, PPOSettings) else 0
+        self.steps = rounds * chosen.round
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self.steps == 0:
+            return
+        trains = self.num_timesteps > self.steps
+        policy: Any = self.model.policy
+        for part in (policy.mlp_extractor.policy_net, policy.action_net):
+            part.requires_grad_(trains)
+        policy.log_std.requires_grad_(trains)
 
 
 def check_folder(job: Job, folder: Path) -> None:

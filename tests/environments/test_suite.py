@@ -285,10 +285,30 @@ def test_an_agent_with_memory_acts_as_its_model_does(tmp_path: Path) -> None:
         )
 
 
+def test_a_clone_of_the_rule_scores_as_the_rule_does() -> None:
+    pytest.importorskip("stable_baselines3")
+    from optimisation.rl.agents import actor_of
+    from optimisation.rl.starts import apply_start
+
+    task = "ActiveFriction-v0"
+    name = env_of(task)
+    model, chosen = trained("ppo", name, lanes=8, n_steps=80, batch_size=640, start="rule")
+    apply_start(model, chosen, name, "ppo", {}, 0)
+    clone, rule, constant = (
+        play(policy, name, FRESH).scores
+        for policy in (
+            actor_of(model, name, 0, {}),
+            policies(task)[EIGHT],
+            policies(task)[CONSTANT],
+        )
+    )
+    assert abs((clone - rule).mean()) < 0.2 * (rule - constant).mean()
+
+
 def test_imitation_repeats_the_demonstrated_actions() -> None:
     pytest.importorskip("stable_baselines3")
     from optimisation.rl.agents import actor_of
-    from optimisation.rl.models import imitate
+    from optimisation.rl.starts import imitate
 
     demonstrations = record(policies("SweepAndGap-v1")[EIGHT], ADAPTIVE, range(1000, 1024))
     for algorithm in ("ppo", "sac"):

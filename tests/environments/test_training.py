@@ -158,7 +158,11 @@ class Interrupt:
 
 @pytest.mark.parametrize(
     ("algorithm", "after", "changes"),
-    [("ppo", 60, {}), ("sac", 32, {"use_sde": True, "sde_sample_freq": 3, "train_freq": 5})],
+    [
+        ("ppo", 60, {}),
+        ("ppo", 60, {"start": "rule", "critic_rounds": 4}),
+        ("sac", 32, {"use_sde": True, "sde_sample_freq": 3, "train_freq": 5}),
+    ],
 )
 def test_interrupted_training_equals_one_that_never_stopped(
     tmp_path: Path, algorithm: str, after: int, changes: dict[str, Any]
@@ -172,9 +176,12 @@ def test_interrupted_training_equals_one_that_never_stopped(
     assert train(job, tmp_path / "broken") == whole
     for name in ("evaluations.csv", "final.npz"):
         assert (tmp_path / "broken" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-    assert [folder.name for folder in checkpoints(tmp_path / "whole" / "checkpoints")] == [
-        "leg-001",
-        "leg-002",
+    folders = checkpoints(tmp_path / "whole" / "checkpoints")
+    best = int(np.argmax([evaluation.score for evaluation in whole]))
+    assert [folder.name for folder in folders] == [f"leg-{k:03d}" for k in sorted({best, 1, 2})]
+    agent = (tmp_path / "whole" / "final.npz").read_bytes()
+    assert [(folder / "final.npz").read_bytes() == agent for folder in folders] == [
+        folder.name == f"leg-{best:03d}" for folder in folders
     ]
     assert not list(tmp_path.rglob("replay.*"))
 
@@ -191,6 +198,52 @@ def test_damaged_checkpoint_costs_one_leg(tmp_path: Path) -> None:
     assert first.name == "leg-000"
     assert legs[0] == 1  # not 2, which the damaged one had reached
     assert len(evaluations) == 3
+
+
+def test_only_the_critic_is_trained_in_the_first_rounds(tmp_path: Path) -> None:
+    job = small_job("ppo", steps=384, legs=3, critic_rounds=2)  # rounds of 128 steps, one a leg
+    actors = []
+    critics = []
+
+    def watch(_steps: int, done: list[TrainingEvaluation]) -> None:
+        if len(done) > len(actors):
+            folder = tmp_path / "checkpoints" / f"leg-{len(actors):03d}"
+            policy = PPO.load(folder / "model.zip", device="cpu").policy.state_dict()
+            actors.append({k: v for k, v in policy.items() if "policy" in k or "action" in k})
+            critics.append({k: v for k, v in policy.items() if "value" in k})
+
+    train(job, tmp_path, watch)
+    assert len(actors) == 3
+    assert all(len(part) == 6 for part in critics)
+
+    def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+        return all(bool((one[name] == other[name]).all()) for name in one)
+
+    assert [same(actors[0], actors[1]), same(actors[1], actors[2])] == [True, False]
+    assert not same(critics[0], critics[1])
+
+
+def test_the_start_of_a_run_is_in_its_settings(tmp_path: Path) -> None:
+    """By what is imitated, and not by where it lies; what cannot be imitated is refused."""
+    fresh, ruled, shipped_agent = (
+        small_job("ppo", start=start).describe() for start in ("none", "rule", "agent")
+    )
+    assert "start" not in fresh
+    assert ruled["start"]["rule"]["family"] == "GapByEstimatedForce"
+    copies = [tmp_path / "one.zip", tmp_path / "other.zip"]
+    for copy in copies:
+        copy.write_bytes(packaged_file("GapChoice-v1").read_bytes())
+        assert small_job("ppo", start=str(copy)).describe() == shipped_agent
+    for start, words in (
+        ("nothing", "start = 'nothing' is not allowed: rule, agent, none, or the path"),
+        (str(packaged_file("ActiveGap-v0")), "an agent of ImpactAbsorber/GapChoice-v1"),
+        ("", "start = '' is not allowed"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            small_job("ppo", start=start).describe()
+    noisy = "ImpactAbsorber/SweepRateNoisy-v1"
+    with pytest.raises(ParameterError, match="start = 'rule' is not allowed: none for rppo"):
+        Job(noisy, "rppo", 0, settings_for(noisy, "rppo", start="rule"))
 
 
 def test_another_librarys_environment_is_refused() -> None:
@@ -402,6 +455,12 @@ def test_the_command_trains_reports_and_ships(tmp_path: Path) -> None:
             archive.read("final.npz")
             == (out / "GapChoice-v1" / "ppo" / "seed-0" / "final.npz").read_bytes()
         )
+    refused = train_command(*options, "--from", "rule", "--demonstrations", "sets")
+    assert refused.exit_code == 2
+    assert "--demonstrations = 'sets' is not allowed: left out beside --from" in refused.output
+    refused = train_command(*options, "--from", tmp_path / "nothing")
+    assert refused.exit_code == 2
+    assert "is not allowed: rule, agent, none, or the path" in refused.output
     refused = train_command(*options, "--steps", 1280)
     assert refused.exit_code == 2
     assert "steps is 900 there and 1280 here" in refused.output
@@ -495,7 +554,8 @@ def test_an_agent_goes_on_learning() -> None:
 def made_run(out: Path, seed: int, scores: list[float]) -> bytes:
     """Write a finished run with these evaluation scores; return the bytes of its agent."""
     folder = run_folder(out, "GapChoice-v1", "ppo", seed)
-    (folder / "checkpoints" / "1").mkdir(parents=True)
+    for leg in range(len(scores)):
+        (folder / "checkpoints" / f"leg-{leg:03d}").mkdir(parents=True)
     evaluations = [
         TrainingEvaluation(leg, 100 * (leg + 1), score, score, score, score, 20.0)
         for leg, score in enumerate(scores)
@@ -504,19 +564,23 @@ def made_run(out: Path, seed: int, scores: list[float]) -> bytes:
     (folder / "settings.json").write_text(json.dumps({"algorithm": "ppo", "seed": seed}))
     agent = f"agent {seed}".encode()
     (folder / "final.npz").write_bytes(agent)
-    with ZipFile(folder / "checkpoints" / "1" / "model.zip", "w") as archive:
-        archive.writestr("policy.pth", agent)
+    for leg in range(len(scores)):
+        checkpoint = folder / "checkpoints" / f"leg-{leg:03d}"
+        written = agent if leg == int(np.argmax(scores)) else b"another"
+        (checkpoint / "final.npz").write_bytes(written)
+        with ZipFile(checkpoint / "model.zip", "w") as archive:
+            archive.writestr("policy.pth", written)
     return agent
 
 
 def test_the_run_that_ships_is_the_one_in_the_middle(tmp_path: Path) -> None:
-    """By the score of the last evaluation, the better one of two; the best and the worst stay."""
-    last = {0: -0.1, 1: -0.7, 2: -0.4, 3: -0.2, 4: -0.5}
-    agents = {seed: made_run(tmp_path, seed, [-0.3, score]) for seed, score in last.items()}
+    """By the score of the best evaluation, the better one of two; its model is that of the same checkpoint."""
+    best = {0: -0.1, 1: -0.7, 2: -0.4, 3: -0.2, 4: -0.5}
+    agents = {seed: made_run(tmp_path, seed, [score, -0.8]) for seed, score in best.items()}
     for seeds, chosen in ((range(5), 2), (range(4), 3), (range(1), 0)):
         out = tmp_path / f"{len(seeds)}"
         for seed in seeds:
-            made_run(out, seed, [-0.3, last[seed]])
+            made_run(out, seed, [best[seed], -0.8])
         (file,) = ship(out, tmp_path / f"kept {len(seeds)}")
         with ZipFile(file) as archive:
             assert archive.read("final.npz") == archive.read("policy.pth") == agents[chosen]
