@@ -4,7 +4,7 @@
 >>> scene = beam_scene(Beam(modes=3), impact_absorber(gap=1e-3, restitution=0.7))
 >>> schedule = linear_sweep(scene.model.resonance_omega(1), 0.9, 1.06)
 >>> response = simulate(scene, Drive(3.5, schedule))
->>> print(f"{1e3 * response.level.value:.2f} mm, {response.impact_count > 1000}")
+>>> print(f"{1e3 * response.recorded.level.value:.2f} mm, {response.impact_count > 1000}")
 1.31 mm, True
 
 - **Structure**: `Beam`, `load_structure` (a file), `ModalModel` (modes).

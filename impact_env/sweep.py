@@ -411,7 +411,7 @@ def simulate(
     >>> scene = beam_scene(Beam(modes=2), absorber)
     >>> schedule = linear_sweep(scene.model.resonance_omega(1), 0.98, 1.0, 20.0)
     >>> response = simulate(scene, Drive(12.0, schedule))
-    >>> print(f"{1e3 * response.level.value:.1f} mm")
+    >>> print(f"{1e3 * response.recorded.level.value:.1f} mm")
     2.4 mm
     """
     method = Exact() if method is None else method

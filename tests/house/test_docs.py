@@ -15,6 +15,14 @@ from studies.cli import command_table
 KERNELS = ROOT / "impact_env" / "kernels"
 DOCS = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "internals").glob("*.md"))]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS, KERNELS / "README.md"]
+TYPED = (
+    "README.md",
+    "docs/sweep.md",
+    "docs/tutorial.md",
+    "docs/frequency_domain.md",
+    "docs/explore.md",
+)
+PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 MARKED = {
     "docs/tasks.md": ["admission", "rules", "leaderboard"],
@@ -84,6 +92,23 @@ def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
             r"^from impact_env\.kernels\.(\w+)\.(\w+) import", sources[name], re.MULTILINE
         )
         assert {f"{folder}/{module}.py" for folder, module in needed} <= known, name
+
+
+def test_python_examples_have_the_types_that_strict_checking_wants(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mypy = pytest.importorskip("mypy.api")
+    blocks = [
+        source
+        for name in TYPED
+        for source in PYTHON.findall((ROOT / name).read_text(encoding="utf-8"))
+    ]
+    assert len(blocks) >= len(TYPED)
+    for number, source in enumerate(blocks):
+        (tmp_path / f"example_{number}.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(ROOT)  # with the cache of the linters
+    found, _, status = mypy.run([*map(str, tmp_path.glob("*.py"))])
+    assert status == 0, found
 
 
 @pytest.mark.parametrize("name", MARKED)
