@@ -10,7 +10,6 @@ from typing import Any
 import click
 
 from impact_env.ensemble import available_cores
-from impact_env.parameters import require
 from optimisation.cli.common import command, end_early, plain_errors
 from optimisation.cli.options import FOLDER, OptionSpec, at_least, file_spec, number, option
 from optimisation.files import replacing, require_writable, write_csv, write_json
@@ -34,7 +33,7 @@ BOTH = "both"
 DEFAULT = "ActiveFriction-v0"
 SEEDS = 10
 STARTS = (RULE, AGENT, FRESH)
-QUICK_SHARE = 0.25
+QUICK_SHARE = 0.1
 QUICK_LEGS = 10
 OUT = Path("results/rl_train")
 TASKS_MORE = f"{', '.join(TASKS)}."
@@ -102,15 +101,7 @@ class TrainOptions:
             metavar="START",
             default_text="as in the hyperparameters",
             usual=True,
-        )
-    )
-    demonstrations: Path | None = option(
-        OptionSpec(
-            names=("--demonstrations",),
-            help="Older name of --from for a data set",
-            type=click.Path(path_type=Path),
-            metavar="FOLDER",
-            hidden=True,
+            older=("--demonstrations",),
         )
     )
     workers: int | None = option(
@@ -143,18 +134,6 @@ class TrainOptions:
     )
 
     @property
-    def changes(self) -> dict[str, Any]:
-        """Return the hyperparameters that the command line replaces."""
-        require(
-            self.start is None or self.demonstrations is None,
-            "--demonstrations",
-            str(self.demonstrations),
-            "left out beside --from",
-        )
-        start = self.start if self.demonstrations is None else str(self.demonstrations)
-        return {} if start is None else {"start": start}
-
-    @property
     def folder(self) -> Path:
         """Return the folder of the results."""
         return self.out or (OUT.with_name(f"{OUT.name}_quick") if self.quick else OUT)
@@ -181,7 +160,7 @@ def plan(task: str, options: TrainOptions) -> list[Any]:
                 options.hyperparameters,
                 steps=steps,
                 legs=legs,
-                **options.changes,
+                **({} if options.start is None else {"start": options.start}),
             )
             job = Job(env_id, algorithm, seed, chosen, arguments)
             folder = run_folder(options.folder, task, algorithm, seed)

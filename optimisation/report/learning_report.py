@@ -24,8 +24,8 @@ from optimisation.report.figures import (
 from optimisation.rl.agents import Run
 
 Array = NDArray[np.float64]
-COLOURS = {"ppo": BLUE, "sac": ORANGE, "rppo": SKY}
-LINES = (GREY, BLACK, GREEN, PINK, YELLOW)
+COLOURS = {"ppo": BLUE, "sac": ORANGE, "rppo": SKY, "rpi": PINK}
+LINES = (GREY, BLACK, GREEN, YELLOW, GREY)
 STYLES = (":", "--", "-.", (0, (5, 1)), (0, (1, 1)))
 COLUMNS = ("algorithm", "seed", "leg", "steps", "score", "iqm", "low", "high", "intervals")
 HEADER = ("agent", "seeds", "steps", "score (IQM over seeds)", "worst seed", "best seed")

@@ -31,7 +31,7 @@ SQUASHES: dict[str, Map] = {
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 Cells = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 CELLS = ("inputs", "outputs", "biases")  # of an LSTM, as they are called in a file
-SHORT = {"RecurrentPPO": "rppo"}
+SHORT = {"RecurrentPPO": "rppo", "RolloutPolicyIteration": "rpi"}
 
 
 def _sigmoid(x: NDArray[np.float32]) -> NDArray[np.float32]:

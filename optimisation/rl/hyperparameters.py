@@ -67,12 +67,17 @@ WHOLE = (
     "buffer_size",
     "train_freq",
     "gradient_steps",
+    "candidates",
+    "horizon",
+    "trial_interval",
+    "rounds_in_memory",
 )
 # how the hyperparameters of any algorithm are checked
 CHECKS: dict[str, Check] = {
     **dict.fromkeys(WHOLE, count_from(1)),
     **dict.fromkeys(
-        ("reward_scale", "learning_rate", "final_learning_rate", "clip_range"), positive
+        ("reward_scale", "learning_rate", "final_learning_rate", "clip_range", "reach", "width"),
+        positive,
     ),
     **dict.fromkeys(("gamma", "gae_lambda", "tau"), fraction),
     **dict.fromkeys(("log_std_init", "target_entropy", "initial_value"), finite),
@@ -183,6 +188,33 @@ class RecurrentPPOSettings(PPOSettings):
 
 
 @dataclass(frozen=True)
+class PolicyIterationSettings(Hyperparameters):
+    """Rollout policy iteration (`optimisation.rl.policy_iteration`): ``n_steps`` intervals of each lane a round, ``n_epochs`` over the trials of
+    ``rounds_in_memory`` rounds after it. A trial, every ``trial_interval`` intervals, compares ``candidates`` actions within ``reach`` of the
+    actor's over ``horizon`` intervals. ``width``: of the kernel that gives the mean action a score. Actions are explored with a standard deviation
+    of exp(``log_std_init``).
+    """  # noqa: D205
+
+    log_interval = 1  # rounds
+
+    n_steps: int
+    n_epochs: int
+    log_std_init: float
+    candidates: int
+    reach: float
+    horizon: int
+    trial_interval: int
+    width: float
+    rounds_in_memory: int
+
+    @property
+    def round(self) -> int:
+        """Steps between two updates, those of the trials among them."""
+        trials = -(-self.n_steps // self.trial_interval)
+        return self.lanes * (self.n_steps + trials * (self.candidates + 1) * self.horizon)
+
+
+@dataclass(frozen=True)
 class SACSettings(Hyperparameters):
     """Soft actor-critic: ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that hold the rewards of ``n_steps`` steps;
     names are those of stable-baselines3. With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, and no longer
@@ -231,10 +263,12 @@ class SACSettings(Hyperparameters):
         return self.train_freq * self.lanes
 
 
-ALGORITHMS: dict[str, type[PPOSettings] | type[SACSettings]] = {
+Settings = PPOSettings | SACSettings | PolicyIterationSettings
+ALGORITHMS: dict[str, type[Settings]] = {
     "ppo": PPOSettings,
     "sac": SACSettings,
     "rppo": RecurrentPPOSettings,
+    "rpi": PolicyIterationSettings,
 }
 
 
@@ -287,7 +321,7 @@ def recipes(environment: str) -> list[str]:
 
 def settings_for(
     environment: str, algorithm: str, file: Path | None = None, **options: Any
-) -> PPOSettings | SACSettings:
+) -> Settings:
     """Return the hyperparameters of an algorithm on an environment: those of the package, replaced by those of ``file``, and by those ``options``.
 
     Raises ParameterError for an unknown environment or algorithm, and for a value that is not allowed.

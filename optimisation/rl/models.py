@@ -22,11 +22,13 @@ from impact_env.parameters import ParameterError, require
 from optimisation.files import write_json
 from optimisation.rl.agents import FINAL, Agent, TrainingEvaluation, save_agent
 from optimisation.rl.hyperparameters import (
+    PolicyIterationSettings,
     PPOSettings,
     RecurrentPPOSettings,
-    SACSettings,
+    Settings,
     settings_for,
 )
+from optimisation.rl.policy_iteration import RolloutPolicyIteration
 from optimisation.rl.vec_env import NativeVecEnv, make_native
 
 with optional():
@@ -50,9 +52,20 @@ OF_BOTH = (
     "use_sde",
     "sde_sample_freq",
 )
+OF_ITERATION = ("learning_rate", "gamma", "n_steps", "n_epochs")
+TRIALS = (
+    "batch_size",
+    "candidates",
+    "reach",
+    "horizon",
+    "trial_interval",
+    "width",
+    "rounds_in_memory",
+)
 OF_PPO = ("n_epochs", "gae_lambda", "clip_range")
 OF_SAC = ("buffer_size", "learning_starts", "train_freq", "gradient_steps", "tau", "target_entropy")
-REPLAY = "replay.pkl"
+REPLAY = "replay.pkl"  # experience that later updates use
+KINDS: dict[str, Any] = {"ppo": PPO, "sac": SAC, "rpi": RolloutPolicyIteration}
 
 
 class ScaledRewards(VecEnvWrapper):
@@ -87,6 +100,11 @@ class ScaledRewards(VecEnvWrapper):
         monitor.episode_lengths = snapshot["lengths"].copy()
         lanes.restore(snapshot["lanes"])
 
+    @property
+    def task_lanes(self) -> TaskVectorEnv:
+        """The native vector environment below."""
+        return self._parts()[1]
+
     def _parts(self) -> tuple[VecMonitor, TaskVectorEnv]:
         assert isinstance(self.venv, VecMonitor)
         assert isinstance(self.venv.venv, NativeVecEnv)
@@ -96,7 +114,7 @@ class ScaledRewards(VecEnvWrapper):
 
 def make_lanes(
     env_id: str,
-    chosen: PPOSettings | SACSettings | str,
+    chosen: Settings | str,
     arguments: Mapping[str, Any] | None = None,
     threads: int | None = None,
 ) -> ScaledRewards:
@@ -109,9 +127,23 @@ def make_lanes(
     return ScaledRewards(VecMonitor(native), chosen.reward_scale)
 
 
-def make_model(chosen: PPOSettings | SACSettings, env: VecEnv, seed: int) -> Model:
+def make_model(chosen: Settings, env: VecEnv, seed: int) -> Model:
     """Return a fresh model."""
     net: dict[str, Any] = {"net_arch": list(chosen.hidden), "log_std_init": chosen.log_std_init}
+    if isinstance(chosen, PolicyIterationSettings):
+        iteration = RolloutPolicyIteration(
+            "MlpPolicy",
+            env,
+            policy_kwargs=net,
+            seed=seed,
+            device="cpu",
+            batch_size=chosen.n_steps * chosen.lanes,  # of PPO's own updates
+            **{name: getattr(chosen, name) for name in OF_ITERATION},
+        )
+        for name in TRIALS:
+            setattr(iteration, name, getattr(chosen, name))
+        _start_at(iteration.policy.action_net, chosen.initial_action)
+        return cast("Model", iteration)
     names = (*OF_BOTH, *(OF_PPO if isinstance(chosen, PPOSettings) else OF_SAC))
     own: dict[str, Any] = {name: getattr(chosen, name) for name in names} | {
         "seed": seed,
@@ -170,12 +202,14 @@ def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
     )
     if isinstance(model, SAC):
         model.save_replay_buffer(folder / REPLAY)
+    if isinstance(model, RolloutPolicyIteration):
+        (folder / REPLAY).write_bytes(pickle.dumps(model.memory))
 
 
 def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
     """Return the model of `save_model`, with its lanes where they were. Raises ParameterError for files that are damaged or missing."""
     try:
-        kind: Any = recurrent() if algorithm == "rppo" else PPO if algorithm == "ppo" else SAC
+        kind: Any = recurrent() if algorithm == "rppo" else KINDS[algorithm]
         with warnings.catch_warnings():  # the library warns of the memory that it chose itself
             warnings.filterwarnings("ignore", message="`n_steps=")
             model: Model = kind.load(folder / "model.zip", env=env, device="cpu", force_reset=False)
@@ -184,6 +218,8 @@ def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
         env.restore(lanes)
         if isinstance(model, SAC):
             model.load_replay_buffer(folder / REPLAY)
+        if isinstance(model, RolloutPolicyIteration):
+            model.memory = pickle.loads((folder / REPLAY).read_bytes())
         if states is not None:
             cast("RecurrentPPO", model)._last_lstm_states = states
     except Exception as error:  # whatever a torn zip file, pickle or array makes the readers raise

@@ -37,7 +37,7 @@ from optimisation.rl.agents import (
     save_agent,
     write_evaluations,
 )
-from optimisation.rl.hyperparameters import FRESH, PPOSettings, SACSettings
+from optimisation.rl.hyperparameters import FRESH, PPOSettings, Settings
 from optimisation.rl.models import (
     ScaledRewards,
     begin_leg,
@@ -77,7 +77,7 @@ class Job:
     env_id: str
     algorithm: str
     seed: int
-    hyperparameters: PPOSettings | SACSettings
+    hyperparameters: Settings
     arguments: Mapping[str, Any] = field(default_factory=dict)
     episodes: int = EVALUATION_EPISODES
 
@@ -85,7 +85,7 @@ class Job:
         keep_checked(
             self,
             seed=count_from(0),
-            hyperparameters=kind_of(PPOSettings | SACSettings),
+            hyperparameters=kind_of(Settings),
             arguments=kind_of(Mapping),
             episodes=count_from(1),
         )
@@ -247,7 +247,7 @@ class _Watch(BaseCallback):
 class _CriticFirst(BaseCallback):
     """Trains PPO's critic alone in the first rounds of a run."""
 
-    def __init__(self, chosen: PPOSettings | SACSettings) -> None:
+    def __init__(self, chosen: Settings) -> None:
         super().__init__()
         rounds = chosen.critic_rounds if isinstance(chosen, PPOSettings) else 0
         self.steps = rounds * chosen.round

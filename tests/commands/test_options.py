@@ -27,7 +27,7 @@ PROGRAM = "impact-absorber"
 SCREEN = 40  # lines
 WIDTH = 80  # columns
 # options whose value is of another kind elsewhere: a list of harmonics, a name with its prior
-OTHER_KINDS = {"--free", "--harmonics"}
+OTHER_KINDS = {"--free", "--from", "--harmonics"}
 # examples that take at most seconds, once kernels are compiled, and write into the folder
 RUN = (
     "cache",
@@ -240,6 +240,7 @@ OLDER_OPTIONS = {  # lines of the version before, and the same in options of now
     "compare --resonance 2": "compare --resonances 2",
     "sweep --figure a.png": "sweep --plot a.png",
     "prepare --host": "prepare --this-processor",
+    "rl train --demonstrations sets/rule-v0": "rl train --from sets/rule-v0",
 }
 
 
