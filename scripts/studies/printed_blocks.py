@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from click.testing import CliRunner
 
@@ -70,12 +71,17 @@ def write_files(text: str, folder: Path) -> None:
     shutil.copytree(ROOT / EXAMPLES, folder / EXAMPLES, dirs_exist_ok=True)
 
 
-def run_source(language: str, source: str) -> str:
-    """Return what a command or a Python example prints in the current folder: warnings and errors first, without progress."""
+def run_source(language: str, source: str, names: dict[str, Any] | None = None) -> str:
+    """Return what a command or a Python example prints in the current folder: warnings and errors first, without progress.
+
+    ``names``: what the Python examples before it on the page have defined; the example adds its own.
+    """
     if language == "python":
+        names = {} if names is None else names
+        names["__name__"] = "__example__"
         output = io.StringIO()
         with contextlib.redirect_stdout(output):
-            exec(compile(source, "<example>", "exec"), {"__name__": "__example__"})
+            exec(compile(source, "<example>", "exec"), names)
         return output.getvalue()
     _, *words = shlex.split(source)
     name, length = find_command(words)

@@ -1,6 +1,7 @@
 """Pages show what their commands and Python examples print today."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from places import ROOT
@@ -22,6 +23,7 @@ CHAOTIC_TOL = 0.35
 PAGES = {
     "README.md": 2,
     "docs/tutorial.md": 5,
+    "docs/tutorial_python.md": 4,
     "docs/sweep.md": 2,
     "docs/your_structure.md": 3,
     "docs/periodic_python.md": 1,
@@ -48,9 +50,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("pages")
 
 
-def print_block(block: Block, outputs: dict[str, str]) -> str:
+def print_block(block: Block, outputs: dict[str, str], names: dict[str, Any]) -> str:
     if block.source not in outputs:
-        outputs[block.source] = run_source(block.language, block.source)
+        outputs[block.source] = run_source(block.language, block.source, names)
     return select_paragraphs(outputs[block.source], block.starts)
 
 
@@ -84,13 +86,14 @@ def test_a_page_shows_what_its_blocks_print(
     assert len(blocks) >= PAGES[name]
     write_files(text, folder)
     monkeypatch.chdir(folder)
+    names: dict[str, Any] = {}
     differences = [
         difference
         for block in blocks
         if slow or block.command not in SLOW
         for difference in find_differences(
             block.printed,
-            print_block(block, outputs),
+            print_block(block, outputs, names),
             TOLERANCES.get(block.command, CHAOTIC_TOL),
         )
     ]

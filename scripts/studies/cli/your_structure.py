@@ -7,6 +7,7 @@ import contextlib
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -28,6 +29,7 @@ NAMES = (
     "periodic_python",
     "slow_manifold",
     "frequency_domain",
+    "tutorial_python",
     "loads",
     "environments",
     "tasks",
@@ -46,8 +48,9 @@ def update_page(page: Path) -> int:
         raise ParameterError(f"{page} is not allowed: a page with printed blocks")
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         write_files(text, Path(folder))
+        names: dict[str, Any] = {}
         results = [
-            select_paragraphs(run_source(block.language, block.source), block.starts)
+            select_paragraphs(run_source(block.language, block.source, names), block.starts)
             for block in Bar(blocks, desc=page.stem, bar_format=BAR)
         ]
     for block, result in reversed(list(zip(blocks, results, strict=True))):
