@@ -1,13 +1,15 @@
-"""Posterior predictive check: whether the model with the posterior's parameters explains the measured statistics.
+"""Posterior predictive check: whether the model explains the measured statistics.
 
-Parameters are drawn from the posterior and the measurement is simulated with each. The measured statistics (D,) are compared with
-these replicates by two distances: the Mahalanobis distance with a shrunk covariance, which notices many small deviations, and the
-largest single deviation. Half of the replicates give mean and covariance; the other half are compared with them in the same way as
-the measurement, so that the probability of a distance as large as the measured one needs no distribution.
+Parameters are drawn from the posterior and the measurement is simulated with each. Whatever the model can absorb by other values
+of its parameters says nothing of it. So the statistics (D,) of a simulated or real measurement are compared with those that
+simulations have on average whose fitted parameters are the same. The rest is judged by three distances: the Mahalanobis distance
+with a shrunk covariance, which notices many small deviations; the largest single deviation; and, with several measurements, how
+much the parameters that each alone gives differ. The simulations have distances, too, so that the probability of one as large as
+the real measurement's needs no distribution.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -17,8 +19,10 @@ from optimisation.calibration.inference import (
     Inference,
     Progress,
     StatisticsSimulator,
+    find_neighbourhood,
     simulate_ensemble,
 )
+from optimisation.calibration.likelihood import fit_score_statistics, polynomial_terms
 from optimisation.calibration.summaries import Statistic
 
 Array = NDArray[np.float64]
@@ -27,15 +31,30 @@ LEAST_PROBABILITY = 0.05  # below it the model does not explain the measurement
 BIN_PROBABILITY = 0.01  # of a single statistic, to be listed as not explained
 SHRINKAGE = 0.2  # of the covariance towards its diagonal
 LEAST_DEVIATION = 0.005  # of a logarithm: levels are not known better than 0.5 %
+PARTS = 4  # of the simulations: each has distances by covariances of the others
+MOST_DEVIATIONS = (
+    6.0  # of a fitted parameter from the mean of simulations: the means are not extrapolated
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementEstimate:
+    """Parameters that one measurement alone gives: shares (P,) of the priors, and their scatter (P,) among simulations."""
+
+    measurement: str
+    shares: Array
+    scatter: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PredictiveCheck:
     """How the measured statistics lie among simulated ones.
 
-    ``quantiles`` (3, D): 5, 50 and 95 % of the replicates' statistics; ``deviations`` (D,): of the measured ones from the
-    replicates' mean, in their standard deviations; ``probability``: of a distance at least as large as the measured one if the
-    model is right; ``log_score``: logarithm of the replicates' Gaussian density at the measured statistics.
+    ``quantiles`` (3, D): 5, 50 and 95 % of the replicates' statistics; ``deviations`` (D,): of the measured ones from those that
+    the fitted parameters give, in standard deviations of simulations; ``probability``: of a distance at least as large as the
+    measured one if the model is right; ``log_score``: logarithm of the replicates' Gaussian density at the measured statistics;
+    ``simulations``: how many the distances are compared with; ``estimates``: parameters by each of several measurements;
+    ``contradiction``: probability of estimates that differ as much, 1 for one measurement.
     """
 
     statistics: tuple[Statistic, ...]
@@ -44,7 +63,9 @@ class PredictiveCheck:
     deviations: Array
     probability: float
     log_score: float
-    replicates: int
+    simulations: int
+    estimates: tuple[MeasurementEstimate, ...] = ()
+    contradiction: float = 1.0
 
     @property
     def explains(self) -> bool:
@@ -68,46 +89,106 @@ def standardise(statistics: Array) -> tuple[Array, Array]:
     )
 
 
-def tail_probability(distance: Array) -> float:
-    """Return the share of replicates with at least the distance of the measurement, which is the last."""
-    return float((1 + np.sum(distance[:-1] >= distance[-1])) / len(distance))
+def subtract_fit(
+    estimates: Array, statistics: Array, own_estimate: Array, observed: Array
+) -> tuple[Array, Array]:
+    """Return what fitted parameters do not explain of simulated statistics (N, D) and of observed ones (D,).
+
+    A quadratic polynomial of the ``estimates`` (N, P) of the parameters is fitted to the simulated statistics, for each of these
+    without itself; ``own_estimate`` (P,) are the observed one's.
+    """
+    mean = np.mean(estimates, axis=0)
+    deviation = np.maximum(np.std(estimates, axis=0), 1e-9)
+
+    def terms_of(points: Array) -> Array:
+        z = np.clip((points - mean) / deviation, -MOST_DEVIATIONS, MOST_DEVIATIONS)
+        return polynomial_terms(0.5 + z / (2 * MOST_DEVIATIONS), 2)
+
+    terms = terms_of(estimates)
+    left, _, _ = np.linalg.svd(terms, full_matrices=False)
+    leverage = np.minimum(np.sum(left**2, axis=1), 0.9)
+    coefficients = np.linalg.lstsq(terms, statistics, rcond=None)[0]
+    rest = (statistics - terms @ coefficients) / (1 - leverage)[:, None]
+    return rest, observed - (terms_of(own_estimate[None]) @ coefficients)[0]
+
+
+def measure_distances(simulated: Array, observed: Array) -> Array:
+    """Return the Mahalanobis distance and the largest deviation, (2, N + 1), of simulated rests (N, D), and last of the observed one."""
+    count = len(simulated)
+    part = np.arange(count) % PARTS
+    distances = np.zeros((2, count + 1))
+    for k in range(PARTS):
+        others = simulated[part != k]
+        own = np.flatnonzero(part == k)
+        mean, deviation = standardise(others)
+        values, vectors = np.linalg.eigh(shrunk_correlation((others - mean) / deviation))
+        z = (np.vstack([simulated[own], observed]) - mean) / deviation
+        white = (z @ vectors) / np.sqrt(values)
+        both = np.stack([np.sum(white**2, axis=1), np.max(np.abs(z), axis=1)])
+        distances[:, own] = both[:, :-1]
+        distances[:, -1] += both[:, -1] / PARTS
+    return distances
+
+
+def tail_probabilities(distances: Array) -> Array:
+    """Return, for each of (N,) distances, the share of all that are at least as large."""
+    ordered = np.sort(distances)
+    below = np.searchsorted(ordered, distances, side="left")
+    return np.asarray((len(distances) - below) / len(distances))
+
+
+def combine_distances(distances: Array) -> float:
+    """Return the probability, if the last of (K, N + 1) is drawn as the others, that its most unusual distance is as unusual as it is."""
+    least = np.min([tail_probabilities(one) for one in distances], axis=0)
+    return float(np.mean(least <= least[-1]))
 
 
 def compare_statistics(
-    statistics: Sequence[Statistic], simulated: Array, observed: Array
+    statistics: Sequence[Statistic],
+    simulated: Array,
+    observed: Array,
+    estimates: tuple[Array, Array] | None = None,
+    replicates: Array | None = None,
+    contradiction: Array | None = None,
 ) -> PredictiveCheck:
-    """Return how observed statistics (D,) lie among simulated ones (R, D)."""
-    half = len(simulated) // 2
-    # deviations and covariance come from one half, distances of replicates from the other: these are then as new as the measurement
-    probabilities: list[float] = []
-    for fitted, fresh in (
-        (simulated[:half], simulated[half:]),
-        (simulated[half:], simulated[:half]),
-    ):
-        kinds = split_distances(fitted, fresh, observed)
-        probabilities += [tail_probability(distance) for distance in kinds]
-    squared = float(np.mean(probabilities[0::2]))
-    largest = float(np.mean(probabilities[1::2]))
-    mean, deviation = standardise(simulated)
-    z = (observed - mean) / deviation
+    """Return how observed statistics (D,) lie among simulated ones (N, D).
+
+    Parameters
+    ----------
+    statistics : sequence of Statistic
+        Names of the statistics, (D,).
+    simulated : array, (N, D)
+        Statistics of simulations near the posterior.
+    observed : array, (D,)
+        Measured statistics.
+    estimates : tuple of arrays (N, P) and (P,), optional
+        Parameters fitted to the simulations and to the measurement. None: no parameter is fitted.
+    replicates : array, (R, D), optional
+        Simulations with draws of the posterior, which quantiles and score are of. Default: all.
+    contradiction : array, (N + 1,), optional
+        How far estimates of single measurements differ, in each simulation, and last in the measurement.
+
+    """
+    rest = simulated - np.mean(simulated, axis=0)
+    own_rest = observed - np.mean(simulated, axis=0)
+    if estimates is not None:
+        rest, own_rest = subtract_fit(estimates[0], simulated, estimates[1], observed)
+    distances = measure_distances(rest, own_rest)
+    differ = 1.0
+    if contradiction is not None:
+        distances = np.vstack([distances, contradiction])
+        differ = float(tail_probabilities(contradiction)[-1])
+    drawn = simulated if replicates is None else replicates
     return PredictiveCheck(
         tuple(statistics),
         observed,
-        np.quantile(simulated, [0.05, 0.5, 0.95], axis=0),
-        z,
-        min(1.0, 2 * min(squared, largest)),
-        log_density(simulated, observed),
+        np.quantile(drawn, [0.05, 0.5, 0.95], axis=0),
+        own_rest / standardise(rest)[1],
+        combine_distances(distances),
+        log_density(drawn, observed),
         len(simulated),
+        contradiction=differ,
     )
-
-
-def split_distances(fitted: Array, fresh: Array, observed: Array) -> tuple[Array, Array]:
-    """Return both distances (F + 1,) of fresh replicates (F, D), and last of the measurement, from replicates (R, D)."""
-    mean, deviation = standardise(fitted)
-    z = (np.vstack([fresh, observed]) - mean) / deviation
-    values, vectors = np.linalg.eigh(shrunk_correlation((fitted - mean) / deviation))
-    white = (z @ vectors) / np.sqrt(values)
-    return np.sum(white**2, axis=1), np.max(np.abs(z), axis=1)
 
 
 def shrunk_correlation(z: Array) -> Array:
@@ -127,6 +208,40 @@ def log_density(simulated: Array, observed: Array) -> float:
     return float(-0.5 * np.sum(white**2) - logs - 0.5 * len(observed) * np.log(2 * np.pi))
 
 
+def estimate_by_measurement(
+    statistics: Sequence[Statistic],
+    used: NDArray[np.bool_],
+    shares: Array,
+    simulated: Array,
+    observed: Array,
+    centre: Array,
+) -> tuple[tuple[MeasurementEstimate, ...], Array | None]:
+    """Return the parameters that each measurement alone gives, and how far they differ, (N + 1,), None for one measurement.
+
+    The difference is the Mahalanobis distance of the estimates of all measurements but the last from those of the last, over
+    simulations (N, D) at shares (N, P) of the priors, and last of the observed statistics (D,).
+    """
+    names = list(dict.fromkeys(one.measurement for one in statistics))
+    if len(names) < 2:
+        return (), None
+    estimates = []
+    columns = []
+    for name in names:
+        own = used & np.array([one.measurement == name for one in statistics])
+        if not np.any(own):
+            continue
+        statistic, values = fit_score_statistics(shares, simulated[:, own], centre)
+        measured = statistic.compute(observed[None, own])
+        estimates.append(MeasurementEstimate(name, measured[0], np.std(values - shares, axis=0)))
+        columns.append(np.vstack([values, measured]))
+    if len(columns) < 2:
+        return tuple(estimates), None
+    apart = np.hstack([column - columns[-1] for column in columns[:-1]])
+    apart = apart - np.mean(apart[:-1], axis=0)
+    inverse = np.linalg.pinv(np.atleast_2d(np.cov(apart[:-1].T)), hermitian=True)
+    return tuple(estimates), np.asarray(np.einsum("nd,de,ne->n", apart, inverse, apart))
+
+
 def check_posterior(
     simulator: StatisticsSimulator,
     statistics: Sequence[Statistic],
@@ -135,10 +250,31 @@ def check_posterior(
     replicates: int = REPLICATES,
     progress: Progress | None = None,
 ) -> PredictiveCheck:
-    """Return the posterior predictive check; raises KeyboardInterrupt if it is stopped."""
+    """Return the posterior predictive check; raises KeyboardInterrupt if it is stopped.
+
+    The simulations near the posterior that the inference has used serve here, too, beside ``replicates`` new ones.
+    """
     generator = np.random.default_rng([seed, 4])
     rows = generator.choice(len(inference.shares), replicates, replace=False)
-    ensemble = simulate_ensemble(
+    drawn = simulate_ensemble(
         simulator, inference.priors, inference.shares[rows], seed, progress
+    ).finite
+    near = find_neighbourhood(inference.ensemble, inference.shares)
+    known = inference.ensemble.selected(near.contains(inference.ensemble.shares))
+    both = known.joined(drawn)
+    both = both.selected(generator.permutation(len(both.shares)))
+    used = inference.sensitivity.used
+    observed = simulator.observed
+    own = inference.statistic.compute(observed[None, used])[0]
+    estimates, contradiction = estimate_by_measurement(
+        statistics, used, both.shares, both.statistics, observed, near.centre
     )
-    return compare_statistics(statistics, ensemble.finite.statistics, simulator.observed)
+    check = compare_statistics(
+        statistics,
+        both.statistics,
+        observed,
+        (inference.statistic.compute(both.statistics[:, used]), own),
+        drawn.statistics,
+        contradiction,
+    )
+    return replace(check, estimates=estimates)

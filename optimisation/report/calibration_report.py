@@ -20,7 +20,7 @@ from optimisation.calibration.measurement import (
 )
 from optimisation.calibration.parameters import UNITS
 from optimisation.calibration.plan import MeasurementPlan
-from optimisation.calibration.predictive import PredictiveCheck
+from optimisation.calibration.predictive import LEAST_PROBABILITY, PredictiveCheck
 from optimisation.calibration.summaries import list_groups
 from optimisation.page import markdown
 from optimisation.report.card import Card, Chart, Curve, Row, with_band
@@ -84,8 +84,8 @@ def verdict(check: PredictiveCheck) -> str:
     """Return whether the model explains the measurement, in words."""
     if check.explains:
         return (
-            f"The model explains the measurement: of {check.replicates} measurements simulated with the posterior, "
-            f"{100 * check.probability:.0f} % are at least as far from the others."
+            f"The model explains the measurement: of {check.simulations} measurements simulated near the posterior, "
+            f"{100 * check.probability:.0f} % are at least as far from what their fitted parameters give."
         )
     failing = check.failing
     worst = "; ".join(
@@ -98,6 +98,27 @@ def verdict(check: PredictiveCheck) -> str:
         f"The model does not explain the measurement (probability {check.probability:.2g}). "
         f"Not explained: {worst}{rest}."
     )
+
+
+def contradiction_lines(inference: Inference, check: PredictiveCheck) -> list[str]:
+    """Return a line for each parameter of which single measurements give other values, where these contradict one another."""
+    if check.contradiction >= LEAST_PROBABILITY:
+        return []
+    lines = []
+    for k, prior in enumerate(inference.priors):
+        parts = []
+        for one in check.estimates:
+            share = float(one.shares[k])
+            ends = np.clip([share, share - one.scatter[k], share + one.scatter[k]], 0.0, 1.0)
+            (value, low, high), unit = in_display_unit(prior.name, prior.at(ends))
+            parts.append(
+                f"{value:.4g} ({low:.4g} to {high:.4g}) {unit}".rstrip() + f" by {one.measurement}"
+            )
+        lines.append(f"  {prior.name}: {', '.join(parts)}")
+    return [
+        f"The measurements contradict one another (probability {check.contradiction:.2g}); each alone gives (one deviation):",
+        *lines,
+    ]
 
 
 def list_warnings(inference: Inference, check: PredictiveCheck) -> list[str]:
@@ -189,7 +210,7 @@ def list_lines(
         for name, median, interval, prior in texts
     ]
     lines += correlation_lines(inference)
-    lines += ["", verdict(check)]
+    lines += ["", verdict(check), *contradiction_lines(inference, check)]
     if len(models) > 1:
         lines += ["", model_table(models)]
     if plan is not None:
@@ -210,6 +231,14 @@ def summarise(
         "settled": inference.settled,
         "model_explains_measurement": check.explains,
         "predictive_probability": check.probability,
+        "contradiction_probability": check.contradiction,
+        "by_measurement": {
+            one.measurement: {
+                prior.name: float(prior.at(np.clip(one.shares[k : k + 1], 0, 1))[0])
+                for k, prior in enumerate(inference.priors)
+            }
+            for one in check.estimates
+        },
         "not_explained": [check.statistics[k].words for k in check.failing],
         "warnings": list(warnings),
     }
