@@ -51,6 +51,7 @@ from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 from impact_env.laws import SceneKind
 from impact_env.loads import BASE_QUANTITY, Loads, Samples
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
+from impact_env.modes import ModalModel
 from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
@@ -324,23 +325,25 @@ class ExactSolver(Solver):
 
 
 @cache_regimes
+def free_and_joined_regimes(
+    model: ModalModel, mass: float, wanted: float, moves: bool, heavy: bool
+) -> tuple[LinearRegime, LinearRegime, float]:
+    """Return the regimes of `rigid_regimes`: gap, restitution and friction limit have no part in them."""
+    bounds = (find_fastest(model), find_fastest(model, mass))
+    size = padded_size(max(slots for _, slots in bounds))
+    reach = table_reach(max(speed for speed, _ in bounds), wanted)
+    joined = joined_regime(model, mass, size, reach, moves=moves, heavy=heavy)
+    return free_regime(model, size, reach, moves=moves), joined, reach
+
+
 def rigid_regimes(
     scene: Scene, wanted: float, moves: bool = False
 ) -> tuple[LinearRegime, LinearRegime, float]:
     """Return the free and the joined regime, and the reach of their tables in s: ``wanted`` or less. ``moves``: whether the base does."""
-    assert scene.absorber_mass is not None
-    bounds = (find_fastest(scene.model), find_fastest(scene.model, scene.absorber_mass))
-    size = padded_size(max(slots for _, slots in bounds))
-    reach = table_reach(max(speed for speed, _ in bounds), wanted)
-    joined = joined_regime(
-        scene.model,
-        scene.absorber_mass,
-        size,
-        reach,
-        moves=moves,
-        heavy=find_largest_gravity(scene.absorber) != 0,
-    )
-    return free_regime(scene.model, size, reach, moves=moves), joined, reach
+    mass = scene.absorber_mass
+    assert mass is not None
+    heavy = find_largest_gravity(scene.absorber) != 0
+    return free_and_joined_regimes(scene.model, mass, wanted, moves, heavy)
 
 
 def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -195,21 +196,27 @@ class Neighbourhood:
 
     def distance(self, points: Array) -> Array:
         """Return the squared distance (N,) of points (N, P)."""
-        inverse = np.linalg.inv(self.covariance + 1e-8 * np.eye(len(self.centre)))
         apart = points - self.centre
-        return np.asarray(np.einsum("np,pq,nq->n", apart, inverse, apart))
+        return np.asarray(np.sum((apart @ self.precision) * apart, axis=1))
+
+    @cached_property
+    def precision(self) -> Array:
+        """Inverse of the covariance, (P, P)."""
+        return np.asarray(np.linalg.inv(self.covariance + 1e-8 * np.eye(len(self.centre))))
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points (N, P) are inside, (N,)."""
         return self.distance(points) <= self.reach
 
 
-def find_neighbourhood(ensemble: Ensemble, draws: Array) -> Neighbourhood:
-    """Return where the next posterior is: inside the farthest draws, inflated, and where there are enough simulations."""
+def find_neighbourhood(ensemble: Ensemble, draws: Array, least: int = LEAST_NEAR) -> Neighbourhood:
+    """Return where the next posterior is: inside the farthest draws, inflated, and wide enough for ``least`` simulations."""
     near = Neighbourhood(np.median(draws, axis=0), np.atleast_2d(np.cov(draws.T)), np.inf)
     reach = INFLATION**2 * float(np.quantile(near.distance(draws), 0.99))
-    own = np.sort(near.distance(ensemble.shares))
-    return replace(near, reach=max(reach, float(own[min(LEAST_NEAR, len(own)) - 1])))
+    if least > 0:
+        own = np.sort(near.distance(ensemble.shares))
+        reach = max(reach, float(own[min(least, len(own)) - 1]))
+    return replace(near, reach=reach)
 
 
 def fit_posterior(

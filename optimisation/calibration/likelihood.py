@@ -8,6 +8,7 @@ likelihood (Wood, 2010, doi:10.1038/nature09319). Parameters are shares (P,) fro
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -140,11 +141,11 @@ def _estimate_locally(shares: Array, statistics: Array, centre: Array) -> Regres
 def polynomial_terms(shares: Array, degree: int) -> Array:
     """Return all products (N, C) of up to ``degree`` of the coordinates 2 share - 1, with the constant first."""
     x = 2 * shares - 1
-    columns = [np.ones(len(x))]
+    products: dict[tuple[int, ...], Array] = {(): np.ones(len(x))}
     for order in range(1, degree + 1):
-        products = combinations_with_replacement(range(x.shape[1]), order)
-        columns += [np.prod(x[:, list(which)], axis=1) for which in products]
-    return np.stack(columns, axis=1)
+        for which in combinations_with_replacement(range(x.shape[1]), order):
+            products[which] = products[which[:-1]] * x[:, which[-1]]
+    return np.stack(list(products.values()), axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,15 +166,19 @@ class SyntheticLikelihood:
         inside = np.all((shares >= 0) & (shares <= 1), axis=1)
         clipped = np.clip(shares, 0, 1)
         terms = polynomial_terms(clipped, self.degree)
+        linear = terms[:, : shares.shape[1] + 1]
         mean = terms @ self.coefficients
-        inflation = 1 + np.einsum("nc,cd,nd->n", terms, self.gram_inverse, terms)
-        log_variance = polynomial_terms(clipped, 1) @ self.log_variance
-        deviation = np.exp(log_variance / 2) * np.sqrt(inflation)[:, None]
-        z = (observed - mean) / deviation
-        factor = scipy.linalg.cholesky(self.correlation, lower=True)
-        white = scipy.linalg.solve_triangular(factor, z.T, lower=True)
-        density = -0.5 * np.sum(white**2, axis=0) - np.sum(np.log(deviation), axis=1)
+        inflation = 1 + np.sum((terms @ self.gram_inverse) * terms, axis=1)
+        deviation = np.exp(linear @ self.log_variance / 2) * np.sqrt(inflation)[:, None]
+        white = ((observed - mean) / deviation) @ self.whitening
+        density = -0.5 * np.sum(white**2, axis=1) - np.sum(np.log(deviation), axis=1)
         return np.where(inside, density, -np.inf)
+
+    @cached_property
+    def whitening(self) -> Array:
+        """Factor (P, P) after which statistics with the likelihood's correlation are independent."""
+        factor = scipy.linalg.cholesky(self.correlation, lower=True)
+        return np.asarray(scipy.linalg.inv(factor).T)
 
 
 def fit_synthetic_likelihood(shares: Array, values: Array, degree: int) -> SyntheticLikelihood:

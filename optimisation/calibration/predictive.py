@@ -259,7 +259,7 @@ def check_posterior(
     drawn = simulate_ensemble(
         simulator, inference.priors, inference.shares[rows], seed, progress
     ).finite
-    near = find_neighbourhood(inference.ensemble, inference.shares)
+    near = find_neighbourhood(inference.ensemble, inference.shares, least=0)
     known = inference.ensemble.selected(near.contains(inference.ensemble.shares))
     both = known.joined(drawn)
     both = both.selected(generator.permutation(len(both.shares)))

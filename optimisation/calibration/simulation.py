@@ -182,10 +182,14 @@ class MeasurementSimulator:
     def scene_of(self, scene: Scene) -> Scene:
         """Return a scene with the response at this measurement's sensor, and the absorber as it was during it."""
         absorber = require_impact_absorber(scene)
-        model = replace(
-            self.model, omega=scene.model.omega, damping_ratio=scene.model.damping_ratio
-        )
-        return Scene(model, absorber_in(self.measurement, absorber))  # type: ignore[arg-type]
+        omega = scene.model.omega
+        damping = scene.model.damping_ratio
+        # one model for all scenes of a structure: what follows from it alone is then computed once
+        own = self.model
+        if not (np.array_equal(own.omega, omega) and np.array_equal(own.damping_ratio, damping)):
+            own = replace(own, omega=omega, damping_ratio=damping)
+            self.model = own
+        return Scene(own, absorber_in(self.measurement, absorber))  # type: ignore[arg-type]
 
     def lanes(self, scenes: Sequence[Scene], seed: int) -> list[SeededLane]:
         """Return the lanes of simulated measurements, for levels those of all forces and repeats."""

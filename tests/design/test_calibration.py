@@ -386,6 +386,20 @@ def test_a_scene_takes_the_values_of_free_parameters() -> None:
     assert np.allclose(scene.model.damping_ratio, 0.02)
 
 
+def test_scenes_of_one_structure_have_one_model() -> None:
+    """So that linear regimes are computed once for all simulations, unless frequency or damping is free."""
+    load = swept_load()
+    part = MeasurementSimulator(record_of(np.sin(load.times), load), modal_model(BEAM), 1)
+    first, other = (
+        part.scene_of(scene_with(SCENE, {"gap": gap, "restitution": 0.5}, 1)).model
+        for gap in (1e-3, 2e-3)
+    )
+    assert first is other
+    softer = part.scene_of(scene_with(SCENE, {"frequency": 40.0}, 1)).model
+    assert softer.omega[0] == pytest.approx(2 * np.pi * 40.0)
+    assert part.scene_of(SCENE).model.omega[0] == SCENE.model.omega[0]
+
+
 # Inference against closed forms.
 
 

@@ -6,7 +6,7 @@ import scipy.interpolate
 import scipy.optimize
 from core import Array
 
-from impact_env import Beam, ModalModel, ParameterError, Scene
+from impact_env import Beam, ModalModel, ParameterError, Scene, impact_absorber
 from impact_env.kernels.events import starts
 from impact_env.kernels.events.search import SCAN_NOISE
 from impact_env.kernels.exact import rigid_contact
@@ -30,6 +30,7 @@ from impact_env.solvers import (
     cache_regimes,
     count_bytes,
     linear_regime,
+    rigid_regimes,
 )
 
 pytest.importorskip("mpmath")
@@ -324,6 +325,22 @@ def test_the_regimes_of_many_scenes_do_not_add_up() -> None:
     ]
     assert count_bytes(tuple(regimes)) > MOST_BYTES_CACHED
     assert cache_regimes.bytes <= MOST_BYTES_CACHED
+
+
+def test_scenes_of_one_model_share_their_regimes() -> None:
+    """Gap, restitution and friction limit have no part in them; the mass has."""
+    model = modal_model(Beam(modes=2))
+    first, other, heavier = (
+        rigid_regimes(Scene(model, absorber), 0.05)
+        for absorber in (
+            impact_absorber(1e-3, 0.5, 0.1),
+            impact_absorber(2e-3, 0.9, 0.2),
+            impact_absorber(1e-3, 0.5, 0.1, mass_ratio=0.03),
+        )
+    )
+    assert first[0] is other[0]
+    assert first[1] is other[1]
+    assert first[1] is not heavier[1]
 
 
 @pytest.mark.parametrize("mass_ratio", [1e-3, 0.02, 1.0])

@@ -1,0 +1,399 @@
+"""Compare ways from simulated measurements to a posterior: the synthetic likelihood of calibrate, sbi's neural posterior, pyabc's ABC-SMC."""
+
+import importlib
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+import scipy
+
+from optimisation.calibration.inference import (
+    Ensemble,
+    infer,
+    measure_sensitivity,
+    simulate_ensemble,
+)
+from optimisation.calibration.likelihood import RegressionStatistics, fit_regression_statistics
+from optimisation.calibration.simulation import Simulator
+from optimisation.cli.common import BadInput, command, plain_errors
+from optimisation.machine import sources
+from studies.cli.check_calibration import (
+    KINDS,
+    MODEL,
+    RIGS,
+    SEED,
+    first_ensemble,
+    make_simulator,
+    measure,
+)
+from studies.study import (
+    Array,
+    Json,
+    Measurement,
+    Study,
+    add_table_options,
+    format_table,
+    make_rows_part,
+    make_table_paths,
+    run,
+)
+
+NAME = "compare_inference"  # also the page's marker
+RIG = RIGS[0]
+TRUTHS = 10
+FIRST_RUNS = 256
+ROUND_RUNS = 128
+ROUNDS = 3
+SWEEPS = FIRST_RUNS + ROUNDS * ROUND_RUNS  # of calibrate, for one truth
+MORE_SWEEPS = 4 * SWEEPS
+POPULATION = 100  # of ABC-SMC
+DRAWS = 2000
+LIKELIHOOD = "synthetic likelihood (calibrate)"
+NEURAL = "neural posterior (sbi), of the whole prior"
+NEURAL_ROUNDS = "neural posterior (sbi), in rounds"
+ABC = "ABC-SMC (pyabc)"
+PACKAGES = {NEURAL: "sbi", NEURAL_ROUNDS: "sbi", ABC: "pyabc"}
+NEEDS = {
+    LIKELIHOOD: "numpy, scipy",
+    NEURAL: "sbi, torch",
+    NEURAL_ROUNDS: "sbi, torch",
+    ABC: "pyabc, pandas, SQLAlchemy",
+}
+
+
+class Setting(NamedTuple):
+    """A method with a number of simulated sweeps."""
+
+    method: str
+    sweeps: int
+
+
+SETTINGS = (
+    Setting(LIKELIHOOD, SWEEPS),
+    Setting(NEURAL, SWEEPS),
+    Setting(NEURAL, MORE_SWEEPS),
+    Setting(NEURAL_ROUNDS, SWEEPS),
+    Setting(ABC, SWEEPS),
+    Setting(ABC, MORE_SWEEPS),
+)
+
+
+class Answer(NamedTuple):
+    """Draws (N, P) of a posterior with weights (N,), and CPU seconds of the method without the simulations."""
+
+    draws: Array
+    weights: Array
+    seconds: float
+
+
+def import_method(name: str) -> ModuleType:
+    """Return an optional package; raises BadInput where it is not installed."""
+    package, _, _ = name.partition(".")
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise BadInput(
+            f"The comparison needs {package}, which is not installed: pip install {package}"
+        ) from error
+
+
+class CountedSimulation:
+    """Simulates ensembles of a truth's measurement, and counts CPU seconds."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self.simulator = simulator
+        self.seconds = 0.0
+
+    def __call__(self, shares: Array, seed: int) -> Ensemble:
+        """Return the ensemble at shares (N, P)."""
+        start = time.process_time()
+        ensemble = simulate_ensemble(self.simulator, RIG.priors, shares, seed)
+        self.seconds += time.process_time() - start
+        return ensemble
+
+
+def infer_by_likelihood(simulation: CountedSimulation, _sweeps: int, number: int) -> Answer:
+    """Return the posterior of calibrate."""
+    first = first_ensemble(RIG.name, FIRST_RUNS)
+    start = time.process_time()
+    inference = infer(
+        simulation.simulator,
+        RIG.priors,
+        seed=number,
+        first=first,
+        round_runs=ROUND_RUNS,
+        rounds=ROUNDS,
+        simulate=lambda shares, k: simulation(shares, 1000 * number + k),
+    )
+    seconds = time.process_time() - start - simulation.seconds
+    return Answer(inference.shares, np.ones(len(inference.shares)), seconds)
+
+
+@cache
+def train_on_prior(sweeps: int) -> tuple[Any, RegressionStatistics, float]:
+    """Return the neural posterior trained once on sweeps over the prior, the scale of the statistics, and CPU seconds of training."""
+    ensemble = first_ensemble(RIG.name, sweeps).finite
+    scale, _ = fit_regression_statistics(ensemble.shares, ensemble.statistics)
+    start = time.process_time()
+    trained = train_posterior(NeuralTrainer(sweeps), ensemble, scale)
+    return trained, scale, time.process_time() - start
+
+
+class NeuralTrainer:
+    """Neural posterior estimation of sbi with its defaults: a masked autoregressive flow."""
+
+    def __init__(self, seed: int) -> None:
+        self.torch = import_method("torch")
+        inference = import_method("sbi.inference")
+        utils = import_method("sbi.utils")
+        self.torch.manual_seed(seed)
+        self.torch.set_num_threads(1)
+        count = len(RIG.priors)
+        self.prior = utils.BoxUniform(self.torch.zeros(count), self.torch.ones(count))
+        self.inference = inference.NPE(prior=self.prior, show_progress_bars=False)
+
+    def tensor(self, values: Array) -> Any:
+        """Return an array as a tensor."""
+        return self.torch.as_tensor(np.asarray(values), dtype=self.torch.float32)
+
+
+def scaled(statistics: Array, scale: RegressionStatistics) -> Array:
+    """Return statistics (N, D) in deviations over the prior."""
+    return np.asarray((statistics - scale.mean) / scale.scale)
+
+
+def train_posterior(
+    trainer: NeuralTrainer, ensemble: Ensemble, scale: RegressionStatistics, proposal: Any = None
+) -> Any:
+    """Return the posterior after one more round of training; ``proposal`` is what its parameters were drawn from."""
+    shares = trainer.tensor(ensemble.shares)
+    statistics = trainer.tensor(scaled(ensemble.statistics, scale))
+    appended = trainer.inference.append_simulations(shares, statistics, proposal=proposal)
+    estimator = appended.train(show_train_summary=False)
+    return trainer.inference.build_posterior(estimator)
+
+
+def draw_neural(
+    trained: Any, trainer: NeuralTrainer, observed: Array, scale: RegressionStatistics, draws: int
+) -> Array:
+    """Return draws (N, P) of a neural posterior at observed statistics (D,)."""
+    at = trainer.tensor(scaled(observed[None], scale))
+    return np.asarray(trained.sample((draws,), x=at, show_progress_bars=False), dtype=np.float64)
+
+
+def infer_by_neural_posterior(simulation: CountedSimulation, sweeps: int, number: int) -> Answer:
+    """Return the neural posterior that is trained once, on sweeps over the whole prior."""
+    trainer = NeuralTrainer(number)
+    trained, scale, seconds = train_on_prior(sweeps)
+    draws = draw_neural(trained, trainer, simulation.simulator.observed, scale, DRAWS)
+    return Answer(draws, np.ones(len(draws)), seconds)
+
+
+def infer_by_neural_rounds(simulation: CountedSimulation, _sweeps: int, number: int) -> Answer:
+    """Return the neural posterior of rounds that are drawn from the posterior before, as calibrate's."""
+    first = first_ensemble(RIG.name, FIRST_RUNS).finite
+    start = time.process_time()
+    scale, _ = fit_regression_statistics(first.shares, first.statistics)
+    trainer = NeuralTrainer(number)
+    observed = simulation.simulator.observed
+    at = trainer.tensor(scaled(observed[None], scale))
+    trained = train_posterior(trainer, first, scale)
+    for k in range(ROUNDS):
+        shares = draw_neural(trained, trainer, observed, scale, ROUND_RUNS)
+        ensemble = simulation(shares, 1000 * number + k).finite
+        trained = train_posterior(trainer, ensemble, scale, trained.set_default_x(at))
+    draws = draw_neural(trained, trainer, observed, scale, DRAWS)
+    seconds = time.process_time() - start - simulation.seconds
+    return Answer(draws, np.ones(len(draws)), seconds)
+
+
+def infer_by_abc(simulation: CountedSimulation, sweeps: int, number: int) -> Answer:
+    """Return the weighted draws of ABC-SMC on one linear statistic for each parameter (semi-automatic ABC, Fearnhead and Prangle 2012)."""
+    pyabc = import_method("pyabc")
+    first = first_ensemble(RIG.name, FIRST_RUNS).finite
+    start = time.process_time()
+    used = measure_sensitivity(first).used
+    statistic, _ = fit_regression_statistics(first.shares, first.statistics[:, used])
+    names = [prior.name for prior in RIG.priors]
+    calls = iter(range(10**9))
+
+    def simulate_once(values: Any) -> dict[str, Array]:
+        shares = np.array([[values[name] for name in names]])
+        ensemble = simulation(shares, 10**6 * (number + 1) + next(calls))
+        return {"statistics": statistic.compute(ensemble.statistics[:, used])[0]}
+
+    prior = pyabc.Distribution(**{name: pyabc.RV("uniform", 0, 1) for name in names})
+    np.random.seed(number)  # noqa: NPY002 - pyabc draws from numpy's global generator
+    abc = pyabc.ABCSMC(
+        simulate_once,
+        prior,
+        pyabc.AdaptivePNormDistance(p=2),
+        population_size=POPULATION,
+        sampler=pyabc.SingleCoreSampler(),
+    )
+    observed = statistic.compute(simulation.simulator.observed[None, used])[0]
+    with tempfile.TemporaryDirectory() as folder:
+        abc.new(f"sqlite:///{folder}/abc.db", {"statistics": observed})
+        history = abc.run(max_total_nr_simulations=sweeps - FIRST_RUNS)
+        frame, weights = history.get_distribution()
+        draws = np.asarray(frame[names], dtype=np.float64)
+    seconds = time.process_time() - start - simulation.seconds
+    return Answer(draws, np.asarray(weights, dtype=np.float64), seconds)
+
+
+METHODS: dict[str, Callable[[CountedSimulation, int, int], Answer]] = {
+    LIKELIHOOD: infer_by_likelihood,
+    NEURAL: infer_by_neural_posterior,
+    NEURAL_ROUNDS: infer_by_neural_rounds,
+    ABC: infer_by_abc,
+}
+
+
+def weighted_quantiles(values: Array, weights: Array, shares: Sequence[float]) -> Array:
+    """Return quantiles of weighted draws (N,)."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    middle = (total - 0.5 * weights[order]) / total[-1]
+    return np.interp(shares, middle, values[order])
+
+
+def measure_method(setting: Setting, number: int) -> list[Json]:
+    """Return the row of one method and truth: those of `check_calibration`, by number."""
+    seed = [SEED, 0, list(KINDS).index(MODEL), number]
+    truth = np.random.default_rng(seed).random((1, len(RIG.priors)))
+    simulator = make_simulator(RIG, measure(RIG, KINDS[MODEL], truth, seed))
+    simulation = CountedSimulation(simulator)
+    answer = METHODS[setting.method](simulation, setting.sweeps, number)
+    weights = answer.weights / np.sum(answer.weights)
+    quantiles = [
+        weighted_quantiles(answer.draws[:, k], weights, [0.05, 0.5, 0.95])
+        for k in range(len(RIG.priors))
+    ]
+    low, median, high = np.transpose(quantiles)
+    return [
+        {
+            "method": setting.method,
+            "sweeps": setting.sweeps,
+            "number": number,
+            "truth": truth[0].round(6).tolist(),
+            "low": low.round(5).tolist(),
+            "median": median.round(5).tolist(),
+            "high": high.round(5).tolist(),
+            "method_seconds": round(answer.seconds, 2),
+        }
+    ]
+
+
+class ComparisonSettings(NamedTuple):
+    """Numbers of truths, and which methods."""
+
+    truths: int = TRUTHS
+    settings: tuple[Setting, ...] = SETTINGS
+
+
+def list_cases(settings: ComparisonSettings) -> dict[Any, Callable[[], list[Json]]]:
+    """Return all methods and truths, truth by truth."""
+    return {
+        (one.method, one.sweeps, number): partial(measure_method, one, number)
+        for number in range(settings.truths)
+        for one in settings.settings
+    }
+
+
+def method_rows(rows: Sequence[Json]) -> list[Json]:
+    """Return a row for each method and number of sweeps: coverage, width and cost."""
+    result = []
+    for method, sweeps in SETTINGS:
+        own = [r for r in rows if (r["method"], r["sweeps"]) == (method, sweeps)]
+        if not own:
+            continue
+        low, truth, high, median = (
+            np.array([r[name] for r in own]) for name in ("low", "truth", "high", "median")
+        )
+        inside = (low <= truth) & (truth <= high)
+        held = int(np.sum(inside))
+        interval = scipy.stats.binomtest(held, inside.size).proportion_ci(0.95, "wilson")
+        once = method == NEURAL
+        result.append(
+            {
+                "method": method,
+                "sweeps": f"{sweeps}, once for all" if once else f"{sweeps}",
+                "truths": len(own),
+                "inside": f"{100 * held / inside.size:.0f} ({100 * interval.low:.0f} to {100 * interval.high:.0f})",
+                "each": " / ".join(f"{100 * share:.0f}" for share in np.mean(inside, axis=0)),
+                "width": " / ".join(
+                    f"{100 * width:.1f}" for width in np.median(high - low, axis=0)
+                ),
+                "error": " / ".join(
+                    f"{100 * error:.1f}" for error in np.median(np.abs(median - truth), axis=0)
+                ),
+                "seconds": float(np.median([r["method_seconds"] for r in own])),
+                "needs": NEEDS[method],
+            }
+        )
+    return result
+
+
+def write_table(measured: Measurement) -> str:
+    """Return the table of methods."""
+    columns = {
+        "method": "{method}",
+        "sweeps": "{sweeps}",
+        "truths": "{truths}",
+        "in the 90 % interval, %": "{inside}",
+        "restitution / friction / gap, %": "{each}",
+        "width of the interval, % of the prior": "{width}",
+        "error of the median, % of the prior": "{error}",
+        "CPU time without sweeps, s": "{seconds:.3g}",
+        "needs": "{needs}",
+    }
+    return format_table(columns, method_rows(measured.values["rows"]))
+
+
+STUDY: Study[ComparisonSettings] = Study(
+    (
+        make_rows_part(
+            NAME,
+            "methods of inference beside the truth",
+            cases=list_cases,
+            key=lambda r: (r["method"], r["sweeps"], r["number"]),
+            text=write_table,
+            told=lambda _: {"first_runs": FIRST_RUNS, "round_runs": ROUND_RUNS, "rounds": ROUNDS},
+            sections=lambda result: {
+                NAME: f"{write_table(result)}\n\n{sources(result.conditions)}"
+            },
+            said=write_table,
+        ),
+    ),
+    kept="with --json the same command goes on from here.",
+)
+QUICK = ComparisonSettings(1, (Setting(LIKELIHOOD, SWEEPS),))
+
+
+@command()
+@click.option("--quick", is_flag=True, help="A look: one truth, by the synthetic likelihood.")
+@click.option(
+    "--truths",
+    type=click.IntRange(min=1),
+    default=TRUTHS,
+    show_default=True,
+    help="Truths from the prior.",
+)
+@add_table_options(NAME, "docs/calibrate.md")
+def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> None:
+    """Print coverage, width and cost of the posteriors of three methods for the same simulated measurements.
+
+    The methods are the synthetic likelihood of calibrate, sbi's neural posterior and pyabc's ABC-SMC; sbi and pyabc are no part
+    of any extra: pip install sbi pyabc. Ctrl-C prints, and writes, what is finished; with --json the same command goes on.
+    """
+    with plain_errors():
+        settings = QUICK if quick else ComparisonSettings(truths)
+        for name in () if quick else ("sbi.inference", "pyabc"):
+            import_method(name)
+        run(STUDY, settings, make_table_paths(target, page))
