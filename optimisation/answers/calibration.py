@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import LaneProgress
 from impact_env.kernels.compiling.cache import hash_sources
+from impact_env.laws import values
 from impact_env.modes import Structure
 from impact_env.parameters import (
     SlidingAbsorber,
@@ -90,17 +91,20 @@ QUICK_RUNS = CalibrationRuns(96, 48, 2, 48)
 
 @dataclass(frozen=True, eq=False)
 class CalibratedModel:
-    """A model of the absorber with its posterior and predictive check."""
+    """A model of the absorber with its posterior and predictive check; ``resonance``: near which the structure was excited, from 1."""
 
     name: str
     scene: Scene
     inference: Inference
     check: PredictiveCheck
+    resonance: int = 1
 
     @property
     def posterior(self) -> Posterior:
         """The posterior in SI units."""
-        return Posterior(self.inference.names, self.inference.values, self.check.explains)
+        own = Posterior(self.inference.names, self.inference.values, self.check.explains)
+        device = scene_with(self.scene, own.medians, self.resonance)
+        return replace(own, device=values(device.absorber))
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +277,7 @@ def calibrate_model(
             runs.replicates,
             show,
         )
-    return CalibratedModel(name, simulator.scene, inference, check)
+    return CalibratedModel(name, simulator.scene, inference, check, simulator.resonance)
 
 
 def calibrate(

@@ -1,7 +1,8 @@
 """The posterior as a file: draws of all parameters together, with what they rest on; commands read it to design under what was measured."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,15 @@ INTERVAL = (0.05, 0.5, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws (N, P) in SI units of parameters by ``names``, and whether the model explains what they were measured by (None: not checked)."""
+    """Draws (N, P) in SI units of parameters by ``names``, and whether the model explains what they were measured by (None: not checked).
+
+    ``device``: all values of the absorber by their plain names, those of free parameters at their medians; empty where they are not known.
+    """
 
     names: tuple[str, ...]
     draws: Array
     explains: bool | None = None
+    device: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def quantiles(self) -> Array:
@@ -40,8 +45,12 @@ class Posterior:
 
     @property
     def correlation(self) -> Array:
-        """Correlation of the parameters, (P, P)."""
-        return np.atleast_2d(np.corrcoef(self.draws.T))
+        """Correlation of the parameters, (P, P); none with a parameter whose draws are all alike."""
+        varies = np.ptp(self.draws, axis=0) > 0
+        correlation = np.eye(len(varies))
+        if np.sum(varies) > 1:
+            correlation[np.ix_(varies, varies)] = np.corrcoef(self.draws[:, varies].T)
+        return correlation
 
     def column(self, name: str) -> Array:
         """Return the draws (N,) of a parameter."""
@@ -59,6 +68,7 @@ class Posterior:
             },
             "correlation": self.correlation.round(4).tolist(),
             "model_explains_measurement": self.explains,
+            "device": dict(self.device),
             "draws": [[float(f"{value:.7g}") for value in row] for row in self.draws],
         }
 
@@ -98,4 +108,10 @@ def from_plain(content: Mapping[str, Any], path: str) -> Posterior:
     ok = draws.ndim == 2 and draws.shape[1:] == (len(names),) and len(draws) >= LEAST_DRAWS
     require(ok and bool(np.all(np.isfinite(draws))), f"{path}: draws", draws.shape, allowed)
     explains = content.get("model_explains_measurement")
-    return Posterior(names, draws, explains if isinstance(explains, bool) else None)
+    device = content.get("device", {})
+    known = isinstance(device, Mapping) and all(
+        name in PARAMETERS and isinstance(value, int | float) and math.isfinite(value)
+        for name, value in device.items()
+    )
+    require(known, f"{path}: device", device, "finite numbers by the names of parameters")
+    return Posterior(names, draws, explains if isinstance(explains, bool) else None, dict(device))

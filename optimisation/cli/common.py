@@ -14,6 +14,7 @@ import click
 from impact_env.extras import MissingExtraError
 from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
+from optimisation.calibration.posterior import Posterior, read_posterior
 from optimisation.cli.options import (
     FIGURES,
     FILE,
@@ -291,6 +292,15 @@ def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, 
             )
         distributions[name] = words
     return distributions
+
+
+def parse_posterior(values: Iterable[tuple[str, tuple[str, ...]]]) -> Posterior | None:
+    """Return the posterior of --uncertain FILE; None without it. Raises BadInput for any other value, and for two files."""
+    table = parse_uncertain(values)
+    file = table.pop("posterior", None)
+    for name in table:
+        raise BadInput(f"--uncertain {name} is not allowed: the posterior.json of calibrate")
+    return None if file is None else read_posterior(Path(file[0]))
 
 
 COMMAND_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}

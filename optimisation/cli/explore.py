@@ -11,7 +11,7 @@ import click
 from impact_env.modes import Structure
 from impact_env.parameters import Beam
 from impact_env.structures.cyclic import BladedDisk
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import command, parse_posterior, plain_errors
 from optimisation.cli.options import OptionSpec, option, switch
 from optimisation.cli.scene_options import read_disk, read_structure
 
@@ -23,6 +23,13 @@ class ExploreOptions:
     """Options of ``explore``; None: not given."""
 
     structure: Path | None = option("structure")
+    uncertain: tuple[tuple[str, tuple[str, ...]], ...] = option(
+        "uncertain",
+        help="Posterior of calibrate: its median is an example of the page",
+        more="With the 90 % intervals in its words.",
+        metavar="FILE",
+        usual=True,
+    )
     port: int = option(
         OptionSpec(
             names=("--port",),
@@ -69,8 +76,11 @@ def main(options: ExploreOptions) -> None:
         own: Structure | BladedDisk = Beam()
         if options.structure is not None:
             own = read_disk(options.structure) or read_structure(options.structure)
-        from optimisation.explore.server import bound, page_address, serve  # needs the extra
+        from optimisation.explore.examples import make_measured_example  # needs the extra
+        from optimisation.explore.server import bound, page_address, serve
 
+        posterior = parse_posterior(options.uncertain)
+        examples = [] if posterior is None else [make_measured_example(posterior, own)]
         listening = bound(options.host, options.port)
         place = page_address(listening)
 
@@ -85,4 +95,5 @@ def main(options: ExploreOptions) -> None:
             (options.host, *options.names),
             listening,
             started,
+            examples,
         )

@@ -3,13 +3,14 @@
 import json
 import statistics
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+import numpy as np
 
 from impact_env.drive import (
     Drive,
@@ -29,8 +30,15 @@ from impact_env.solvers import check_load, find_solver
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import simulate
 from optimisation.answers.disk import sweep_disk
+from optimisation.calibration.drawn_scenes import band_of_levels, draw_scenes
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.common import BadInput, check_target, command, plain_errors
+from optimisation.cli.common import (
+    BadInput,
+    check_target,
+    command,
+    parse_posterior,
+    plain_errors,
+)
 from optimisation.cli.options import FIGURES, OptionSpec, number, option, option_values, switch
 from optimisation.disks import find_disk_range, find_excited_resonance, force_of
 from optimisation.duration import announce_duration
@@ -56,6 +64,7 @@ REST = "rest"
 STEADY = "steady"
 SHORT = 2.0  # s: a run below this is timed three times
 TIME_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} left]"
+DRAWN_MEMBERS = 32  # with the parameters of a posterior
 MOST_SAMPLED = 2**30  # bytes of states that a figure or measures may need
 T = TypeVar("T")
 
@@ -150,6 +159,12 @@ class SweepOptions(scenes.SceneOptions):
         )
     )
     members: int = option("members", default=1, more="The first one has the phase of --phase.")
+    uncertain: tuple[tuple[str, tuple[str, ...]], ...] = option(
+        "uncertain",
+        help="Posterior of calibrate, of which members have the parameters",
+        more=f"Members after the first have those of one draw each; {DRAWN_MEMBERS} of them without --members.",
+        metavar="FILE",
+    )
     seed: int = option("seed")
     cluster: str | None = option("cluster")
     energy: bool = option(
@@ -252,12 +267,20 @@ def compute(
     drives: list[Excitation],
     method: Method,
     executor: Executor | None,
+    drawn: Sequence[Scene] = (),
 ) -> Result:
-    """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for."""
+    """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for.
+
+    ``drawn``: scenes of the members after the first; empty: all have the same.
+    """
     record = Record(events=True, energy=options.energy, series=options.plot is not None)
     most_events = options.most_events
     steady = options.initial_state == STEADY
-    every = [Lane(scene, drive, steady_start=steady) for drive in drives]
+    scenes_of_members = [scene, *(drawn or [scene] * (len(drives) - 1))]
+    every = [
+        Lane(own, drive, steady_start=steady)
+        for own, drive in zip(scenes_of_members, drives, strict=True)
+    ]
     if steady and every[0].start is None:
         raise BadInput(
             "--start steady: there is no steady state to start from (it needs a harmonic load, damping at its frequency, no gravity and "
@@ -266,6 +289,7 @@ def compute(
     response = recorded(every[0], method, record, most_events)
     others = None
     wall_time = None
+    band = None
     with Bar(total=len(drives), desc="integrating", unit="run", delay=1, leave=False) as bar:
         if len(drives) > 1:
             others = run_lanes(
@@ -277,12 +301,17 @@ def compute(
             )
             if not others.complete:
                 raise KeyboardInterrupt
+        ratios = drives[0].schedule.omegas / drives[0].schedule.reference
+        if drawn and isinstance(drives[0], Drive) and np.ptp(ratios) > 0:
+            bar.set_description_str("band")
+            limits = float(np.min(ratios)), float(np.max(ratios))
+            band = band_of_levels(every[1:], limits, executor)
         if options.time:
             bar.set_description_str("timing")
             wall_time = run_in_thread(
                 lambda: integration_time(scene, drives[0], method, most_events), bar
             )
-    return Result(response, others, wall_time, steady=steady)
+    return Result(response, others, wall_time, steady=steady, drawn=bool(drawn), band=band)
 
 
 def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
@@ -339,6 +368,7 @@ def write(result: Result, options: SweepOptions, beam: Beam | None) -> None:
                 title,
                 result.response,
                 options.resonance,
+                result.band,
             )
 
 
@@ -367,20 +397,33 @@ def run(options: SweepOptions) -> None:
     first = make_drive(options, scene, force)
     schedule = first.schedule
     check_load(scene, first, method)
-    if count("members", options.members, 1) == 1 and options.cluster is not None:
+    posterior = parse_posterior(options.uncertain)
+    members = count("members", options.members, 1)
+    if posterior is not None and not scenes.is_option_set("members"):
+        members = DRAWN_MEMBERS + 1
+    if posterior is not None and members == 1:
+        raise BadInput("--uncertain needs --members above 1: the first member has no draw")
+    if posterior is not None and not isinstance(method, Exact):
+        raise BadInput(f"--uncertain does not go with --method {options.method}")
+    if posterior is not None and options.measures is not None:
+        raise BadInput("--uncertain does not go with --measures")
+    if members == 1 and options.cluster is not None:
         raise BadInput("--cluster needs --members above 1: the first member runs here")
     if options.plot is not None:
         refuse_long("--plot", scene, schedule, Record().samples_per_period)
     if options.measures is not None:
         samples = count("measures", options.measures, 4, MOST_SAMPLES_PER_PERIOD)
         refuse_long("--measures", scene, schedule, samples)
-    drives = drives_of(draw_members(options.members, options.seed), first)
+    drawn: list[Scene] = []
+    if posterior is not None:
+        drawn = draw_scenes(scene, posterior, members - 1, options.seed, options.resonance)
+    drives = drives_of(draw_members(members, options.seed), first)
     if isinstance(first, Drive) and isinstance(method, Exact) and options.cluster is None:
         announce_duration(
             scene, first.amplitude, options.resonance, schedule.periods, len(drives), None
         )
     with workers(None, options.cluster) as executor:
-        result = compute(options, scene, drives, method, executor)
+        result = compute(options, scene, drives, method, executor, drawn)
         result = replace(result, measures=measured(options, scene, beam, drives, executor))
     low, high = (float(end) for end in sorted((schedule.omegas / schedule.reference)[[0, -1]]))
     if options.load is None and low != high:  # at a constant frequency nothing is swept
@@ -393,7 +436,7 @@ def run(options: SweepOptions) -> None:
     write(result, options, beam)
 
 
-NOT_OF_DISKS = ("energy", "time", "measures", "absolute")
+NOT_OF_DISKS = ("energy", "time", "measures", "absolute", "uncertain")
 
 
 def run_disk(options: SweepOptions, disk: BladedDisk) -> None:

@@ -1,12 +1,16 @@
 """Structures and settings that the explorer's page offers to begin with, each of which shows one thing."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from impact_env.parameters import Beam
+from impact_env.parameters import Beam, ParameterError
 from impact_env.plain import to_structure
 from impact_env.structures.cyclic import BladedDisk, ring_of_masses
-from optimisation.explore.settings import PageModel
+from optimisation.calibration.posterior import Posterior
+from optimisation.explore.control import Refused
+from optimisation.explore.settings import PageModel, parse_controls
+from optimisation.report.calibration_report import in_display_unit
 
 OWN = "own"  # the key of the structure that the explorer was started with
 PAPER = "paper"
@@ -89,9 +93,38 @@ def make_structures(structure: PageModel, title: str) -> dict[str, PageStructure
     return structures
 
 
-def examples_to_list(structures: dict[str, PageStructure]) -> list[dict[str, Any]]:
-    """Return the examples for the page, with the keys of its structures."""
-    rows = [asdict(example) for example in EXAMPLES]
+CONTROL_NAMES = {"friction_limit": "friction"}  # of parameters whose control has another name
+MEASURED = ("mass_ratio", "gap", "restitution", "friction_limit")
+
+
+def make_measured_example(posterior: Posterior, structure: PageModel) -> Example:
+    """Return the example of a device that `calibrate` has measured: the medians as its setting, the 90 % intervals in its words.
+
+    Raises ParameterError for a device that the page's controls do not have.
+    """
+    known = {**posterior.device, **posterior.medians}
+    values: dict[str, float | str] = {
+        CONTROL_NAMES.get(name, name): float(f"{known[name]:.5g}")
+        for name in MEASURED
+        if name in known
+    }
+    texts = []
+    for k, name in enumerate(posterior.names):
+        (low, median, high), unit = in_display_unit(name, posterior.quantiles[:, k])
+        texts.append(f"{name} {median:.4g} ({low:.4g} to {high:.4g}) {unit}".rstrip())
+    try:
+        parse_controls(values, structure)
+    except Refused as error:
+        raise ParameterError(f"--uncertain is not allowed on this structure: {error}") from error
+    about = f"Median (90 % interval) of the calibration: {', '.join(texts)}."
+    return Example("Your measured device", about, OWN, values)
+
+
+def examples_to_list(
+    structures: dict[str, PageStructure], more: Sequence[Example] = ()
+) -> list[dict[str, Any]]:
+    """Return the examples for the page, with the keys of its structures; those that it has besides the usual ones are first."""
+    rows = [asdict(example) for example in (*more, *EXAMPLES)]
     for row in rows:
         if row["structure"] not in structures:
             row["structure"] = OWN

@@ -8,7 +8,7 @@ import re
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
 from ipaddress import ip_address
@@ -24,7 +24,13 @@ from impact_env.sweep import IntegrationError, Stopped
 from optimisation.explore.advice import recommend_values
 from optimisation.explore.control import ControlValues, Refused
 from optimisation.explore.disk_work import DiskWork
-from optimisation.explore.examples import OWN, PageStructure, examples_to_list, make_structures
+from optimisation.explore.examples import (
+    OWN,
+    Example,
+    PageStructure,
+    examples_to_list,
+    make_structures,
+)
 from optimisation.explore.explanations import CARD_NUMBERS, format_help
 from optimisation.explore.settings import (
     PageModel,
@@ -316,8 +322,12 @@ def make_app(
     name: str,
     names: Names,
     started: Callable[[], object] = lambda: None,
+    examples: Sequence[Example] = (),
 ) -> Starlette:
-    """Return the application for a structure of a ``name``; ``names``: what a Host header may say; ``started`` is called once it serves."""
+    """Return the application for a structure of a ``name``; ``names``: what a Host header may say; ``started`` is called once it serves.
+
+    ``examples``: those that the page has besides the usual ones.
+    """
     kernels = Kernels()
     tabs = set[Tab]()
     structures = make_structures(structure, name)
@@ -337,7 +347,7 @@ def make_app(
             **controls_to_dict(page_structure.structure, page_structure.title),
             "key": key,
             "structures": {key: one.title for key, one in structures.items()},
-            "examples": examples_to_list(structures),
+            "examples": examples_to_list(structures, examples),
             "numbers": [
                 {name: text for name, text in asdict(row).items() if name != "more"}
                 for row in CARD_NUMBERS
@@ -456,9 +466,10 @@ def serve(
     hosts: tuple[str, ...],
     listening: socket.socket,
     started: Callable[[], object],
+    examples: Sequence[Example] = (),
 ) -> None:
-    """Serve until Ctrl-C, on a socket that listens; ``hosts`` as `names_of` takes them."""
-    app = make_app(structure, name, names_of(*hosts), started)
+    """Serve until Ctrl-C, on a socket that listens; ``hosts`` as `names_of` takes them, ``examples`` as `make_app`."""
+    app = make_app(structure, name, names_of(*hosts), started, examples)
     limits: dict[str, Any] = {
         "ws_max_size": MOST_BYTES,
         "timeout_graceful_shutdown": 1,

@@ -18,6 +18,7 @@ from impact_env.loads import Loads
 from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbsorber
 from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
+from optimisation.calibration.drawn_scenes import LevelBand
 from optimisation.extremes import LEAST_RATIO
 from optimisation.report.figures import MM, figure_of, write_figure
 from optimisation.statistics import prediction_interval
@@ -29,6 +30,7 @@ class Result:
 
     ``sweep_ratio``: level of such sweeps without absorber over the stationary one; None at a constant frequency. ``measures`` of each member, as
     `optimisation.signals` has them, None unless asked for. ``steady``: runs start from the steady state of the linear structure, not from rest.
+    ``drawn``: members after the first have parameters of a posterior's draws; ``band``: their levels over the frequency, None where nothing is swept.
     """
 
     response: Response
@@ -37,6 +39,8 @@ class Result:
     sweep_ratio: float | None = None
     measures: list[dict[str, Any]] | None = None
     steady: bool = False
+    drawn: bool = False
+    band: LevelBand | None = None
 
     @property
     def levels(self) -> list[float]:
@@ -73,10 +77,22 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
         "pseudo_periods": response.drive.schedule.periods,
         "start": START_WORDS[result.steady],
         "sweep_over_stationary_level": result.sweep_ratio,
+        **({} if result.band is None else {"band": band_values(result.band)}),
         **({} if result.wall_time is None else {"wall_s": result.wall_time}),
         **({} if result.measures is None else {"measures": result.measures}),
         "omega_rad_s": response.scene.model.omega.tolist(),
         "scene": from_scene(response.scene, beam),
+    }
+
+
+def band_values(band: LevelBand) -> dict[str, list[float]]:
+    """Return the band of levels over the frequency as JSON values."""
+    low, median, high = band.quantiles.tolist()
+    return {
+        "frequency_ratio": band.ratio.tolist(),
+        "level_5_m": low,
+        "level_50_m": median,
+        "level_95_m": high,
     }
 
 
@@ -148,12 +164,14 @@ def summary(result: Result, resonance: int) -> str:
         ("response level", f"{levels[0]:.4g} mm", f"around {ratios[0]:.4f} times the resonance")
     ]
     if len(levels) > 1:
-        low, high = prediction_interval(levels)
+        drawn = levels[1:] if result.drawn else levels
+        low, high = prediction_interval(drawn)
+        members = "draws of the posterior" if result.drawn else "members"
         rows.append(
             (
                 "",
-                f"{np.median(levels):.4g} mm",
-                f"median of {len(levels)} members, 90 % of runs: {low:.4g} to {high:.4g} mm",
+                f"{np.median(drawn):.4g} mm",
+                f"median of {len(drawn)} {members}, 90 % of runs: {low:.4g} to {high:.4g} mm",
             )
         )
     stuck = response.stuck_time / float(schedule.times[-1])
@@ -266,8 +284,13 @@ class _Axis:
         )
 
 
-def save_figure(path: Path, title: str, response: Response, resonance: int) -> None:
-    """Draw a response that has its level, events and history recorded, and its energies if it has them; save it."""
+def save_figure(
+    path: Path, title: str, response: Response, resonance: int, band: LevelBand | None = None
+) -> None:
+    """Draw a response that has its level, events and history recorded, and its energies if it has them; save it.
+
+    ``band``: levels of scenes with drawn parameters, over the frequency.
+    """
     history = require_recorded("history", response.history)
     axis = _Axis(response, resonance)
     # several move at places of their own, away from the tip
@@ -276,6 +299,11 @@ def save_figure(path: Path, title: str, response: Response, resonance: int) -> N
     figure, axes = figure_of(12, 3.1 * rows, rows, 2, width_ratios=[2, 1])
     figure.suptitle(title, fontsize=10)
     _displacement(axes[0, 0], response, history, axis)
+    if band is not None:
+        low, _, high = MM * band.quantiles
+        label = "level (RMS), 90 % of the posterior's draws"
+        axes[0, 0].fill_between(band.ratio, low, high, color=LEVEL, alpha=0.6, lw=0, label=label)
+        axes[0, 0].legend(fontsize=7, loc="upper left")
     _detail(axes[0, 1], response, history, moving)
     if moving:
         _relative(axes[1, 0], response, history, axis)

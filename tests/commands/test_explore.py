@@ -35,10 +35,12 @@ from impact_env.plain_loads import to_loads
 from impact_env.sectors import linear_sector_response
 from impact_env.steady_start import find_steady_start
 from impact_env.structures.cyclic import BladedDisk, ring_of_masses
+from optimisation.calibration.posterior import Posterior
 from optimisation.cli.group import imported
 from optimisation.disks import DiskRun, disk_schedule
 from optimisation.explore.advice import recommend_values
 from optimisation.explore.disk_controls import disk_of
+from optimisation.explore.examples import make_measured_example
 from optimisation.explore.server import (
     MOST_BYTES,
     MOST_TABS,
@@ -695,3 +697,23 @@ def test_a_structure_from_a_file_has_its_own_controls() -> None:
             parse_controls(values, frame)
         assert name in refusal.value.errors
     assert scene_of(parse_controls({}, frame), frame).model.modes == frame.modes
+
+
+def test_a_measured_device_is_an_example() -> None:
+    """With the medians of its posterior, and its other values; the intervals are in its words."""
+    draws = np.column_stack([np.linspace(1e-3, 2e-3, 101), np.linspace(0.4, 0.6, 101)])
+    device = {"mass_ratio": 0.03, "friction_limit": 0.25, "gap": 1.5e-3, "restitution": 0.5}
+    posterior = Posterior(("gap", "restitution"), draws, True, device)
+    example = make_measured_example(posterior, BEAM)
+    assert example.values == {
+        "mass_ratio": 0.03,
+        "gap": 1.5e-3,
+        "restitution": 0.5,
+        "friction": 0.25,
+    }
+    assert "gap 1.5 (1.05 to 1.95) mm, restitution 0.5 (0.41 to 0.59)" in example.about
+    app = make_app(BEAM, "the paper's beam", names_of("127.0.0.1"), examples=(example,))
+    with TestClient(app, base_url=f"http://{HOST}") as own:
+        assert own.get("/controls").json()["examples"][0]["title"] == "Your measured device"
+    with pytest.raises(ParameterError, match="on this structure: Gap to either wall"):
+        make_measured_example(Posterior(("gap",), np.full((60, 1), 1e3)), BEAM)

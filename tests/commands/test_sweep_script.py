@@ -11,15 +11,18 @@ from commands import SHORT, done
 from commands import sweep as call
 from drawing import line, saved_figures
 
-from impact_env import Drive, Record, simulate
+from impact_env import Drive, Record, impact_absorber, simulate
 from impact_env.drive import PAPER_LIMITS
+from impact_env.ensemble import draw_members
 from impact_env.methods import Exact, Moreau, RungeKutta
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
 from impact_env.plain import from_scene
-from impact_env.scene import beam_scene
+from impact_env.scene import Scene, beam_scene
+from optimisation.calibration.posterior import Posterior
 from optimisation.cli import scene_options, sweep
 from optimisation.cli.options import make_options
+from optimisation.files import write_json
 
 STRONG = [*SHORT[:-1], 40, "--force", 20]  # 5 pseudo periods
 CONSTANT = ["--modes", "2", "--from", "1", "--to", "1"]
@@ -259,3 +262,47 @@ def test_defaults_are_the_papers() -> None:
     assert scene_options.make_method("moreau", None) == Moreau()
     stepping = options("--method", "runge-kutta", "--steps-per-period", "50")
     assert scene_options.make_method(stepping.method, stepping.steps_per_period) == RungeKutta(50)
+
+
+def test_members_have_the_parameters_of_a_posterior(tmp_path: Path) -> None:
+    """Levels are those of scenes with the drawn values; the band is where all draws are alike a line through these levels."""
+    draws = np.tile([1.5e-3, 0.4], (60, 1))
+    write_json(tmp_path / "p.json", Posterior(("gap", "restitution"), draws).to_plain())
+    arguments = [*SHORT[:-1], "20", "--gap", "1e-3", "--restitution", "0.7", "--uncertain"]
+    target = tmp_path / "sweep.json"
+    text = done(sweep, *arguments, tmp_path / "p.json", "--members", 3, "--json", target).output
+    answer = json.loads(target.read_text())
+    chosen = options(*map(str, SHORT[:-1]), "20")
+    schedule = sweep.make_schedule(
+        chosen, Scene(modal_model(Beam(modes=chosen.modes or 10))), (chosen.start, chosen.stop)
+    )
+    drives = draw_members(3, 0).drives(sweep.FORCE, schedule)
+    expected = []
+    for drive, absorber in zip(drives, [(1e-3, 0.7), (1.5e-3, 0.4), (1.5e-3, 0.4)], strict=True):
+        scene = beam_scene(Beam(modes=chosen.modes or 10), impact_absorber(*absorber))
+        expected.append(simulate(scene, drive).level.value)
+    assert answer["response_level_m"] == pytest.approx(expected, rel=1e-9)
+    assert "median of 2 draws of the posterior" in text
+    low, median, high = (np.array(answer["band"][f"level_{share}_m"]) for share in (5, 50, 95))
+    assert np.all(low <= median)
+    assert np.all(median <= high)
+    assert np.max(high) == pytest.approx(max(expected[1:]), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--members", "1"], "--uncertain needs --members above 1"),
+        (["--method", "moreau"], "--uncertain does not go with --method moreau"),
+        (["--measures"], "--uncertain does not go with --measures"),
+        (["--absorber", "tuned"], "one impact absorber, between walls"),
+        (["--uncertain", "gap=5%"], "--uncertain gap is not allowed: the posterior.json"),
+    ],
+)
+def test_what_does_not_go_with_a_posterior_is_one_message(
+    more: list[str], words: str, tmp_path: Path
+) -> None:
+    write_json(tmp_path / "p.json", Posterior(("gap",), np.full((60, 1), 1e-3)).to_plain())
+    result = call(*SHORT, "--uncertain", str(tmp_path / "p.json"), *more)
+    assert result.exit_code == 2
+    assert words in result.output
