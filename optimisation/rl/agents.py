@@ -19,6 +19,7 @@ from optimisation.files import replacing, write_csv
 
 AGENT_FORMAT = 1
 FINAL = "final.npz"
+CHECKPOINT_AGENT = "agent.npz"  # in the folder of a checkpoint
 TRAINED = Path(__file__).with_name(
     "trained"
 )  # TASK_ALGORITHM.zip, the middle one of its seeds by the last evaluation
@@ -376,7 +377,7 @@ def _model_of(folder: Path) -> Path:
     """Return the model of a finished run whose actor is the run's agent."""
     agent = (folder / FINAL).read_bytes()
     for checkpoint in sorted((folder / "checkpoints").iterdir(), reverse=True):
-        file = checkpoint / FINAL
+        file = checkpoint / CHECKPOINT_AGENT
         if file.is_file() and file.read_bytes() == agent:
             return checkpoint / "model.zip"
     raise ParameterError(

@@ -20,7 +20,7 @@ from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
 from optimisation.files import write_json
-from optimisation.rl.agents import FINAL, Agent, TrainingEvaluation, save_agent
+from optimisation.rl.agents import CHECKPOINT_AGENT, Agent, TrainingEvaluation, save_agent
 from optimisation.rl.hyperparameters import (
     PolicyIterationSettings,
     PPOSettings,
@@ -245,7 +245,7 @@ def save_checkpoint(
     temporary.mkdir(parents=True)
     save_model(temporary, model, env)
     write_json(temporary / "evaluations.json", [asdict(evaluation) for evaluation in evaluations])
-    save_agent(temporary / FINAL, agent)
+    save_agent(temporary / CHECKPOINT_AGENT, agent)
     temporary.rename(target)
     best = best_checkpoint(folder)
     for old in checkpoints(folder)[:-LAST_CHECKPOINTS]:

@@ -28,6 +28,7 @@ from optimisation.files import require_writable, write_json
 from optimisation.machine import difference, installed
 from optimisation.progress import Bar
 from optimisation.rl.agents import (
+    CHECKPOINT_AGENT,
     FINAL,
     SETTINGS,
     TrainingEvaluation,
@@ -226,7 +227,7 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Train
         save_checkpoint(checkpoints, leg, model, env, evaluations, agent)
         write_evaluations(folder, evaluations)
         show(model.num_timesteps, evaluations)
-    save_agent(folder / FINAL, load_agent(best_checkpoint(checkpoints) / FINAL))
+    save_agent(folder / FINAL, load_agent(best_checkpoint(checkpoints) / CHECKPOINT_AGENT))
     forget_replay(checkpoints)
     return evaluations
 

@@ -186,7 +186,7 @@ def test_interrupted_training_equals_one_that_never_stopped(
     best = int(np.argmax([evaluation.score for evaluation in whole]))
     assert [folder.name for folder in folders] == [f"leg-{k:03d}" for k in sorted({best, 1, 2})]
     agent = (tmp_path / "whole" / "final.npz").read_bytes()
-    assert [(folder / "final.npz").read_bytes() == agent for folder in folders] == [
+    assert [(folder / "agent.npz").read_bytes() == agent for folder in folders] == [
         folder.name == f"leg-{best:03d}" for folder in folders
     ]
     assert not list(tmp_path.rglob("replay.*"))
@@ -570,7 +570,7 @@ def made_run(out: Path, seed: int, scores: list[float]) -> bytes:
     for leg in range(len(scores)):
         checkpoint = folder / "checkpoints" / f"leg-{leg:03d}"
         written = agent if leg == int(np.argmax(scores)) else b"another"
-        (checkpoint / "final.npz").write_bytes(written)
+        (checkpoint / "agent.npz").write_bytes(written)
         with ZipFile(checkpoint / "model.zip", "w") as archive:
             archive.writestr("policy.pth", written)
     return agent
