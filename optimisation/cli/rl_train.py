@@ -141,7 +141,8 @@ class TrainOptions:
 
 def plan(task: str, options: TrainOptions) -> list[Any]:
     """Return the runs of a task; raise ParameterError before anything is trained if one cannot be made or gone on with."""
-    from optimisation.rl.training import Job, Planned, check_folder  # torch is slow to import
+    from optimisation.rl.starts import describe_start  # torch is slow to import
+    from optimisation.rl.training import Job, Planned, check_folder
 
     env_id = env_of(task)
     algorithms = recipes(env_id) if options.algorithm == BOTH else [options.algorithm]
@@ -162,6 +163,7 @@ def plan(task: str, options: TrainOptions) -> list[Any]:
                 legs=legs,
                 **({} if options.start is None else {"start": options.start}),
             )
+            describe_start(chosen, env_id, algorithm)
             job = Job(env_id, algorithm, seed, chosen, arguments)
             folder = run_folder(options.folder, task, algorithm, seed)
             check_folder(job, folder)

@@ -162,6 +162,66 @@ class Products(Family):
         return np.einsum("lk,lk->l", parameters, terms)
 
 
+class SideAndSlip(Family):
+    """An action by the tip's phase on the absorber's side of the cavity, by the slip speed and by the size of the response.
+
+    Its twelve numbers were fitted to agents: a family of eight that has the same terms was not found by hand.
+    """
+
+    names = (
+        "middle",
+        "per size",
+        "per size squared",
+        "step over side and phase",
+        "its phase",
+        "its softness",
+        "step per size",
+        "slip speed",
+        "slip speed per size",
+        "slip with velocity",
+        "its phase",
+        "time",
+    )
+    neutral = (0.0,) * 12
+
+    def act(self, parameters: Array, observations: Observations) -> Array:
+        """Return the actions (L,)."""
+        (
+            middle,
+            size,
+            size_squared,
+            step,
+            phase,
+            softness,
+            step_size,
+            slip,
+            slip_size,
+            along,
+            along_phase,
+            time,
+        ) = parameters.T
+        features, log_size, per_square = _columns(observations)
+        per_size = np.sqrt(per_square)
+        displacement, velocity, place, rate = (features[:, k] for k in (X, V, R, W))
+
+        def at_phase(angle: Array) -> Array:
+            turned = displacement * np.cos(math.pi * angle) + velocity * np.sin(math.pi * angle)
+            return np.asarray(turned * per_size)
+
+        side = np.tanh(2 * place) * at_phase(phase)
+        speed = np.tanh(np.abs(rate) * per_size)
+        direction = np.tanh(4 * rate * per_size)
+        return np.asarray(
+            middle
+            + size * log_size
+            + size_squared * log_size**2
+            + (step + step_size * log_size) * np.tanh(np.exp(softness) * side)
+            + (slip + slip_size * log_size) * speed
+            + along * direction * at_phase(along_phase)
+            + time * features[:, LEFT]
+        )
+
+
 class Blind(Family):
     """A schedule over time that looks at nothing: actions at equidistant knots."""
 
@@ -246,7 +306,9 @@ CONSTANT = "best constant"
 BLIND = "blind schedule"
 FOUR = "rule of 4"
 EIGHT = "rule of 8"
+READ = "rule of 12"  # read off an agent
 CHOSEN = Path(__file__).with_name("rules.json")  # by task and what it is: family and numbers
+OF_AGENTS = Path(__file__).with_name("agent_rules.json")  # the same, of rules read off agents
 
 
 class Families(NamedTuple):
@@ -300,6 +362,11 @@ def chosen(file: Path = CHOSEN) -> dict[str, dict[str, Any]]:
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
+def read_off_agents(file: Path = OF_AGENTS) -> dict[str, dict[str, Any]]:
+    """Return the rules that were read off agents by task: family and numbers of each."""
+    return dict(json.loads(file.read_text(encoding="utf-8")))
+
+
 def policies(
     task: str, arguments: Mapping[str, Any] | None = None
 ) -> dict[str, families.FamilyPolicy]:
@@ -314,4 +381,7 @@ def policies(
         family = known[rule["family"]](behind)
         numbers = [*rule["numbers"], *family.neutral[len(rule["numbers"]) :]]
         chosen_policies[label] = families.FamilyPolicy(label, family, numbers)
+    if task in (rules := read_off_agents()):
+        rule = SideAndSlip(behind)
+        chosen_policies[READ] = families.FamilyPolicy(READ, rule, rules[task][READ]["numbers"])
     return chosen_policies

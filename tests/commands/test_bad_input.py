@@ -296,11 +296,19 @@ cache
     info --older -> --older goes with clear alone
 rl demonstrations
 rl train
+    --from nowhere -> start = 'nowhere' is not allowed: rule, agent, none, or the path
 rl evaluate
     --board a.txt -> .csv
     --page bare.md -> --board
 reproduce admit-tasks
     --json kept.json --redraw -> an earlier run of this command wrote
+reproduce judge-agents
+    -> --agents = 'None' is not allowed: a folder with finished agents
+    --out file/below -> --out
+    --page bare.md -> markers
+reproduce read-rules
+    --agent good.toml -> agent = 'good.toml' is not allowed
+    --json a.txt -> --json = a.txt is not allowed
 reproduce benchmark
 reproduce benchmark-energies
 reproduce benchmark-explorer

@@ -30,8 +30,18 @@ from optimisation.rl.families import (
     SmallRule,
     task_of,
 )
-from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, TASKS, env_of, policies
+from optimisation.rl.rules import (
+    BLIND,
+    CONSTANT,
+    EIGHT,
+    TASKS,
+    SideAndSlip,
+    env_of,
+    policies,
+)
 from studies.admission import Search, best_of, evolve, mean_scores
+from studies.agent_rules import fit_actions, map_actions
+from studies.cli import judge_agents
 
 FRESH = range(7_000_000, 7_000_096)  # neither trained, tuned nor judged on
 # Bounds on means over seeds lie six of their standard deviations off, as found with six eigenbases that differ by rounding.
@@ -327,3 +337,92 @@ def test_imitation_repeats_the_demonstrated_actions() -> None:
         assert (
             score > -0.38
         )  # the best constant pair: -0.465; the rule remembers, so one step of it cannot be copied exactly
+
+
+# Agents beside rules, and rules that are read off agents.
+
+
+def test_a_fit_finds_the_rule_behind_actions() -> None:
+    numbers = np.array([-0.3, 0.4, 0.02, 0.35, 0.4, 0.6, 0.1, 0.3, 0.1, 0.2, 0.1, 0.15])
+    generator = np.random.default_rng(0)
+    observations = generator.normal(size=(3000, 11)).astype(np.float32)
+    observations[:, 9] = generator.uniform(0.2, 2, 3000)
+    rule = SideAndSlip()
+    rows = np.broadcast_to(numbers, (3000, 12))
+    actions = np.clip(rule.act(rows, observations), -1, 1)
+    fitted, explained = fit_actions(observations, actions)
+    assert explained > 0.999
+    again = np.clip(rule.act(np.broadcast_to(fitted, (3000, 12)), observations), -1, 1)
+    np.testing.assert_allclose(again, actions, atol=0.05)
+
+
+def test_a_rule_of_side_and_slip_is_the_same_in_the_mirror() -> None:
+    """The scene and its mirror image have one action; by hand, what a state of the middle has."""
+    numbers = np.linspace(-0.5, 0.6, 12)[None]
+    observations = np.random.default_rng(1).normal(size=(50, 11)).astype(np.float32)
+    observations[:, 9] = np.abs(observations[:, 9]) + 0.1
+    mirrored = observations.copy()
+    mirrored[:, :7] *= -1
+    rule = SideAndSlip()
+    rows = np.repeat(numbers, 50, axis=0)
+    np.testing.assert_allclose(rule.act(rows, observations), rule.act(rows, mirrored), rtol=1e-6)
+    rest = np.zeros((1, 11), np.float32)
+    rest[0, [8, 9]] = 0.5, 1.0 - 1e-3
+    assert rule.act(numbers, rest)[0] == pytest.approx(-0.5 + 0.5 * 0.6, abs=1e-6)
+
+
+def test_actions_are_averaged_where_a_state_was_visited() -> None:
+    """Three states in one bin, by hand: displacement alone is phase 0, and a size outside the limits does not count."""
+    observations = np.zeros((5, 11))
+    observations[:, 0] = 1.0
+    observations[:, 2] = 0.55
+    observations[:, 9] = 0.5, 0.5, 0.5, 2.0, 0.5
+    observations[4, 2] = -0.55
+    known = map_actions(observations, np.array([0.1, 0.2, 0.6, -1.0, 1.0]), "place", (0.4, 1.0))
+    assert np.isfinite(known.actions).sum() == 1
+    (column,), (row,) = np.nonzero(np.isfinite(known.actions))
+    assert known.actions[column, row] == pytest.approx(0.3)
+    assert known.phases[column] <= 0 <= known.phases[column + 1]
+    assert known.states[row] <= 0.55 <= known.states[row + 1]
+
+
+def test_agents_are_judged_seed_by_seed(tmp_path: Path) -> None:
+    """The shipped agent as two training seeds: its own scores on test seeds, counted and drawn; once judged, no agent is needed."""
+    import json
+    from dataclasses import replace
+
+    from optimisation.rl.agents import FINAL, TrainingEvaluation, run_folder, write_evaluations
+
+    task = "ActiveGap-v0"
+    agent = load_agent(task)
+    for seed in (0, 1):
+        folder = run_folder(tmp_path / "agents", task, "ppo", seed)
+        folder.mkdir(parents=True)
+        save_agent(folder / FINAL, replace(agent, seed=seed))
+        (folder / "settings.json").write_text(json.dumps({"algorithm": "ppo", "seed": seed}))
+        curve = [TrainingEvaluation(k, 100 * k, -0.5 - 0.1 * k, 0, 0, 0, 1) for k in (1, 2)]
+        write_evaluations(folder, curve)
+    page = tmp_path / "page.md"
+    page.write_text("<!-- agents -->\n<!-- /agents -->\n")
+    options = ("--task", task, "--episodes", 4, "--out", tmp_path / "out", "--page", page)
+    result = call(judge_agents.main, "--agents", tmp_path / "agents", *options)
+    assert result.exit_code == 0, result.output
+    rows = judge_agents.read_rows(tmp_path / "out" / "agents.csv", judge_agents.AgentScores)
+    seeds = range(2_000_000, 2_000_004)
+    scores, rule = (
+        play(policy, env_of(task), seeds).scores for policy in (agent, policies(task)[EIGHT])
+    )
+    assert [row.seed for row in rows] == [0, 1]
+    for row in rows:
+        assert row.test == pytest.approx(scores.mean(), abs=1e-6)
+        assert row.over_rule == pytest.approx((scores - rule).mean(), abs=1e-6)
+        assert row.low <= row.over_rule <= row.high
+        assert (row.validation, row.steps) == (-0.6, 200)
+    assert "| `ActiveGap-v0` |" in page.read_text()
+    assert result.stdout.strip() in page.read_text()
+    assert (tmp_path / "out" / "learning_curves.png").stat().st_size > 5000
+    again = call(judge_agents.main, *options)
+    assert again.exit_code == 0
+    assert again.stdout == result.stdout
+    shares = judge_agents.share_of_way(np.full((2, 3), -0.2), np.full(3, -0.4), np.full(3, -0.0))
+    assert shares == pytest.approx(0.5)
