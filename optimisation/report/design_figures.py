@@ -412,15 +412,13 @@ def save_front(
     figure.set_figwidth(7.6)
     panel.plot(*searched.T, ".", color="0.75", ms=4, label="designs of the search")
     if bound is not None and np.isfinite(bound).any():
-        for reached, possible in zip(fresh, bound, strict=True):
-            panel.plot(*np.array([reached, possible]).T, color="0.6", lw=0.7, zorder=1)
         panel.plot(
             *bound.T,
             "x",
             color=figures.BLACK,
             ms=6,
             mew=1.4,
-            label="stationary limit of each design's cavity",
+            label="stationary limits of these designs' cavities",
             clip_on=False,
         )
     panel.plot(

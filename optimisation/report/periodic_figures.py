@@ -91,7 +91,7 @@ LOOKS = {  # exact orbits: colour, dashes, width, label
 
 def save_figure(path: Path, overview: Overview) -> None:
     """Draw a frequency response: the largest displacement of the tip over the frequency; the ending of ``path`` chooses the format."""
-    figure, axes = figure_of(12, 6)
+    figure, axes = figure_of(8.6, 6.4)
     _sweeps(axes, overview)
     _stationary(axes, overview)
     _linear(axes, overview)
@@ -318,7 +318,7 @@ def _legend(axes: Axes, overview: Overview) -> None:
         {mark.kind for curve in overview.curves if curve.method == EXACT for mark in curve.located}
     ):
         axes.plot([], [], MARKS.get(kind, "x"), **MARKED, ls="", label=MARK_LABELS.get(kind, kind))
-    axes.figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
+    axes.figure.legend(loc="outside lower center", ncols=3, fontsize=9)  # not over the curves
 
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, SKY, YELLOW)
@@ -330,7 +330,9 @@ def save_balance(
     path: Path, exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: bool
 ) -> None:
     """Draw rows that have a solution; ``growing``: weights grow with the square of the harmonics. The ending of ``path`` chooses the format."""
-    figure, (error, folds, cost) = figure_of(14.0, 4.4, 1, 3)
+    figure, panels = figure_of(8.6, 7.4, 2, 2)
+    error, folds, cost, empty = panels.flat
+    empty.remove()
     series: dict[float, list[BalanceRow]] = {}
     for row in rows:
         if row.tip_max_error is not None:
@@ -368,7 +370,7 @@ def save_balance(
         draw_grid(axes)
     error.legend(fontsize=8)
     figure.suptitle(
-        f"{exact.case.scene}, {exact.case.force:g} N; weights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics",
+        f"{exact.case.scene}, {exact.case.force:g} N\nweights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics",
         fontsize=10,
     )
     write_figure(figure, path)
@@ -392,10 +394,13 @@ KIND_MARKS = {BIRTH: "v", "merger": "^"}
 def save_isolas(path: Path, isola_map: IsolaMap) -> None:
     """Draw the fold force, and a map over each of `ALONG` that has more than one value; the ending of ``path`` chooses the format."""
     maps = [name for name in ALONG if len({getattr(cell, name) for cell in isola_map.cells}) > 1]
-    figure, axes = figure_of(5.8 * (1 + len(maps)), 5.6, 1, 1 + len(maps))
-    axes = np.atleast_1d(axes)
+    rows = -(-(1 + len(maps)) // 2)
+    figure, panels = figure_of(8.6, 4.6 * rows, rows, 2)
+    axes = np.ravel(panels)
+    for empty in axes[1 + len(maps) :]:
+        empty.remove()
     _force(axes[0], isola_map)
-    for place, name in zip(axes[1:], maps, strict=True):
+    for place, name in zip(axes[1:], maps, strict=False):
         _map(place, isola_map, name)
     figure.suptitle(str(isola_map.case.scene), fontsize=10)
     write_figure(figure, path)
@@ -570,7 +575,7 @@ def save_curves(
     path: Path, curves: list[dict[str, Any]], title: str, parameter: str, scale: float
 ) -> None:
     """Draw the plain forms of `BifurcationCurve`, ``scale`` times the parameter's values; the ending of ``path`` chooses the format."""
-    figure, axes = figure_of(9, 5.5)
+    figure, axes = figure_of(8.6, 6.0)
     for curve in curves:
         ratio = np.array(curve["omega_ratio"])
         value = scale * np.array(curve["value"])
@@ -609,7 +614,7 @@ def save_curves(
     axes.set(xlabel="frequency over the first resonance's", ylabel=parameter)
     axes.set_title(title, fontsize=10)
     draw_grid(axes)
-    figure.legend(loc="outside right upper", fontsize=8.5)  # beside the curves, not over them
+    figure.legend(loc="outside lower center", ncols=3, fontsize=9)  # not over the curves
     write_figure(figure, path)
 
 

@@ -111,7 +111,7 @@ def save_over_force(
         if "restitution" not in row
         or (row["restitution"], row["friction"]) in ((1.0, 0.0), (0.7, 1.0))
     ]
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    figure = Figure(figsize=(8.6, 5.2), layout="constrained")
     panels = figure.subplots(1, len(_structures(rows)), sharey=True, squeeze=False)[0]
     colours, styles = (list(dict.fromkeys(row[name] for row in rows)) for name in (colour, style))
     for panel, structure in zip(panels, _structures(rows), strict=True):
@@ -138,7 +138,8 @@ def save_over_force(
         panel.set_xlabel("force over the design rule's")
         panel.set_ylim(0, None)
     panels[0].set_ylabel("level over that without absorber")
-    panels[-1].legend(frameon=False, fontsize=8)
+    handles, labels = panels[-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
     write_figure(figure, path, 110)
 
 

@@ -300,15 +300,23 @@ def plain(panel: Axes, ticks: list[float]) -> None:
     panel.minorticks_off()
 
 
-def panel_grid(scenes: list[str], modes: list[int], share: bool = False) -> tuple[Figure, Any]:
-    """Return a figure with a titled panel for each scene (down) and number of modes (across), and the panels."""
-    figure = Figure(
-        figsize=(2.6 + 2.9 * len(modes), 1.6 + 2.35 * len(scenes)), layout="constrained"
-    )
-    panels = figure.subplots(len(scenes), len(modes), squeeze=False, sharex=share, sharey=share)
-    for line, scene in zip(panels, scenes, strict=True):
-        for panel, count in zip(line, modes, strict=True):
-            panel.set_title(f"{scene}, {count} mode{'s' * (count > 1)}", fontsize=9)
+def choose_cells(
+    rows: list[Row], chosen: Iterable[tuple[str, int]], most: int = 4
+) -> list[tuple[str, int]]:
+    """Return the chosen scenes with their numbers of modes that are among the rows, or else the first that are, at most ``most``."""
+    known = unique((row["scene"], row["modes"]) for row in rows)
+    return [cell for cell in chosen if cell in known][:most] or known[:most]
+
+
+def panel_grid(cells: list[tuple[str, int]], share: bool = False) -> tuple[Figure, Any]:
+    """Return a figure with a titled panel for each scene and number of modes, two in a row, and the panels."""
+    rows = -(-len(cells) // 2)
+    figure = Figure(figsize=(8.4, 1.6 + 2.6 * rows), layout="constrained")
+    panels = figure.subplots(rows, 2, squeeze=False, sharex=share, sharey=share)
+    for panel, (scene, count) in zip(panels.flat, cells, strict=False):
+        panel.set_title(f"{scene}, {count} mode{'s' * (count > 1)}", fontsize=10)
+    for panel in panels.flat[len(cells) :]:
+        panel.remove()
     return figure, panels
 
 
@@ -317,7 +325,7 @@ def label_edges(panels: Any, below: str, left: str) -> None:
     for panel in panels[-1]:
         panel.set_xlabel(below)
     for panel in panels[:, 0]:
-        panel.set_ylabel(left, fontsize=9)
+        panel.set_ylabel(left)
 
 
 def unique(values: Iterable[Any]) -> list[Any]:

@@ -182,14 +182,23 @@ def cost_table(rows: list[Row]) -> str:
 
 def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
     """Draw the cost over modes, lanes, threads and length."""
-    figure, panels = figure_of(11, 8.6, 2, 2)
     titles = {
         MODES: ("number of modes", "Number of modes"),
         LANES: ("lanes, one thread", "Number of lanes: impact, e = 1, 10 modes"),
         THREADS: ("threads", "Number of threads: impact, e = 1, 10 modes, 64 lanes"),
         LENGTH: ("pseudo periods in the sweep", "Length of the sweep: impact, e = 1, 3 modes"),
     }
-    for panel, (over, (label, title)) in zip(panels.flat, titles.items(), strict=True):
+    several = [
+        over
+        for over in titles
+        if len({row["value"] for row in all_rows if row["over"] == over}) > 1
+    ]  # a single value has no curve
+    figure, panels = figure_of(8.4, 1.6 + 3.2 * -(-len(several) // 2), -(-len(several) // 2), 2)
+    panels = np.atleast_2d(panels)
+    for panel in panels.flat[len(several) :]:
+        panel.remove()
+    for panel, over in zip(panels.flat, several, strict=False):
+        label, title = titles[over]
         rows = [row for row in all_rows if row["over"] == over]
         for k, (scene, method) in enumerate(unique((row["scene"], row["method"]) for row in rows)):
             line = [row for row in rows if (row["scene"], row["method"]) == (scene, method)]
@@ -220,7 +229,7 @@ def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
     figure.legend(
         *panels.flat[0].get_legend_handles_labels(),
         loc="outside lower center",
-        ncols=3,
+        ncols=2,
         frameon=False,
         title="first panel",
         fontsize=9,

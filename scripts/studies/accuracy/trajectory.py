@@ -269,7 +269,19 @@ def _starts(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[St
 FLOOR = 1e-17  # errors below are drawn there
 CEILING = 3.0
 LABELS = {"state_error": "error of the state", "balance_error": "error of the energy balance"}
-MAIN = ("impact, e = 1", "impact, e = 0.7, with friction")
+# scenes and numbers of modes of the figures; the files have all
+MAIN = (
+    ("impact, e = 1", 3),
+    ("impact, e = 1", 30),
+    ("impact, e = 0.7, with friction", 3),
+    ("impact, e = 0.7, with friction", 30),
+)
+SCENES = (
+    ("no absorber", 10),
+    ("friction damper", 10),
+    ("impact, e = 0.7, with friction", 10),
+    ("compliant walls, stiff", 10),
+)
 SHOWN_STEPS = (20, 20000)
 
 
@@ -318,27 +330,25 @@ def trajectory_table(rows: list[Row]) -> str:
     return markdown(header, lines) + ("\n\nNot finished:\n\n" + "\n".join(failed) if failed else "")
 
 
-def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figure:
-    """Draw a panel for each scene and number of modes: a value against the time of a pseudo period."""
-    modes = shared.unique(row["modes"] for row in all_rows)
-    scenes = [scene for scene in scenes if any(row["scene"] == scene for row in all_rows)]
-    all_rows = [row for row in all_rows if row["scene"] in scenes]
-    figure, panels = shared.panel_grid(scenes, modes, share=True)
-    for line, scene in zip(panels, scenes, strict=True):
-        for panel, count in zip(line, modes, strict=True):
-            _panel(
-                panel,
-                [row for row in all_rows if row["scene"] == scene and row["modes"] == count],
-                value,
-            )
+def draw_cells(
+    all_rows: list[Row], value: str, chosen: tuple[tuple[str, int], ...], title: str
+) -> Figure:
+    """Draw a panel for each of the chosen scenes and numbers of modes: a value against the time of a pseudo period."""
+    cells = shared.choose_cells(all_rows, chosen)
+    all_rows = [row for row in all_rows if (row["scene"], row["modes"]) in cells]
+    figure, panels = shared.panel_grid(cells, share=True)
+    for panel, (scene, count) in zip(panels.flat, cells, strict=False):
+        rows = [row for row in all_rows if row["scene"] == scene and row["modes"] == count]
+        _panel(panel, rows, value)
     shared.label_edges(panels, "time of a pseudo period, µs", LABELS[value])
     visible = [
         name
         for name in shared.LOOKS
         if any(row["method"] == name for row in all_rows)
-        and (name != "closed form" or len(scenes) == 1)
+        and (name != "closed form" or len(cells) == 1)
     ]
-    names = {"Exact": "Exact (closed form where there are no events)"}
+    closed = any(row["method"] == "closed form" for row in all_rows)
+    names = {"Exact": "Exact (closed form where there are no events)"} if closed else {}
     handles = [
         Line2D(
             [],
@@ -351,7 +361,7 @@ def grid(all_rows: list[Row], value: str, scenes: list[str], title: str) -> Figu
         )
         for name in visible
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(visible), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(title, fontsize=12)
     return figure
 
@@ -391,23 +401,15 @@ def _line(name: str) -> str:
 
 
 def trajectory_figures(all_rows: list[Row]) -> dict[str, Figure]:
-    """Draw errors of the state and of the energy balance over all scenes, and the errors of the main ones."""
-    scenes = shared.unique(row["scene"] for row in all_rows)
+    """Draw errors of the state and of the energy balance in four scenes, and the errors of impacts with few and many modes."""
     without = f"(without impacts: after {WITHOUT_IMPACTS} pseudo periods)"
-    error = (
-        f"Error of the state after {IMPACTS} to {LATEST - 1} impacts {without}, against run time"
-    )
+    error = f"Error of the state after {IMPACTS} to {LATEST - 1} impacts"
     figures = {
-        "trajectory_error": grid(all_rows, "state_error", scenes, error),
-        "energy_balance": grid(
-            all_rows,
-            "balance_error",
-            scenes,
-            "Relative error of the energy balance over the same stretch, against run time",
+        "trajectory_error": draw_cells(all_rows, "state_error", SCENES, f"{error}\n{without}"),
+        "energy_balance": draw_cells(
+            all_rows, "balance_error", SCENES, "Relative error of the energy balance"
         ),
     }
-    main = [scene for scene in MAIN if scene in scenes]
-    if main:
-        title = f"Error of the state after {IMPACTS} to {LATEST - 1} impacts against run time"
-        figures["main"] = grid(all_rows, "state_error", main, title)
+    if any(row["scene"] in {scene for scene, _ in MAIN} for row in all_rows):
+        figures["main"] = draw_cells(all_rows, "state_error", MAIN, error)
     return figures
