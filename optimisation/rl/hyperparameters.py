@@ -68,6 +68,7 @@ WHOLE = (
     "train_freq",
     "gradient_steps",
     "candidates",
+    "hold",
     "horizon",
     "trial_interval",
     "rounds_in_memory",
@@ -191,7 +192,7 @@ class RecurrentPPOSettings(PPOSettings):
 class PolicyIterationSettings(Hyperparameters):
     """Rollout policy iteration (`optimisation.rl.policy_iteration`): ``n_steps`` intervals of each lane a round, ``n_epochs`` over the trials of
     ``rounds_in_memory`` rounds after it. A trial, every ``trial_interval`` intervals, compares ``candidates`` actions within ``reach`` of the
-    actor's over ``horizon`` intervals. ``width``: of the kernel that gives the mean action a score. Actions are explored with a standard deviation
+    actor's, held for ``hold`` intervals and followed by the actor, over ``horizon`` intervals. ``width``: of the kernel that gives the mean action a score. Actions are explored with a standard deviation
     of exp(``log_std_init``).
     """  # noqa: D205
 
@@ -202,6 +203,7 @@ class PolicyIterationSettings(Hyperparameters):
     log_std_init: float
     candidates: int
     reach: float
+    hold: int
     horizon: int
     trial_interval: int
     width: float

@@ -57,6 +57,7 @@ TRIALS = (
     "batch_size",
     "candidates",
     "reach",
+    "hold",
     "horizon",
     "trial_interval",
     "width",

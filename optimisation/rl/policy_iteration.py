@@ -1,7 +1,7 @@
 """Rollout policy iteration: an agent is improved with values of actions that are simulated on copies of the lanes.
 
-At visited states several candidate actions are each tried for one interval on a copy of the lane, followed by the present policy over a short
-horizon. The actor is then moved towards the candidates that scored higher. This is approximate policy iteration with rollouts (D. Bertsekas,
+At visited states several candidate actions are each tried for an interval or a few on a copy of the lane, followed by the present policy over a
+short horizon. The actor is then moved towards the candidates that scored higher. This is approximate policy iteration with rollouts (D. Bertsekas,
 Dynamic Programming and Optimal Control; M. Lagoudakis and R. Parr 2003, Reinforcement learning as classification), with a policy gradient in
 place of the classification. Copies share force and phase errors, so what the agent learns does not hang on chaos that nobody could predict.
 The simulator's state is used in training alone: the agent acts on observations.
@@ -62,9 +62,14 @@ def add_errors(task: Task, copies: int, generator: np.random.Generator) -> None:
 
 
 def score_candidates(
-    trials: Task, candidates: NDArray[np.float32], agent: Agent, horizon: int, gamma: float
+    trials: Task,
+    candidates: NDArray[np.float32],
+    agent: Agent,
+    hold: int,
+    horizon: int,
+    gamma: float,
 ) -> Array:
-    """Return the discounted rewards (L, C) of candidate actions (L, C, A), each taken for an interval and followed by an agent.
+    """Return the discounted rewards (L, C) of candidate actions (L, C, A), each taken for ``hold`` intervals and followed by an agent.
 
     ``trials`` has L times C lanes, C copies of each lane, and is left where the horizon, in intervals, or the episodes end.
     """
@@ -78,7 +83,9 @@ def score_candidates(
         over = over | terminated | truncated
         if over.all():
             break
-        actions = agent.act(trials.observe([]))
+        observed = trials.observe([])
+        if interval + 1 >= hold:
+            actions = agent.act(observed)
     return scores.reshape(lanes, copies)
 
 
@@ -86,7 +93,8 @@ class RolloutPolicyIteration(PPO):  # type: ignore[misc]
     """Rollout policy iteration within the loop of stable-baselines3: its rounds, files and optimiser are those of PPO.
 
     A round plays ``n_steps`` intervals of each lane by the actor with its exploration noise. Every ``trial_interval`` intervals ``candidates``
-    actions within ``reach`` of the actor's and the actor's own are scored over ``horizon`` intervals. The actor then maximises
+    actions within ``reach`` of the actor's and the actor's own are held for ``hold`` intervals and scored over ``horizon``. The actor then
+    maximises
 
         mean over states of the sum over candidates j of w_j q_j,    w = softmax(-|mean action - candidate|^2 / (2 width^2)),
 
@@ -96,6 +104,7 @@ class RolloutPolicyIteration(PPO):  # type: ignore[misc]
 
     candidates = 5
     reach = 2.0
+    hold = 1
     horizon = 12
     trial_interval = 3
     width = 0.2
@@ -147,7 +156,7 @@ class RolloutPolicyIteration(PPO):  # type: ignore[misc]
                 tried = draw_candidates(means, self.candidates, self.reach, generator)
                 trials.copy_from(lanes.task, tried.shape[1])
                 add_errors(trials, tried.shape[1], generator)
-                scores = score_candidates(trials, tried, agent, self.horizon, self.gamma)
+                scores = score_candidates(trials, tried, agent, self.hold, self.horizon, self.gamma)
                 parts.append((observed, tried, scores.astype(np.float32)))
                 self.num_timesteps += self.horizon * trials.lanes
             actions = means + noise * generator.standard_normal(means.shape)

@@ -629,7 +629,7 @@ def test_candidates_are_the_mean_and_one_in_each_part_of_the_reach() -> None:
 
 
 def test_a_trial_scores_a_candidate_as_the_single_environment_does() -> None:
-    """One interval with the candidate, then the agent, from where the lane is; the lane itself stays there."""
+    """Some intervals with the candidate, then the agent, from where the lane is; the lane itself stays there."""
     agent = load_agent("ActiveFriction-v0")
     actions = np.array([[0.3], [-0.8]], np.float32)
     lanes, trials = (gymnasium.make_vec(FRICTION, num_envs=n).unwrapped for n in (2, 4))
@@ -639,7 +639,7 @@ def test_a_trial_scores_a_candidate_as_the_single_environment_does() -> None:
         lanes.step(actions)
     candidates = np.array([[[0.9], [-0.9]], [[0.0], [0.5]]], np.float32)
     trials.task.copy_from(lanes.task, 2)
-    scores = score_candidates(trials.task, candidates, agent, horizon=6, gamma=0.9)
+    scores = score_candidates(trials.task, candidates, agent, 2, horizon=6, gamma=0.9)
     for lane in range(2):
         for number in range(2):
             env = gymnasium.make(FRICTION)
@@ -648,10 +648,11 @@ def test_a_trial_scores_a_candidate_as_the_single_environment_does() -> None:
                 env.step(actions[lane])
             rewards = []
             action = candidates[lane, number]
-            for _ in range(6):
+            for interval in range(6):
                 observed, reward, *_ = env.step(action)
                 rewards.append(reward)
-                action = agent.act(observed[None])[0]
+                if interval >= 1:
+                    action = agent.act(observed[None])[0]
             expected = sum(0.9**k * reward for k, reward in enumerate(rewards))
             assert scores[lane, number] == pytest.approx(
                 expected, rel=1e-6
