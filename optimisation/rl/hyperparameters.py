@@ -190,11 +190,13 @@ class RecurrentPPOSettings(PPOSettings):
 
 @dataclass(frozen=True)
 class PolicyIterationSettings(Hyperparameters):
-    """Rollout policy iteration (`optimisation.rl.policy_iteration`): ``n_steps`` intervals of each lane a round, ``n_epochs`` over the trials of
-    ``rounds_in_memory`` rounds after it. A trial, every ``trial_interval`` intervals, compares ``candidates`` actions within ``reach`` of the
-    actor's, held for ``hold`` intervals and followed by the actor, over ``horizon`` intervals. ``width``: of the kernel that gives the mean action a score. Actions are explored with a standard deviation
-    of exp(``log_std_init``).
-    """  # noqa: D205
+    """Rollout policy iteration (`optimisation.rl.policy_iteration`).
+
+    A round has ``n_steps`` intervals of each lane, with actions explored at a standard deviation of exp(``log_std_init``), and then ``n_epochs``
+    over the trials of ``rounds_in_memory`` rounds. A trial, every ``trial_interval`` intervals, compares ``candidates`` actions within ``reach``
+    of the actor's. Each is held for ``hold`` intervals and followed by the actor, ``horizon`` intervals in all. ``width``: of the kernel that
+    gives the mean action a score.
+    """
 
     log_interval = 1  # rounds
 
