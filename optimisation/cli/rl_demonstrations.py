@@ -18,7 +18,7 @@ from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import EIGHT, TASKS, env_of, policies
 
 EPISODES = 256
-POLICIES = ("rule", "ppo", "sac", "random")
+POLICIES = ("rule", "ppo", "sac", "rpi", "random")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,6 +34,7 @@ from optimisation.rl.rules import (
     BLIND,
     CONSTANT,
     EIGHT,
+    READ,
     TASKS,
     SideAndSlip,
     env_of,
@@ -150,11 +151,10 @@ def test_the_chosen_rule_and_shipped_agents_beat_open_loop_baselines(task: str) 
         algorithm: load_agent(task, algorithm) for algorithm in shipped().get(task, ())
     }
     scores = {label: play(policy, env_of(task), FRESH).scores for label, policy in played.items()}
-    for label, other in (
-        (EIGHT, CONSTANT),
-        (EIGHT, BLIND),
-        *((algorithm, CONSTANT) for algorithm in shipped().get(task, ())),
-    ):
+    compared = [(EIGHT, CONSTANT), (EIGHT, BLIND)]
+    compared += [(algorithm, CONSTANT) for algorithm in shipped().get(task, ())]
+    compared += [(label, EIGHT) for label in ("rpi", READ) if label in scores]
+    for label, other in compared:
         better = scores[label] - scores[other]
         assert better.mean() > 2 * better.std() / np.sqrt(len(FRESH)), (label, other)
 
