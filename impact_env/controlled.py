@@ -90,8 +90,9 @@ def _build_disturbance(
         return None
     values = np.zeros(1) if record is None else np.array(record.values[:-1])
     step = ABSENT_RECORD_STEP * interval if record is None else record.duration / len(values)
-    moves = np.array([moves_base, record is not None and record.quantity == BASE_QUANTITY])
-    return Disturbance(values, step, moves, build_base_motion(scene, base))
+    of_base = [moves_base, record is not None and record.quantity == BASE_QUANTITY]
+    channel = np.array(of_base, dtype=np.int64)
+    return Disturbance(values, step, channel, build_base_motion(scene, base))
 
 
 class WorkerPool:

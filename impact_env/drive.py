@@ -249,12 +249,15 @@ class Pieces:
     """A load between breakpoints ``times`` (K,) in s from 0: ``rows`` (K - 1, 9).
 
     A row has frequency (rad/s), its rate (rad/s^2), phase at the start (rad), then real and imaginary parts of c0, c1 and c2, in N, or in m/s^2
-    where the load is of the kind that ``moves_base``.
+    where the load is of the kind that ``moves_base``. ``place``: name of the place of a force that has one of its own (`Load.force_place`);
+    ``channel``: as kernels take it, see `impact_env.force_channels`.
     """
 
     times: Array
     rows: Array
     moves_base: bool
+    place: str | None = None
+    channel: int = 0
 
     @property
     def highest_omega(self) -> float:
@@ -284,11 +287,13 @@ class Load(ABC):
     """A load, which lasts as long as its ``schedule``, or its ``length`` in s where it has none.
 
     ``sizes``: the attributes to which it is proportional, one of them or all; a ``phase``, where it has one, is that of its schedule.
+    ``force_place``: name of the place of the structure (`ModalModel.with_force_places`) that a force acts at; None: where the structure's force does.
     """
 
     length: float | None
     sizes: ClassVar[tuple[str, ...]] = ()
     phase: float | None = None
+    force_place: str | None = None
 
     @property
     def duration(self) -> float:
@@ -406,6 +411,8 @@ class Drive(Excitation):
         Circular frequency omega over time, see `linear_sweep` and `constant_frequency`.
     phase : float, optional
         Phase in rad at time 0.
+    force_place : str, optional
+        Name of the structure's place that it acts at, for a drive that is one of `Loads`. None: where the structure's force does.
 
     Raises
     ------
@@ -422,6 +429,7 @@ class Drive(Excitation):
     amplitude: float
     schedule: FrequencySchedule
     phase: float = 0.0
+    force_place: str | None = None
     sizes: ClassVar[tuple[str, ...]] = ("amplitude",)
     in_pieces: ClassVar[bool] = False
 
@@ -431,6 +439,7 @@ class Drive(Excitation):
             amplitude=labelled("force amplitude", finite),
             phase=finite,
             schedule=kind_of(FrequencySchedule),
+            force_place=kind_of(str | None),
         )
 
     def pieces(self) -> list[Pieces]:
@@ -483,11 +492,12 @@ class Drive(Excitation):
         100.0
         """
         schedule = self.schedule.between(start, stop)
-        return Drive(self.amplitude, schedule, self._phase_at(start))
+        return Drive(self.amplitude, schedule, self._phase_at(start), self.force_place)
 
     def followed_by(self, schedule: FrequencySchedule) -> Drive:
         """Return the force that goes on over ``schedule`` after this drive, with its amplitude and with the phase at its end."""
-        return Drive(self.amplitude, schedule, self._phase_at(float(self.schedule.times[-1])))
+        phase = self._phase_at(float(self.schedule.times[-1]))
+        return Drive(self.amplitude, schedule, phase, self.force_place)
 
     def _phase_at(self, time: float) -> float:
         """Return the phase in rad at a time in s."""

@@ -140,7 +140,7 @@ def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tupl
     The structure is alone. Of a record and a random load it is the stationary response to each
     line; of a shock the free motion after it.
     """
-    weight = _modal_displacements(model, load.quantity == BASE_QUANTITY)
+    weight = _modal_displacements(model, load)
     if isinstance(load, Shock):
         order = np.argsort(model.omega)
         omega = np.maximum(model.omega[order], 1e-300)
@@ -158,9 +158,15 @@ def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tupl
     return omega, np.asarray(power) * _squared_receptance(model, weight, omega, length)
 
 
-def _modal_displacements(model: ModalModel, base: bool) -> Array:
+def _modal_displacements(model: ModalModel, load: Samples | Random | Shock) -> Array:
     """Return each mode's part of the displacement where the level is read, under a unit force or base acceleration, (N_m,)."""
-    drives = model.base_participation if base else model.one_phase_force_shape
+    drives: Array | None = None
+    if load.force_place is not None:
+        drives = model.find_force_place(load.force_place)
+    elif load.quantity == BASE_QUANTITY:
+        drives = model.base_participation
+    else:
+        drives = model.one_phase_force_shape
     return np.asarray(model.level_shape * (0.0 if drives is None else drives))
 
 

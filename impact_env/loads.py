@@ -65,6 +65,19 @@ GAUSS_RULE = np.polynomial.legendre.leggauss(
 )  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
 
 
+def _check_force_place(load: Load) -> None:
+    """Check the name of the place of a force; a base that moves has none."""
+    keep_checked(load, force_place=kind_of(str | None))
+    quantity = getattr(load, "quantity", FORCE_QUANTITY)
+    allowed = "left out of a base that moves: its motion acts on the whole structure"
+    require(
+        load.force_place is None or quantity == FORCE_QUANTITY,
+        "force_place",
+        load.force_place,
+        allowed,
+    )
+
+
 def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
     """Return straight lines between values (K,) at times (K,), which may have one time twice: a jump."""
     steps = np.diff(times)
@@ -89,9 +102,11 @@ class Shock(Load):
     length: float
     rise: float | None = None
     quantity: str = FORCE_QUANTITY
+    force_place: str | None = None
     sizes: ClassVar[tuple[str, ...]] = ("peak",)
 
     def __post_init__(self) -> None:
+        _check_force_place(self)
         keep_checked(
             self,
             pulse=word_of(PULSES),
@@ -188,9 +203,11 @@ class Unbalance(Load):
     unbalance: float
     schedule: FrequencySchedule
     phase: float = 0.0
+    force_place: str | None = None
     sizes: ClassVar[tuple[str, ...]] = ("unbalance",)
 
     def __post_init__(self) -> None:
+        _check_force_place(self)
         keep_checked(self, unbalance=finite, phase=finite, schedule=kind_of(FrequencySchedule))
 
     def pieces(self) -> list[Pieces]:
@@ -289,8 +306,10 @@ class Tones(Load):
     length: float | None = None
     schedule: FrequencySchedule | None = None
     quantity: str = FORCE_QUANTITY
+    force_place: str | None = None
 
     def __post_init__(self) -> None:
+        _check_force_place(self)
         keep_checked(self, tones=each_of(kind_of(Tone)))
         require(len(self.tones) > 0, "tones", self.tones, "one or more")
         keep_checked(self, quantity=word_of(QUANTITIES), schedule=kind_of(FrequencySchedule | None))
@@ -374,9 +393,11 @@ class Samples(Load):
     times: Array
     values: Array
     quantity: str = FORCE_QUANTITY
+    force_place: str | None = None
     sizes: ClassVar[tuple[str, ...]] = ("values",)
 
     def __post_init__(self) -> None:
+        _check_force_place(self)
         keep_checked(self, quantity=word_of(QUANTITIES))
         size = getattr(self.times, "size", None)
         size = len(self.times) if size is None and isinstance(self.times, Sequence) else size
@@ -474,8 +495,10 @@ class Random(Load):
     quantity: str = FORCE_QUANTITY
     number: int = 0
     factor: float = 1.0
+    force_place: str | None = None
 
     def __post_init__(self) -> None:
+        _check_force_place(self)
         allowed = (
             "two or more pairs [Hz, value], frequencies strictly rising from above 0 but for two of "
             "one frequency, a step, between others; values above 0"
@@ -589,6 +612,10 @@ class Loads(Excitation):
         require(len(self.parts) > 0, "loads", self.parts, "one or more")
         single = not any(isinstance(part, Loads) for part in self.parts)
         require(single, "loads", self.parts, "single loads: add the parts of Loads one by one")
+        placed = [part.force_place for part in self.parts if isinstance(part, Samples)]
+        for place in placed:
+            once = place is None or placed.count(place) == 1
+            require(once, "place", place, "the place of one record: add records of one place up")
         durations = [part.duration for part in self.parts]
         ok = max(durations) - min(durations) <= TIME_TOL * max(durations)
         require(ok, "duration", durations, "the same for all loads that act together")
@@ -627,10 +654,19 @@ class Loads(Excitation):
         """Whether the base moves."""
         return any(piece.moves_base for piece in self._pieces)
 
+    @property
+    def force_places(self) -> tuple[str, ...]:
+        """Names of the places of loads that have one of their own."""
+        return tuple(dict.fromkeys(part.force_place for part in self.parts if part.force_place))
+
     @cached_property
     def _pieces(self) -> list[Pieces]:
-        """The pieces of all parts."""
-        return [piece for part in self.parts for piece in part.pieces()]
+        """The pieces of all parts, each with the place of its force."""
+        return [
+            piece if part.force_place is None else replace(piece, place=part.force_place)
+            for part in self.parts
+            for piece in part.pieces()
+        ]
 
     @property
     def highest_omega(self) -> float:
@@ -663,7 +699,7 @@ class Loads(Excitation):
 
         They are its acceleration integrated from `base_velocity` and from a displacement of 0.
         """
-        breaks, rows, which, moves = self.on_one_clock()
+        breaks, rows, which, channel = self.on_one_clock()
         even = (
             np.arange(0.0, times[-1], 1 / self.highest_omega) if self.highest_omega > 0 else times
         )
@@ -671,7 +707,7 @@ class Loads(Excitation):
         steps = np.diff(grid)
         which = which[
             np.clip(np.searchsorted(breaks, grid[:-1], side="right") - 1, 0, len(which) - 1)
-        ][:, moves]
+        ][:, channel == 1]
         speed = np.zeros(len(steps))
         place = np.zeros(len(steps))
         for node, weight in zip((GAUSS_RULE[0] + 1) / 2, GAUSS_RULE[1] / 2, strict=True):
@@ -747,8 +783,11 @@ class Loads(Excitation):
             absorber_velocity=-scene.model.base_at_absorber * speed,
         )
 
-    def on_one_clock(self) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.bool_]]:
-        """Return breakpoints (K,) in s, all pieces (P, 10), a time and a row of `Pieces`, which act (K - 1, n), and which loads move the base."""
+    def on_one_clock(self) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+        """Return breakpoints (K,) in s, all pieces (P, 10), a time and a row of `Pieces`, which act (K - 1, n), and the channel (n,) of each load.
+
+        Channels are 0 of a force, 1 of a base that moves, or those of `impact_env.force_channels`.
+        """
         sources = self._pieces
         if len(sources) == 1:
             (one,) = sources
@@ -757,7 +796,7 @@ class Loads(Excitation):
                 np.array(one.times),
                 pieces,
                 np.arange(len(pieces))[:, None],
-                np.array([one.moves_base]),
+                np.array([_find_channel(one)]),
             )
         times = np.unique(np.concatenate([source.times for source in sources]))
         near = np.append(np.diff(times) > TIME_TOL * times[-1], True)
@@ -782,8 +821,13 @@ class Loads(Excitation):
             times,
             np.vstack(rows),
             np.column_stack(which).astype(np.int64),
-            np.array([source.moves_base for source in sources]),
+            np.array([_find_channel(source) for source in sources]),
         )
+
+
+def _find_channel(piece: Pieces) -> int:
+    """Return the channel of a load: its own, or that of a base that moves."""
+    return piece.channel or int(piece.moves_base)
 
 
 def Force(drive: Drive) -> Drive:  # noqa: N802 - the name of a class in 1.0.0rc1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -217,6 +217,10 @@ class ModalModel:
     force_quadrature : array_like, (N_m,), optional
         Mode shape in 1/sqrt(kg) of the part of the force that is a quarter period ahead, of forces at several places with
         phases of their own (`with_forces`). None: all have one phase.
+    force_places : array_like, (P, N_m), optional
+        Mode shapes in 1/sqrt(kg) at places where loads may act that have a ``force_place``.
+    force_place_names : sequence of str, (P,)
+        Names of these places.
 
     Raises
     ------
@@ -243,6 +247,8 @@ class ModalModel:
     base_at_absorber: float = 1.0
     beam: Beam | None = None
     force_quadrature: NDArray[np.float64] | None = None
+    force_places: NDArray[np.float64] | None = None
+    force_place_names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         optional = tuple(
@@ -265,6 +271,7 @@ class ModalModel:
             keep_checked(self, absorber_shapes=row_of(allowed, axes=2))
             shapes = self.absorber_shapes
             require(shapes.shape[1] == len(self.omega), "absorber_shapes", shapes, allowed)
+        self._check_force_places()
         require(
             bool(np.all(self.omega >= SMALL)),
             "omega",
@@ -273,6 +280,22 @@ class ModalModel:
         )
         ok = bool(np.all((self.damping_ratio >= 0) & (self.damping_ratio <= MOST_DAMPING)))
         require(ok, "damping_ratio", self.damping_ratio, f"0 or above and at most {MOST_DAMPING}")
+
+    def _check_force_places(self) -> None:
+        """Check the places of forces and their names."""
+        allowed = f"a row of {len(self.omega)} finite numbers for each name in force_place_names"
+        given = (self.force_places is not None, self.force_place_names is not None)
+        require(given[0] == given[1], "force_places", self.force_places, allowed)
+        if self.force_place_names is None:
+            return
+        names = tuple(listed("force_place_names", self.force_place_names))
+        object.__setattr__(self, "force_place_names", names)
+        once = all(isinstance(name, str) for name in names) and len(set(names)) == len(names)
+        require(once, "force_place_names", names, "different names, one for each of force_places")
+        keep_checked(self, force_places=row_of(allowed, axes=2))
+        assert self.force_places is not None
+        shape = self.force_places.shape
+        require(shape == (len(names), len(self.omega)), "force_places", shape, allowed)
 
     @property
     def modes(self) -> int:
@@ -335,6 +358,43 @@ class ModalModel:
             force_shape=pattern.real,
             force_quadrature=None if standing else pattern.imag,
         )
+
+    def force_pattern_at(self, place: str | None) -> NDArray[np.complex128]:
+        """Return the complex modal shape (N_m,) of a force at a place of `with_force_places`, or of the structure's own force for None."""
+        if place is None:
+            return self.force_pattern
+        return self.find_force_place(place).astype(np.complex128)
+
+    def with_force_places(self, places: Mapping[str, ArrayLike]) -> ModalModel:
+        """Return the model with places for loads of their own, such as a record for each.
+
+        Parameters
+        ----------
+        places : mapping of str to array_like, (N_m,)
+            Mode shape at each place in 1/sqrt(kg), by the name that loads give as ``force_place``.
+
+        Raises
+        ------
+        ParameterError
+            There is no place, or a shape has not one finite number for each mode.
+        """
+        places = instance("places", places, Mapping)
+        require(len(places) > 0, "places", places, "one or more places")
+        allowed = f"{self.modes} finite numbers, one for each mode"
+        shapes = [row(f"places[{name!r}]", shape, allowed) for name, shape in places.items()]
+        for name, shape in zip(places, shapes, strict=True):
+            require(len(shape) == self.modes, f"places[{name!r}]", shape, allowed)
+        return replace(self, force_places=np.array(shapes), force_place_names=tuple(places))
+
+    def find_force_place(self, name: str) -> NDArray[np.float64]:
+        """Return the mode shape (N_m,) at a place of `with_force_places`; raises ParameterError where the model has no such place."""
+        names = self.force_place_names or ()
+        allowed = (
+            f"one of the places of the structure's forces: {', '.join(names) or 'there are none'}"
+        )
+        require(name in names, "place", name, allowed)
+        assert self.force_places is not None
+        return np.asarray(self.force_places[names.index(name)])
 
     @property
     def level_shape(self) -> NDArray[np.float64]:

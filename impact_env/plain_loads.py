@@ -97,6 +97,14 @@ def _read_spectrum(path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
     return Codec(read, ROWS_CODEC.write)
 
 
+def _read_place(path: str, plain: Any) -> str:
+    """Return the name of a place of the structure's forces, which may be a number."""
+    known = isinstance(plain, str | int | float | Mapping) and not isinstance(plain, bool)
+    require(known, path, plain, "a place, as the scene's table force has it")
+    return str(plain)
+
+
+PLACE_KEY: Keys = {"place": ("force_place", Codec(_read_place, str))}
 WITH_SCHEDULE: Keys = {
     "phase_rad": ("phase", NUMBER_CODEC),
     "schedule": ("schedule", SCHEDULE_CODEC),
@@ -107,28 +115,29 @@ DURATION_KEY: Keys = {"duration_s": ("length", NUMBER_CODEC)}
 def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
     """Return the form of a load of any kind but samples; some kinds have two, which their keys tell apart."""
     if kind == "force":
-        return dataclass_codec(Drive, {"amplitude_n": ("amplitude", NUMBER_CODEC), **WITH_SCHEDULE})
+        amplitude: Keys = {"amplitude_n": ("amplitude", NUMBER_CODEC)}
+        return dataclass_codec(Drive, {**amplitude, **WITH_SCHEDULE, **PLACE_KEY})
     if kind == "unbalance":
-        return dataclass_codec(
-            Unbalance, {"unbalance_kg_m": ("unbalance", NUMBER_CODEC), **WITH_SCHEDULE}
-        )
+        unbalance: Keys = {"unbalance_kg_m": ("unbalance", NUMBER_CODEC)}
+        return dataclass_codec(Unbalance, {**unbalance, **WITH_SCHEDULE, **PLACE_KEY})
     if kind == "base":
-        amplitude = _amplitude("acceleration", BASE_QUANTITY, plain)
+        acceleration = _amplitude("acceleration", BASE_QUANTITY, plain)
         displacement: Keys = {"displacement_m": ("displacement", NUMBER_CODEC)}
-        return dataclass_codec(ShakenBase, {**amplitude, **displacement, **WITH_SCHEDULE})
+        return dataclass_codec(ShakenBase, {**acceleration, **displacement, **WITH_SCHEDULE})
     if kind == "random":
         spectrum: Keys = {"spectrum": ("spectrum", _read_spectrum(path, plain, quantity))}
         return dataclass_codec(
             partial(Random, quantity=quantity),
-            {**spectrum, **DURATION_KEY, "seed": ("seed", WHOLE_CODEC)},
+            {**spectrum, **DURATION_KEY, "seed": ("seed", WHOLE_CODEC), **PLACE_KEY},
         )
     if kind == "tones":
         tones = _tones(quantity, "frequency", "frequency_hz", plain.get("tones"))
-        keys: Keys = {"tones": ("tones", tones), **DURATION_KEY}
+        keys: Keys = {"tones": ("tones", tones), **DURATION_KEY, **PLACE_KEY}
         if "orders" in plain or "schedule" in plain:
             keys = {
                 "orders": ("tones", _tones(quantity, "order", "order", plain.get("orders"))),
                 "schedule": ("schedule", SCHEDULE_CODEC),
+                **PLACE_KEY,
             }
             require_keys(path, plain, keys, ("orders", "schedule"))
         return dataclass_codec(partial(Tones, quantity=quantity), keys)
@@ -155,6 +164,7 @@ def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -
             "pulse_s": ("width", NUMBER_CODEC),
             "rise_s": ("rise", NUMBER_CODEC),
             **DURATION_KEY,
+            **PLACE_KEY,
         },
     )
 
@@ -229,11 +239,13 @@ def read_record_table(
 
 
 def _read_samples(path: str, plain: Mapping[str, Any], quantity: str, folder: Path) -> Samples:
-    times, values = read_record_table(path, plain, quantity, folder)
+    record = {key: value for key, value in plain.items() if key != "place"}
+    times, values = read_record_table(path, record, quantity, folder)
+    place = _read_place(f"{path}.place", plain["place"]) if "place" in plain else None
     try:
-        return Samples(times, values, quantity)
+        return Samples(times, values, quantity, place)
     except ParameterError as error:
-        raise error.at_key(path, {}) from error
+        raise error.at_key(path, {"force_place": "place"}) from error
 
 
 def _read_single_load(path: str, plain: Any, folder: Path) -> Load:

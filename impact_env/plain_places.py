@@ -5,6 +5,7 @@ with directions, or numbers of a model's places.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,7 @@ def _read_scene_forces(
     if "force" not in plain:
         return None
     tables = plain["force"]
+    named = tables
     where = f"{path}force"
     if kind == "beam":
         beam = plain.get("beam")
@@ -124,7 +126,10 @@ def _read_scene_forces(
             else one
             for k, one in enumerate(tables)
         ]
-    return read_forces(where, tables, PLACE_CODECS.get(kind, NUMBER_CODEC))
+    forces = read_forces(where, tables, PLACE_CODECS.get(kind, NUMBER_CODEC))
+    return tuple(
+        replace(force, name=str(table["place"])) for force, table in zip(forces, named, strict=True)
+    )
 
 
 def find_force_shapes(structure: Structure, forces: tuple[PointForce, ...]) -> Any:

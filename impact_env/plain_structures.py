@@ -298,11 +298,15 @@ STRAINED_ROW_OR_PLACE = Codec(
 
 @dataclass(frozen=True)
 class PointForce:
-    """One of the forces of a structure: its ``place``, as the structure's table has places, amplitude in N and phase in rad."""
+    """One of the forces of a structure: its ``place``, as the structure's table has places, amplitude in N and phase in rad.
+
+    ``name``: the place as the file has it, by which loads refer to it.
+    """
 
     place: Any
     amplitude: float
     phase: float = 0.0
+    name: str = ""
 
     def __post_init__(self) -> None:
         keep_checked(self, amplitude=positive, phase=finite)
@@ -331,10 +335,11 @@ def read_forces(path: str, plain: Any, place_codec: Codec) -> tuple[PointForce, 
 def apply_forces(model: ModalModel, forces: Sequence[PointForce], shapes: Any) -> ModalModel:
     """Return a model under forces at places with ``shapes`` (P, N_m); the drive's amplitude is that of the first of them."""
     largest = forces[0].amplitude
+    places = dict(zip((one.name for one in forces), np.array(shapes), strict=True))
     try:
         return model.with_forces(
             shapes, [one.amplitude / largest for one in forces], [one.phase for one in forces]
-        )
+        ).with_force_places(places)
     except ParameterError as error:
         sizes = [(one.amplitude, one.phase) for one in forces]
         allowed = "amplitudes in N and phases in rad of forces that do not cancel on all modes kept"
@@ -372,6 +377,7 @@ SHAPES_WITH_SIGN = (
     "stress_shape",
     "base_participation",
     "force_quadrature",
+    "force_places",
 )  # with the modes' signs
 
 

@@ -10,13 +10,16 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy.linalg
 
+from impact_env.force_channels import find_base_shapes
 from impact_env.kernels.compiling.records import new_record
 from impact_env.kernels.exact.sets import SET_REQUEST, Sets
 from impact_env.kernels.motion.modal_system import GUARD, RELATIVE, REST, TIP, S
 from impact_env.modes import ModalModel, with_masses
 from impact_env.parameters import ParameterError
 from impact_env.regimes import (
+    BASIS_TOL,
     basis_error,
     order_slots,
     padded_size,
@@ -34,6 +37,14 @@ from impact_env.secular import Complex, Coupling, Index, Real, concatenate
 
 MOST_SECULAR = 4  # masses up to which eigenvalues are solved for one by one, to all digits
 EQUAL_VALUES_TOL = 1e-9  # of an eigenvalue: closer ones count as one that occurs several times
+# damping and spread of frequencies up to which modes are found from those without damping; steps on the way, and the last one's size
+MOST_LIGHT_RATE = 0.2  # of a frequency: a damping ratio of 10 %
+MOST_LIGHT_SPREAD = (
+    30.0  # its square is how many times the rounding of the highest mode counts for the lowest
+)
+MOST_LIGHT_STEPS = 30
+LIGHT_TOL = 2e-15
+MIXING_ROUNDING = 1e-13  # of the largest damping: smaller entries are rounding
 
 
 @dataclass(frozen=True)
@@ -128,27 +139,88 @@ def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> Set
     return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
 
 
-def solve_set_modes(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
+def _basis_error(model: ModalModel, modes: SetModes) -> float:
+    """Return how far modes are from spanning the state, in terms of energy."""
+    scale = np.append(model.omega, np.ones(model.modes))
+    shapes = modes.shapes * _double(modes.values)[:, None]
+    out = np.concatenate([shapes, shapes * modes.values[:, None]], axis=1).T
+    return basis_error(out, modes.into, scale)
+
+
+def _solve_lightly_damped(model: ModalModel, masses: Real, shapes: Real) -> SetModes | None:
+    """Return the modes of beam and masses from those without damping, or None where they are no good start.
+
+    In the undamped modes the damping matrix has small entries off its diagonal. A fixed point of (s_i^2 + s_i c_jj + lambda_j) y_ji =
+    -s_i sum_k c_jk y_ki with y_ii = 1 is an eigenvector; each step gains the ratio of these entries to the distance of the frequencies. Since the
+    matrices are symmetric, left eigenvectors are the right ones. One symmetric eigenproblem of N_m rows is all that grows with their cube.
+    """
+    which, own = split_modes(shapes)
+    omega = model.omega[which]
+    rate = 2 * model.damping_ratio[which] * omega
+    if np.any(rate > MOST_LIGHT_RATE * omega) or np.max(omega) > MOST_LIGHT_SPREAD * np.min(omega):
+        return None
+    coupling = np.sqrt(masses)[:, None] * shapes[:, which]
+    mass = np.eye(len(which)) + coupling.T @ coupling
+    squares, undamped = scipy.linalg.eigh(np.diag(omega**2), mass)
+    damping = undamped.T @ (rate[:, None] * undamped)
+    diagonal = np.diag(damping).copy()
+    mixing = damping - np.diag(diagonal)
+    mixing[np.abs(mixing) < MIXING_ROUNDING * np.max(diagonal)] = 0.0
+    equal = np.abs(squares[:, None] - squares) <= EQUAL_VALUES_TOL * squares
+    if np.any(mixing[equal]):
+        return None
+    shares = np.eye(len(squares), dtype=np.complex128)
+    for _ in range(MOST_LIGHT_STEPS):
+        mixed = mixing @ shares
+        drag = diagonal + np.diag(mixed)
+        values = -drag / 2 + 1j * np.sqrt(squares - drag**2 / 4)
+        apart = values * (values + diagonal[:, None]) + squares[:, None]
+        apart[equal] = 1.0
+        mixed[equal] = 0.0
+        following = np.eye(len(squares)) - mixed * values / apart
+        change = np.max(np.abs(following - shares))
+        shares = following
+        if change < LIGHT_TOL:
+            break
+    else:
+        return None
+    norms = 2 * values * np.sum(shares**2, axis=0) + np.sum(shares * (damping @ shares), axis=0)
+    vectors = undamped @ shares
+    left = (vectors / norms).T
+    n = model.modes
+    v = np.zeros((len(values), n), complex)
+    weights = np.zeros((len(values), n), complex)
+    into = np.zeros((len(values), 2 * n), complex)
+    inertia = left @ mass
+    v[:, which] = vectors.T
+    weights[:, which] = left
+    into[:, which] = values[:, None] * inertia + left * rate
+    into[:, n + which] = inertia
+    places = np.asarray(v @ shapes.T, dtype=np.complex128)
+    coupled = SetModes(values, v, into, weights, places)
+    return concatenate([coupled, _solve_uncoupled(model, own, len(masses))])
+
+
+def solve_set_modes(
+    model: ModalModel, masses: Real, shapes: Real, quickly: bool = False
+) -> SetModes:
     """Return the modes of a beam that carries ``masses`` (p,) in kg at places with ``shapes`` (p, N_m); none of them: the free beam.
 
-    Raises ParameterError where two eigenvalues (almost) coincide, so that there is no modal basis.
+    ``quickly``: by `_solve_lightly_damped` where that is right to `BASIS_TOL`. Raises ParameterError where two eigenvalues (almost) coincide, so that
+    there is no modal basis.
     """
     if len(masses) == 0:
         return _solve_uncoupled(model, np.arange(model.modes), 0)
+    if quickly:
+        light = _solve_lightly_damped(model, masses, shapes)
+        if light is not None and _basis_error(model, light) < BASIS_TOL:
+            return light
     densely = partial(_solve_coupled_densely, model, masses, shapes)
-    scale = np.append(model.omega, np.ones(model.modes))
-
-    def spanned(modes: SetModes) -> float:
-        shapes = modes.shapes * _double(modes.values)[:, None]
-        return basis_error(
-            np.concatenate([shapes, shapes * modes.values[:, None]], axis=1).T, modes.into, scale
-        )
-
     kilograms = f"{[float(m) for m in masses]} kg"
     allowed = "damping, masses and positions away from a double eigenvalue"
     return require_complete(
         None if len(masses) > MOST_SECULAR else partial(_solve_coupled, model, masses, shapes),
-        spanned,
+        partial(_basis_error, model),
         "mass_ratio of several absorbers",
         kilograms,
         allowed,
@@ -183,7 +255,7 @@ def _rows(
     size: int,
     moves: bool,
 ) -> Real:
-    """Return the rows of weights (n + 1, ROWS, J) of a set, or (n + 1, ROWS_WITH_BASE, J) where the base ``moves``."""
+    """Return the rows of weights (n + 1, ROWS, J) of a set, or (n + 1, ROWS + 2 C, J) under the C bases of `find_base_shapes` where they ``move``."""
     s = modes.values
     n = len(masses)
     at_places = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
@@ -198,10 +270,14 @@ def _rows(
     rows = slot_rows(s, modes.weights @ model.force_shape, relative, guard, tip, size)
     if not moves:
         return rows
-    assert model.base_participation is not None
-    carried = model.base_at_absorber * (masses[joined] @ shapes[joined])
-    response = -(modes.weights @ (model.base_participation + carried))
-    base = split_re_im(order_slots(response, s, size))
+    participation, at_absorber = find_base_shapes(model)
+    carried = masses[joined] @ shapes[joined]
+    base = np.concatenate(
+        [
+            split_re_im(order_slots(-(modes.weights @ (own + share * carried)), s, size))
+            for own, share in zip(participation, at_absorber, strict=True)
+        ]
+    )
     return np.concatenate([rows, np.broadcast_to(base, (n + 1, *base.shape))], axis=1)
 
 
@@ -233,7 +309,10 @@ def find_set_layout(model: ModalModel, shapes: Real, masses: Real, wanted: float
     n = len(masses)
     counts = range(n + 1) if n <= ALL_SETS_COUNT else (0, n)
     sets = (list(joined) for count in counts for joined in itertools.combinations(range(n), count))
-    every = [solve_set_modes(model, masses[joined], shapes[joined]).values for joined in sets]
+    quickly = n > ALL_SETS_COUNT
+    every = [
+        solve_set_modes(model, masses[joined], shapes[joined], quickly).values for joined in sets
+    ]
     speed = max(float(np.max(np.abs(values))) for values in every)
     return SetLayout(padded_size(max(map(len, every))), speed, table_reach(speed, wanted))
 
@@ -251,7 +330,8 @@ def build_set_regime(
     ``moves``: whether the base does. Raises ParameterError where it has no modal basis, or does not fit the layout.
     """
     which = list(joined)
-    modes = solve_set_modes(model, masses[which], shapes[which])
+    quickly = len(masses) > ALL_SETS_COUNT
+    modes = solve_set_modes(model, masses[which], shapes[which], quickly)
     fastest = float(np.max(np.abs(modes.values)))
     if len(modes.values) > layout.size or fastest > layout.speed * (1 + SPEED_TOL):
         raise ParameterError(

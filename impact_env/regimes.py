@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from impact_env.force_channels import find_base_shapes
 from impact_env.kernels.events.search import HERMITE_SHARE, SCAN_NOISE
 from impact_env.kernels.events.steps import LEVEL_RATIO
 from impact_env.kernels.motion.modal_system import REST, TAYLOR_REACH, TAYLOR_TERMS, ModalSystem
@@ -362,21 +363,23 @@ def with_weight(modes: RegimeModes, carried: Complex) -> RegimeModes:
 
 
 def base_rows(modes: RegimeModes, model: ModalModel, size: int, carried: Complex | None) -> Real:
-    """Return the rows BASE of Slots: the response to a unit acceleration of the base in relative coordinates, -Gamma on the modes.
+    """Return the rows from BASE on: responses to unit accelerations of the bases in relative coordinates, -Gamma on the modes.
 
     An absorber that is not free adds -m_a r, r the rigid displacement at its place; ``carried`` (J,): the response to its mass.
     """
-    assert model.base_participation is not None
-    response = -(modes.push @ model.base_participation)
-    if carried is not None:
-        response = response - model.base_at_absorber * carried
-    return split_re_im(order_slots(response, modes.values, size))
+    rows = []
+    for participation, at_absorber in zip(*find_base_shapes(model), strict=True):
+        response = -(modes.push @ participation)
+        if carried is not None:
+            response = response - at_absorber * carried
+        rows.append(split_re_im(order_slots(response, modes.values, size)))
+    return np.concatenate(rows)
 
 
 def _regime(
     modes: RegimeModes, guard: Complex, size: int, reach: float, base: Real | None = None
 ) -> LinearRegime:
-    """Sort, pad and tabulate a regime's modes; ``base`` (2, J) are its rows BASE, if it has any."""
+    """Sort, pad and tabulate a regime's modes; ``base`` (2 C, J) are its rows from BASE on, if it has any."""
     rows = slot_rows(modes.values, modes.drive, modes.relative, guard, modes.tip, size)
     rows = rows if base is None else np.concatenate([rows, base])
     slots = ModalSystem(rows, *slot_tables(modes.values, size, reach))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, Excitation
-from impact_env.force_phases import check_phases, split_force_phases
+from impact_env.force_channels import check_places, find_base_shapes, split_forces
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import (
     compliant_lanes,
@@ -151,12 +151,17 @@ def compute_window_length(drive: Excitation) -> float:
     return WINDOW_PERIODS * drive.schedule.pseudo_period
 
 
+def has_bases(drive: Excitation) -> bool:
+    """Return whether a drive of `split_forces` moves a base, or has forces in its place."""
+    return any(piece.moves_base or piece.channel > 0 for piece in drive.pieces())
+
+
 def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
     """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
-        times, pieces, which, moves_base = drive.on_one_clock()
-        base = build_base_motion(scene, bool(moves_base.any()))
-        load = loads.LoadPieces(pieces, which, moves_base, base)
+        times, pieces, which, channel = drive.on_one_clock()
+        base = build_base_motion(scene, bool(channel.any()))
+        load = loads.LoadPieces(pieces, which, channel, base)
         return Schedule(times, np.zeros(len(times)), np.zeros(len(times)), 0.0, reach, load)
     assert isinstance(drive, Drive)
     breaks = drive.schedule
@@ -172,19 +177,16 @@ def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
 
 
 def build_base_motion(scene: Scene, moves: bool) -> loads.BaseParticipation:
-    """Return the participations of a scene's modes and absorbers in the motion of the base; zeros for a base that does not move."""
+    """Return the participations of a scene's modes and absorbers in the motions of its bases; zeros where none ``moves``."""
     model = scene.model
     several = isinstance(scene.absorber, SeveralAbsorbers)
     masses = scene.absorber_masses if several else np.array([scene.absorber_mass or 0.0])
     if not moves:
-        return loads.BaseParticipation(np.zeros(model.modes), 0.0, np.zeros(len(masses)), False)
-    assert model.base_participation is not None
-    return loads.BaseParticipation(
-        np.array(model.base_participation),
-        model.base_at_absorber,
-        masses * model.base_at_absorber,
-        True,
-    )
+        still = (np.zeros((1, size)) for size in (model.modes, len(masses)))
+        participation, carried = still
+        return loads.BaseParticipation(participation, np.zeros(1), carried, False)
+    participation, at_absorber = find_base_shapes(model)
+    return loads.BaseParticipation(participation, at_absorber, np.outer(at_absorber, masses), True)
 
 
 def build_losses(scene: Scene) -> Losses:
@@ -297,7 +299,7 @@ class ExactSolver(Solver):
         taken, reach = self.take(
             scene,
             compute_window_length(drive),
-            drive.moves_base,
+            has_bases(drive),
             drive,
         )
         return int(self.lane(taken, build_schedule(scene, drive, reach), state, observe))
@@ -561,7 +563,7 @@ class SeveralSolver(Solver):
         """Integrate over the whole schedule, see `Solver.run`."""
         absorbers = _absorbers(scene)
         wanted = compute_window_length(drive)
-        moves = drive.moves_base
+        moves = has_bases(drive)
         places = RegimePlaces(len(absorbers.mass), partial(_set_regime, scene, wanted, moves))
         taken = Several(places.sets, absorbers, build_losses(scene))
         schedule = build_schedule(scene, drive, _set_layout(scene, wanted).reach)
@@ -782,16 +784,18 @@ def find_solver(scene: Scene, method: Method) -> Solver:
 def kernel_key(scene: Scene, method: Method, drive: Excitation | None = None) -> tuple[object, ...]:
     """Return the key of a run's kernels, see `Solver.key`; raises ParameterError as `find_solver` does."""
     solver = find_solver(scene, method)
-    return solver.key(scene) if drive is None else solver.key(*split_force_phases(scene, drive))
+    return solver.key(scene) if drive is None else solver.key(*split_forces(scene, drive))
 
 
 def check_load(scene: Scene, drive: Excitation, method: Method) -> None:
     """Raise ParameterError if a scene or a method cannot do a drive: a base that moves, or forces that differ in phase."""
+    check_places(scene.model, drive)
+    able = find_capability(scene, method).general
+    value = f"given with {method} and {scene.kind.value}"
     if scene.model.force_quadrature is not None:
-        able = find_capability(scene, method).general
-        value = f"given with {method} and {scene.kind.value}"
         require(able, "force_quadrature", value, f"forces of one phase; {MOVES_BASE}")
-        check_phases(drive)
+    if isinstance(drive, Loads) and drive.force_places:
+        require(able, "place", drive.force_places, f"left out with {method}; {MOVES_BASE}")
     if drive.moves_base:
         _check_base(scene, method, [type(part).__name__ for part in drive.parts], True)
 

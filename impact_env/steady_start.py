@@ -34,11 +34,14 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class _Harmonic:
-    """A harmonic load at time 0: its frequency in rad/s, and complex amplitudes of the force in N and of the base's acceleration in m/s^2."""
+    """A harmonic load at time 0: its frequency in rad/s, complex amplitudes of the force in N and of the base's acceleration in m/s^2, and the
+    force's place.
+    """  # noqa: D205
 
     omega: float
     force: complex
     base: complex
+    place: str | None
 
 
 def find_steady_start(scene: Scene, drive: Excitation) -> InitialState | None:
@@ -116,7 +119,7 @@ def _harmonics_of(drive: Excitation) -> list[_Harmonic]:
             omega, _, phase, real, imaginary = piece.rows[0, :5].tolist()
             size = complex(real, imaginary) * complex(np.exp(1j * phase))
             force, base = (0j, size) if piece.moves_base else (size, 0j)
-            harmonics.append(_Harmonic(omega, force, base))
+            harmonics.append(_Harmonic(omega, force, base, part.force_place))
     return harmonics
 
 
@@ -129,7 +132,7 @@ def _sliding_absorbers(scene: Scene) -> tuple[SlidingAbsorber, ...]:
 
 def _load_on_modes(scene: Scene, harmonic: _Harmonic) -> Complex:
     """Return the complex modal load (N_m,) on the structure alone."""
-    load = harmonic.force * scene.model.force_pattern
+    load = harmonic.force * scene.model.force_pattern_at(harmonic.place)
     if harmonic.base == 0:
         return load
     participation = scene.model.base_participation

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from impact_env.drive import Drive, Excitation
 from impact_env.energy import stored_energy
 from impact_env.first_use import compiling_for
-from impact_env.force_phases import split_force_phases
+from impact_env.force_channels import split_forces
 from impact_env.kernels.compiling.parts import abandon_compilations
 from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
 from impact_env.kernels.motion import observers
@@ -450,7 +450,7 @@ def simulate(
 
     def work() -> int:
         with compiling_for(scene, method):
-            return solver.run(*split_force_phases(scene, drive), method, state, observe)
+            return solver.run(*split_forces(scene, drive), method, state, observe)
 
     began = time.perf_counter()
     with nullcontext() if stop is None else stop.reaching(counters):

@@ -229,7 +229,8 @@ class CyclicStructure:
         excites = bool(np.any(pattern > 1e-10 * np.max(np.abs(shapes_at_force))))
         allowed = f"one that excites a mode of the {number_of_modes} kept"
         require(excites, "engine_order", order, allowed)
-        return model.with_forces(shapes_at_force, sizes, sign * angle)
+        places = {str(sector): shape for sector, shape in enumerate(shapes_at_force)}
+        return model.with_forces(shapes_at_force, sizes, sign * angle).with_force_places(places)
 
     def all_shapes(self, modes: int | None = None) -> Array:
         """Return the displacement (N d, N_m) of every freedom, sector by sector, per modal displacement, in 1/sqrt(kg)."""

@@ -59,6 +59,13 @@ def choose_damping_ratios(specified: Any, measured: Any, modes: int) -> Any:
     return np.array([non_negative("damping_ratio", float(x)) for x in ratios])
 
 
+def _read_names(path: str, plain: Any) -> tuple[str, ...]:
+    """Return a list of names."""
+    require(isinstance(plain, list | tuple), path, plain, "a list of names")
+    return tuple(require_text(f"{path}[{i}]", name) for i, name in enumerate(plain))
+
+
+NAMES_CODEC = Codec(_read_names, list)
 SHAPE_KEYS: Keys = {
     "damping_ratio": ("damping_ratio", ROW_CODEC),
     "force_shape_per_sqrt_kg": ("force_shape", ROW_CODEC),
@@ -70,6 +77,8 @@ SHAPE_KEYS: Keys = {
     "base_participation_sqrt_kg": ("base_participation", ROW_CODEC),
     "base_at_absorber": ("base_at_absorber", NUMBER_CODEC),
     "force_quadrature_per_sqrt_kg": ("force_quadrature", ROW_CODEC),
+    "force_places_per_sqrt_kg": ("force_places", ROWS_CODEC),
+    "force_place_names": ("force_place_names", NAMES_CODEC),
 }
 
 
@@ -83,6 +92,7 @@ ROWS_OF_MODES = (
     "stress_shape",
     "base_participation",
     "force_quadrature",
+    "force_places",
 )
 
 
@@ -150,8 +160,9 @@ def _model(
         require(min(omega) > 0, "omega", omega, ALLOWED_SUSPENSION)
     for name, row in (("force_shape", force_shape), ("tip_shape", tip_shape)):
         require(len(row) == len(omega), name, row, f"{len(omega)} numbers, one for each mode")
-    if "absorber_shapes" in more:
-        more["absorber_shapes"] = np.array(more["absorber_shapes"])
+    for name in ("absorber_shapes", "force_places"):
+        if name in more:
+            more[name] = np.array(more[name])
     ratios = choose_damping_ratios(damping_ratio, None, len(omega))
     model = ModalModel(
         np.array(omega), ratios, np.array(force_shape), np.array(tip_shape), beam_mass, **more

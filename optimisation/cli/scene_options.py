@@ -254,11 +254,28 @@ def warn_of_nodes(model: ModalModel, *resonances: int, moves_base: bool = False)
             )
 
 
-def loads_of(path: Path, model: ModalModel, resonance: int = 1) -> Loads:
-    """Return the loads of a file, or of a short form; tell of what lies above the modes."""
+def require_load_of_each_place(model: ModalModel, loads: Loads) -> None:
+    """Raise ParameterError where loads have places of their own, and one of the places of ``force`` has none, which would have no force."""
+    if not loads.force_places:
+        return
+    acts = any(part.force_place is None and not part.moves_base for part in loads.parts)
+    for name in model.force_place_names or ():
+        allowed = "the place of a load, as the other places of force are, or left out of force"
+        require(acts or name in loads.force_places, "force.place", name, allowed)
+
+
+def loads_of(
+    path: Path, model: ModalModel, resonance: int = 1, *, all_places: bool = True
+) -> Loads:
+    """Return the loads of a file, or of a short form; tell of what lies above the modes.
+
+    ``all_places``: each place of the table ``force`` must have a load where loads have places.
+    """
     reference = model.resonance_omega(resonance)
     short = _in_short(str(path), model, resonance)
     loads = read_loads(path, reference) if short is None else to_loads({"load": short}, reference)
+    if all_places:
+        require_load_of_each_place(model, loads)
     highest = float(model.omega.max()) / (2 * math.pi)
     for part in loads.parts:
         if (

@@ -458,7 +458,7 @@ def run_disk(options: SweepOptions, disk: BladedDisk) -> None:
         force = force_of(disk, options.force if is_set("force") else None)
         drive: Excitation = Drive(force, schedule, options.phase)
     else:
-        drive = scenes.loads_of(options.load, model, resonance)
+        drive = scenes.loads_of(options.load, model, resonance, all_places=False)
         size = disk.scene()
         refuse_long("a load", size, drive.schedule, Record().samples_per_period)
     check_load(disk.scene(), drive, method)

@@ -53,7 +53,8 @@ def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -
     A base's acceleration puts a load of its own on the absorber, whose force on the structure is a rank-one change (`impact_env.frequency`).
     """
     omega = 2 * np.pi * load.lines / load.length
-    driven = model.one_phase_force_shape
+    place = load.force_place
+    driven = model.one_phase_force_shape if place is None else model.find_force_place(place)
     if load.quantity == BASE_QUANTITY:
         assert model.base_participation is not None  # check_load
         driven = -model.base_participation

@@ -47,6 +47,7 @@ from impact_env.sweep import simulate
 from reference.dense import Inputs, follow
 
 Array = NDArray[np.float64]
+Force = Callable[[Array], Array]
 W1 = float(cantilever().omega[0])
 SWEEP = FrequencySchedule(np.array([0.0, 0.25]), np.array([0.9, 1.1]) * W1, W1)
 RUN_UP = FrequencySchedule(np.array([0.0, 0.25]), np.array([0.0, 1.2]) * W1, W1)
@@ -127,11 +128,70 @@ CASES: dict[str, tuple[tuple[Load, ...], Inputs]] = {
     ),
 }
 
+NO_FORCE = np.zeros_like
+PLACES = {
+    "tip": cantilever().tip_shape,
+    "middle": np.array([0.7, 1.1, -0.9]),
+    "root": np.array([0.1, 0.5, 1.2]),
+}
+RECORDS = {
+    "tip": 20 * NOISE,
+    "middle": 40 * np.roll(NOISE, 50),
+    "root": -90 * NOISE[::-1],
+}
+HALF_CLOCK = np.linspace(0.0, 0.25, 201)
+
+
+def at_place(name: str, values: Array, clock: Array = CLOCK) -> tuple[Array, Force]:
+    """Return the shape at a place and its record as a function of time."""
+    return PLACES[name], lambda times: np.interp(times, clock, values)
+
+
+RECORDED = tuple(Samples(CLOCK, values, force_place=name) for name, values in RECORDS.items())
+EVERY_RECORD = tuple(at_place(name, values) for name, values in RECORDS.items())
+PLACED: dict[str, tuple[tuple[Load, ...], Inputs]] = {
+    "records of three places": (
+        RECORDED,
+        Inputs(NO_FORCE, np.zeros_like, CLOCK, W1, EVERY_RECORD),
+    ),
+    "two records of one step each and of another, with a base": (
+        (*RECORDED[:1], Samples(HALF_CLOCK, RECORDS["root"][:201], force_place="root"), BASE),
+        Inputs(
+            NO_FORCE,
+            shaken,
+            np.union1d(CLOCK, HALF_CLOCK),
+            1.1 * W1,
+            (EVERY_RECORD[0], at_place("root", RECORDS["root"][:201], HALF_CLOCK)),
+        ),
+    ),
+    "a record, orders and a sweep of places, and a force": (
+        (
+            RECORDED[1],
+            replace(ORDERS, force_place="root"),
+            Drive(4.0, SWEEP, 0.2, "tip"),
+            FORCES[1],
+        ),
+        Inputs(
+            lambda t: 3 * noise(t),
+            np.zeros_like,
+            CLOCK,
+            3.2 * W1,
+            (
+                EVERY_RECORD[1],
+                (PLACES["root"], orders),
+                (PLACES["tip"], lambda t: 4 * np.cos(chirp(SWEEP, t)[2] + 0.2)),
+            ),
+        ),
+    ),
+}
 FORCED = FORCES, Inputs(lambda t: orders(t) + 3 * noise(t), np.zeros_like, CLOCK, 3.2 * W1)
 EVENTS = {f"{name}, friction and gravity": (*case, BOTH) for name, case in CASES.items()}
 EVENTS |= {f"{name}, smooth": (*case, SMOOTH) for name, case in CASES.items()}
 EVENTS |= {f"{name}, several": (*CASES[name], TWO) for name in ("base", "run-up and noise")}
 EVENTS |= {"orders and base, several with gravity": (*CASES["orders and base"], HEAVY)}
+EVENTS |= {f"{name}, several": (*case, TWO) for name, case in PLACED.items()}
+EVENTS |= {f"{name}, friction and gravity": (*case, BOTH) for name, case in PLACED.items()}
+EVENTS |= {"records of three places, smooth": (*PLACED["records of three places"], SMOOTH)}
 EVENTS |= {"forces, compliant": (*FORCED, SOFT), "forces, several": (*FORCED, TWO)}
 
 
@@ -141,7 +201,8 @@ def structure(absorber: object) -> Scene:
         if isinstance(absorber, SeveralAbsorbers)
         else None
     )
-    return Scene(replace(cantilever(), absorber_shapes=places), absorber)
+    model = cantilever().with_force_places(PLACES)
+    return Scene(replace(model, absorber_shapes=places), absorber)
 
 
 def run(absorber: object, loads: tuple[Load, ...], record: Record | None = None) -> Response:
@@ -192,15 +253,29 @@ LINEAR = {
 }
 
 
+RECORDED_LOADS: dict[str, tuple[tuple[Load, ...], Inputs]] = {
+    "base": ((RECORD,), Inputs(np.zeros_like, lambda t: 3 * noise(t), CLOCK, W1)),
+    "three places": PLACED["records of three places"],
+    "three places and base": (
+        (*RECORDED, RECORD),
+        Inputs(NO_FORCE, lambda t: 3 * noise(t), CLOCK, W1, EVERY_RECORD),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", RECORDED_LOADS)
 @pytest.mark.parametrize("absorber", LINEAR)
-def test_linear_scenes_under_a_record_are_those_of_dense_exponentials(absorber: str) -> None:
+def test_linear_scenes_under_a_record_are_those_of_dense_exponentials(
+    absorber: str, kind: str
+) -> None:
     """Also where nothing is observed on the way, and the kernel leaps from sample to sample."""
+    loads, inputs = RECORDED_LOADS[kind]
     run_states, unseen = (
-        run(LINEAR[absorber], (RECORD,), record) for record in (None, Record(level=False))
+        run(LINEAR[absorber], loads, record) for record in (None, Record(level=False))
     )
     truth = follow(
         run_states.scene,
-        Inputs(np.zeros_like, lambda t: 3 * noise(t), CLOCK, W1),
+        inputs,
         None,
         CLOCK[[0, -1]],
         long_steps=True,

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.interpolate
+import scipy.linalg
 import scipy.optimize
 from core import Array
 
@@ -13,7 +14,7 @@ from impact_env.kernels.exact import rigid_contact
 from impact_env.kernels.motion.modal_system import DRIVE, GUARD, RELATIVE, REST, SPEED, TIP
 from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.modes import modal_model
-from impact_env.regime_sets import solve_set_modes
+from impact_env.regime_sets import _solve_lightly_damped, solve_set_modes
 from impact_env.regimes import (
     BASIS_TOL,
     basis_error,
@@ -32,6 +33,7 @@ from impact_env.solvers import (
     linear_regime,
     rigid_regimes,
 )
+from impact_env.structures.cyclic import Mistuning, ring_of_masses
 
 pytest.importorskip("mpmath")
 from reference.motion import joined_motion, sprung_motion, swinging_tip
@@ -357,3 +359,40 @@ def test_bases_are_complete_far_within_the_tolerances_of_joint_forces_and_accele
         states = np.flatnonzero(scale)
         basis = checked_modes(model, mass_ratio * model.beam_mass, None, 0.0)
         assert basis_error(basis.out[states], basis.into[:, states], scale[states]) < BASIS_TOL
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.01])
+@pytest.mark.parametrize("joined", [(0,), (2, 3), (0, 2, 4, 6, 8, 10), (0, 6), tuple(range(12))])
+def test_modes_of_light_damping_propagate_as_the_matrix_exponential(
+    joined: tuple[int, ...], deviation: float
+) -> None:
+    """Also of a tuned disk, whose eigenvalues come in equal pairs."""
+    drawn = Mistuning(frequency=deviation, seed=3)
+    ring = ring_of_masses(12, 0.02, 100.0, 0.002, mistuning=drawn)
+    model = ring.model()
+    shapes = ring.response_shapes()[list(joined)]
+    masses = np.linspace(0.02, 0.05, len(joined)) if deviation else np.full(len(joined), 0.02)
+    modes = solve_set_modes(model, masses, shapes, quickly=True)
+    light = _solve_lightly_damped(model, masses, shapes)
+    assert light is not None
+    np.testing.assert_array_equal(modes.values, light.values)
+    n = model.modes
+    inverse = np.linalg.inv(np.eye(n) + (shapes.T * masses) @ shapes)
+    damping = np.diag(2 * model.damping_ratio * model.omega)
+    zero = np.zeros((n, n))
+    matrix = np.block([[zero, np.eye(n)], [-inverse @ np.diag(model.omega**2), -inverse @ damping]])
+    time = 0.0123
+    scale = np.append(model.omega, np.ones(n))
+    right = np.concatenate([modes.shapes, modes.shapes * modes.values[:, None]], axis=1).T
+    motion = np.real((2 * right * np.exp(modes.values * time)) @ modes.into)
+    wanted = scipy.linalg.expm(matrix * time)
+    scaled = scale[:, None] * (motion - wanted) / scale
+    np.testing.assert_allclose(scaled, 0.0, atol=2e-12)
+    np.testing.assert_allclose(modes.weights, modes.into[:, n:] @ inverse, atol=1e-12)
+    np.testing.assert_allclose(modes.places, modes.shapes @ shapes.T, atol=1e-14)
+
+
+def test_heavy_damping_and_wide_spectra_are_solved_as_before() -> None:
+    for ratio, speeds in ((0.3, [10.0, 11.0]), (0.01, [10.0, 400.0])):
+        model = ModalModel(speeds, [ratio] * 2, [1.0, 1.0], [1.0, 0.5], 1.0)
+        assert _solve_lightly_damped(model, np.array([0.1]), np.array([[1.0, 0.5]])) is None

@@ -48,12 +48,16 @@ Step = tuple[Array, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """A load as functions of time: force in N, the base's acceleration in m/s^2, between ``breaks`` (K,) in s smooth; ``highest`` in rad/s."""
+    """A load as functions of time: force in N, the base's acceleration in m/s^2, between ``breaks`` (K,) in s smooth; ``highest`` in rad/s.
+
+    ``further``: further forces in N, each with its mode shape (N_m,) in 1/sqrt(kg).
+    """
 
     force: Callable[[Array], Array]
     base: Callable[[Array], Array]
     breaks: Array
     highest: float
+    further: tuple[tuple[Array, Callable[[Array], Array]], ...] = ()
 
 
 def harmonic(drive: Drive) -> Inputs:
@@ -109,7 +113,7 @@ class Walk:
         most_events: int = MOST_EVENTS,
         long_steps: bool = False,
     ) -> None:
-        self.mechanics = Mechanics(scene)
+        self.mechanics = Mechanics(scene, further=[shape for shape, _ in drive.further])
         self.drive = drive
         self.most_events = most_events
         self.long_steps = long_steps
@@ -158,7 +162,8 @@ class Walk:
     # --- motion
 
     def _inputs(self, times: Array) -> Array:
-        return np.stack([self.drive.force(times), self.drive.base(times)])
+        further = [force(times) for _, force in self.drive.further]
+        return np.stack([self.drive.force(times), self.drive.base(times), *further])
 
     def _linear(self, regimes: tuple[Regime, ...]) -> tuple[Linear, float]:
         """Return the equations of regimes and their fastest rate in 1/s."""
@@ -249,7 +254,7 @@ class Walk:
         return self.contacts.zeros[which][number] > 0 or (self.slipped and guard.event == HOLD)
 
     def _step(self, regimes: tuple[Regime, ...], linear: Linear, h: float, calm: bool) -> Step:
-        """Return the exponential of a step of h s, the columns (S, 2, nodes) that weigh the inputs at its nodes, and the nodes in s."""
+        """Return the exponential of a step of h s, the columns (S, inputs, nodes) that weigh the inputs at its nodes, and the nodes in s."""
         known = self._last_step
         if known is None or known[0] != regimes or abs(known[1] - h) > SAME_STEP * h:
             places, weights = CALM_NODES if calm else NODES

@@ -18,9 +18,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """x' = matrix x + column u for a state x (S,) and inputs u (2,), and the absorbers' forces in N: forces x + pushes u.
+    """x' = matrix x + column u for a state x (S,) and inputs u (I,), and the absorbers' forces in N: forces x + pushes u.
 
-    ``matrix`` (S, S), ``column`` (S, 2), ``forces`` (n, S), ``pushes`` (n, 2). Inputs are the force in N and the base's acceleration in m/s^2.
+    ``matrix`` (S, S), ``column`` (S, I), ``forces`` (n, S), ``pushes`` (n, I). Inputs are the force in N, the base's acceleration in m/s^2, and
+    further forces in N.
     """
 
     matrix: Array
@@ -33,11 +34,13 @@ class Mechanics:
     """Masses, shapes and rows of a scene with n places (one where there is no absorber: a mass of 1 kg that nothing touches).
 
     The state (S,) = (2 N_m + 2 n + 1,) is omega_i q_i, omega_1 q_a, u_i, v_a, 1: the scaling keeps exponentials accurate, the 1 carries constants.
-    Another ``scale`` (N_m + n,) of displacements may be given.
+    Another ``scale`` (N_m + n,) of displacements may be given, and mode shapes (N_m,) of ``further`` forces.
     ``gaps`` (n, S) and ``speeds`` (n, S) are the rows of relative displacement (m) and velocity (m/s), ``tip`` (S,) that of the tip's displacement.
     """
 
-    def __init__(self, scene: Scene, scale: Array | None = None) -> None:
+    def __init__(
+        self, scene: Scene, scale: Array | None = None, further: Sequence[Array] = ()
+    ) -> None:
         model = scene.model
         self.scene = scene
         self.model = model
@@ -66,10 +69,9 @@ class Mechanics:
         base = (
             np.zeros(self.modes) if model.base_participation is None else -model.base_participation
         )
-        self.driven = np.stack([model.force_shape, base], axis=1)
-        self.carried = np.array(
-            [[0.0, 0.0 if scene.absorber is None else -model.base_at_absorber]] * self.places
-        )
+        self.driven = np.stack([model.force_shape, base, *further], axis=1)
+        self.carried = np.zeros((self.places, 2 + len(further)))
+        self.carried[:, 1] = 0.0 if scene.absorber is None else -model.base_at_absorber
         every = getattr(scene.absorber, "absorbers", (scene.absorber,))
         self.falling = -np.array([getattr(one, "gravity", 0.0) for one in every])
 
@@ -86,7 +88,7 @@ class Mechanics:
     def linear(self, regimes: Sequence[Regime]) -> Linear:
         """Return the equations while each absorber is in a regime."""
         forces = np.zeros((self.places, self.size))
-        pushes = np.zeros((self.places, 2))
+        pushes = np.zeros(self.carried.shape)
         for a, regime in enumerate(regimes):
             if not regime.joined:
                 forces[a] = (
@@ -109,7 +111,7 @@ class Mechanics:
                 coupling, self.shapes[joined] @ self.driven - self.carried[joined]
             )
         matrix = np.zeros((self.size, self.size))
-        column = np.zeros((self.size, 2))
+        column = np.zeros((self.size, self.carried.shape[1]))
         matrix[: self.half, self.half : -1] = np.diag(self.scale)
         matrix[self.half : -1] = np.concatenate(
             [self.unforced - self.shapes.T @ forces, forces / self.masses[:, None]]
@@ -121,7 +123,7 @@ class Mechanics:
         return Linear(matrix, column, forces, pushes)
 
     def guard(self, which: int, guard: Guard, linear: Linear) -> tuple[Array, Array]:
-        """Return the row (S,) and the factors (2,) of the inputs that make a guard's value."""
+        """Return the row (S,) and the factors (I,) of the inputs that make a guard's value."""
         row = (
             guard.y_weight * self.gaps[which]
             + guard.gamma_weight * self.speeds[which]

@@ -13,10 +13,12 @@ from places import EXAMPLES
 
 from impact_env import (
     Beam,
+    Drive,
     ModalModel,
     ParameterError,
     Record,
     beam_scene,
+    constant_frequency,
     impact_absorber,
     impact_absorbers,
     load_structure,
@@ -24,6 +26,8 @@ from impact_env import (
     simulate,
 )
 from impact_env.ensemble import Threads
+from impact_env.loads import Loads
+from impact_env.methods import Moreau
 from impact_env.modes import assemble_matrices, deflection_row, mode_shapes
 from impact_env.plain import from_scene, to_scene
 from impact_env.plain_loads import to_loads
@@ -380,6 +384,71 @@ def test_places_that_do_not_fit_are_one_error(
 ) -> None:
     with pytest.raises(ParameterError, match=message):
         to_scene(base | changes)
+
+
+PLACED = [{"place": "middle", "amplitude_n": 1.0}, {"place": 0.9, "amplitude_n": 3.0}]
+
+
+def place_records(folder: Path, *places: object, rows: int = 6) -> dict[str, Any]:
+    """Return loads with a record of its own for each place, in files."""
+    loads = []
+    for k, place in enumerate(places):
+        lines = [f"{0.002 * i},{(-1) ** (i // 2) * (i + k + 1)}" for i in range(rows + k % 2)]
+        (folder / f"{k}.csv").write_text("\n".join(["time (s),force (N)", *lines]))
+        loads.append({"kind": "samples", "file": f"{k}.csv", "place": place})
+    return {"load": loads}
+
+
+def test_a_file_of_loads_has_a_record_for_each_place(tmp_path: Path) -> None:
+    """The beam alone under both records is the sum of the beam under each at its place."""
+    beam = {"modes": 2, "damping_ratio": 0.1}
+    scene = to_scene({"beam": beam, "places": {"middle": 0.55}, "force": PLACED})
+    plain = place_records(tmp_path, "middle", "x", 0.9)
+    loads = to_loads({"load": [plain["load"][0], plain["load"][2]]}, 252.0, tmp_path)
+    assert loads.force_places == ("middle", "0.9")
+    record = Record(level=False, series=True)
+    both = simulate(scene, loads, record=record).history.modal_displacement
+    total = 0.0
+    for position, part in zip((0.55, 0.9), loads.parts, strict=True):
+        single = beam_scene(Beam(modes=2, damping_ratio=0.1, force_position=position))
+        alone = Loads((replace(part, force_place=None),), 252.0)
+        total = total + simulate(single, alone, record=record).history.modal_displacement
+    np.testing.assert_allclose(both, total, atol=1e-13 * np.max(np.abs(total)))
+    again = to_scene(from_scene(scene))
+    np.testing.assert_array_equal(again.model.force_places, scene.model.force_places)
+    assert again.model.force_place_names == ("middle", "0.9")
+
+
+@pytest.mark.parametrize(
+    ("places", "message"),
+    [
+        (("middle", "root"), r"^duration = \[0.01, 0.012\] is not allowed: the same for all loads"),
+        (("middle", "x", "middle"), "^place = 'middle' is not allowed: the place of one record"),
+        (("nowhere",), "^place = 'nowhere' is not allowed: .* structure's forces: middle, 0.9"),
+        ((True,), r"^load\[0\].place = True is not allowed: a place, as the scene's table force"),
+    ],
+)
+def test_records_of_places_that_do_not_fit_are_one_error(
+    tmp_path: Path, places: tuple[object, ...], message: str
+) -> None:
+    scene = to_scene({"beam": {"modes": 2}, "places": {"middle": 0.55}, "force": PLACED})
+    plain = place_records(tmp_path, *places)
+    plain["load"] = plain["load"][:: max(1, len(places) - 1)]
+    with pytest.raises(ParameterError, match=message):
+        simulate(scene, to_loads(plain, 252.0, tmp_path))
+
+
+def test_a_base_and_a_drive_by_itself_have_no_place(tmp_path: Path) -> None:
+    table = {"kind": "samples", "quantity": "base_acceleration", "file": "0.csv", "place": "tip"}
+    (tmp_path / "0.csv").write_text("time (s),acc (m/s^2)\n0,1\n0.1,2\n")
+    with pytest.raises(ParameterError, match=r"^load.place = 'tip' .* base that moves"):
+        to_loads({"load": table}, 252.0, tmp_path)
+    drive = Drive(1.0, constant_frequency(252.0, 1.0, 2.0), force_place="middle")
+    scene = to_scene({"beam": {"modes": 2}, "places": {"middle": 0.55}, "force": PLACED})
+    with pytest.raises(ParameterError, match="one of Loads"):
+        simulate(scene, drive)
+    with pytest.raises(ParameterError, match=r"place = .* left out with"):
+        simulate(scene, Loads((drive,)), Moreau(100))
 
 
 STEP_OF_FREQUENCY = {

@@ -116,13 +116,13 @@ def new_lanes(lanes: int, size: int, state: int, half_window: int) -> Lanes:
 class Disturbance(NamedTuple):
     """A load beside the lanes' own force: a periodic ``record`` (K,) in N or m/s^2, linear between its ``step`` (s).
 
-    ``moves_base`` (2,): whether the force of the orders, and the record, are the base's
+    ``channel`` (2,): of the force of the orders, and of the record: 0 of a force, 1 of the base's
     acceleration (m/s^2).
     """
 
     record: Array
     step: float
-    moves_base: NDArray[np.bool_]
+    channel: NDArray[np.int64]
     base: BaseParticipation
 
 
@@ -214,7 +214,7 @@ def new_interval_load(settings):
     most = count_most_sections(settings)
     pieces = np.zeros((1 + most, NUMBERS))
     which = np.zeros((most, 2), np.int64)
-    return new_load_workspace(LoadPieces(pieces, which, disturbance.moves_base, disturbance.base))
+    return new_load_workspace(LoadPieces(pieces, which, disturbance.channel, disturbance.base))
 
 
 @jit

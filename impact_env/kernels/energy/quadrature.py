@@ -43,7 +43,7 @@ def compute_force_at(window, size, phase, tau):
 
 @jit
 def compute_base_power(window, losses, motion, since, state, tau):
-    """Return the power of the base (W), in coordinates relative to it: -a_b (Gamma q' + sum of m_a r Y'_a).
+    """Return the power of the bases (W), in coordinates relative to them: -a_b (Gamma q' + sum of m_a r Y'_a), and that of forces in their place.
 
     ``state`` holds the modal velocities q' and those of the absorbers without their ``motion`` (n,), whose
     segment began ``since`` (s) ago.
@@ -58,15 +58,18 @@ def compute_base_power(window, losses, motion, since, state, tau):
 def _compute_base_power(base, omega, losses, motion, since, state, tau):
     if not base.moves:
         return 0.0
-    momentum = 0.0
+    power = 0.0
     half = state.shape[0] // 2
     modes = losses.rate.shape[0]
-    for a in range(motion.shape[0]):
-        own = state[half + modes + a] + motion[a].v + motion[a].a * since
-        momentum += base.carried[a] * own
-    for i in range(modes):
-        momentum += base.participation[i] * state[half + i]
-    return -evaluate_load(base.terms, omega, tau) * momentum
+    for c in range(base.terms.shape[0]):
+        momentum = 0.0
+        for a in range(motion.shape[0]):
+            own = state[half + modes + a] + motion[a].v + motion[a].a * since
+            momentum += base.carried[c, a] * own
+        for i in range(modes):
+            momentum += base.participation[c, i] * state[half + i]
+        power -= evaluate_load(base.terms[c], omega, tau) * momentum
+    return power
 
 
 @jit

@@ -114,51 +114,46 @@ def compute_force_at(window, tau):
 
 
 @jit
-def compute_base_acceleration(window, tau):
-    """Return the acceleration of a base that moves (m/s^2), or the force in its place (N), at an offset ``tau`` (s); 0 where it rests."""
+def compute_base_accelerations(window, tau):
+    """Write the accelerations (m/s^2) of bases that move, or the forces in their place (N), at an offset ``tau`` (s).
+
+    Return what they give the absorbers' places; 0 where no base moves.
+    """
     load = window.load
     if load is None:
         return 0.0
-    return _base_acceleration(load.base, window.omega, tau)
+    return _base_accelerations(load.base, window.omega, tau)
 
 
 @jit
-def _base_acceleration(base, omega, tau):
-    if not base.moves:
-        return 0.0
-    return evaluate_load(base.terms, omega, tau)
+def _base_accelerations(base, omega, tau):
+    total = 0.0
+    if base.moves:
+        for c in range(base.terms.shape[0]):
+            base.accelerations[c] = evaluate_load(base.terms[c], omega, tau)
+            total += base.at_absorber[c] * base.accelerations[c]
+    return total
 
 
 @jit
-def find_base_share(window):
-    """Return the displacement of the absorbers' places for a unit motion of the base, 0 where it does not move."""
+def compute_base_inertia(window, i):
+    """Return the inertia of mode ``i`` under the accelerations of the bases, and the sum of its sizes; 0 where no base moves."""
     load = window.load
     if load is None:
-        return 0.0
-    return _base_share(load.base)
+        return 0.0, 0.0
+    return _base_inertia(load.base, i)
 
 
 @jit
-def _base_share(base):
-    if not base.moves:
-        return 0.0
-    return base.at_absorber
-
-
-@jit
-def find_base_participation(window, i):
-    """Return the participation of mode ``i`` in the motion of the base, 0 where it does not move."""
-    load = window.load
-    if load is None:
-        return 0.0
-    return _base_participation(load.base, i)
-
-
-@jit
-def _base_participation(base, i):
-    if not base.moves:
-        return 0.0
-    return base.participation[i]
+def _base_inertia(base, i):
+    total = 0.0
+    size = 0.0
+    if base.moves:
+        for c in range(base.terms.shape[0]):
+            share = base.participation[c, i] * base.accelerations[c]
+            total += share
+            size += abs(share)
+    return total, size
 
 
 @jit
@@ -168,8 +163,7 @@ def compute_relative_accelerations(absorbers, losses, window, contact_states, st
     half = n + modes
     tau = contact_states[0].tau
     force = compute_force_at(window, tau)
-    base = compute_base_acceleration(window, tau)
-    inertia = find_base_share(window) * base
+    inertia = compute_base_accelerations(window, tau)
     for a in range(n):
         joints.relative_acceleration[a] = -absorbers.gravity[a] - inertia
         joints.acceleration_slack[a] = abs(absorbers.gravity[a]) + abs(inertia)
@@ -179,9 +173,9 @@ def compute_relative_accelerations(absorbers, losses, window, contact_states, st
         pull = absorbers.square[i] * state[i]
         drag = losses.rate[i] * state[half + i]
         push = losses.force_shape[i] * force
-        carried = find_base_participation(window, i) * base
+        carried, carried_size = compute_base_inertia(window, i)
         rate = push - carried - drag - pull
-        size = abs(push) + abs(carried) + abs(drag) + abs(pull)
+        size = abs(push) + carried_size + abs(drag) + abs(pull)
         for b in range(n):
             if not joints.undecided[b] and contact_states[b].regime == FREE:
                 rate -= absorbers.shapes[b, i] * contact_states[b].force

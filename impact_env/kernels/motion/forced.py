@@ -18,6 +18,7 @@ from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.motion.forced_sums import (
     add_polynomials,
     back_substitute,
+    back_substitute_all,
     back_substitute_both,
     combine_signal,
     evaluate_first_signals,
@@ -46,9 +47,9 @@ class UnitResponses(NamedTuple):
     """A regime's forced responses to unit loads without a carrier: a constant, and the time from the window's centre (unit_loads.py).
 
     ``polynomials`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with
-    one axis more for the loads, first as forces, then as the base's acceleration where it moves.
-    ``coefficients`` (2,) or (4,): of the load in a window. ``half`` (1,): longest half window (s)
-    that the bounds hold for. ``step_map`` (3, 2, J) or (5, 2, J): the amplitudes after
+    one axis more for the loads, first as forces, then as the bases' accelerations.
+    ``coefficients`` (2 + 2 C,): of the load in a window, C bases that move. ``half`` (1,): longest half window (s)
+    that the bounds hold for. ``step_map`` (3 + 2 C, 2, J): the amplitudes after
     ``step_length`` (1,) s, as factor of those before and for each unit load.
     """
 
@@ -234,8 +235,12 @@ def _solve_polynomials(rows, window, sign, terms, at, out):
 def _solve_load_polynomials(rows, omega, sign, terms, base, at, out):
     if not base.moves:
         back_substitute(rows, rows.shape[1], omega, sign, terms, at, out)
-    else:
+    elif base.terms.shape[0] == 1:
         back_substitute_both(rows, rows.shape[1], omega, sign, terms, base.terms, at, out)
+    else:
+        back_substitute_all(
+            rows, rows.shape[1], omega, sign, terms, base.terms.shape[0], base.terms, at, out
+        )
 
 
 @jit
@@ -307,7 +312,9 @@ def _integrate_base(base, omega, half, signals):
         return
     for n in range(TERMS):
         for part in range(2):
-            signals[1, n, part, 3] = -2.0 * base.at_absorber * base.terms[part, n]
+            signals[1, n, part, 3] = -2.0 * base.at_absorber[0] * base.terms[0, part, n]
+            for c in range(1, base.terms.shape[0]):
+                signals[1, n, part, 3] -= 2.0 * base.at_absorber[c] * base.terms[c, part, n]
     for _ in range(2):
         if omega * half < NEAR_RESONANCE:
             p_r = 0.0
@@ -341,9 +348,11 @@ def add_base_inertia(window, mass, signals):
 @jit
 def _add_base_inertia(base, mass, signals):
     if base.moves:
-        for n in range(TERMS):
-            for part in range(2):
-                signals[0, n, part, 0] += 2.0 * mass * base.at_absorber * base.terms[part, n]
+        for c in range(base.terms.shape[0]):
+            for n in range(TERMS):
+                for part in range(2):
+                    inertia = 2.0 * mass * base.at_absorber[c] * base.terms[c, part, n]
+                    signals[0, n, part, 0] += inertia
 
 
 @jit

@@ -76,6 +76,51 @@ def back_substitute_both(
 
 
 @vector_code()
+def back_substitute_all(
+    code: Code,
+    rows,
+    size: Index,
+    omega: Number,
+    sign: Number,
+    terms,
+    count: Index,
+    bases,
+    at: Index,
+    out,
+):
+    """Solve as `back_substitute_both` does for the ``terms`` of a force and of ``count`` ``bases`` (count, 2, TERMS), with rows from BASE on."""
+    plane = size * TERMS
+    for j in code.vectors(size):
+        s_r, s_i = (code.vector(rows, size * row + j) for row in (S, S + 1))
+        l_r = -s_r
+        l_i = code.spread(omega * sign) - s_i
+        scale = code.repeated(1.0) / l_r.fma(l_r, l_i.fma(l_i, code.repeated(1e-300)))
+        inverse = Complex(l_r * scale, -(l_i * scale))
+        drive = code.complex(rows, size * DRIVE + j, size * (DRIVE + 1) + j)
+        place = plane * at + j
+        solved = None
+        for n in range(TERMS - 1, -1, -1):
+            own = drive.times(_spread_pair(code, terms, n, TERMS, sign))
+            real, imag = code.sum(code.lanes), code.sum(code.lanes)
+            real += own.real
+            imag += own.imag
+            for c in code.loop(count):
+                row = size * (c * 2 + BASE) + j
+                share = code.complex(rows, row, row + size).times(
+                    _spread_pair(code, bases, c * (2 * TERMS) + n, TERMS, sign)
+                )
+                real += share.real
+                imag += share.imag
+            x = Complex(real.number(), imag.number())
+            if solved is not None:
+                factor = code.repeated(-(n + 1.0))
+                x = Complex(factor.fma(solved.real, x.real), factor.fma(solved.imag, x.imag))
+            solved = x.times(inverse)
+            here = place + size * n
+            code.store_complex(solved, out, here, here + plane)
+
+
+@vector_code()
 def combine_signal(code: Code, rows, row: Index, size: Index, system, signals, at: Index):
     """Write the coefficients of the signal with the weights w in ``row`` to signals[at]: sum of w A + conj(w B)."""
     plane = size * TERMS

@@ -41,16 +41,17 @@ NUMBERS = 10
 
 
 class BaseParticipation(NamedTuple):
-    """Response of a scene to a unit acceleration of the base.
+    """Response of a scene to unit accelerations of C bases: its own, and forces at further places.
 
-    ``participation`` Gamma (N_m,) in sqrt(kg); ``at_absorber``: displacement of the absorbers'
-    places for a unit rigid motion; ``carried`` (n,): each absorber's mass times that (kg), 0 without
-    an absorber; ``moves``: whether the base does. It is a value, so that one kernel serves bases that
-    move and that rest.
+    A force (N) with the mode shape p is the acceleration of a base with the participation -p that
+    carries no absorber. ``participation`` Gamma (C, N_m) in sqrt(kg); ``at_absorber`` (C,):
+    displacement of the absorbers' places for a unit rigid motion, 0 of a force; ``carried`` (C, n):
+    each absorber's mass times that (kg), 0 without an absorber; ``moves``: whether there is any. It
+    is a value, so that one kernel serves bases that move and that rest.
     """
 
     participation: Array
-    at_absorber: float
+    at_absorber: Array
     carried: Array
     moves: bool
 
@@ -59,13 +60,14 @@ class LoadPieces(NamedTuple):
     """Loads that act together, as a run is given them: nothing in it is written, so that runs in several threads may share it.
 
     ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each segment of
-    time. ``moves_base`` (sources,): whether a source is the base's acceleration (m/s^2), else a
-    force (N). Without sources a stepping method is under the chirp of one force.
+    time. ``channel`` (sources,): 0 of a force (N) on the structure, c of the acceleration (m/s^2) of
+    base c - 1, or the force in its place. Without sources a stepping method is under the chirp of
+    one force.
     """
 
     pieces: Array
     which: NDArray[np.int64]
-    moves_base: NDArray[np.bool_]
+    channel: NDArray[np.int64]
     base: BaseParticipation
 
 
@@ -74,8 +76,8 @@ def _make_no_loads():
     return LoadPieces(
         np.zeros((0, NUMBERS)),
         np.zeros((0, 0), np.int64),
-        np.zeros(0, np.bool_),
-        BaseParticipation(np.zeros(0), 0.0, np.zeros(0), False),
+        np.zeros(0, np.int64),
+        BaseParticipation(np.zeros((1, 0)), np.zeros(1), np.zeros((1, 0)), False),
     )
 
 
@@ -84,11 +86,15 @@ new_no_loads = jit_allocating(_make_no_loads)  # the same within a kernel
 
 
 class MovingBase(NamedTuple):
-    """A base: ``terms`` of its acceleration in the current window, as in `LoadWorkspace`, and its `BaseParticipation`."""
+    """Bases with their `BaseParticipation`: ``terms`` (C, 2, TERMS) of their accelerations in the current window, as in `LoadWorkspace`.
+
+    ``accelerations`` (C,): at a time, as `compute_base_accelerations` writes them.
+    """
 
     terms: Array
+    accelerations: Array
     participation: Array
-    at_absorber: float
+    at_absorber: Array
     carried: Array
     moves: bool
 
@@ -103,7 +109,7 @@ class LoadWorkspace(NamedTuple):
 
     pieces: Array
     which: NDArray[np.int64]
-    moves_base: NDArray[np.bool_]
+    channel: NDArray[np.int64]
     terms: Array
     base: MovingBase
     linear: NDArray[np.bool_]
@@ -118,10 +124,15 @@ def new_load_workspace(pieces):
     return LoadWorkspace(
         pieces.pieces,
         pieces.which,
-        pieces.moves_base,
+        pieces.channel,
         np.zeros((2, TERMS)),
         MovingBase(
-            np.zeros((2, TERMS)), base.participation, base.at_absorber, base.carried, base.moves
+            np.zeros((base.at_absorber.shape[0], 2, TERMS)),
+            np.zeros(base.at_absorber.shape[0]),
+            base.participation,
+            base.at_absorber,
+            base.carried,
+            base.moves,
         ),
         np.zeros(1, np.bool_),
     )
@@ -244,7 +255,7 @@ def compute_force(load, k, t):
     total = 0.0
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
-        if not load.moves_base[source]:
+        if load.channel[source] == 0:
             u = t - piece[BEGINS]
             p = POLYNOMIAL
             phase = piece[PHASE] + (piece[OMEGA] + 0.5 * piece[ALPHA] * u) * u
@@ -277,8 +288,9 @@ def expand_load(load, times, k, t):
     if load.linear[0]:
         for source in range(load.which.shape[1]):
             piece = load.pieces[load.which[k, source]]
-            if load.moves_base[source]:
-                _add_linear_piece(piece, t, load.base.terms)
+            channel = load.channel[source]
+            if channel > 0:
+                _add_linear_piece(piece, t, load.base.terms[channel - 1])
             else:
                 _add_linear_piece(piece, t, load.terms)
         return 0.0
@@ -287,8 +299,9 @@ def expand_load(load, times, k, t):
     for source in range(load.which.shape[1]):
         piece = load.pieces[load.which[k, source]]
         if _is_nonzero(piece):
-            if load.moves_base[source]:
-                _expand_piece(piece, t, carrier, load.base.terms)
+            channel = load.channel[source]
+            if channel > 0:
+                _expand_piece(piece, t, carrier, load.base.terms[channel - 1])
             else:
                 _expand_piece(piece, t, carrier, load.terms)
     return carrier
@@ -296,23 +309,26 @@ def expand_load(load, times, k, t):
 
 @jit_inline
 def count_unit_loads(base):
-    """Return the number of unit loads: a constant and a line, of the force and of a base that moves."""
-    return 4 if base.moves else 2
+    """Return the number of unit loads: a constant and a line, of the force and of each base that moves."""
+    return 2 + 2 * base.terms.shape[0] if base.moves else 2
 
 
 @jit
 def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
-    """Return (x_r, x_i) plus the drive of amplitude ``j`` by term ``n`` of the base's acceleration.
+    """Return (x_r, x_i) plus the drive of amplitude ``j`` by term ``n`` of the bases' accelerations.
 
-    The response to a unit acceleration is in ``row``.
+    The response to a unit acceleration of the first base is in ``row``, those of others follow.
     """
     if not base.moves:
         return x_r, x_i
-    t_r = base.terms[0, n]
-    t_i = sign * base.terms[1, n]
-    return x_r + rows[row, j] * t_r - rows[row + 1, j] * t_i, x_i + rows[row, j] * t_i + rows[
-        row + 1, j
-    ] * t_r
+    for c in range(base.terms.shape[0]):
+        t_r = base.terms[c, 0, n]
+        t_i = sign * base.terms[c, 1, n]
+        d_r = rows[row + 2 * c, j]
+        d_i = rows[row + 2 * c + 1, j]
+        x_r = x_r + d_r * t_r - d_i * t_i
+        x_i = x_i + d_r * t_i + d_i * t_r
+    return x_r, x_i
 
 
 @jit

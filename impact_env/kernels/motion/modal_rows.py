@@ -15,6 +15,5 @@ TAYLOR_ROWS = 6
 SPEED = TAYLOR + 2 * TAYLOR_ROWS  # |s|, real as the next two
 SPEED_SQUARE = SPEED + 1
 SPEED_CUBE = SPEED + 2
-BASE = SPEED + 3  # response to a unit acceleration of the base
+BASE = SPEED + 3  # response to a unit acceleration of the first base; two rows for each one more
 ROWS = BASE  # of a regime under a base at rest
-ROWS_WITH_BASE = BASE + 2

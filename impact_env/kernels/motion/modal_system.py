@@ -51,7 +51,7 @@ DIGIT_BITS, FINEST_STEP, INVERSE_FINEST_STEP, LARGEST_RATE = range(4)
 class ModalSystem(NamedTuple):
     """One regime: J modal amplitudes sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
 
-    ``rows`` (ROWS, J), or (ROWS_WITH_BASE, J) under a base that moves: see modal_rows.py. ``table``
+    ``rows`` (ROWS, J), or (ROWS + 2 C, J) under C bases that move: see modal_rows.py. ``table``
     (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3,
     largest |s|.
 

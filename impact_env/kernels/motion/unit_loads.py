@@ -2,8 +2,8 @@
 
 A window of a record is as short as its step, and nothing turns in it. So the forced part of a
 regime is linear in two numbers, value and slope of the force, and two more of a base that moves: it
-is solved once for each of these alone (`Units`), and a window takes its shares of them. Bounds add
-up.
+is solved once for each of these alone (`UnitResponses`), and a window takes its shares of them.
+Bounds add up. Each force at a further place has two numbers more, like a base.
 """
 
 from __future__ import annotations
@@ -52,13 +52,27 @@ def _combination_code(count: int) -> Any:
 _combine_of_force, _combine_of_force_and_base = map(_combination_code, (2, 4))
 
 
+@vector_code()
+def _combine_of_all(code: Code, size: Index, again: Index, count: Index, shares, units, out):
+    """Write the sum of ``count`` shares[n] units[n] as the functions of `_combination_code` do."""
+    for j in code.vectors(size):
+        total = code.sum(code.lanes)
+        for n in code.loop(count):
+            share = code.spread(code.number(shares, n))
+            total.add_product(share, code.vector(units, size * n + j))
+        code.store(total.number(), out, j)
+        code.store(total.number(), out, again + j)
+
+
 @jit_inline
 def _combine_unit_responses(size, again, base, shares, units, out):
-    """Write the combination of the unit loads of the force, and of a base that moves."""
-    if base.moves:
+    """Write the combination of the unit loads of the force, and of bases that move."""
+    if not base.moves:
+        _combine_of_force(size, again, shares, units, out)
+    elif base.terms.shape[0] == 1:
         _combine_of_force_and_base(size, again, shares, units, out)
     else:
-        _combine_of_force(size, again, shares, units, out)
+        _combine_of_all(size, again, shares.shape[0], shares, units, out)
 
 
 @vector_code()
@@ -73,7 +87,8 @@ def _compute_coefficients(terms, base, shares):
     """Write the coefficients of a load in the basis of the unit loads."""
     shares[0], shares[1] = terms[0, 0], terms[0, 1]
     if base.moves:
-        shares[2], shares[3] = base.terms[0, 0], base.terms[0, 1]
+        for c in range(base.terms.shape[0]):
+            shares[2 + 2 * c], shares[3 + 2 * c] = base.terms[c, 0, 0], base.terms[c, 0, 1]
 
 
 @jit_inline
@@ -82,7 +97,7 @@ def _set_unit_term(base, terms, n, value):
     if n < 2:
         terms[0, n] = value
     else:
-        base.terms[0, n - 2] = value
+        base.terms[n // 2 - 1, 0, n % 2] = value
 
 
 def _add_scaled(factor: Number, term: Complex, total: Complex) -> Complex:
@@ -120,6 +135,38 @@ def _step_map_code(count: int) -> Any:
 _step_of_force, _step_of_force_and_base = map(_step_map_code, (2, 4))
 
 
+@vector_code()
+def _step_of_all(
+    code: Code, rows, size: Index, leap, count: Index, shares, half: Number, late: Number, z
+):
+    """Apply the step map of ``count`` unit loads as the functions of `_step_map_code` do; rows DRIVE and BASE belong to pairs of them."""
+    two = code.repeated(2.0, 0)
+    for j in code.vectors(size):
+        first = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
+        real, imag = code.sum(code.lanes), code.sum(code.lanes)
+        real += first.real
+        imag += first.imag
+        for n in code.loop(count):
+            share = code.spread(code.number(shares, n))
+            at = size * (n * 2 + 2) + j
+            real.add_product(share, code.vector(leap, at))
+            imag.add_product(share, code.vector(leap, at + size))
+        total = Complex(real.number(), imag.number())
+        rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
+        end = code.spread((code.number(shares, 0) + code.number(shares, 1) * half) * two)
+        rate = _add_scaled(end, code.complex(rows, size * DRIVE + j, size * (DRIVE + 1) + j), rate)
+        real, imag = code.sum(code.lanes), code.sum(code.lanes)
+        real += rate.real
+        imag += rate.imag
+        for n in code.loop(count, 2, 2):
+            end = code.spread((code.number(shares, n) + code.number(shares, n + 1) * half) * two)
+            at = size * (n + (BASE - 2)) + j
+            real.add_product(end, code.vector(rows, at))
+            imag.add_product(end, code.vector(rows, at + size))
+        rate = Complex(real.number(), imag.number())
+        code.store_complex(_add_scaled(code.spread(late), rate, total), z, j, j + size)
+
+
 @jit_inline
 def _apply_step_map(base, rows, size, leap, shares, half, late, z):
     """Propagate complete amplitudes by one step of a sampled load, and by ``late`` (s) more to first order.
@@ -127,10 +174,12 @@ def _apply_step_map(base, rows, size, leap, shares, half, late, z):
     ``late`` is small enough for a first-order step. ``half`` (s): from the window's centre to its
     end, where the rate is taken.
     """
-    if base.moves:
+    if not base.moves:
+        _step_of_force(rows, size, leap, shares, half, late, z)
+    elif base.terms.shape[0] == 1:
         _step_of_force_and_base(rows, size, leap, shares, half, late, z)
     else:
-        _step_of_force(rows, size, leap, shares, half, late, z)
+        _step_of_all(rows, size, leap, shares.shape[0], shares, half, late, z)
 
 
 @jit

@@ -1,0 +1,147 @@
+"""Forces at several places, as the exact kernels take them: with phases of their own, and with loads of their own.
+
+Kernels have one channel for the structure's force and further ones for bases that move. A force (N) on the mode shape p acts as the acceleration of a
+base with the participation -p, which does not act on an absorber apart from the structure; so each further place has such a base.
+
+A force Re(F exp(i phi)) on a complex modal shape p + i q is the sum of a force on the real shape p and of one on q that is a quarter period ahead,
+Re(i F exp(i phi)). A structure whose loads all act at one place has no further channel and costs no more than one force.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.drive import Excitation, Load, Pieces
+from impact_env.loads import Loads
+from impact_env.modes import ModalModel
+from impact_env.parameters import require
+from impact_env.scene import Scene
+
+Array = NDArray[np.float64]
+MOST_SCENES = 64  # whose form for the kernels is cached
+
+
+@dataclass(frozen=True, eq=False)
+class _ChannelLoads(Load):
+    """Loads whose pieces have the channels of kernels."""
+
+    every: tuple[Pieces, ...]
+    length: float
+
+    def pieces(self) -> list[Pieces]:
+        """Return the pieces."""
+        return list(self.every)
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """What the channels of a run are: the structure's ``own`` force or the first of ``places``, the ``base`` if it moves, then the quadrature of the
+    own force, and the (other) places.
+    """  # noqa: D205
+
+    own: bool
+    base: bool
+    places: tuple[str, ...]
+
+
+@lru_cache(MOST_SCENES)
+def _with_channels(scene: Scene, channels: _Channels) -> Scene:
+    """Return a scene whose model has as ``force_places`` the shapes of the channels behind that of the base."""
+    model = scene.model
+    shapes = [model.find_force_place(name) for name in channels.places]
+    first = model.force_shape if channels.own else shapes.pop(0)
+    if channels.own and model.force_quadrature is not None:
+        shapes.insert(0, model.force_quadrature)
+    return Scene(
+        replace(
+            model,
+            force_shape=first,
+            force_quadrature=None,
+            force_places=np.array(shapes) if shapes else None,
+            force_place_names=tuple(map(str, range(len(shapes)))) if shapes else None,
+            base_participation=model.base_participation if channels.base else None,
+        ),
+        scene.absorber,
+    )
+
+
+@lru_cache(MOST_SCENES)
+def _without_places(scene: Scene) -> Scene:
+    model = replace(scene.model, force_places=None, force_place_names=None)
+    return Scene(model, scene.absorber)
+
+
+def _turn_ahead(piece: Pieces) -> Array:
+    """Return the rows of a piece that is a quarter period ahead."""
+    ahead = np.array(piece.rows)
+    ahead[:, 3::2] = -piece.rows[:, 4::2]
+    ahead[:, 4::2] = piece.rows[:, 3::2]
+    return ahead
+
+
+def split_forces(scene: Scene, drive: Excitation) -> tuple[Scene, Excitation]:
+    """Return scene and drive as the kernels take them: the same, unless the structure's forces differ in phase, or loads have places of their own."""
+    model = scene.model
+    if model.force_quadrature is None and model.force_places is None:
+        return scene, drive
+    pieces = drive.pieces()
+    places = tuple(dict.fromkeys(piece.place for piece in pieces if piece.place is not None))
+    if model.force_quadrature is None and not places:
+        return _without_places(scene), drive
+    own = any(piece.place is None and not piece.moves_base for piece in pieces)
+    channels = _Channels(own, drive.moves_base, places)
+    quadrature = own and model.force_quadrature is not None
+    first = 1 + int(channels.base)
+    behind = (*(("",) if quadrature else ()), *(places if own else places[1:]))
+    channel_of = {name: first + k for k, name in enumerate(behind)}
+    result = []
+    for piece in pieces:
+        if piece.moves_base:
+            result.append(piece)
+        elif piece.place is not None:
+            result.append(replace(piece, place=None, channel=channel_of.get(piece.place, 0)))
+        else:
+            result.append(piece)
+            if quadrature:
+                result.append(Pieces(piece.times, _turn_ahead(piece), False, channel=first))
+    part = _ChannelLoads(tuple(result), drive.duration)
+    return _with_channels(scene, channels), Loads((part,), drive.schedule.reference)
+
+
+def find_base_shapes(model: ModalModel) -> tuple[Array, Array]:
+    """Return the participation (C, N_m) in sqrt(kg) of the bases of a model of `split_forces`, and the displacement (C,) of absorbers' places."""
+    rows = []
+    places = []
+    if model.base_participation is not None:
+        rows.append(model.base_participation)
+        places.append(model.base_at_absorber)
+    if model.force_places is not None:
+        rows += [-shape for shape in model.force_places]
+        places += [0.0] * len(model.force_places)
+    return np.array(rows).reshape(len(rows), model.modes), np.array(places)
+
+
+def check_places(model: ModalModel, drive: Excitation) -> None:
+    """Raise ParameterError if a load has a place that the structure lacks, or no phase where the structure's forces differ by theirs."""
+    parts = drive.parts
+    places = [part.force_place for part in parts if part.force_place is not None]
+    require(
+        isinstance(drive, Loads) or not places,
+        "force_place",
+        places[:1],
+        "None of a drive by itself; a force at a place of its own is one of Loads",
+    )
+    for name in places:
+        model.find_force_place(name)
+    if model.force_quadrature is None:
+        return
+    for piece in drive.pieces():
+        turns = bool(piece.rows[:, :2].any())
+        require(
+            turns or piece.moves_base or piece.place is not None,
+            "force_quadrature",
+            "given with a record or a pulse, which has no phase",
+            "forces of one phase; a record or a pulse with a place; or harmonic forces, unbalance and tones",
+        )
