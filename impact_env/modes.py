@@ -305,10 +305,8 @@ class ModalModel:
     @property
     def one_phase_force_shape(self) -> NDArray[np.float64]:
         """Mode shape (N_m,) of the force, for formulas of one force; raises ParameterError where forces at several places differ in phase."""
-        quadrature = self.force_quadrature
-        require(
-            quadrature is None, "force_quadrature", quadrature, "None here: forces of one phase"
-        )
+        differ = self.force_quadrature is not None
+        require(not differ, "force_quadrature", "given", "None here: forces of one phase")
         return self.force_shape
 
     @property
@@ -453,13 +451,8 @@ class ModalModel:
 
 def require_one_phase(model: ModalModel, what: str) -> None:
     """Raise ParameterError where forces at several places differ in phase, which ``what`` does not model."""
-    quadrature = model.force_quadrature
-    require(
-        quadrature is None,
-        "force_quadrature",
-        quadrature,
-        f"None for {what}: forces of one phase",
-    )
+    allowed = f"None for {what}: forces of one phase"
+    require(model.force_quadrature is None, "force_quadrature", "given", allowed)
 
 
 Structure = Beam | ModalModel  # what a structure is given as

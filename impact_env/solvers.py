@@ -804,8 +804,8 @@ def check_general(
     scene: Scene, method: Method, record: Samples | None, *, moves_base: bool
 ) -> bool:
     """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
-    quadrature = scene.model.force_quadrature
-    require(quadrature is None, "force_quadrature", quadrature, "None under control")
+    one_phase = scene.model.force_quadrature is None
+    require(one_phase, "force_quadrature", "given", "None under control")
     shaken = bool(moves_base) or (record is not None and record.quantity == BASE_QUANTITY)
     if shaken or record is not None:
         loads = ["a record"] * (record is not None) + ["a base that moves"] * shaken

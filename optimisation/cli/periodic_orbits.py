@@ -546,8 +546,12 @@ def hybrid_case_of(options: OrbitOptions) -> HybridCase | None:
         if is_option_set(name):
             option = name.replace("_", "-")
             raise BadInput(f"--{option} does not go with a scene of {what}")
-    if options.frequency is None or options.curve:
-        raise BadInput(f"--frequency is required for a scene of {what}, without --curve")
+    if options.curve or options.folds or options.thresholds:
+        raise BadInput(
+            f"curves and folds are of one absorber with rigid walls, not of {what}: periodic orbits --frequency finds orbits of these"
+        )
+    if options.frequency is None:
+        raise BadInput(f"--frequency is required for a scene of {what}")
     if options.along not in (None, "force", "frequency"):
         raise BadInput(f"--over {options.along}: force or frequency for a scene of {what}")
     force = FORCE if options.force is None else options.force
