@@ -284,8 +284,8 @@ class ModalModel:
     def _check_force_places(self) -> None:
         """Check the places of forces and their names."""
         allowed = f"a row of {len(self.omega)} finite numbers for each name in force_place_names"
-        given = (self.force_places is not None, self.force_place_names is not None)
-        require(given[0] == given[1], "force_places", self.force_places, allowed)
+        both = (self.force_places is None) == (self.force_place_names is None)
+        require(both, "force_places", self.force_places, allowed)
         if self.force_place_names is None:
             return
         names = tuple(listed("force_place_names", self.force_place_names))

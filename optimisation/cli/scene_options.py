@@ -258,7 +258,7 @@ def require_load_of_each_place(model: ModalModel, loads: Loads) -> None:
     """Raise ParameterError where loads have places of their own, and one of the places of ``force`` has none, which would have no force."""
     if not loads.force_places:
         return
-    acts = any(part.force_place is None and not part.moves_base for part in loads.parts)
+    acts = any(piece.place is None and not piece.moves_base for piece in loads.pieces())
     for name in model.force_place_names or ():
         allowed = "the place of a load, as the other places of force are, or left out of force"
         require(acts or name in loads.force_places, "force.place", name, allowed)

@@ -101,7 +101,8 @@ def back_substitute_all(
         solved = None
         for n in range(TERMS - 1, -1, -1):
             own = drive.times(_spread_pair(code, terms, n, TERMS, sign))
-            real, imag = code.sum(code.lanes), code.sum(code.lanes)
+            real = code.sum(code.lanes)
+            imag = code.sum(code.lanes)
             real += own.real
             imag += own.imag
             for c in code.loop(count):

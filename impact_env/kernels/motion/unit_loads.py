@@ -88,7 +88,8 @@ def _compute_coefficients(terms, base, shares):
     shares[0], shares[1] = terms[0, 0], terms[0, 1]
     if base.moves:
         for c in range(base.terms.shape[0]):
-            shares[2 + 2 * c], shares[3 + 2 * c] = base.terms[c, 0, 0], base.terms[c, 0, 1]
+            for n in range(2):
+                shares[2 + 2 * c + n] = base.terms[c, 0, n]
 
 
 @jit_inline
@@ -143,7 +144,8 @@ def _step_of_all(
     two = code.repeated(2.0, 0)
     for j in code.vectors(size):
         first = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
-        real, imag = code.sum(code.lanes), code.sum(code.lanes)
+        real = code.sum(code.lanes)
+        imag = code.sum(code.lanes)
         real += first.real
         imag += first.imag
         for n in code.loop(count):
@@ -155,7 +157,8 @@ def _step_of_all(
         rate = total.times(code.complex(rows, size * S + j, size * (S + 1) + j))
         end = code.spread((code.number(shares, 0) + code.number(shares, 1) * half) * two)
         rate = _add_scaled(end, code.complex(rows, size * DRIVE + j, size * (DRIVE + 1) + j), rate)
-        real, imag = code.sum(code.lanes), code.sum(code.lanes)
+        real = code.sum(code.lanes)
+        imag = code.sum(code.lanes)
         real += rate.real
         imag += rate.imag
         for n in code.loop(count, 2, 2):
