@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from impact_env.envs.task import Task
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
+from impact_env.parameters import require
 from optimisation.rl.agents import Agent, actor_of
 
 with optional():
@@ -24,6 +25,7 @@ with optional():
     import torch
     from stable_baselines3 import PPO
 
+# of a copy, as those of the robust planner that admits tasks
 FORCE_ERRORS = (0.002, 0.01)  # share of the force
 PHASE_ERRORS = (0.02, 0.1)  # rad
 Array = NDArray[np.float64]
@@ -50,7 +52,7 @@ def draw_candidates(
 
 
 def add_errors(task: Task, copies: int, generator: np.random.Generator) -> None:
-    """Put errors on force and phase of all lanes of a task, each group of so many copies alike."""
+    """Put errors on force and phase of all lanes of a task, each group of so many copies alike; a disturbance begins elsewhere in its record."""
     groups = task.lanes // copies
 
     def draw_errors(low: float, high: float) -> Array:
@@ -59,6 +61,17 @@ def add_errors(task: Task, copies: int, generator: np.random.Generator) -> None:
 
     task.force = task.force * (1 + draw_errors(*FORCE_ERRORS))
     task.runs.orders["phase"] += draw_errors(*PHASE_ERRORS)
+    record = task.settings.record
+    if record is not None:
+        places = generator.integers(len(record.values) - 1, size=groups)
+        task.runs.orders["place"] = np.repeat(places, copies)
+
+
+def require_copies(task: Task) -> None:
+    """Raise ParameterError if the lanes of a task cannot be copied: sensors with noise or delay start again in a copy."""
+    for name in ("observation_noise", "observation_delay"):
+        value = getattr(task.settings, name)
+        require(value == 0, name, value, "0 for rollout policy iteration: copies have no past")
 
 
 def score_candidates(

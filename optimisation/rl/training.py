@@ -49,6 +49,7 @@ from optimisation.rl.models import (
     make_model,
     save_checkpoint,
 )
+from optimisation.rl.policy_iteration import require_copies
 from optimisation.rl.starts import apply_start, describe_start
 
 with optional():
@@ -108,6 +109,8 @@ class Job:
             if not isinstance(env, TaskVectorEnv):
                 allowed = "one of the environments of impact_env"
                 raise describe_error("env_id", self.env_id, allowed)
+            if self.algorithm == "rpi":
+                require_copies(env.task)
             environment = env.task.describe()
         finally:
             env.close()

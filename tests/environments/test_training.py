@@ -50,6 +50,7 @@ from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, 
 from optimisation.rl.models import begin_leg, checkpoints, make_lanes, make_model
 from optimisation.rl.policy_iteration import (
     RolloutPolicyIteration,
+    add_errors,
     draw_candidates,
     score_candidates,
 )
@@ -657,6 +658,25 @@ def test_a_trial_scores_a_candidate_as_the_single_environment_does() -> None:
             assert scores[lane, number] == pytest.approx(
                 expected, rel=1e-6
             )  # digits of matrix products
+
+
+def test_errors_are_those_of_a_group_and_lanes_with_noise_are_refused() -> None:
+    load = {"kind": "random", "spectrum": [[20.0, 0.05], [60.0, 0.05]], "duration_s": 2.0}
+    env = gymnasium.make_vec(FRICTION, num_envs=6, load={**load, "seed": 4}).unwrapped
+    env.reset(seed=0)
+    force, phase = (values.copy() for values in (env.task.force, env.task.runs.orders["phase"]))
+    add_errors(env.task, 3, np.random.default_rng(0))
+    shares = env.task.force / force - 1
+    turned = env.task.runs.orders["phase"] - phase
+    places = env.task.runs.orders["place"]
+    for values in (shares, turned, places):
+        np.testing.assert_allclose(values[[0, 3]].repeat(3), values, atol=1e-12)
+        assert values[0] != values[3]
+    assert np.all((np.abs(shares) >= 0.002) & (np.abs(shares) <= 0.01))
+    assert np.all((np.abs(turned) >= 0.02) & (np.abs(turned) <= 0.1))
+    noisy = replace(small_iteration(), arguments={"observation_noise": 0.3})
+    with pytest.raises(ParameterError, match="observation_noise = 0.3 is not allowed: 0 for"):
+        noisy.describe()
 
 
 def test_the_actor_moves_to_the_best_action() -> None:
