@@ -675,7 +675,7 @@ def test_errors_are_those_of_a_group_and_lanes_with_noise_are_refused() -> None:
     assert np.all((np.abs(shares) >= 0.002) & (np.abs(shares) <= 0.01))
     assert np.all((np.abs(turned) >= 0.02) & (np.abs(turned) <= 0.1))
     noisy = replace(small_iteration(), arguments={"observation_noise": 0.3})
-    with pytest.raises(ParameterError, match="observation_noise = 0.3 is not allowed: 0 for"):
+    with pytest.raises(ParameterError, match=r"observation_noise = 0\.3 is not allowed: 0 for"):
         noisy.describe()
 
 
