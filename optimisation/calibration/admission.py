@@ -1,6 +1,7 @@
 """Checks of measurements before anything is simulated at length: each mistake is one line."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.loads import Samples
 from impact_env.modes import ModalModel, Structure, mode_shapes
 from impact_env.parameters import ParameterError, require
 from impact_env.results import Record, require_recorded
@@ -95,21 +97,43 @@ def require_plausible_record(
     measurement: RecordMeasurement, model: ModalModel, resonance: int
 ) -> None:
     """Raise ParameterError for load and response that are exchanged, and a response far from that of the structure alone."""
-    predicted = predict_linear(measurement, model, resonance)
-    response = measurement.response
-    lowest = LOWEST_SHARE * float(np.min(model.omega)) / (2 * np.pi)
     name = f"measurement {measurement.name}"
-    agreement = compare_responses(measurement, predicted)
-    if agreement < EXCHANGED:
+    agreement, ratio = compare_with_linear(measurement, model, resonance)
+    far = not LEAST_RATIO <= ratio <= MOST_RATIO
+    if agreement < EXCHANGED or (far and fits_exchanged(measurement, model, resonance, agreement)):
         raise ParameterError(
-            f"{name}: response over load = correlation {agreement:.2f} with the structure's frequency response "
-            "is not allowed: one above 0; load and response may be exchanged"
+            f"{name}: response over load = correlation {agreement:.2f} with the structure's frequency response and "
+            f"{ratio:.3g} times its size is not allowed: a correlation above 0 and 0.02 to 20 times; load and response may be exchanged"
         )
-    ratio = _usable_rms(response, measurement.rate, lowest) / max(
-        _usable_rms(predicted, measurement.rate, lowest), 1e-300
-    )
     unit = RESPONSE_UNITS[measurement.sensor.quantity]
     require_ratio(name, ratio, f"units of load and response ({unit} after conversion)")
+
+
+def compare_with_linear(
+    measurement: RecordMeasurement, model: ModalModel, resonance: int
+) -> tuple[float, float]:
+    """Return the correlation of `compare_responses`, and the root mean square of the response over that of the structure alone."""
+    predicted = predict_linear(measurement, model, resonance)
+    lowest = LOWEST_SHARE * float(np.min(model.omega)) / (2 * np.pi)
+    own, alone = (
+        _usable_rms(values, measurement.rate, lowest)
+        for values in (measurement.response, predicted)
+    )
+    return compare_responses(measurement, predicted), own / max(alone, 1e-300)
+
+
+def fits_exchanged(
+    measurement: RecordMeasurement, model: ModalModel, resonance: int, agreement: float
+) -> bool:
+    """Return whether load and response go with the structure if they are exchanged, and better than the ``agreement`` that they have."""
+    load = measurement.load
+    other = replace(
+        measurement,
+        load=Samples(load.times, measurement.response, load.quantity),
+        response=load.values,
+    )
+    exchanged, ratio = compare_with_linear(other, model, resonance)
+    return exchanged > max(agreement, 0.0) and LEAST_RATIO <= ratio <= MOST_RATIO
 
 
 def require_ratio(name: str, ratio: float, what: str) -> None:
