@@ -23,7 +23,9 @@ from impact_env.kernels.control.interval import (
     Batch,
     Disturbance,
     LaneSettings,
+    find_failed_lane,
     new_lanes,
+    scan_orders,
 )
 from impact_env.kernels.control.work_queue import (
     PARTS_DONE,
@@ -31,7 +33,7 @@ from impact_env.kernels.control.work_queue import (
     WorkQueue,
     new_work_queue,
 )
-from impact_env.kernels.motion.observers import DONE, ORDER_REFUSED
+from impact_env.kernels.motion.observers import ORDER_REFUSED
 from impact_env.laws import SceneKind
 from impact_env.level import (
     HALF_WINDOW_PERIODS,
@@ -95,15 +97,34 @@ def _build_disturbance(
     return Disturbance(values, step, channel, build_base_motion(scene, base))
 
 
-class WorkerPool:
-    """A calling thread and its helpers. ``take`` (a kernel of `impact_env.kernels.control.lanes`) takes parts from the board and does them."""
+Kernel = Callable[[int, int], bool]
 
-    def __init__(self, take: Callable[[int, int], bool], queue: WorkQueue) -> None:
-        self.take = take
+
+class WorkerPool:
+    """A calling thread and its helpers, each with a kernel of `impact_env.kernels.control.lanes` that takes parts from the queue and does them.
+
+    ``make_kernel`` returns a kernel with memory of its own; it is called once for each thread, when the thread is first needed.
+    """
+
+    def __init__(self, make_kernel: Callable[[], Kernel], queue: WorkQueue) -> None:
+        self._make_kernel = make_kernel
         self._queue = queue
+        self._kernels: list[Kernel] = []  # the caller's, then those of the helpers
         self._pool: ThreadPoolExecutor | None = None
         self._helpers: list[Future[bool]] = []
         self._ended = 0.0
+
+    def kernel(self, worker: int) -> Kernel:
+        """Return the kernel of the caller, 0, or of a helper, from 1."""
+        while len(self._kernels) <= worker:
+            self._kernels.append(self._make_kernel())
+        return self._kernels[worker]
+
+    def bind(self) -> None:
+        """Call the machine code itself from now on, see `bind_kernel`; what it is called with has been called before."""
+        make = self._make_kernel
+        self._make_kernel = lambda: bind_kernel(make())
+        self._kernels = [bind_kernel(kernel) for kernel in self._kernels]
 
     def work(self, parts: NDArray[np.int64], helpers: int) -> None:
         """Do all parts, lanes [low, high) in rows (P, 2), with so many helpers beside the calling thread, and return when they are done.
@@ -112,9 +133,11 @@ class WorkerPool:
         """
         number = len(parts)
         self._queue.cuts[:number] = parts
+        take = self.kernel(0)
         try:
-            self._call(helpers)
-            done = self.take(number, 0)
+            if helpers:
+                self._call(helpers)
+            done = take(number, 0)
             while not done:  # a helper has been put off its core in the midst of a part
                 for helper in self._helpers:
                     if helper.done():
@@ -125,19 +148,21 @@ class WorkerPool:
             self._queue.words[PARTS_LEFT] = 0
             self.close()
             raise
-        self._ended = time.perf_counter()
+        if helpers:
+            self._ended = time.perf_counter()
 
     def _call(self, helpers: int) -> None:
         """Start helpers in the place of those that have left."""
         quick = time.perf_counter() - self._ended < QUICK_S
-        standing_by = [helper for helper in self._helpers if not helper.done()]
-        if self._pool is None and helpers:
+        if self._pool is None:
             self._pool = ThreadPoolExecutor(helpers)
-        self._helpers = standing_by + [
-            self._pool.submit(self.take, 0, SPINS_BEFORE_SLEEP if quick else SPINS_BETWEEN_CHECKS)
-            for _ in range(helpers - len(standing_by))
-            if self._pool is not None
-        ]
+        polls = SPINS_BEFORE_SLEEP if quick else SPINS_BETWEEN_CHECKS
+        for k in range(helpers):
+            kernel = self.kernel(1 + k)
+            if k == len(self._helpers):
+                self._helpers.append(self._pool.submit(kernel, 0, polls))
+            elif self._helpers[k].done():
+                self._helpers[k] = self._pool.submit(kernel, 0, polls)
 
     def close(self) -> None:
         """End the threads; they start again when they are needed."""
@@ -250,25 +275,33 @@ class ControlledRuns:
             for name, where in CHANGED_ORDERS.items()
             if name not in _find_changeable_orders(scene, disturbance is not None)
         }
+        self._orders_read = (
+            np.array([name not in self._unread for name in CHANGED_ORDERS]),
+            np.array([self.orders[name][0] for name in CHANGED_ORDERS]),
+        )
+        # rad/s, above which the level has too few samples of a cycle
+        self._highest = 2 * np.pi * (1 + 1e-9) / (LEAST_SAMPLES_PER_CYCLE * watch.sample_dt)
         self.restart(np.arange(lanes))
 
     def _new_pool(self) -> WorkerPool:
         """Return the threads that advance the lanes."""
         batch = Batch(self._watch, self._memory, self.orders, self.reports, self.status)
         queue = new_work_queue(self.lanes)
-        return WorkerPool(
-            partial(
-                find_solver(self.scene, self.method).control(
-                    self.scene, self.method, self._period, batch
-                ),
-                queue,
-            ),
-            queue,
-        )
+        solver = find_solver(self.scene, self.method)
+
+        def make_kernel() -> Kernel:
+            kernel = solver.control(self.scene, self.method, self._period, batch)
+            return partial(kernel, queue)
+
+        return WorkerPool(make_kernel, queue)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""
-        return {name: value for name, value in vars(self).items() if name != "_pool"}
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if name not in ("_pool", "_members", "_threads")
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -295,26 +328,22 @@ class ControlledRuns:
         level, and IntegrationError, naming the first lane, if a run breaks down.
         """
         began = time.perf_counter()
-        self._check_orders()
-        self._require_samples()
+        rests = self._check_orders()
         workers = (
             max(1, min(self.threads, self.lanes // LANES_PER_THREAD))
             if COMPILED and self._compiled
             else 1
         )  # in plain Python threads only take turns
-        self._do(self._parts(workers), workers)
+        self._do(self._parts(workers, rests), workers)
         self._check()
         self.wall_time = time.perf_counter() - began
 
     def _require_samples(self) -> None:
         """Raise ParameterError where a lane's force is too fast for the samples of the level."""
-        start = self.orders["omega_start"]
-        stop = self.orders["omega_stop"]
-        fastest = max(float(start.max()), float(stop.max()))
-        if LEAST_SAMPLES_PER_CYCLE * fastest * self._watch.sample_dt > 2 * np.pi * (1 + 1e-9):
-            acts = (self.orders["force"] != 0) & ~self.idle
-            ratio = np.maximum(start, stop)[acts].max(initial=0.0) * self._period / (2 * np.pi)
-            require_samples(self._samples_per_period, float(ratio))
+        acts = (self.orders["force"] != 0) & ~self.idle
+        highest = np.maximum(self.orders["omega_start"], self.orders["omega_stop"])
+        ratio = highest[acts].max(initial=0.0) * self._period / (2 * np.pi)
+        require_samples(self._samples_per_period, float(ratio))
 
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
         """Advance the lanes of stretches, rows [low, high), with so many threads."""
@@ -323,11 +352,20 @@ class ControlledRuns:
         else:
             with compiling_for(self.scene, self.method, "environments"):
                 self._pool.work(parts, 0)
-            self._pool.take = bind_kernel(self._pool.take)
+            self._pool.bind()
             self._compiled = True
 
-    def _check_orders(self) -> None:
-        """Raise ParameterError for an order whose change the scene's kernels would ignore."""
+    def _check_orders(self) -> bool:
+        """Return whether a lane is idle; raise ParameterError for an order that the kernels would ignore, or a force that is too fast."""
+        highest, differs, rests = scan_orders(self.orders, self.idle, *self._orders_read)
+        if differs:
+            self._refuse_orders()
+        if highest > self._highest:
+            self._require_samples()
+        return bool(rests)
+
+    def _refuse_orders(self) -> None:
+        """Raise ParameterError for the first order whose change the scene's kernels would ignore."""
         for name, (value, where) in self._unread.items():
             wanted = self.orders[name]
             changed = wanted != value
@@ -342,8 +380,8 @@ class ControlledRuns:
 
     def _check(self) -> None:
         """Raise ParameterError or IntegrationError, naming the first lane, if one refused its order or broke down."""
-        if self.status.any():
-            lane = int(np.flatnonzero(self.status != DONE)[0])
+        lane = int(find_failed_lane(self.status))
+        if lane >= 0:
             order = self.orders[lane]
             place = float(order["place"])
             require(math.isfinite(place), f'orders["place"][{lane}]', place, "steps, finite")
@@ -357,15 +395,15 @@ class ControlledRuns:
                 f"lane {lane}, {self.method} on {self.scene.absorber}: {FAILURE_REASONS[int(self.status[lane])]}"
             )
 
-    def _parts(self, workers: int) -> NDArray[np.int64]:
-        """Return stretches of lanes that do not rest, rows [low, high)."""
+    def _parts(self, workers: int, rests: bool) -> NDArray[np.int64]:
+        """Return stretches of lanes that are not idle, rows [low, high); ``rests``: whether any is."""
         if workers not in self._shares:
             number = 1 if workers == 1 else PARTS_PER_THREAD * workers
             self._shares[workers] = _pair_cuts(
                 np.unique(np.linspace(0, self.lanes, 1 + number).astype(np.int64))
             )
         parts = self._shares[workers]
-        if not self.idle.any():
+        if not rests:
             return parts
         cuts = np.union1d(parts[:, 0], np.flatnonzero(np.diff(self.idle)) + 1)
         finer = _pair_cuts(np.append(cuts, self.lanes))
@@ -422,7 +460,7 @@ def count_whole_samples(interval: float, samples_per_period: int) -> int:
     return round(samples)
 
 
-def bind_kernel(kernel: Any) -> Callable[[int, int], bool]:
+def bind_kernel(kernel: Any) -> Kernel:
     """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, 8 of 12 us.
 
     The machine code trusts the memory that it is given, so its types are compared here, once: raises TypeError where no code is for them.
@@ -484,6 +522,7 @@ class PooledRuns(ControlledRuns):
             None  # the lanes that rested when the turns were made; None: make them anew
         )
         self._turns: list[tuple[int, NDArray[np.int64]]] = []  # of scenes: which rows are advanced
+        self._threads: ThreadPoolExecutor | None = None
 
     def _member(self, number: int) -> ControlledRuns:
         if number not in self._members:
@@ -505,6 +544,7 @@ class PooledRuns(ControlledRuns):
     def __setstate__(self, state: dict[str, Any]) -> None:
         super().__setstate__(state)
         self._members = {}
+        self._threads = None
 
     def _lay(self, order: NDArray[np.int64]) -> None:
         """Lay the memory of the lanes in the order (L,) one after the other."""
@@ -520,8 +560,8 @@ class PooledRuns(ControlledRuns):
 
     def advance(self) -> None:
         """Advance all lanes but idle ones, scene by scene; errors as of `ControlledRuns.advance`."""
+        began = time.perf_counter()
         self._check_orders()
-        self._require_samples()
         if not np.array_equal(self._laid, self.which):
             self._lay(np.argsort(self.which, kind="stable"))
             self._laid[...], self._still = self.which, None
@@ -533,19 +573,36 @@ class PooledRuns(ControlledRuns):
             self.reports,
             self.status,
         )
-        for (
-            number,
-            parts,
-        ) in (
-            self._turns
-        ):  # one thread: to hand a scene's few lanes to a helper takes longer than to do them
-            self._member(number)._do(parts)
+        self._advance_scenes()
         self.orders[...], self.reports[...], self.status[...] = (
             self._ordered[rows],
             self._reported[rows],
             self._ended[rows],
         )
         self._check()
+        self.wall_time = time.perf_counter() - began
+
+    def _advance_scenes(self) -> None:
+        """Advance the lanes scene by scene, each scene by one thread: the caller and its helpers take the next scene in turn."""
+        members = [(self._member(number), parts) for number, parts in self._turns]
+        workers = min(self.threads, self.lanes // LANES_PER_THREAD, len(members))
+        turns = iter(members)
+
+        def advance_rest() -> None:
+            for member, parts in turns:
+                member._do(parts)
+
+        if workers < 2 or not COMPILED or not all(member._compiled for member, _ in members):
+            advance_rest()
+            return
+        if self._threads is None:
+            self._threads = ThreadPoolExecutor(workers - 1)
+        helpers = [self._threads.submit(advance_rest) for _ in range(workers - 1)]
+        try:
+            advance_rest()
+        finally:
+            for helper in helpers:
+                helper.result()
 
     def _take_turns(self) -> None:
         scenes = np.empty_like(self.which)
@@ -567,6 +624,7 @@ class PooledRuns(ControlledRuns):
         return [*super()._variables(), self.which]
 
     def close(self) -> None:
-        """End the threads."""
-        for member in self._members.values():
-            member.close()
+        """End the threads; they start again when they are needed."""
+        if self._threads is not None:
+            self._threads.shutdown()
+            self._threads = None

@@ -19,9 +19,14 @@ from impact_env.drive import Drive, Excitation
 from impact_env.force_channels import check_places, find_base_shapes, split_forces
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import (
+    LaneMemory,
     compliant_lanes,
     linear_lanes,
     moreau_lanes,
+    new_compliant_memory,
+    new_linear_memory,
+    new_rigid_memory,
+    new_stepping_memory,
     rigid_lanes,
     runge_kutta_lanes,
 )
@@ -131,7 +136,10 @@ class Solver(ABC):
     def control(
         self, scene: Scene, method: Any, pseudo_period: float, batch: Batch
     ) -> Callable[[WorkQueue, int, int], bool]:
-        """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s."""
+        """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s.
+
+        It has memory of its own, so each thread needs one.
+        """
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
         """Return the number of slots that a lane under control keeps between intervals; 1 where it keeps nothing but its state."""
@@ -286,11 +294,12 @@ cache_regimes = RegimeCache(MOST_BYTES_CACHED)
 class ExactSolver(Solver):
     """``take`` makes of a scene, the wanted reach in s, whether the base moves, and the drive (None: under control) what the kernels take.
 
-    ``regime``: the one of it whose slots a lane under control keeps.
+    ``regime``: the one of it whose slots a lane under control keeps. ``new_memory`` makes a thread's memory for ``lanes``.
     """
 
     take: Callable[[Scene, float, bool, Excitation | None], KernelArguments]
     regime: Callable[[Any], LinearRegime]
+    new_memory: Callable[[Any, Batch], LaneMemory]
 
     def run(
         self, scene: Scene, drive: Excitation, method: Exact, state: Array, observe: Observers
@@ -312,9 +321,8 @@ class ExactSolver(Solver):
         moves = (
             batch.settings.disturbance is not None and batch.settings.disturbance.base is not None
         )
-        return partial(
-            self.lanes, *self.take(scene, WINDOW_PERIODS * pseudo_period, moves, None), batch
-        )
+        taken, reach = self.take(scene, WINDOW_PERIODS * pseudo_period, moves, None)
+        return partial(self.lanes, taken, reach, batch, self.new_memory(taken, batch))
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
         """Return the slots of the regime."""
@@ -373,6 +381,7 @@ RIGID_SOLVER = ExactSolver(
     searched=True,
     take=_rigid,
     regime=lambda rigid: rigid.free,
+    new_memory=new_rigid_memory,
 )
 
 
@@ -460,6 +469,7 @@ COMPLIANT_SOLVER = ExactSolver(
     searched=True,
     take=_sprung,
     regime=lambda sprung: sprung.regimes[0],
+    new_memory=new_compliant_memory,
 )
 
 
@@ -499,6 +509,7 @@ LINEAR_SOLVER = ExactSolver(
     searched=False,
     take=_linear,
     regime=lambda linear: linear.regime,
+    new_memory=new_linear_memory,
 )
 
 
@@ -694,7 +705,8 @@ class SteppingSolver(Solver):
             method,
             "Exact for elastic friction that is controlled in intervals",
         )
-        return partial(self.lanes, _modes(scene), laws, TimeStep(method.step(scene), wide), batch)
+        step = TimeStep(method.step(scene), wide)
+        return partial(self.lanes, _modes(scene), laws, step, batch, new_stepping_memory(batch))
 
 
 MOREAU_SOLVER = SteppingSolver("moreau", moreau_lane, moreau_lanes, _moreau_laws, searched=False)

@@ -30,7 +30,12 @@ from impact_env.envs.observation import (
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_pair, check_range
 from impact_env.envs.task import Array, Mask, Task
-from impact_env.kernels.control.interval import interpolate_log
+from impact_env.kernels.control.episodes import (
+    compute_cycle_rewards,
+    fill_cycle_features,
+    measure_wall_motion,
+    order_wall_motion,
+)
 from impact_env.level import require_samples
 from impact_env.parameters import keep_checked, non_negative, positive
 
@@ -92,11 +97,12 @@ class ActiveTask(Task):
         self.options = {"force": FORCE_BOUNDS, "frequency_ratio": (low, high)}
         self.squares = np.zeros((lanes, max(1, round(1 / settings.interval))))
         self._scale = np.ones(lanes)
-        self._speed, self._rms, self._whole = (
-            np.zeros(lanes),
-            np.zeros(lanes),
-            np.full(lanes, self.interval),
-        )
+        self._speed, self._rms = (np.zeros(lanes) for _ in range(2))
+        self._whole = np.full(lanes, float(self.interval))
+        self._shape = np.array([self.scene.model.level_shape])
+        mass = self.scene.absorber_mass
+        assert mass is not None  # what is set is an absorber's
+        self._mass_rate = mass / (self.interval * self._period)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw frequency and force."""
@@ -112,8 +118,8 @@ class ActiveTask(Task):
         self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
 
     @abstractmethod
-    def act(self, action: Array) -> None:
-        """Order the absorber's friction or gap in the next interval, for actions (L,) from -1 to 1."""
+    def act(self, actions: Array) -> None:
+        """Order the absorber's friction or gap in the next interval, for actions (L, 1) from -1 to 1."""
 
     @abstractmethod
     def moved(self) -> Array:
@@ -121,23 +127,30 @@ class ActiveTask(Task):
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order what is chosen, and stay at the frequency."""
-        self.act(actions[:, 0].astype(np.float64))
+        self.act(actions)
         return self._whole, self.ratio, np.zeros(self.lanes, dtype=np.bool_)
 
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative RMS, less the price of what was moved."""
-        self.squares[:, :-1], self.squares[:, -1] = (
-            self.squares[:, 1:],
-            self.runs.reports["mean_square"],
+        moved = self.moved()
+        self.charge(moved)
+        rewards = np.empty(self.lanes)
+        compute_cycle_rewards(  # type: ignore[no-untyped-call]
+            self.runs.reports,
+            self.runs.state,
+            self.steps,
+            self.cycle.price,
+            self._mass_rate,
+            self.force,
+            self._scale,
+            moved,
+            self.squares,
+            self._speed,
+            self._rms,
+            self.costs,
+            rewards,
         )
-        self._rms = np.sqrt(self.squares[:, -1])
-        speed = self.runs.state[:, -1].copy()
-        mass = self.scene.absorber_mass
-        assert mass is not None  # what is set is an absorber's
-        contact = np.abs(speed - self._speed) * (mass / (self.interval * self._period)) / self.force
-        self._speed, level, moved = speed, self._rms / self._scale / self.steps, self.moved()
-        self.charge(level, moved, contact)
-        return -level - self.cycle.price * moved
+        return rewards
 
     def level(self) -> Array:
         """Return the RMS of the last period in half-clearances of the scene."""
@@ -147,28 +160,23 @@ class ActiveTask(Task):
         """Return the amplitude without absorber (L,) in m."""
         return math.sqrt(2) * self._scale
 
-    def values(self) -> Array:
-        """Return the scaled features (L, features): the state at the interval's end."""
-        values = super().values()
-        state = self.runs.state
-        phase = self.runs.orders["phase"]
-        modes = self.scene.model.modes
-        both = state.reshape(self.lanes, 2, modes + 1)
-        shapes = self.level_shapes()[..., None]
-        tip = sum(
-            (shapes[..., mode, :] * both[:, :, mode] for mode in range(modes)),
-            np.zeros((self.lanes, 2)),
-        )  # displacement and velocity
-        values[:, 7:10] = values[:, 6:9]  # frequency, time left, level
-        values[:, 0] = tip[:, 0] / self.length
-        values[:, 1] = tip[:, 1] * self._units.per_velocity
-        values[:, 5] = np.cos(phase)
-        values[:, 6] = np.sin(phase)
-        return values
+    def fill_state(self, values: Array) -> None:
+        """Write the first of the scaled features into ``values`` (L, features): the state at the interval's end."""
+        fill_cycle_features(  # type: ignore[no-untyped-call]
+            self.runs.reports,
+            self.runs.orders,
+            self.runs.state,
+            self.level_shapes(),
+            self.squares,
+            self._units,
+            self.ratio,
+            self.elapsed,
+            values,
+        )
 
     def level_shapes(self) -> Array:
-        """Return the modes' shapes where the level is read, (N_m,) or, for each lane, (L, N_m)."""
-        return np.asarray(self.scene.model.level_shape)
+        """Return the modes' shapes where the level is read, (1, N_m) or, for each lane, (L, N_m)."""
+        return self._shape
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return the task's part of the info, arrays (L,) by key."""
@@ -186,16 +194,14 @@ class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
         self.set_limits(settings, grip, lanes)
         super().__init__(settings, cycle, lanes)
         self.described = (cycle, grip)
-        self._before = self.place
 
-    def act(self, action: Array) -> None:
+    def act(self, actions: Array) -> None:
         """Order the friction limits."""
-        self._before = self.place
-        self.order_friction(action)
+        self.order_friction(actions)
 
     def moved(self) -> Array:
         """Return the way over the range of limits, which is 2 wide."""
-        return np.abs(self.place - self._before)
+        return self.place_moved
 
 
 @dataclass(frozen=True)
@@ -209,11 +215,10 @@ class WallActuator(GapRange):
         super().__post_init__()
         keep_checked(self, gap_speed=positive, gap_lag=non_negative)
 
-    def towards(self, wanted: Array, gap: Array, interval: float) -> Array:
-        """Return the half-clearances (L,) an interval (pseudo periods) later: a lag of first order, no faster than the speed."""
+    def motion(self, interval: float) -> tuple[float, float]:
+        """Return the share of the way to their target that walls make in an interval (pseudo periods) by the lag, and their longest way in m."""
         share = -math.expm1(-interval / self.gap_lag) if self.gap_lag > 0 else 1.0
-        most = self.gap_speed * interval
-        return gap + np.minimum(np.maximum((wanted - gap) * share, -most), most)
+        return share, self.gap_speed * interval
 
 
 class MovingWallsTask(VariableGapTask):
@@ -221,15 +226,21 @@ class MovingWallsTask(VariableGapTask):
 
     drive: WallActuator
 
-    def act(self, action: Array) -> None:
-        """Order half-clearances on the way to those wanted, for actions (L,) from -1 to 1."""
-        self._before = self.runs.orders["gap"].copy()
-        wanted = interpolate_log(0.5 * (action + 1), *self.drive.gap_limits)
-        self.runs.orders["gap"] = self.drive.towards(wanted, self._before, self.interval)
+    def set_drive(self, settings: TaskSettings, drive: WallActuator, lanes: int) -> None:
+        """Set what moves the walls; raises ParameterError where there are none."""
+        require_cavity(settings.scene.absorber)
+        self.drive = drive
+        self._motion = (*drive.gap_limits, *drive.motion(settings.interval))
+        self._before, self._wall_moved = (np.zeros(lanes) for _ in range(2))
+
+    def act(self, actions: Array) -> None:
+        """Order half-clearances on the way to those wanted, for actions (L, A) from -1 to 1, of which the first is the walls'."""
+        order_wall_motion(actions, *self._motion, self.runs.orders, self._before)  # type: ignore[no-untyped-call]
 
     def moved(self) -> Array:
         """Return the walls' way in half-clearances of the scene."""
-        return np.abs(self.runs.orders["gap"] - self._before) / self.length
+        measure_wall_motion(self.runs.orders, self._before, self.length, self._wall_moved)  # type: ignore[no-untyped-call]
+        return self._wall_moved
 
 
 class ActiveGapTask(MovingWallsTask, ActiveTask):
@@ -240,8 +251,6 @@ class ActiveGapTask(MovingWallsTask, ActiveTask):
     def __init__(
         self, settings: TaskSettings, cycle: ActiveSettings, drive: WallActuator, lanes: int
     ) -> None:
-        require_cavity(settings.scene.absorber)
-        self.drive = drive
+        self.set_drive(settings, drive, lanes)
         super().__init__(settings, cycle, lanes)
         self.described = (cycle, drive)
-        self._before = np.zeros(lanes)

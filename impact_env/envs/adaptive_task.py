@@ -24,6 +24,7 @@ from impact_env.envs.settings import Range, TaskSettings, check_pair, check_rang
 from impact_env.envs.sweep_task import OneRateSettings, PassageSettings, PassiveTask, SweepTask
 from impact_env.envs.task import Array, Mask, Task
 from impact_env.frequency import receptance
+from impact_env.kernels.control.episodes import order_friction
 from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
 from impact_env.parameters import (
@@ -112,9 +113,7 @@ class SweepGapTask(ChosenGapTask, SweepTask):
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances, and go on at the chosen rates."""
-        self.order_gaps(
-            interpolate_log(0.5 * (actions[:, 1].astype(np.float64) + 1), *self.cavity.gap_limits)
-        )
+        self.order_gaps(interpolate_log(0.5 * (actions[:, 1] + 1), *self.cavity.gap_limits))
         return super().decide(actions)
 
 
@@ -152,18 +151,25 @@ class VariableFrictionTask(Task):
         unit = scene.absorber_mass * settings.length * settings.omega**2
         self.limits = low, high = grip.friction_range[0] * unit, grip.friction_range[1] * unit
         self._begin_place = 2 * math.log(self._begin / low) / math.log(high / low) - 1
-        self.friction, self.place = np.full(lanes, self._begin), np.zeros(lanes)
+        self.friction = np.full(lanes, self._begin)
+        self.place = np.zeros(lanes)
+        self.place_moved = np.zeros(lanes)
 
     def begin(self, lane: int) -> None:
         """Show the scene's friction, see `Task.begin`."""
         super().begin(lane)
         self.friction[lane], self.place[lane] = self._begin, self._begin_place
 
-    def order_friction(self, places: Array) -> None:
-        """Order friction limits by their places (L,) in the range."""
-        self.place = places
-        self.runs.orders["limit"] = self.friction = interpolate_log(
-            0.5 * (places + 1), *self.limits
+    def order_friction(self, actions: Array, column: int = 0) -> None:
+        """Order the friction limits by their places in the range, a column of the actions (L, A); ``place_moved`` (L,): how far they move."""
+        order_friction(  # type: ignore[no-untyped-call]
+            actions,
+            column,
+            *self.limits,
+            self.runs.orders,
+            self.friction,
+            self.place,
+            self.place_moved,
         )
 
     def further(self) -> tuple[Array, ...]:
@@ -189,7 +195,7 @@ class FrictionTask(VariableFrictionTask, PassiveTask):
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the chosen friction limits, and go on."""
-        self.order_friction(actions[:, 0].astype(np.float64))
+        self.order_friction(actions)
         return super().decide(actions)
 
 
@@ -277,7 +283,7 @@ class GapTask(ChosenGapTask):
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances and the forces of the interval."""
         low, high = self._gaps
-        self.order_gaps(low + 0.5 * (actions[:, 0].astype(np.float64) + 1) * (high - low))
+        self.order_gaps(low + 0.5 * (actions[:, 0] + 1) * (high - low))
         self.force = self._forces[self._rows, np.minimum(self.elapsed, self.steps - 1)]
         return (
             np.full(self.lanes, self.interval),

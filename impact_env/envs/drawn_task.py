@@ -16,7 +16,7 @@ from impact_env.envs.active_task import (
     MovingWallsTask,
     WallActuator,
 )
-from impact_env.envs.adaptive_task import FrictionRange, VariableFrictionTask, require_cavity
+from impact_env.envs.adaptive_task import FrictionRange, VariableFrictionTask
 from impact_env.envs.observation import (
     DISTANCE_TO_END,
     FREQUENCY,
@@ -169,10 +169,9 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         grip: FrictionRange,
         lanes: int,
     ) -> None:
-        require_cavity(settings.scene.absorber)
+        self.set_drive(settings, drive, lanes)
         self.set_limits(settings, grip, lanes)
         self.own = drawn
-        self.drive = drive
         self.scenes = drawn.pool(settings.scene)
         low, high = drawn.limits
         budget = (high - low) / (drawn.sweep_rates[0] * PER_PERIOD)
@@ -235,15 +234,17 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order walls and friction, and go on."""
-        self.act(actions[:, 0].astype(np.float64))
-        self.order_friction(actions[:, 1].astype(np.float64))
+        self.act(actions)
+        self.order_friction(actions, 1)
         return super().decide(actions)
 
     def reward(self) -> Array:
         """Return the reward of the passage, less the price of moving the walls."""
         rewards = super().reward()
         moved = self.moved()
-        self.charge(-rewards, moved, self.runs.reports["impact_count"] / self.interval)
+        self.charge(moved)
+        self.costs[:, 0] = -rewards
+        self.costs[:, 4] = self.runs.reports["impact_count"] / self.interval
         return (
             rewards - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
         )

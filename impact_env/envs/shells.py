@@ -12,6 +12,7 @@ from impact_env.envs.observation import FEATURE_LIMIT, FEW_IMPACTS
 from impact_env.envs.settings import SCENE_PARTS
 from impact_env.envs.task import Task
 from impact_env.extras import optional
+from impact_env.kernels.control.episodes import limit_actions
 from impact_env.parameters import ParameterError, count, require
 
 with optional():
@@ -88,7 +89,7 @@ def one_number_space(numbers: int = 1) -> spaces.Box:
 
 
 def check_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
-    """Return actions as an array of the space's shape; numbers are cut to the space's limits, but must be numbers.
+    """Return actions as an array of the space's shape; real numbers as float64, limited to [-1, 1] as the spaces of `one_number_space` are.
 
     Raises ParameterError for a wrong shape, for NaN, infinity and complex numbers, and for a discrete action that does not exist.
     """
@@ -96,26 +97,23 @@ def check_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
         values = np.asarray(actions)
     except ValueError:
         values = np.empty(0, dtype=object)
-    require(
-        values.dtype.kind in "iuf" and values.shape == space.shape,
-        "action",
-        actions,
-        f"real numbers of shape {space.shape}",
-    )
+    if values.dtype.kind not in "iuf" or values.shape != space.shape:
+        require(False, "action", actions, f"real numbers of shape {space.shape}")
     if isinstance(space, spaces.Box):
-        if ((values >= space.low) & (values <= space.high)).all():
-            return values
-        require(bool(np.isfinite(values).all()), "action", actions, "finite numbers")
-        return np.clip(values, space.low, space.high)
+        limited = np.array(values, dtype=np.float64, order="C")
+        finite = limit_actions(limited.reshape(-1))  # type: ignore[no-untyped-call]
+        require(finite, "action", actions, "finite numbers")
+        return limited
     assert isinstance(space, spaces.Discrete | spaces.MultiDiscrete)
-    number = space.n if isinstance(space, spaces.Discrete) else space.nvec
-    if not (
-        values.dtype.kind in "iu"
-        and ((values >= space.start) & (values < space.start + number)).all()
-    ):
-        require(
-            False, "action", actions, f"in {space}"
-        )  # to write down a large space takes longer than to check it
+    whole = values.dtype.kind in "iu"
+    if isinstance(space, spaces.Discrete):
+        exists = whole and space.start <= int(values) < space.start + space.n
+    else:
+        exists = whole and bool(
+            ((values >= space.start) & (values < space.start + space.nvec)).all()
+        )
+    if not exists:  # to write down a large space takes longer than to check it
+        require(False, "action", actions, f"in {space}")
     return values
 
 
@@ -220,21 +218,20 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
                 if self._over
                 else "call reset() before step()"
             )
-        rewards, terminated, truncated = self.task.step(
-            check_actions(self.action_space, action)[None]
-        )
+        rewards, ends, cuts = self.task.step(check_actions(self.action_space, action)[None])
         observation = self.task.observe([self.np_random])[0]
-        self._over = bool(terminated[0] or truncated[0])
+        terminated, truncated = ends.item(), cuts.item()
+        self._over = terminated or truncated
         if self.render_mode == "human":
             self.render()
         reward: Any = (
-            float(rewards[0]) if self.reward_space is None else costs_as_rewards(self.task, None)[0]
+            rewards.item() if self.reward_space is None else costs_as_rewards(self.task, None)[0]
         )
-        return observation, reward, bool(terminated[0]), bool(truncated[0]), self._info()
+        return observation, reward, terminated, truncated, self._info()
 
     def _info(self) -> Info:
         return {
-            name: values[0].item() if values.ndim == 1 else values[0].copy()
+            name: values.item() if values.ndim == 1 else values[0]
             for name, values in self.task.info().items()
         }
 

@@ -15,7 +15,6 @@ from impact_env.envs.reference import simulate_passage
 from impact_env.envs.settings import SWEEP_OBJECTIVES, Range, TaskSettings, check_range
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
 from impact_env.kernels.control.episodes import (
-    PassageRange,
     advance_frequency,
     compute_damage_rewards,
     compute_level_rewards,
@@ -136,7 +135,7 @@ class SweepTask(Task):
 
     def rate(self, actions: NDArray[Any]) -> Array:
         """Return the rates (L,) in % per 100 pseudo periods for actions in [-1, 1], (L, 1)."""
-        share = actions[:, 0].astype(np.float64)
+        share = actions[:, 0]
         (slow, fast) = self.passage.rates
         back = self.passage.backward_rate
         if back == 0:
@@ -149,13 +148,21 @@ class SweepTask(Task):
         duration = np.empty(self.lanes)
         ratio = np.empty(self.lanes)
         ended = np.empty(self.lanes, dtype=np.bool_)
-        way = PassageRange(float(self.interval), high - low, self.far, self.sign)
-        advance_frequency(way, self.rate(actions) * PER_PERIOD, self.ratio, duration, ratio, ended)
+        advance_frequency(  # type: ignore[no-untyped-call]
+            float(self.interval),
+            high - low,
+            self.far,
+            self.sign,
+            self.rate(actions) * PER_PERIOD,
+            self.ratio,
+            duration,
+            ratio,
+            ended,
+        )
         return duration, ratio, ended
 
     def reward(self) -> Array:
         """Return the fall of the relative level (or damage) in the interval, less the price of its time and of a passage cut off here."""
-        late = (self.elapsed >= self.steps) & (self.ratio != self.far)
         price = self.passage.time_price / 100
         fine = float(self.passage.unfinished_price)
         rewards = np.empty(self.lanes)
@@ -164,7 +171,16 @@ class SweepTask(Task):
             if self.fatigue
             else (compute_level_rewards, self.level_scale)
         )
-        pay(self.runs.reports, scale, price, self.duration, fine, late, self._potential, rewards)  # type: ignore[no-untyped-call]
+        pay(
+            self.runs.reports,
+            scale,
+            price,
+            self.duration,
+            fine,
+            self.late,
+            self._potential,
+            rewards,
+        )  # type: ignore[no-untyped-call]
         return rewards
 
     def level(self) -> Array:
@@ -220,7 +236,8 @@ class PassiveTask(SweepTask):
 
     def __init__(self, settings: TaskSettings, way: OneRateSettings, lanes: int) -> None:
         super().__init__(settings, way.passage(settings), lanes)
+        self._rate = np.full(lanes, self.passage.rates[0])
 
     def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - there is no choice
         """Return the one rate for all lanes."""
-        return np.full(self.lanes, self.passage.rates[0])
+        return self._rate

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings
-from impact_env.kernels.control.episodes import FeatureUnits, fill_features, fill_orders
+from impact_env.kernels.control.episodes import (
+    FEATURE_UNITS,
+    close_step,
+    fill_costs,
+    fill_features,
+    fill_orders,
+)
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
 
@@ -72,17 +78,20 @@ class Task(ABC):
         self._force_range = settings.forces
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
+        self.late, self._never = (np.zeros(lanes, dtype=np.bool_) for _ in range(2))
         self.costs = np.zeros((lanes, len(self.cost_names)))
         self.sensors = Sensors(
             self.features, lanes, settings.observation_noise, settings.observation_delay
         )
         impacts = self.interval * IMPACTS_SCALE
         unit = float(self.frequency_unit)
-        self._units = FeatureUnits(
+        self._units = np.zeros(1, FEATURE_UNITS)
+        self._units[0] = (
             self.length,
             1 / (self.omega * self.length),
             impacts,
-            float(self.frequency_origin),
+            settings.impacts_limit,
+            self.frequency_origin,
             unit,
             steps,
         )
@@ -95,7 +104,11 @@ class Task(ABC):
         """
         self.runs.copy_from(source.runs, times)
         for name, values in vars(source).items():
-            if isinstance(values, np.ndarray) and values.shape[:1] == (source.lanes,):
+            if (
+                isinstance(values, np.ndarray)
+                and values.shape[:1] == (source.lanes,)
+                and getattr(self, name).shape[:1] == (self.lanes,)  # else it is not one of lanes
+            ):
                 setattr(self, name, np.repeat(values, times, axis=0))
 
     def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
@@ -133,39 +146,44 @@ class Task(ABC):
 
         Lanes of the mask ``resting`` (L,) stay where they are; their reward is 0, and what else is said of them holds only after a `reset`.
         """
-        duration, ratio, terminated = self.decide(actions)
-        if resting is None:
-            self.elapsed += 1
-        else:
-            self.elapsed += ~resting
+        duration, ratio, terminated = self.decide(np.asarray(actions, dtype=np.float64))
+        rests = self._never if resting is None else resting
+        if resting is not None:
             self.runs.idle = resting
-        late = (self.elapsed >= self.steps) & ~terminated
-        fill_orders(
+        fill_orders(  # type: ignore[no-untyped-call]
             self.runs.orders,
             self.omega,
             self._period,
+            self.steps,
             duration,
             self.ratio,
             ratio,
             self.force,
-            terminated | late,
+            terminated,
+            rests,
+            self.elapsed,
+            self.late,
         )
         self.runs.advance()
         self.ratio = ratio
-        self.time = self.time + duration
         self.duration = duration
         rewards = self.reward()
-        self.score = self.score + rewards
-        truncated = np.zeros_like(late) if self.budget_terminates else late
-        if self.budget_terminates:
-            terminated = terminated | late
-        if self.limit is not None:
-            truncated = truncated | (self.elapsed >= self.limit)
+        truncated = np.empty(self.lanes, dtype=np.bool_)
+        close_step(  # type: ignore[no-untyped-call]
+            duration,
+            self.elapsed,
+            self.limit or 0,
+            self.budget_terminates,
+            rests,
+            self.late,
+            self.time,
+            self.score,
+            rewards,
+            terminated,
+            truncated,
+        )
         if resting is not None:
             self.runs.idle = np.zeros_like(resting)
-            rewards = np.where(resting, 0.0, rewards)
-            terminated = terminated & ~resting
-            truncated = truncated & ~resting
         return rewards, terminated, truncated
 
     def observe(
@@ -185,24 +203,26 @@ class Task(ABC):
 
     @abstractmethod
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
-        """Return each lane's duration (pseudo periods), frequency ratio at the end, and whether its episode ends there."""
+        """Return each lane's duration (pseudo periods), frequency ratio at the end, and whether its episode ends there (a new array)."""
 
     @abstractmethod
     def reward(self) -> Array:
-        """Return the rewards (L,) of the interval that was just made."""
+        """Return the rewards (L,) of the interval that was just made, a new array."""
 
-    def charge(self, level: Array, moved: Array, contact: Array) -> None:
-        """Fill the interval's ``costs`` (L, 5), of which three (L,) are given.
+    def charge(self, moved: Array) -> None:
+        """Fill what all tasks have among the interval's ``costs`` (L, 5), of which the actuator's way (L,) is given.
 
-        The other two are time, over the time budget, and fatigue: (|q|/g0)^m summed over the samples, over the number of them in a whole interval.
+        The others are time, over the time budget, and fatigue: (|q|/g0)^m summed over the samples, over the number of them in a whole interval.
         """
-        costs = self.costs
-        samples = self.interval * self.settings.samples_per_period
-        costs[:, 0] = level
-        costs[:, 3] = moved
-        costs[:, 4] = contact
-        costs[:, 1] = self.duration / self.interval / self.steps
-        costs[:, 2] = self.runs.reports["damage"] / samples
+        fill_costs(  # type: ignore[no-untyped-call]
+            self.runs.reports,
+            moved,
+            self.duration,
+            float(self.interval),
+            self.steps,
+            self.interval * self.settings.samples_per_period,
+            self.costs,
+        )
 
     @abstractmethod
     def level(self) -> Array:
@@ -243,14 +263,17 @@ class Task(ABC):
     def values(self) -> Array:
         """Return the scaled features (L, features)."""
         values = np.empty((self.lanes, len(self.features)))
-        fill_features(
-            self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values
-        )
-        np.minimum(values[:, 4], self.settings.impacts_limit, out=values[:, 4])
+        self.fill_state(values)
         further = self.further()
         for k, column in enumerate(further, values.shape[1] - len(further)):
             values[:, k] = column
         return values
+
+    def fill_state(self, values: Array) -> None:
+        """Write the first of the scaled features into ``values`` (L, features)."""
+        fill_features(  # type: ignore[no-untyped-call]
+            self.runs.reports, self._units, self.ratio, self.elapsed, self.level(), values
+        )
 
     def further(self) -> tuple[Array, ...]:
         """Return the last of the scaled features, (L,) each: those that a task has beside what all tasks have."""

@@ -90,6 +90,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             np.zeros(self.num_envs, dtype=np.bool_),
             np.zeros(self.num_envs, dtype=np.bool_),
         )
+        self._rests = False  # whether any lane does
+        self._all = np.ones(self.num_envs, dtype=np.bool_)
         self._screen: Any = None
 
     @property  # type: ignore[misc]
@@ -139,6 +141,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             observations[~which] = self._observations[~which]
         self._observations = observations
         self._over[which] = self._rest[which] = False
+        self._rests = bool(self._rest.any())
         return observations.copy(), self._masked(self.task.info(), which)
 
     def _lane_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
@@ -184,6 +187,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         )
         require(ok, "mask", mask, f"a bool array of shape ({self.num_envs},)")
         self._rest = mask.copy()
+        self._rests = bool(mask.any())
 
     def step(
         self, actions: Any
@@ -202,7 +206,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any()
             else None
         )
-        still = self._rest if self._rest.any() else None
+        still = self._rest if self._rests else None
         if self.autoreset_mode is AutoresetMode.DISABLED and (self._over & ~self._rest).any():
             lanes = np.flatnonzero(self._over & ~self._rest).tolist()
             raise ResetNeeded(
@@ -219,7 +223,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         over = terminated | truncated
         final: Info = {}
         again = resting
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
+        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        if same_step and over.any():
             last = np.full(self.num_envs, None, dtype=object)
             again = over
             for lane in np.flatnonzero(over).tolist():
@@ -235,21 +240,21 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
                 again[:, None], self.task.reset(again, self._generators), observations
             )
             info = self.task.info()
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            over = over if still is None else over | (self._over & still)
         self._observations = observations
-        self._over = over if self.autoreset_mode is not AutoresetMode.SAME_STEP else self._over
+        if not same_step:
+            self._over = over if still is None else over | (self._over & still)
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info)}
 
     def _masked(self, info: Info, which: NDArray[np.bool_] | None = None) -> Info:
         """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it; without a mask it applies to all lanes."""
         masked = Info()
-        mask = np.ones(self.num_envs, dtype=np.bool_) if which is None else which.copy()
+        mask = self._all.copy() if which is None else which.copy()
+        others = None if which is None else ~which
         for name, values in info.items():
-            if which is not None:
-                values[~which] = 0
+            if others is not None:
+                values[others] = 0
             masked[name] = values
-            masked[f"_{name}"] = mask
+            masked["_" + name] = mask
         return masked
 
     def snapshot(self) -> dict[str, Any]:
@@ -280,6 +285,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         self._observations = snapshot["observations"].copy()
         self._over = snapshot["over"].copy()
         self._rest = snapshot.get("rest", np.zeros_like(self._over)).copy()
+        self._rests = bool(self._rest.any())
         return self._observations.copy()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

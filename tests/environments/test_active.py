@@ -164,6 +164,24 @@ def test_lanes_of_a_pool_do_what_each_scene_does_by_itself() -> None:
         assert total[lane] == pytest.approx(score, rel=1e-9)
 
 
+@pytest.mark.parametrize("name", [STRUCTURES, LIMITED])
+def test_threads_that_share_a_pool_change_no_number(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("impact_env.controlled.LANES_PER_THREAD", 2)
+    one, three = (vector(name, 12, threads=threads) for threads in (1, 3))
+    np.testing.assert_array_equal(one.reset(seed=5)[0], three.reset(seed=5)[0])
+    for action in actions(name, 24, 12):
+        for own, other in zip(one.step(action)[:4], three.step(action)[:4], strict=True):
+            np.testing.assert_array_equal(own, other)
+    pool = three.unwrapped.task.runs
+    assert pool._threads is not None
+    assert 0 < pool.wall_time < 60
+    three.close()
+    three.step(actions(name, 1, 12)[0])  # threads start again
+    three.close()
+
+
 def test_structures_are_in_units_of_the_default_beam_and_splits_have_others() -> None:
     drawn = {
         split: gymnasium.make(STRUCTURES, split=split).unwrapped.task

@@ -51,9 +51,13 @@ def test_a_rule_of_four_is_one_of_eight_and_rules_are_even(family: Any) -> None:
     )
 
 
-@pytest.mark.parametrize("name", [STRUCTURES, LIMITED])
-def test_copies_do_what_the_lane_does(name: str) -> None:
-    few, many = (gymnasium.make_vec(name, num_envs=lanes) for lanes in (5, 15))
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [(STRUCTURES, {"structures": 24}), (STRUCTURES, {"structures": 5}), (LIMITED, {})],
+    ids=["structures", "as many structures as lanes", "passage"],
+)
+def test_copies_do_what_the_lane_does(name: str, arguments: dict[str, Any]) -> None:
+    few, many = (gymnasium.make_vec(name, num_envs=lanes, **arguments) for lanes in (5, 15))
     few.reset(seed=3)
     many.reset(seed=90)
     generator = np.random.default_rng(0)

@@ -1,5 +1,6 @@
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -217,7 +218,7 @@ def test_memory_of_another_type_is_not_handed_to_machine_code(dtype: DTypeLike) 
 def test_every_part_is_done_once_in_every_call(helpers: int) -> None:
     counts = np.zeros(40, dtype=np.int64)
     queue = new_work_queue(40)
-    pool = WorkerPool(partial(count_up, counts, queue), queue)
+    pool = WorkerPool(lambda: partial(count_up, counts, queue), queue)
     shares = [
         np.array(cuts).repeat(2)[1:-1].reshape(-1, 2)
         for cuts in ([0, 3, 4, 20, 40], list(range(41)), [0, 40], [0])
@@ -252,11 +253,17 @@ def test_a_call_that_breaks_off_leaves_nobody_at_work(
         counts[taken] += 1
         return False
 
-    pool = WorkerPool(breaks_off, queue)
+    kernels: list[Callable[[int, int], bool]] = [breaks_off]
+
+    def take(number: int, patience: int) -> bool:
+        return kernels[-1](number, patience)
+
+    pool = WorkerPool(lambda: take, queue)
     with pytest.raises(error):
         pool.work(parts, 1)
     assert counts.sum() == 1  # the other thread's part was waited for
-    counts[:], pool.take = 0, partial(count_up, counts, queue)
+    counts[:] = 0
+    kernels.append(partial(count_up, counts, queue))
     for call in range(1, 300):
         pool.work(parts, 1)
         np.testing.assert_array_equal(counts, call)

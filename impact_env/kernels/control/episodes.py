@@ -6,55 +6,36 @@ alone.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+import math
 
 from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.compiling.records import NUMBER, record_type
 
 FREQUENCY_RATIO_TOL = 1e-12  # of the frequency ratio
 
 
-class FeatureUnits(NamedTuple):
-    """Units of the features.
-
-    Length (m), inverse of the velocity (s/m), impacts of an interval; zero and unit of the
-    frequency ratio; intervals of the time budget.
-    """
-
-    length: float
-    per_velocity: float
-    impacts: float
-    origin: float
-    frequency: float
-    steps: int
-
-
-class PassageRange(NamedTuple):
-    """Range of a passage.
-
-    Longest ``interval`` in pseudo periods, ``width`` and ``far`` end (L,) in units of the
-    resonance, ``sign`` (L,) 1 up, -1 down.
-    """
-
-    interval: float
-    width: float
-    far: NDArray[np.float64]
-    sign: NDArray[np.float64]
+# units of the features: length (m), inverse of the velocity (s/m), impacts of an interval, and the
+# largest number of these units; zero and unit of the frequency ratio; intervals of the time budget.
+# An array of one record: numba takes longer to find the types of a named tuple at a call.
+FEATURE_UNITS = record_type(
+    length=NUMBER,
+    per_velocity=NUMBER,
+    impacts=NUMBER,
+    most_impacts=NUMBER,
+    origin=NUMBER,
+    frequency=NUMBER,
+    steps=NUMBER,
+)
 
 
 @jit
-def advance_frequency(way, change, ratio, duration, after, ended):
+def advance_frequency(interval, width, far, sign, change, ratio, duration, after, ended):
     """Advance the frequency ``ratio`` (L,) by ``change`` (L,) per pseudo period, within the range of the passage.
 
-    Filled: ``duration`` in pseudo periods, ratio ``after`` it, whether the passage has ``ended``
-    there, each (L,).
+    ``interval``: the longest, in pseudo periods; ``width`` of the range and its ``far`` end (L,) in
+    units of the resonance; ``sign`` (L,): 1 up, -1 down. Filled: ``duration`` in pseudo periods,
+    ratio ``after`` it, whether the passage has ``ended`` there, each (L,).
     """
-    interval = way.interval
-    width = way.width
-    far = way.far
-    sign = way.sign
     for i in range(ratio.shape[0]):
         left = (far[i] - ratio[i]) * sign[i]
         rest = left - change[i] * interval
@@ -66,15 +47,148 @@ def advance_frequency(way, change, ratio, duration, after, ended):
 
 
 @jit
-def fill_orders(orders, omega, period, duration, ratio, after, force, final):
-    """Fill drive and end of ORDER records from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N)."""
+def limit_actions(actions):
+    """Limit ``actions`` (n,) to [-1, 1] in place; return whether all of them are finite."""
+    finite = True
+    for i in range(actions.shape[0]):
+        if not -math.inf < actions[i] < math.inf:
+            finite = False
+        elif actions[i] < -1.0:
+            actions[i] = -1.0
+        elif actions[i] > 1.0:
+            actions[i] = 1.0
+    return finite
+
+
+@jit
+def order_friction(actions, column, low, high, orders, friction, place, moved):
+    """Order the friction limits of ``actions`` (L, A), from ``low`` to ``high`` (N) on a logarithmic scale.
+
+    Filled, (L,) each: ``friction`` (N), its ``place`` in the range, the action, and how far that
+    has ``moved``.
+    """
+    for i in range(orders.shape[0]):
+        action = actions[i, column]
+        moved[i] = abs(action - place[i])
+        place[i] = action
+        friction[i] = low * (high / low) ** (0.5 * (action + 1.0))
+        orders[i].limit = friction[i]
+
+
+@jit
+def order_wall_motion(actions, low, high, share, most, orders, before):
+    """Order the half-clearances that walls reach on the way to the targets of ``actions`` (L, A), column 0, from ``low`` to ``high`` (m).
+
+    ``share`` of the way that the lag leaves, but no further than ``most`` (m); ``before`` (L,):
+    filled with those until now.
+    """
+    for i in range(orders.shape[0]):
+        gap = orders[i].gap
+        before[i] = gap
+        target = low * (high / low) ** (0.5 * (actions[i, 0] + 1.0))
+        orders[i].gap = gap + min(max((target - gap) * share, -most), most)
+
+
+@jit
+def measure_wall_motion(orders, before, length, moved):
+    """Fill the ways (L,) of the walls since ``before`` (L,), in units of ``length`` (m)."""
+    for i in range(orders.shape[0]):
+        moved[i] = abs(orders[i].gap - before[i]) / length
+
+
+@jit
+def fill_orders(
+    orders, omega, period, steps, duration, ratio, after, force, ended, resting, elapsed, late
+):
+    """Fill drive and end of ORDER records from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N).
+
+    Lanes that are not ``resting`` have one more interval ``elapsed``. An episode that has not
+    ``ended`` after ``steps`` intervals is ``late``; all these are (L,), too.
+    """
     for i in range(orders.shape[0]):
         order = orders[i]
+        if not resting[i]:
+            elapsed[i] += 1
+        late[i] = elapsed[i] >= steps and not ended[i]
         order.duration = duration[i] * period
         order.force = force[i]
-        order.final = final[i]
+        order.final = ended[i] or late[i]
         order.omega_start = ratio[i] * omega
         order.omega_stop = after[i] * omega
+
+
+@jit
+def close_step(
+    duration, elapsed, limit, late_ends, resting, late, time, score, rewards, ended, cut
+):
+    """Add the interval to ``time`` and ``score``, and say whether episodes have ``ended`` or are ``cut`` off, each (L,).
+
+    An episode that is ``late`` has ended where ``late_ends``, else it is cut off; so is one with
+    ``limit`` intervals (0: none). Lanes that are ``resting`` have no reward and do not end.
+    """
+    for i in range(rewards.shape[0]):
+        time[i] += duration[i]
+        score[i] += rewards[i]
+        cut[i] = late[i] and not late_ends
+        if late[i] and late_ends:
+            ended[i] = True
+        if limit > 0 and elapsed[i] >= limit:
+            cut[i] = True
+        if resting[i]:
+            rewards[i] = 0.0
+            ended[i] = False
+            cut[i] = False
+
+
+@jit
+def fill_costs(reports, moved, duration, interval, steps, samples, costs):
+    """Fill columns 1 to 3 of ``costs`` (L, 5): time over that of ``steps`` intervals, damage over ``samples``, way of the actuator.
+
+    ``moved`` (L,); ``duration`` (L,) and ``interval`` in pseudo periods.
+    """
+    for i in range(reports.shape[0]):
+        costs[i, 1] = duration[i] / interval / steps
+        costs[i, 2] = reports[i].damage / samples
+        costs[i, 3] = moved[i]
+
+
+@jit
+def compute_cycle_rewards(
+    reports,
+    state,
+    steps,
+    price,
+    mass_rate,
+    force,
+    scale,
+    moved,
+    squares,
+    speed,
+    rms,
+    costs,
+    rewards,
+):
+    """Fill the rewards (L,) of control within a period: minus the interval's share of the mean relative RMS, and the price of what ``moved``.
+
+    ``state`` (L, S) at the end; ``steps`` of the time budget; ``price`` of a unit that the actuator
+    moves; ``mass_rate`` (kg/s): absorber's mass over an interval; ``force`` (N) and ``scale`` (m),
+    the RMS without absorber, (L,). Changed: mean ``squares`` (L, n) of the last intervals (m^2),
+    the absorber's ``speed`` (m/s) and the interval's ``rms`` (m), (L,). Filled: columns 0 and 4 of
+    ``costs`` (L, 5), level and contact force.
+    """
+    last = state.shape[1] - 1
+    intervals = squares.shape[1]
+    for i in range(reports.shape[0]):
+        for k in range(intervals - 1):
+            squares[i, k] = squares[i, k + 1]
+        square = reports[i].mean_square
+        squares[i, intervals - 1] = square
+        rms[i] = math.sqrt(square)
+        level = rms[i] / scale[i] / steps
+        costs[i, 0] = level
+        costs[i, 4] = abs(state[i, last] - speed[i]) * mass_rate / force[i]
+        speed[i] = state[i, last]
+        rewards[i] = -level - price * moved[i]
 
 
 @jit
@@ -100,19 +214,64 @@ def compute_damage_rewards(reports, damage_scale, price, duration, fine, late, p
 
 @jit
 def fill_features(reports, units, ratio, elapsed, level, values):
-    """Write the features that all tasks share into the first columns of ``values`` (L, features)."""
+    """Write the features that all tasks share into the first columns of ``values`` (L, features); ``units`` (1,): FEATURE_UNITS."""
+    unit = units[0]
     for i in range(reports.shape[0]):
         report = reports[i]
         row = values[i]
-        row[0], row[1], row[2] = (
-            report.in_phase / units.length,
-            report.quadrature / units.length,
-            report.distance / units.length,
-        )
-        row[3] = report.relative_velocity * units.per_velocity
-        row[4], row[5] = report.impact_count / units.impacts, report.absorber_share
-        row[6], row[7], row[8] = (
-            (ratio[i] - units.origin) / units.frequency,
-            1.0 - elapsed[i] / units.steps,
-            level[i],
-        )
+        row[0] = report.in_phase / unit.length
+        row[1] = report.quadrature / unit.length
+        row[2] = report.distance / unit.length
+        row[3] = report.relative_velocity * unit.per_velocity
+        row[4] = min(report.impact_count / unit.impacts, unit.most_impacts)
+        row[5] = report.absorber_share
+        row[6] = (ratio[i] - unit.origin) / unit.frequency
+        row[7] = 1.0 - elapsed[i] / unit.steps
+        row[8] = level[i]
+
+
+@jit
+def fill_cycle_features(reports, orders, state, shapes, squares, units, ratio, elapsed, values):
+    """Write the features of control within a period into the first columns of ``values`` (L, features).
+
+    ``state`` (L, S) at the end, ``shapes`` (L or 1, N_m) of the modes where the level is read, mean
+    ``squares`` (L, n) of the intervals of the last period (m^2), ``units`` (1,): FEATURE_UNITS.
+    """
+    modes = shapes.shape[1]
+    intervals = squares.shape[1]
+    unit = units[0]
+    for i in range(reports.shape[0]):
+        report = reports[i]
+        row = values[i]
+        shape = shapes[i % shapes.shape[0]]
+        tip = 0.0
+        rate = 0.0
+        for j in range(modes):
+            tip += shape[j] * state[i, j]
+            rate += shape[j] * state[i, modes + 1 + j]
+        square = 0.0
+        for k in range(intervals):
+            square += squares[i, k]
+        row[0] = tip / unit.length
+        row[1] = rate * unit.per_velocity
+        row[2] = report.distance / unit.length
+        row[3] = report.relative_velocity * unit.per_velocity
+        row[4] = min(report.impact_count / unit.impacts, unit.most_impacts)
+        row[5] = math.cos(orders[i].phase)
+        row[6] = math.sin(orders[i].phase)
+        row[7] = (ratio[i] - unit.origin) / unit.frequency
+        row[8] = 1.0 - elapsed[i] / unit.steps
+        row[9] = math.sqrt(square / intervals) / unit.length
+
+
+@jit
+def limit_features(values, most, observed):
+    """Write ``values`` (L, features) to ``observed`` (L, features), float32, limited to +-``most``."""
+    for i in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            value = values[i, k]
+            if value > most:
+                value = most
+            elif value < -most:
+                value = -most
+            observed[i, k] = value

@@ -35,7 +35,7 @@ from impact_env.kernels.motion.loads import (
     LoadPieces,
     new_load_workspace,
 )
-from impact_env.kernels.motion.observers import CLOCK, COUNTS, Counters, Observers
+from impact_env.kernels.motion.observers import CLOCK, COUNTS, DONE, Counters, Observers
 from impact_env.kernels.motion.segments import count_samples_before, take_last_sample
 
 Array = NDArray[np.float64]
@@ -286,6 +286,41 @@ def is_order_valid(settings, order):
     if not order.duration > 0.0 or not np.isfinite(order.place):
         return False
     return count_samples_before(order.duration, settings.sample_dt) <= settings.samples
+
+
+@jit
+def scan_orders(orders, idle, read, expected):
+    """Return the highest frequency (rad/s), whether an order that is not ``read`` differs from ``expected``, and whether a lane is idle.
+
+    ``read`` and ``expected`` (3,): of gap, limit and place.
+    """
+    highest = 0.0
+    differs = False
+    rests = False
+    for i in range(orders.shape[0]):
+        order = orders[i]
+        if order.omega_start > highest:
+            highest = order.omega_start
+        if order.omega_stop > highest:
+            highest = order.omega_stop
+        if not read[0] and order.gap != expected[0]:
+            differs = True
+        if not read[1] and order.limit != expected[1]:
+            differs = True
+        if not read[2] and order.place != expected[2]:
+            differs = True
+        if idle[i]:
+            rests = True
+    return highest, differs, rests
+
+
+@jit
+def find_failed_lane(status):
+    """Return the number of the first lane whose status is not DONE, -1 if there is none."""
+    for i in range(status.shape[0]):
+        if status[i] != DONE:
+            return i
+    return -1
 
 
 @jit

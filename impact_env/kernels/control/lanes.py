@@ -1,16 +1,20 @@
 """Control intervals of many lanes in one call, one function for each family of integrators.
 
-Lanes do not touch each other: any split of them over threads gives the same numbers. The loops over
-lanes are functions of their own, beside those that make room for them: with numba's reference
-counts they would take a fifth longer.
+Lanes do not touch each other: any split of them over threads gives the same numbers. Each thread
+has memory of its own (`new_rigid_memory` and its like), made once and used in every call: to
+allocate it takes as long as the quarter of a period of several lanes.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_view
 from impact_env.kernels.control.interval import (
+    IntervalScratch,
     close_interval,
     expand_interval_load,
     is_order_valid,
@@ -111,41 +115,59 @@ def report_rigid(settings, scene, workspace, state, report):
         )
 
 
-@jit_allocating
-def rigid_lanes(scene, reach, batch, queue, parts, patience):
-    """Take parts from the queue and advance their lanes, of a scene with rigid contact; return whether all parts are done.
+class LaneMemory(NamedTuple):
+    """Memory of one thread that advances lanes one after the other.
 
-    ``reach`` (s): longest window. The caller passes the number of ``parts`` in the queue, a helper
-    thread 0; ``patience``: polls of the queue before a thread leaves. Walls' gap and friction
-    limit are those of a lane's order.
+    ``load``: of the record beside the orders' force, None without; ``start`` (1,): the contact
+    state of a lane that begins.
     """
+
+    scratch: IntervalScratch
+    load: Any
+    workspace: Any
+    start: NDArray[Any]
+
+
+class SteppingMemory(NamedTuple):
+    """Memory of one thread that advances lanes by a method with a fixed step; ``load``: none beside the orders' force."""
+
+    scratch: IntervalScratch
+    series: StateSeries
+    load: Any
+
+
+@jit_allocating
+def new_rigid_memory(scene, batch):
+    """Return the memory of one thread for lanes of a scene with rigid contact."""
     scratch = new_interval_scratch(batch.settings)
     load = new_interval_load(batch.settings)
-    fresh = new_contact_states(1)
     workspace = new_rigid_workspace(scene.free, scene.joined, load, batch.lanes.state[0])
-    fresh[0] = workspace.contact_states[0]
+    start = new_contact_states(1)
+    start[0] = workspace.contact_states[0]
+    return LaneMemory(scratch, load, workspace, start)
+
+
+@jit
+def rigid_lanes(scene, reach, batch, memory, queue, parts, patience):
+    """Take parts from the queue and advance their lanes, of a scene with rigid contact; return whether all parts are done.
+
+    ``reach`` (s): longest window; ``memory``: of this thread. The caller passes the number of
+    ``parts`` in the queue, a helper thread 0; ``patience``: polls of the queue before a thread
+    leaves. Walls' gap and friction limit are those of a lane's order.
+    """
     part = take_first_part(queue, parts, patience)
     while part >= 0:
-        _advance_rigid_lanes(
-            scene,
-            reach,
-            batch,
-            queue.cuts[part, 0],
-            queue.cuts[part, 1],
-            scratch,
-            load,
-            workspace,
-            fresh,
-        )
+        _advance_rigid_lanes(scene, reach, batch, queue.cuts[part, 0], queue.cuts[part, 1], memory)
         part = take_next_part(queue, patience)
     return wait_until_done(queue, parts)
 
 
 @jit
-def _advance_rigid_lanes(scene, reach, batch, start, stop, scratch, load, workspace, fresh):
+def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
     settings, lanes, orders, reports, status = batch
+    scratch, load, workspace, start = memory
     free, joined, contact, losses = scene
-    for i in range(start, stop):
+    for i in range(first, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
@@ -153,7 +175,7 @@ def _advance_rigid_lanes(scene, reach, batch, start, stop, scratch, load, worksp
             status[i] = ORDER_REFUSED
             continue
         open_interval(scratch, settings, lanes, i, order)
-        begins = load_lane(contact.walls, lanes, i, order, report.distance, fresh, workspace)
+        begins = load_lane(contact.walls, lanes, i, order, report.distance, start, workspace)
         walls = with_gap(contact.walls, order.gap)
         limit = with_limit(contact.limit, order.limit)
         ordered_scene = Rigid(
@@ -198,26 +220,34 @@ def _advance_rigid_lanes(scene, reach, batch, start, stop, scratch, load, worksp
 
 
 @jit_allocating
-def linear_lanes(scene, reach, batch, queue, parts, patience):
-    """Take parts and advance the lanes of a scene with one linear regime, as `rigid_lanes`."""
-    scratch = new_interval_scratch(batch.settings)
+def new_linear_memory(scene, batch):
+    """Return the memory of one thread for lanes of a scene with one linear regime."""
     load = new_interval_load(batch.settings)
-    workspace = linear.new_linear_workspace(scene.regime, load, batch.lanes.state[0])
+    return LaneMemory(
+        new_interval_scratch(batch.settings),
+        load,
+        linear.new_linear_workspace(scene.regime, load, batch.lanes.state[0]),
+        new_contact_states(1),
+    )
+
+
+@jit
+def linear_lanes(scene, reach, batch, memory, queue, parts, patience):
+    """Take parts and advance the lanes of a scene with one linear regime, as `rigid_lanes`."""
     part = take_first_part(queue, parts, patience)
     while part >= 0:
-        _advance_linear_lanes(
-            scene, reach, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, load, workspace
-        )
+        _advance_linear_lanes(scene, reach, batch, queue.cuts[part, 0], queue.cuts[part, 1], memory)
         part = take_next_part(queue, patience)
     return wait_until_done(queue, parts)
 
 
 @jit
-def _advance_linear_lanes(scene, reach, batch, start, stop, scratch, load, workspace):
+def _advance_linear_lanes(scene, reach, batch, first, stop, memory):
     settings, lanes, orders, reports, status = batch
+    scratch, load, workspace, _ = memory
     regime = scene.regime
     buffers = workspace.buffers
-    for i in range(start, stop):
+    for i in range(first, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
@@ -256,24 +286,33 @@ def report_relative(settings, state, report):
 
 
 @jit_allocating
-def compliant_lanes(scene, reach, batch, queue, parts, patience):
+def new_compliant_memory(scene, batch):
+    """Return the memory of one thread for lanes of a scene with compliant contact."""
+    return LaneMemory(
+        new_interval_scratch(batch.settings),
+        None,
+        compliant.new_compliant_workspace(scene.regimes, None, batch.lanes.state[0]),
+        compliant_contact.new_compliant_state(),
+    )
+
+
+@jit
+def compliant_lanes(scene, reach, batch, memory, queue, parts, patience):
     """Take parts and advance the lanes of a scene with compliant contact, as `rigid_lanes`."""
-    scratch = new_interval_scratch(batch.settings)
-    workspace = compliant.new_compliant_workspace(scene.regimes, None, batch.lanes.state[0])
-    fresh = compliant_contact.new_compliant_state()
     part = take_first_part(queue, parts, patience)
     while part >= 0:
         _advance_compliant_lanes(
-            scene, reach, batch, queue.cuts[part, 0], queue.cuts[part, 1], scratch, workspace, fresh
+            scene, reach, batch, queue.cuts[part, 0], queue.cuts[part, 1], memory
         )
         part = take_next_part(queue, patience)
     return wait_until_done(queue, parts)
 
 
 @jit
-def _advance_compliant_lanes(scene, reach, batch, start, stop, scratch, workspace, fresh):
+def _advance_compliant_lanes(scene, reach, batch, first, stop, memory):
     settings, lanes, orders, reports, status = batch
-    for i in range(start, stop):
+    scratch, _, workspace, start = memory
+    for i in range(first, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
@@ -286,7 +325,7 @@ def _advance_compliant_lanes(scene, reach, batch, start, stop, scratch, workspac
         workspace.contact_states[0] = lanes.compliant[i]
         workspace.signal.memory[0] = lanes.last_order[i].search_level
         if order.fresh:
-            workspace.contact_states[0], workspace.signal.memory[0] = fresh[0], 0.0
+            workspace.contact_states[0], workspace.signal.memory[0] = start[0], 0.0
             compliant_contact.init_compliant_contact(
                 scene.springs,
                 scene.gap,
@@ -341,32 +380,32 @@ def with_series(observers, series):
 
 
 @jit_allocating
-def moreau_lanes(modes, laws, step, batch, queue, parts, patience):
+def new_stepping_memory(batch):
+    """Return the memory of one thread for lanes that are advanced by a method with a fixed step."""
+    return SteppingMemory(
+        new_interval_scratch(batch.settings),
+        StateSeries(np.zeros((batch.settings.samples + 1, batch.lanes.state.shape[1]))),
+        new_no_loads(),
+    )
+
+
+@jit_allocating
+def moreau_lanes(modes, laws, step, batch, memory, queue, parts, patience):
     """Take parts and advance their lanes with the Moreau scheme, as `rigid_lanes`; ``modes``, ``laws``, ``step`` as in `moreau_lane`."""
-    scratch = new_interval_scratch(batch.settings)
-    series = StateSeries(np.zeros((batch.settings.samples + 1, batch.lanes.state.shape[1])))
-    load = new_no_loads()
     part = take_first_part(queue, parts, patience)
     while part >= 0:
         _advance_moreau_lanes(
-            modes,
-            laws,
-            step,
-            batch,
-            queue.cuts[part, 0],
-            queue.cuts[part, 1],
-            scratch,
-            series,
-            load,
+            modes, laws, step, batch, queue.cuts[part, 0], queue.cuts[part, 1], memory
         )
         part = take_next_part(queue, patience)
     return wait_until_done(queue, parts)
 
 
 @jit_allocating
-def _advance_moreau_lanes(modes, laws, step, batch, start, stop, scratch, series, load):
+def _advance_moreau_lanes(modes, laws, step, batch, first, stop, memory):
     settings, lanes, orders, reports, status = batch
-    for i in range(start, stop):
+    scratch, series, load = memory
+    for i in range(first, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
@@ -393,32 +432,22 @@ def _advance_moreau_lanes(modes, laws, step, batch, start, stop, scratch, series
 
 
 @jit_allocating
-def runge_kutta_lanes(modes, laws, step, batch, queue, parts, patience):
+def runge_kutta_lanes(modes, laws, step, batch, memory, queue, parts, patience):
     """Take parts and advance their lanes with the Runge-Kutta method, as `moreau_lanes`. No friction."""
-    scratch = new_interval_scratch(batch.settings)
-    series = StateSeries(np.zeros((batch.settings.samples + 1, batch.lanes.state.shape[1])))
-    load = new_no_loads()
     part = take_first_part(queue, parts, patience)
     while part >= 0:
         _advance_runge_kutta_lanes(
-            modes,
-            laws,
-            step,
-            batch,
-            queue.cuts[part, 0],
-            queue.cuts[part, 1],
-            scratch,
-            series,
-            load,
+            modes, laws, step, batch, queue.cuts[part, 0], queue.cuts[part, 1], memory
         )
         part = take_next_part(queue, patience)
     return wait_until_done(queue, parts)
 
 
 @jit_allocating
-def _advance_runge_kutta_lanes(modes, laws, step, batch, start, stop, scratch, series, load):
+def _advance_runge_kutta_lanes(modes, laws, step, batch, first, stop, memory):
     settings, lanes, orders, reports, status = batch
-    for i in range(start, stop):
+    scratch, series, load = memory
+    for i in range(first, stop):
         order = orders[i]
         report = reports[i]
         state = lanes.state[i]
