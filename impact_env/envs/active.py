@@ -61,6 +61,9 @@ class ActiveFrictionEnv(TaskEnv):
     - ``frequency_ratio`` to the resonance, or a pair (low, high) from which each episode draws (default 0.96 to 1.02)
     - ``time_budget`` (default 40) in pseudo periods, ``interval`` (default 0.25); ``fatigue_exponent`` (default 5)
     - ``price`` (default 0.00005) of moving the action by 1; to switch over the whole range in every interval costs 0.016
+    - ``friction_error`` and ``damping_error`` (default 0): by which share the friction limit and all damping ratios are above those that the
+      control takes them for (0.2: 20 % more), or a pair (low, high) from which each episode draws; of the damping, one of 16 values. The score's
+      reference has the true damping
     - ``friction_range`` (default 0.02 to 20): lowest and highest friction limit in units of m_a g0 omega^2 (0.72 N in the default scene), above 0
     - ``vector_reward`` (default False); those of every environment: `impact_env.envs.settings.TaskSettings` has scene, force (default 0.5 to 6 N),
       method, interval and observation; here ``modes`` 2 and a friction limit of 0.1 N, which is only the one shown at the start
@@ -107,7 +110,8 @@ class ActiveGapEnv(TaskEnv):
     Truncated when the time budget is spent.
 
     ## Arguments
-    All of `ActiveFrictionEnv` but ``friction_range``, with ``price`` 0.0005 (per half-clearance of the scene, 1 mm), and
+    All of `ActiveFrictionEnv` but ``friction_range``, with ``price`` 0.0005 (per half-clearance of the scene, 1 mm), ``friction_error`` of the
+    scene's friction limit, and
 
     - ``gap_limits`` (default 0.1 mm to 3 mm): half-clearances in m
     - ``gap_speed`` (default 0.3 mm): how far the walls move at most in a pseudo period, in m; ``gap_lag`` (default 0.1 pseudo periods)

@@ -3,17 +3,19 @@
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.controlled import friction_limit
 from impact_env.envs.adaptive_task import (
     FrictionRange,
     GapRange,
     VariableFrictionTask,
     VariableGapTask,
+    find_log_place,
     require_cavity,
 )
 from impact_env.envs.observation import (
@@ -29,7 +31,7 @@ from impact_env.envs.observation import (
 )
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_pair, check_range
-from impact_env.envs.task import Array, Mask, Task
+from impact_env.envs.task import Array, Mask, PooledTask
 from impact_env.kernels.control.episodes import (
     compute_cycle_rewards,
     fill_cycle_features,
@@ -37,8 +39,11 @@ from impact_env.kernels.control.episodes import (
     order_wall_motion,
 )
 from impact_env.level import require_samples
-from impact_env.parameters import keep_checked, non_negative, positive
+from impact_env.modes import ModalModel
+from impact_env.parameters import keep_checked, non_negative, positive, require
+from impact_env.scene import Scene
 
+PLANTS = 16  # dampings that episodes draw from
 PERIODS_PER_LEVEL = (
     Feature("tip displacement", True, "displacement of the tip", LENGTH_UNIT),
     Feature("tip velocity", True, "velocity of the tip", "m/s / unit of velocity"),
@@ -53,6 +58,33 @@ PERIODS_PER_LEVEL = (
 )
 
 
+def _check_error(name: str, value: Any) -> Range:
+    """Return a relative error as a pair (low, high), above -1."""
+    low, high = check_range(name, value)
+    allowed = "above -1, as a share of what the scene has: a number, or a pair (low, high)"
+    require(low > -1, name, value, allowed)
+    return low, high
+
+
+def vary_damping(scenes: Sequence[Scene], error: Range) -> list[Scene]:
+    """Return scenes with other damping ratios, all modes of a scene by the same factor: each scene once, or one in `PLANTS` ways.
+
+    ``error``: range of the relative change; its values are spread evenly.
+    """
+    low, high = error
+    if low == high == 0:
+        return list(scenes)
+    number = 1 if low == high else PLANTS if len(scenes) == 1 else len(scenes)
+    shares = np.random.default_rng(0).permutation((np.arange(number) + 0.5) / number)
+    varied = []
+    for k in range(max(number, len(scenes))):
+        scene = scenes[k % len(scenes)]
+        factor = 1 + low + float(shares[k % number]) * (high - low)
+        model = replace(scene.model, damping_ratio=factor * np.asarray(scene.model.damping_ratio))
+        varied.append(replace(scene, model=model))
+    return varied
+
+
 @dataclass(frozen=True)
 class ActiveSettings:
     """Arguments of control within a period; `ActiveFrictionEnv` describes them."""
@@ -61,10 +93,14 @@ class ActiveSettings:
     time_budget: float = 40.0
     fatigue_exponent: float = 5.0
     price: float = 0.0
+    friction_error: float | Range = 0.0
+    damping_error: float | Range = 0.0
 
     def __post_init__(self) -> None:
         keep_checked(
             self,
+            friction_error=_check_error,
+            damping_error=_check_error,
             frequency_ratio=check_pair("ratios to the resonance"),
             time_budget=positive,
             fatigue_exponent=positive,
@@ -72,8 +108,8 @@ class ActiveSettings:
         )
 
 
-class ActiveTask(Task):
-    """Lanes at one frequency each, whose absorber is set anew in every interval.
+class ActiveTask(PooledTask):
+    """Lanes at one frequency each, whose absorber is set in every interval, in one of ``scenes`` that differ in damping.
 
     Of `costs` the level is the RMS over the stationary RMS without absorber, over the number of intervals; the contact force is the mean force of
     wall and friction on the absorber, from its momentum, over the amplitude of the force.
@@ -86,6 +122,9 @@ class ActiveTask(Task):
         low, high = check_range("frequency_ratio", cycle.frequency_ratio)
         require_samples(settings.samples_per_period, high)
         self.cycle = cycle
+        damping_error = check_range("damping_error", cycle.damping_error)
+        self.scenes = vary_damping(self.nominal_scenes(settings), damping_error)
+        self.friction_error = check_range("friction_error", cycle.friction_error)
         self._ratios = (low, high)
         self.described = (cycle,)
         super().__init__(
@@ -104,8 +143,17 @@ class ActiveTask(Task):
         assert mass is not None  # what is set is an absorber's
         self._mass_rate = mass / (self.interval * self._period)
 
+    def nominal_scenes(self, settings: TaskSettings) -> Sequence[Scene]:
+        """Return the scenes that episodes draw from, without errors of damping."""
+        return [settings.scene]
+
+    def model(self, lane: int) -> ModalModel:
+        """Return a lane's structure."""
+        return self.scenes[self.which[lane]].model
+
     def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw frequency and force."""
+        """Draw frequency and force, and what differs from the scene: damping and friction."""
+        self.draw_plant(lane, generator)
         low, high = self._ratios
         self.ratio[lane] = self.drawn(
             "frequency_ratio", lane, low if low == high else generator.uniform(low, high)
@@ -115,7 +163,20 @@ class ActiveTask(Task):
             self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base
         )
         self._scale[lane] = unit * self.force[lane] / math.sqrt(2)
+        low, high = self.friction_error
+        if low != 0 or high != 0:
+            error = low if low == high else float(generator.uniform(low, high))
+            self.set_friction_factor(lane, 1 + error)
         self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
+
+    def draw_plant(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw which of the scenes a lane is in, if there are several."""
+        if len(self.scenes) > 1:
+            self.which[lane] = generator.integers(len(self.scenes))
+
+    @abstractmethod
+    def set_friction_factor(self, lane: int, factor: float) -> None:
+        """Give a lane's absorber ``factor`` times the friction limit that the control takes it for."""
 
     @abstractmethod
     def act(self, actions: Array) -> None:
@@ -194,10 +255,17 @@ class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
         self.set_limits(settings, grip, lanes)
         super().__init__(settings, cycle, lanes)
         self.described = (cycle, grip)
+        self.friction_factor = np.ones(lanes)
+
+    def set_friction_factor(self, lane: int, factor: float) -> None:
+        """Multiply the limits that are ordered, see `ActiveTask.set_friction_factor`."""
+        self.friction_factor[lane] = factor
 
     def act(self, actions: Array) -> None:
         """Order the friction limits."""
         self.order_friction(actions)
+        if self.friction_error != (0.0, 0.0):
+            self.runs.orders["limit"] *= self.friction_factor
 
     def moved(self) -> Array:
         """Return the way over the range of limits, which is 2 wide."""
@@ -233,6 +301,10 @@ class MovingWallsTask(VariableGapTask):
         self._motion = (*drive.gap_limits, *drive.motion(settings.interval))
         self._before, self._wall_moved = (np.zeros(lanes) for _ in range(2))
 
+    def starting_action(self) -> Array:
+        """Return the place of the scene's half-clearance in the range (1,), see `Task.starting_action`."""
+        return np.array([find_log_place(self.length, *self.drive.gap_limits)])
+
     def act(self, actions: Array) -> None:
         """Order half-clearances on the way to those wanted, for actions (L, A) from -1 to 1, of which the first is the walls'."""
         order_wall_motion(actions, *self._motion, self.runs.orders, self._before)  # type: ignore[no-untyped-call]
@@ -252,5 +324,15 @@ class ActiveGapTask(MovingWallsTask, ActiveTask):
         self, settings: TaskSettings, cycle: ActiveSettings, drive: WallActuator, lanes: int
     ) -> None:
         self.set_drive(settings, drive, lanes)
+        self._friction = friction_limit(settings.scene)
+        allowed = "0 for an absorber without rigid friction"
+        exact = cycle.friction_error == (0.0, 0.0)
+        require(
+            exact or math.isfinite(self._friction), "friction_error", cycle.friction_error, allowed
+        )
         super().__init__(settings, cycle, lanes)
         self.described = (cycle, drive)
+
+    def set_friction_factor(self, lane: int, factor: float) -> None:
+        """Multiply the scene's limit, see `ActiveTask.set_friction_factor`."""
+        self.runs.orders["limit"][lane] = factor * self._friction

@@ -50,6 +50,13 @@ class GapRange:
         keep_checked(self, gap_limits=check_pair("half-clearances in m"))
 
 
+def find_log_place(value: float, low: float, high: float) -> float:
+    """Return where a value lies from ``low``, -1, to ``high``, 1, on a logarithmic scale; values outside are at the ends."""
+    if low == high:
+        return 0.0
+    return min(max(2 * math.log(value / low) / math.log(high / low) - 1, -1.0), 1.0)
+
+
 def require_cavity(absorber: Absorber | None) -> None:
     """Raise ParameterError unless an absorber is in a cavity with rigid walls."""
     rigid = isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)
@@ -111,6 +118,10 @@ class SweepGapTask(ChosenGapTask, SweepTask):
         super().__init__(settings, passage, lanes)
         self.described = (passage, cavity)
 
+    def starting_action(self) -> Array:
+        """Return the rate in the middle of its range and the scene's half-clearance (2,), see `Task.starting_action`."""
+        return np.array([0.0, find_log_place(self.length, *self.cavity.gap_limits)])
+
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
         """Order the wanted half-clearances, and go on at the chosen rates."""
         self.order_gaps(interpolate_log(0.5 * (actions[:, 1] + 1), *self.cavity.gap_limits))
@@ -159,6 +170,10 @@ class VariableFrictionTask(Task):
         """Show the scene's friction, see `Task.begin`."""
         super().begin(lane)
         self.friction[lane], self.place[lane] = self._begin, self._begin_place
+
+    def starting_action(self) -> Array:
+        """Return the place of the scene's friction in the range (1,), see `Task.starting_action`."""
+        return np.clip([self._begin_place], -1, 1)
 
     def order_friction(self, actions: Array, column: int = 0) -> None:
         """Order the friction limits by their places in the range, a column of the actions (L, A); ``place_moved`` (L,): how far they move."""
@@ -250,6 +265,11 @@ class GapTask(ChosenGapTask):
         self._ratio = np.ones(lanes)
         self._rows = np.arange(lanes)
         self.wanted = np.zeros(lanes)
+
+    def starting_action(self) -> Array:
+        """Return the scene's half-clearance in the range (1,), see `Task.starting_action`."""
+        low, high = self._gaps
+        return np.clip([2 * (self.length - low) / (high - low) - 1 if low < high else 0.0], -1, 1)
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Draw the frequency and the schedule of the force."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.controlled import ControlledRuns, PooledRuns
+from impact_env.controlled import ControlledRuns
 from impact_env.envs.active_task import (
     ActiveFrictionTask,
     ActiveSettings,
@@ -30,7 +30,7 @@ from impact_env.envs.observation import (
 from impact_env.envs.reference import simulate_passage, stationary_amplitude
 from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_range
 from impact_env.envs.sweep_task import PER_PERIOD, PassageSettings, SweepTask, speeds
-from impact_env.envs.task import Array, Mask, Task
+from impact_env.envs.task import Array, Mask, PooledTask
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
     Beam,
@@ -115,29 +115,6 @@ class RandomisedSettings:
         return made
 
 
-class PooledTask(Task):
-    """A task whose lanes are each in one of several ``scenes``, which an episode draws."""
-
-    scenes: Sequence[Scene]
-
-    def make_runs(self, **arguments: Any) -> ControlledRuns:
-        """Return lanes in a pool of scenes."""
-        return PooledRuns(self.scenes, **arguments)
-
-    @property
-    def which(self) -> NDArray[np.int64]:
-        """The lanes' scenes (L,), by their numbers."""
-        assert isinstance(self.runs, PooledRuns)
-        return self.runs.which
-
-    def draw_scene(self, name: str, lane: int, generator: np.random.Generator) -> int:
-        """Draw a lane's scene, and return its number; a reset may choose it by ``name``, under which info has it."""
-        self.which[lane] = number = int(
-            self.drawn(name, lane, float(generator.integers(len(self.scenes))))
-        )
-        return number
-
-
 class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, SweepTask):
     """Lanes that pass through a resonance, each in a scene of a pool, at a rate of its own.
 
@@ -190,6 +167,11 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         self.options = {"force": FORCE_BOUNDS, "scene": (0, drawn.scenes - 1)}
         self._levels: dict[tuple[int, bool], float] = {}
         self.rates = np.zeros(lanes)
+
+    def starting_action(self) -> Array:
+        """Return the scene's half-clearance and friction (2,), see `Task.starting_action`."""
+        walls = MovingWallsTask.starting_action(self)
+        return np.concatenate([walls, VariableFrictionTask.starting_action(self)])
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return lanes in a pool of scenes."""
@@ -382,7 +364,7 @@ class StructurePool:
         ]
 
 
-class StructuresTask(PooledTask, ActiveFrictionTask):
+class StructuresTask(ActiveFrictionTask):
     """Lanes with a structure each."""
 
     features: Sequence[Feature] = (*ActiveFrictionTask.features, *STRUCTURE_FEATURES)
@@ -412,7 +394,6 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
             for model in self.models
         ]
         self._shapes = np.array([model.tip_shape for model in self.models])
-        self.scenes = [replace(settings.scene, model=model) for model in self.models]
         super().__init__(settings, cycle, grip, lanes)
         self.described += (pool,)
         mass = settings.scene.absorber_mass
@@ -429,14 +410,13 @@ class StructuresTask(PooledTask, ActiveFrictionTask):
         )
         self.options = {**self.options, "structure": (0, pool.structures - 1)}
 
-    def model(self, lane: int) -> ModalModel:
-        """Return a lane's structure."""
-        return self.models[self.which[lane]]
+    def nominal_scenes(self, settings: TaskSettings) -> Sequence[Scene]:
+        """Return a scene for each structure."""
+        return [replace(settings.scene, model=model) for model in self.models]
 
-    def draw(self, lane: int, generator: Generator) -> None:
-        """Draw the structure, and what all draw."""
+    def draw_plant(self, lane: int, generator: Generator) -> None:
+        """Draw the structure."""
         self.draw_scene("structure", lane, generator)
-        super().draw(lane, generator)
 
     def draw_force(self, lane: int, generator: Generator) -> float:
         """Return the force in N that moves a lane's structure at resonance as far as the one that is drawn moves the standard."""

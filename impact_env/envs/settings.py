@@ -200,6 +200,9 @@ class TaskSettings:
     - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
     - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
       ``observation_delay`` (default 0): their delay in intervals
+    - ``action_delay`` (default 0): intervals until an action has an effect; at the start of an episode the actuator stays where the scene has it, in
+      the middle of its range for actions that the scene does not know. ``action_levels`` (default None): number of equidistant values from -1 to 1
+      that each number of an action is rounded to, 2 or more
     - ``impacts_limit`` (default 100): feature 5 is cut off there; chatter reaches tens
     - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
     - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
@@ -220,6 +223,8 @@ class TaskSettings:
     samples_per_period: int = DEFAULT_SAMPLES
     observation_noise: float = 0.0
     observation_delay: int = 0
+    action_delay: int = 0
+    action_levels: int | None = None
     impacts_limit: float = FEATURE_LIMIT
     raw_state: bool = False
     threads: int | None = None
@@ -284,6 +289,8 @@ class TaskSettings:
             self,
             observation_noise=non_negative,
             observation_delay=count_from(0),
+            action_delay=count_from(0),
+            action_levels=or_none(count_from(2)),
             impacts_limit=positive,
         )
         check_general(self.scene, self.integrator, self.record, moves_base=self.moves_base)

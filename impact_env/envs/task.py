@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.controlled import ControlledRuns
+from impact_env.controlled import ControlledRuns, PooledRuns
+from impact_env.envs.actuator import Actuator
 from impact_env.envs.observation import Feature, Sensors
 from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings
 from impact_env.kernels.control.episodes import (
@@ -24,6 +25,7 @@ from impact_env.kernels.control.episodes import (
 )
 from impact_env.modes import ModalModel
 from impact_env.parameters import require
+from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,10 +80,14 @@ class Task(ABC):
         self._force_range = settings.forces
         self.force, self.ratio, self.time, self.score = (np.zeros(lanes) for _ in range(4))
         self.elapsed = np.zeros(lanes, dtype=np.int64)
+        self.duration = np.zeros(lanes)
         self.late, self._never = (np.zeros(lanes, dtype=np.bool_) for _ in range(2))
         self.costs = np.zeros((lanes, len(self.cost_names)))
         self.sensors = Sensors(
             self.features, lanes, settings.observation_noise, settings.observation_delay
+        )
+        self.actuator = Actuator(
+            lanes, settings.action_delay, settings.action_levels or 0, self.starting_action()
         )
         impacts = self.interval * IMPACTS_SCALE
         unit = float(self.frequency_unit)
@@ -100,9 +106,11 @@ class Task(ABC):
     def copy_from(self, source: "Task", times: int = 1) -> None:
         """Go on from the episodes of another task with the same settings, each of which is taken ``times`` times, one after the other.
 
-        The sensors' delays and noise are not copied. Raises ParameterError unless this task has ``times`` as many lanes as ``source``.
+        The actuator's delays are copied; the sensors' delays and noise are not. Raises ParameterError unless this task has ``times`` as many lanes as
+        ``source``.
         """
         self.runs.copy_from(source.runs, times)
+        self.actuator.copy_from(source.actuator, times)
         for name, values in vars(source).items():
             if (
                 isinstance(values, np.ndarray)
@@ -114,6 +122,10 @@ class Task(ABC):
     def model(self, lane: int) -> ModalModel:  # noqa: ARG002 - all lanes have one, unless a task says otherwise
         """Return a lane's structure."""
         return self.scene.model
+
+    def starting_action(self) -> Array:
+        """Return the action (A,) that leaves the actuator where it is at the start of an episode."""
+        return np.zeros(1)
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
         """Return the lanes' runs."""
@@ -139,6 +151,7 @@ class Task(ABC):
                     len(self._record.values) - 1
                 )
         self.runs.restart(which)
+        self.actuator.restart(which)
         return self.sensors.see(self.values(), generators, which)
 
     def step(self, actions: NDArray[Any], resting: Mask | None = None) -> tuple[Array, Mask, Mask]:
@@ -146,7 +159,12 @@ class Task(ABC):
 
         Lanes of the mask ``resting`` (L,) stay where they are; their reward is 0, and what else is said of them holds only after a `reset`.
         """
-        duration, ratio, terminated = self.decide(np.asarray(actions, dtype=np.float64))
+        chosen = np.asarray(actions, dtype=np.float64)
+        duration, ratio, terminated = self.decide(
+            chosen
+            if self.actuator.is_ideal or chosen.ndim < 2  # a passage without a choice
+            else self.actuator.apply(chosen)
+        )
         rests = self._never if resting is None else resting
         if resting is not None:
             self.runs.idle = resting
@@ -301,7 +319,12 @@ class Task(ABC):
             for name, values in vars(self).items()
             if isinstance(values, np.ndarray)
         }
-        return {"lanes": own, "runs": self.runs.snapshot(), "sensors": self.sensors.snapshot()}
+        return {
+            "lanes": own,
+            "runs": self.runs.snapshot(),
+            "sensors": self.sensors.snapshot(),
+            "actuator": self.actuator.snapshot(),
+        }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot of a task that was made with the same arguments."""
@@ -309,6 +332,7 @@ class Task(ABC):
             setattr(self, name, values.copy())
         self.runs.restore(snapshot["runs"])
         self.sensors.restore(snapshot["sensors"])
+        self.actuator.restore(snapshot["actuator"])
 
     def describe(self) -> dict[str, Any]:
         """Return the environment's arguments as plain values, also those left at their defaults; without ``threads``, which change no number."""
@@ -319,3 +343,29 @@ class Task(ABC):
     def close(self) -> None:
         """End the threads."""
         self.runs.close()
+
+
+class PooledTask(Task):
+    """A task whose lanes are each in one of several ``scenes``, which an episode draws."""
+
+    scenes: Sequence[Scene]
+
+    def make_runs(self, **arguments: Any) -> ControlledRuns:
+        """Return lanes in a pool of scenes, or in one scene if it is the only one."""
+        if len(self.scenes) == 1:
+            return ControlledRuns(self.scenes[0], **arguments)
+        return PooledRuns(self.scenes, **arguments)
+
+    @property
+    def which(self) -> NDArray[np.int64]:
+        """The lanes' scenes (L,), by their numbers."""
+        if isinstance(self.runs, PooledRuns):
+            return self.runs.which
+        return np.zeros(self.lanes, dtype=np.int64)
+
+    def draw_scene(self, name: str, lane: int, generator: np.random.Generator) -> int:
+        """Draw a lane's scene, and return its number; a reset may choose it by ``name``, under which info has it."""
+        self.which[lane] = number = int(
+            self.drawn(name, lane, float(generator.integers(len(self.scenes))))
+        )
+        return number

@@ -33,7 +33,13 @@ HEADINGS = {
         "periodic section",
         "periodic balance-error",
     ),
-    "Reinforcement learning": ("rl train", "rl evaluate", "rl render", "rl demonstrations"),
+    "Reinforcement learning": (
+        "rl train",
+        "rl evaluate",
+        "rl export",
+        "rl render",
+        "rl demonstrations",
+    ),
     "This installation": ("doctor", "prepare", "cache"),
 }
 GROUPS = {

@@ -33,6 +33,7 @@ pytestmark = pytest.mark.filterwarnings(
 
 
 NOISE = {"observation_noise": 0.05, "observation_delay": 2, "raw_state": True}
+NOISE |= {"action_delay": 1, "action_levels": 9}
 LOADED = {
     "load": SHAKEN,
     "moves_base": True,
