@@ -61,7 +61,6 @@ from optimisation.machine import installed, peak_memory
 from optimisation.measures import design_gap_for
 from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import stages_bar, sweeps_bar
-from optimisation.report import comparison_tables as tables
 from optimisation.report.frequency_report import (
     HISTORY_FORMATS,
     save_history,
@@ -251,7 +250,7 @@ def compare_under_loads(
         )
         if long and members > 1:
             coarse = search(2, 1)
-            click.echo(f"Coarse answer, of one run each:\n{tables.load_table(coarse)}", err=True)
+            click.echo(f"Coarse answer, of one run each:\n{ComparisonAnswer(coarse)}", err=True)
         comparison = search(options.usual_forces, members)
     answer = ComparisonAnswer(comparison)
     click.echo(str(answer))

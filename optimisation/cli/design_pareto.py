@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
-import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
+from optimisation.answers.front import FrontAnswer
 from optimisation.cli import design_options as design
 from optimisation.cli.common import (
     check_targets,
@@ -26,10 +26,6 @@ from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable, write_files
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
-from optimisation.report.card import write_card
-from optimisation.report.cards import front_card
-from optimisation.report.design_figures import save_front
-from optimisation.report.front_report import bounds_of, front_summary, front_table, front_text
 from optimisation.search import pareto as fronts
 from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
@@ -152,36 +148,6 @@ def study(
     return front
 
 
-def write(out: Path, front: fronts.Front, options: FrontOptions) -> list[Path]:
-    """Write the tables and figures of a front, and return the files."""
-    summary = design.conditions_of(options) | front_summary(front)
-    files = write_files(
-        {
-            out / "front.csv": front_table(front),
-            out / "summary.json": summary,
-            options.json: summary,
-        }
-    )
-    if front.fresh and front.paper is not None:
-        labels = [o.label for o in front.problem.objectives]
-        searched, front_designs = (
-            np.array([e.score.values for e in part]) for part in (front.evaluated, front.members)
-        )
-        fresh = np.array([j.score.values for j in front.fresh])
-        paper = np.array(front.paper.score.values)
-        files.append(out / "front.png")
-        save_front(
-            files[-1],
-            (labels[0], labels[1]),
-            searched,
-            front_designs,
-            fresh,
-            paper,
-            bounds_of(front),
-        )
-    return files + write_card(out, front_card(front))
-
-
 @command(
     FrontOptions,
     epilog=design.variables_help(),
@@ -212,8 +178,9 @@ def main(options: FrontOptions) -> None:
         problem = make(against, options)
         with executor_on(options.threads, options.cluster) as executor:
             front = study(problem, against, options, design.journal_of(options, out), executor)
-        click.echo(front_text(front))
-        files = write(out, front, options)
+        answer = FrontAnswer(front, design.conditions_of(options))
+        click.echo(str(answer))
+        files = answer.save(out) + write_files({options.json: answer.to_json()})
     name_files(files)
     end_early(front.finished, design.GOES_ON)
     end_without(bool(front.index))

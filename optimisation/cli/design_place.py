@@ -1,6 +1,5 @@
 """Place, mass and gap of an impact absorber."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -8,11 +7,10 @@ from typing import NamedTuple
 
 import click
 
-from impact_env.ensemble import Executor
 from impact_env.modes import Structure
 from impact_env.parameters import Beam, positive
 from optimisation.absorber_rules import RESTITUTION, rigid_walls
-from optimisation.baselines import simulate_baselines
+from optimisation.answers.place import complete_place_answer
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.design_gap import CONSTRAINT_MORE, CONSTRAINTS, FRICTION_TEXT
@@ -22,34 +20,17 @@ from optimisation.duration import LONG_S, duration_in_words, seconds_per_period
 from optimisation.executors import executor as executor_on
 from optimisation.extremes import usable_force
 from optimisation.files import require_writable, write_files
-from optimisation.frequency_levels import (
-    NO_ABSORBER,
-    RECOMMENDED,
-    ResonanceCurves,
-    find_worst_run,
-    record_worst_run,
-    resonance_curves,
-)
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Limits
 from optimisation.place_advice import (
     MASS_RATIOS,
     SURE,
     TRIAL_PLACES,
-    PlaceAdvice,
     SweepPlan,
     advise_place,
 )
 from optimisation.place_map import BEAM_PLACES, find_places
 from optimisation.progress import sweeps_bar
-from optimisation.report import place_report as report
-from optimisation.report.card import text as as_text
-from optimisation.report.card import write_card
-from optimisation.report.frequency_report import (
-    HISTORY_FORMATS,
-    frequency_files,
-    save_history,
-)
-from optimisation.service import impact_loads
+from optimisation.report.frequency_report import HISTORY_FORMATS, save_history
 
 QUICK_TRIAL_PLACES = 3  # places of each mass
 QUICK_MEMBERS = 1
@@ -242,54 +223,6 @@ def announce(plan: SweepPlan, threads: int | None) -> None:
         )
 
 
-def curves_of(advice: PlaceAdvice, executor: Executor) -> list[ResonanceCurves]:
-    """Return the levels over the frequency of the recommended device's worst member and without absorber, near each resonance."""
-    best = advice.recommended
-    assert best is not None
-    curves = []
-    for r in advice.forces:
-        member, _ = find_worst_run(best.runs[r])
-        model = advice.places.model_at(best.place)
-        cases = {
-            RECOMMENDED: (advice.case_of(best, r), member),
-            NO_ABSORBER: (advice.study.case(model, None, r), 0),
-        }
-        curves.append(resonance_curves(cases, best.runs[r].members, executor))
-    return curves
-
-
-def worst_resonance(advice: PlaceAdvice) -> int:
-    """Return the resonance at which the recommended device leaves most of the level without absorber."""
-    best = advice.recommended
-    assert best is not None
-    return max(best.parts, key=lambda part: part.share).resonance
-
-
-def write(
-    options: PlaceOptions, advice: PlaceAdvice, curves: Sequence[ResonanceCurves]
-) -> list[Path]:
-    """Write figures, map and summary, and what the options ask for; return the files."""
-    out = options.out
-    content = report.summary(advice)
-    contents: dict[Path | None, object] = {
-        options.json: content,
-        out / "summary.json": content,
-        out / "places.csv": (report.columns(advice), report.rows(advice)),
-        out / "places.png": partial(report.save_places, advice=advice),
-    }
-    contents |= frequency_files(out, curves)
-    best = advice.recommended
-    if options.history is not None and best is not None:
-        r = worst_resonance(advice)
-        run = record_worst_run(advice.case_of(best, r), best.runs[r])
-        contents[options.history] = partial(save_history, run=run)
-    files = write_files(contents)
-    if options.device is not None and best is not None:
-        scenes.write_device(options.device, advice.structure_with(best), best.absorber)
-        files.append(options.device)
-    return files
-
-
 @common.command(
     PlaceOptions,
     examples=(
@@ -351,30 +284,13 @@ def main(options: PlaceOptions) -> None:
             best = advice.recommended
             if best is None:
                 raise KeyboardInterrupt
-            own = None
-            curves: list[ResonanceCurves] = []
-            if advice.complete:
-                curves = curves_of(advice, executor)
-            if advice.complete and not options.no_card:
-                r = worst_resonance(advice)
-                impacts = impact_loads(advice.case_of(best, r), executor)
-                baselines = {
-                    part.resonance: simulate_baselines(
-                        places.model_at(best.place),
-                        best.mass_ratio,
-                        (part.force, part.resonance),
-                        part.sweep_range,
-                        part.rate,
-                        executor,
-                    )
-                    for part in best.parts
-                }
-                own = report.card(advice, impacts, baselines, curves, options.contact)
-        printed = [*report.answer(advice), "", report.text(advice), ""]
-        printed += [f"Warning: {line}." for line in report.warnings(advice)]
-        printed += [report.sweeps_line(advice), *([] if own is None else ["", as_text(own)])]
-        click.echo("\n".join(printed))
-        files = write(options, advice, curves)
-        files += [] if own is None else write_card(options.out, own)
+            answer = complete_place_answer(advice, executor, not options.no_card, options.contact)
+        click.echo(str(answer))
+        files = answer.save(options.out) + write_files({options.json: answer.to_json()})
+        if options.history is not None and (run := answer.worst_run()) is not None:
+            files += write_files({options.history: partial(save_history, run=run)})
+        if options.device is not None:
+            scenes.write_device(options.device, advice.structure_with(best), best.absorber)
+            files.append(options.device)
     common.name_files(files)
     common.end_early(advice.complete, "the files hold the runs that were finished.")

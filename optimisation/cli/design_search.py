@@ -17,6 +17,7 @@ from optimisation.answers.design import (
     ExplanationSizes,
     WinnerRuns,
     run_around_winner,
+    run_baselines,
 )
 from optimisation.cli import design_options as design
 from optimisation.cli import scene_options as scenes
@@ -209,6 +210,7 @@ def run_concept(
             sizes = QUICK_SIZES if options.quick else SIZES
             findings = run_around_winner(findings, executor, sizes, stage)
             frequency = runs.frequency_levels(executor)
+        findings = run_baselines(findings, executor)
         if options.history is not None:
             run = runs.worst_run(executor)
     except KeyboardInterrupt:

@@ -2,14 +2,14 @@
 
 # needs: optimise
 
-import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import click
 
 from impact_env.parameters import Beam
+from optimisation.answers.tuning import TuningAnswer, prove_peaks
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     check_page,
@@ -23,35 +23,12 @@ from optimisation.cli.common import (
 from optimisation.cli.options import option
 from optimisation.files import require_writable, write_files
 from optimisation.mounting import model_with_absorber_at
-from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
-from optimisation.report.card import write_card
-from optimisation.report.cards import tuning_card
-from optimisation.report.comparison_tables import tuned_summary, tuned_text
-from optimisation.report.tuning_report import (
-    MINIMAX,
-    PAPER_VALUES,
-    TuningTable,
-    csv_table,
-    save_figure,
-    summary,
-    tuning_table,
-)
+from optimisation.report.tuning_report import Tuning, tuning_table
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.under_loads import tuned_under
 
 MARKER = "tunings"
-HEADER = (
-    "tuning",
-    "k, N/m",
-    "c, N s/m",
-    "omega_a/omega_r",
-    "damping ratio",
-    "peak, %",
-    "at",
-    "H2 norm, %",
-    "proved, %",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,78 +69,14 @@ class TuneOptions:
     page: Path | None = option(page_spec(MARKER, "docs/which_gap.md"))
 
 
-def text(table: TuningTable, bounds: dict[str, float]) -> str:
-    """Return a line for each tuning with its ``bounds`` (m/N) where there are any, and how to read them."""
-    lines = []
-    for tuning in table.tunings:
-        values = ["", "", "", ""]
-        if tuning.absorber is not None:
-            frequency, damping = table.ratios(tuning.absorber)
-            values = [
-                f"{tuning.absorber.stiffness:.6g}",
-                f"{tuning.absorber.damping:.4g}",
-                f"{frequency:.4f}",
-                f"{damping:.4f}",
-            ]
-        scores = [
-            f"{100 * table.relative_peak(tuning):.2f}",
-            f"{tuning.peak_ratio:.4f}",
-            f"{100 * table.relative_h2(tuning):.2f}",
-        ]
-        proved = f"{100 * bounds[tuning.key] / table.reference:.3f}" if tuning.key in bounds else ""
-        lines.append([tuning.label, *values, *scores, proved])
-    by_key = {tuning.key: tuning for tuning in table.tunings}
-    paper = by_key[PAPER_VALUES]
-    best = by_key[MINIMAX]
-    relative = (
-        "peaks in % of the static deflection, H2 norms in % of the smallest"
-        if table.undamped
-        else "relative to no absorber"
-    )
-    notes = [
-        f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = {table.omega:.6g} rad/s, {relative}.",
-        f"Mistuning: {paper.label} leave{'s' if paper.label.endswith('rule') else ''} a peak {paper.peak / best.peak:.2f} times the smallest one.",
-    ]
-    if bounds:
-        notes.append(
-            "Proved: no amplitude in the range is larger, flanks of other resonances and all between the grid's points included."
-        )
-    return "\n".join([markdown(HEADER, lines), "", *notes])
+def show_proofs(tunings: list[Tuning]) -> Iterable[Tuning]:
+    """Return tunings under a bar."""
+    return Bar(tunings, desc="proving", bar_format=BAR, leave=False)
 
 
-def certificates(table: TuningTable) -> dict[str, float]:
-    """Return the proved largest amplitude (m/N) of each tuning by its key; one that cannot be proved is left out, with a line on standard error."""
-    from optimisation.bounds.relaxation import (
-        NotOptimalError,
-    )  # needs cvxpy, which is slow to import
-    from optimisation.tuned.certificate import certify
-
-    bounds = {}
-    finite = [tuning for tuning in table.tunings if math.isfinite(tuning.peak)]
-    for tuning in Bar(finite, desc="proving", bar_format=BAR, leave=False):
-        try:
-            bounds[tuning.key] = certify(
-                table.model, tuning.absorber, table.resonance, table.low, table.high
-            ).bound
-        except (
-            NotOptimalError
-        ) as error:  # its cell stays empty: the others are none the worse for it
-            click.echo(f"Not proved, {tuning.label}: {error}", err=True)
-    return bounds
-
-
-def write(out: Path, table: TuningTable, bounds: dict[str, float]) -> list[Path]:
-    """Write the figure and the tables into a folder, and return the files."""
-    tunings = csv_table(table, bounds)
-    figure = partial(save_figure, table=table)
-    files = write_files(
-        {
-            out / "tunings.csv": tunings,
-            out / "summary.json": summary(table, bounds),
-            out / "tunings.png": figure,
-        }
-    )
-    return files + write_card(out, tuning_card(table, bounds))
+def report_failure(line: str) -> None:
+    """Print a line on standard error."""
+    click.echo(line, err=True)
 
 
 @command(
@@ -206,18 +119,14 @@ def main(options: TuneOptions) -> None:
                 why="there is no range of frequencies to score, and nothing to prove",
             )
             loads = scenes.loads_of(options.load, model, options.resonance)
-            tuned = tuned_under(model, loads, ratio)
-            click.echo(tuned_text(tuned))
-            content = tuned_summary(tuned)
-            files = write_files({options.out / "summary.json": content, options.json: content})
+            answer = TuningAnswer(tuned_under(model, loads, ratio))
         else:
             check_page(options.page, MARKER)
             scenes.warn_of_nodes(model, options.resonance)
             table = tuning_table(model, ratio, options.resonance, options.low, options.high)
-            bounds = {} if options.quick else certificates(table)
-            printed = text(table, bounds)
-            click.echo(printed)
-            files = write(options.out, table, bounds)
-            files += write_files({options.json: summary(table, bounds)})
-            files += fill_page(options.page, MARKER, printed)
+            bounds = {} if options.quick else prove_peaks(table, report_failure, show_proofs)
+            answer = TuningAnswer(table, bounds)
+        click.echo(str(answer))
+        files = answer.save(options.out) + write_files({options.json: answer.to_json()})
+        files += fill_page(options.page, MARKER, str(answer))
     name_files(files)

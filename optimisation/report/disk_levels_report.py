@@ -1,7 +1,8 @@
-"""Text, tables and figures of the levels of a disk's worst sector: over the clearance, and by absorber."""
+"""The content of answers about the level of a disk's worst sector: over the clearance, and by absorber."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,15 +16,21 @@ from optimisation.disk_levels import (
     DiskComparisonLevels,
     DiskGapChoice,
 )
-from optimisation.page import markdown
 from optimisation.report.disk_report import describe_disk, describe_disk_absorbers
 from optimisation.report.figures import MM, figure_of
+from optimisation.report.report import Column, Json, Report, Table
 from optimisation.statistics import prediction_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-GAP_COLUMNS = ("gap_m", "disks", "median_level_m", "lowest_level_m", "highest_level_m")
+GAP_COLUMNS = (
+    Column("gap_m", "clearance, mm", scale=MM),
+    Column("disks", "disks", "{:.0f}"),
+    Column("median_level_m", "worst sector, mm", scale=MM),
+    Column("lowest_level_m", "lowest", scale=MM),
+    Column("highest_level_m", "highest", scale=MM),
+)
 LEVEL_COLUMNS = ("absorber", "force_n", "disk", "worst_level_m")
 NO_TUNED_ABSORBERS = (
     "Tuned absorbers are left out: several absorbers on one structure have rigid contact only."
@@ -49,8 +56,8 @@ def _interval(levels: Any) -> str:
     return f" (90 % of disks: {MM * low:.4g} to {MM * high:.4g} mm, n = {len(levels)})"
 
 
-def gap_text(choice: DiskGapChoice) -> str:
-    """Return what `design gap` prints of a disk."""
+def gap_lines(choice: DiskGapChoice) -> list[str]:
+    """Return what `design gap` prints of a disk above the table."""
     samples = choice.samples
     without = float(np.median(choice.without))
     lines = describe_case(choice.case)
@@ -68,39 +75,31 @@ def gap_text(choice: DiskGapChoice) -> str:
         ]
     lines.append(f"No absorbers: {MM * without:.4g} mm{_interval(choice.without)}.")
     lines.append(f"Design rule (no simulation): {MM * choice.reference:.4g} mm.")
-    header = ("clearance, mm", "disks", "worst sector, mm", "lowest", "highest")
-    rows = [
-        (
-            f"{MM * choice.gap(step):.4g}",
-            f"{len(levels)}",
-            *(f"{MM * value:.4g}" for value in (np.median(levels), np.min(levels), np.max(levels))),
-        )
-        for step, levels in sorted(samples.levels.items())
-    ]
-    return "\n".join([*lines, "", markdown(header, rows)])
+    return lines
 
 
-def gap_rows(choice: DiskGapChoice) -> list[dict[str, object]]:
+def gap_table(choice: DiskGapChoice) -> Table:
     """Return a row for each gap."""
-    return [
-        dict(
-            zip(
-                GAP_COLUMNS,
-                (
-                    choice.gap(step),
-                    len(levels),
-                    float(np.median(levels)),
-                    float(np.min(levels)),
-                    float(np.max(levels)),
-                ),
-                strict=True,
-            )
-        )
+    rows = [
+        (choice.gap(step), len(levels), *map(float, (np.median(levels), min(levels), max(levels))))
         for step, levels in sorted(choice.samples.levels.items())
     ]
+    return Table(GAP_COLUMNS, rows)
 
 
-def gap_summary(choice: DiskGapChoice) -> dict[str, Any]:
+def make_gap_report(choice: DiskGapChoice) -> Report:
+    """Return the content of the search of a clearance."""
+    table = gap_table(choice)
+    return Report(
+        title=f"Clearance for all sectors, {choice.case.force:g} N on each",
+        text=[gap_lines(choice), [table]],
+        numbers=gap_summary(choice) | {"gaps": table.records()} | _case_data(choice.case),
+        tables={"levels.csv": table},
+        figures={"levels.png": partial(draw_gap_levels, choice)},
+    )
+
+
+def gap_summary(choice: DiskGapChoice) -> Json:
     """Return the search as plain data in SI units."""
     answers = {
         name: {
@@ -116,12 +115,10 @@ def gap_summary(choice: DiskGapChoice) -> dict[str, Any]:
         "force_tolerance": choice.tolerance,
         "without_absorbers_m": choice.without.tolist(),
         "design_rule_gap_m": choice.reference,
-        "gaps": gap_rows(choice),
-        **_case_data(choice.case),
     }
 
 
-def _case_data(case: DiskCase) -> dict[str, Any]:
+def _case_data(case: DiskCase) -> Json:
     return {
         "resonance": case.resonance,
         "limits": list(case.limits),
@@ -150,9 +147,9 @@ def draw_gap_levels(choice: DiskGapChoice) -> Figure:
     return figure
 
 
-def comparison_text(levels: DiskComparisonLevels) -> str:
+def comparison_blocks(levels: DiskComparisonLevels) -> list[list[str | Table]]:
     """Return what `compare` prints of a disk."""
-    lines = describe_case(levels.case)
+    lines: list[str | Table] = [*describe_case(levels.case)]
     lines.append(f"{FRICTION}: {describe_disk_absorbers(levels.dampers)}")
     members = levels.levels[WITHOUT].shape[1]
     lines.append(
@@ -176,31 +173,37 @@ def comparison_text(levels: DiskComparisonLevels) -> str:
         words = f"{low:.3g} to {high:.3g}" if np.isfinite(low) else ""
         factors.append((name, f"{np.median(scaled):.3g}", words))
     note = "Amplification factor: worst sector over that of the tuned disk without absorbers, at the middle force."
-    return "\n".join(
-        [
-            *lines,
-            "",
-            markdown(header, rows),
-            "",
-            markdown(header_of_factors, factors),
-            "",
-            note,
-            NO_TUNED_ABSORBERS,
-        ]
-    )
-
-
-def comparison_rows(levels: DiskComparisonLevels) -> list[dict[str, object]]:
-    """Return a row for each absorber, force and disk."""
     return [
-        dict(zip(LEVEL_COLUMNS, (name, float(force), disk, float(value)), strict=True))
+        lines,
+        [Table.of_words(header, rows)],
+        [Table.of_words(header_of_factors, factors)],
+        [note, NO_TUNED_ABSORBERS],
+    ]
+
+
+def comparison_table(levels: DiskComparisonLevels) -> Table:
+    """Return a row for each absorber, force and disk."""
+    rows = [
+        (name, float(force), disk, float(value))
         for name, table in levels.levels.items()
         for force, row in zip(levels.forces, table, strict=True)
         for disk, value in enumerate(row)
     ]
+    return Table.of_values(LEVEL_COLUMNS, rows)
 
 
-def comparison_summary(levels: DiskComparisonLevels) -> dict[str, Any]:
+def make_comparison_report(levels: DiskComparisonLevels) -> Report:
+    """Return the content of the comparison of a disk's absorbers."""
+    return Report(
+        title="Absorbers of a bladed disk compared",
+        text=comparison_blocks(levels),
+        numbers=comparison_summary(levels),
+        tables={"levels.csv": comparison_table(levels)},
+        figures={"comparison.png": partial(draw_disk_comparison, levels)},
+    )
+
+
+def comparison_summary(levels: DiskComparisonLevels) -> Json:
     """Return the comparison as plain data in SI units."""
     return {
         "forces_n": levels.forces.tolist(),

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 from optimisation.files import number
 from optimisation.gap_advice import Advice, Answer
 from optimisation.load_cases import AppliedLoads
 from optimisation.measures import DECAY, DISPLAY_UNITS, LABELS, START, UNITS
-from optimisation.report.comparison_tables import LOAD_END_WARNING, reading_in_words
-from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis, write_figure
+from optimisation.report.comparison_report import LOAD_END_WARNING, load_reading_in_words
+from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis
 from optimisation.report.gap_report import SUBS, answer_values, band_in_words, device
+from optimisation.report.report import Json, Report, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Json = dict[str, object]
-COLUMNS = ("gap_m", "member", "value")
 
-
-def rows(advice: Advice) -> Iterator[tuple[object, ...]]:
-    """Yield every run with an absorber: its measure in SI units."""
-    for gap, curve in zip(advice.check.gaps, advice.check.curves, strict=True):
-        values = curve.combined[0]
-        yield from ((float(gap), member, float(value)) for member, value in enumerate(values))
+def run_table(advice: Advice) -> Table:
+    """Return every run with an absorber: its measure in SI units."""
+    rows = [
+        (float(gap), member, float(value))
+        for gap, curve in zip(advice.check.gaps, advice.check.curves, strict=True)
+        for member, value in enumerate(curve.combined[0])
+    ]
+    return Table.of_values(("gap_m", "member", "value"), rows)
 
 
 def loads_of(advice: Advice) -> AppliedLoads:
@@ -57,7 +57,7 @@ def summary(advice: Advice) -> Json:
     }
 
 
-def text(advice: Advice) -> str:
+def lines_of(advice: Advice) -> list[str]:
     """Return the lines that are printed."""
     case = loads_of(advice)
     check = advice.check
@@ -65,7 +65,7 @@ def text(advice: Advice) -> str:
     best = advice.recommended
     sharp = advice.sharp
     if best is None or sharp is None:
-        return "No gap was simulated in full."
+        return ["No gap was simulated in full."]
     t = advice.tolerance
     without = float(check.without.median[0])
     what = LABELS[case.measure]
@@ -82,7 +82,7 @@ def text(advice: Advice) -> str:
 
     lines = [
         f"Recommended: {device(best, check.mass)}, under {case.loads.describe()}.",
-        f"  {what[0].upper()}{what[1:]} {level(best)}{reading_in_words(advice.reading)}.",
+        f"  {what[0].upper()}{what[1:]} {level(best)}{load_reading_in_words(advice.reading)}.",
     ]
     if sharp.gap != best.gap:
         lines.append(f"Lowest {what}: {1e3 * sharp.gap:.4g} mm, {level(sharp)}.")
@@ -100,7 +100,18 @@ def text(advice: Advice) -> str:
         lines.append(
             f"Warning: no gap brings the {what} below that without absorber: another place or mass may suit better."
         )
-    return "\n".join(lines)
+    return lines
+
+
+def make_report(advice: Advice) -> Report:
+    """Return the content of the answer."""
+    return Report(
+        title=f"Gap of an impact absorber under {loads_of(advice).loads.describe()}",
+        text=[lines_of(advice)],
+        numbers=summary(advice),
+        tables={"runs.csv": run_table(advice)},
+        figures={"levels.png": partial(draw_measures, advice)},
+    )
 
 
 def draw_measures(advice: Advice) -> Figure:
@@ -154,8 +165,3 @@ def draw_measures(advice: Advice) -> Figure:
     axes.set_title(f"Gap under {case.loads.describe()}", fontsize=11)
     axes.legend(frameon=False, fontsize=9)
     return figure
-
-
-def save_figure(path: Path, advice: Advice) -> None:
-    """Write the figure of `draw_measures`; the ending of ``path`` chooses the format."""
-    write_figure(draw_measures(advice), path)

@@ -30,10 +30,10 @@ from optimisation.cli.search_duration import announce_search
 from optimisation.comparison import compare
 from optimisation.duration import announce_load_runs, duration_in_words
 from optimisation.gap_advice import check_gap
-from optimisation.insight import sensitivity
+from optimisation.insight import sensitivity, stationary_limit
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.report.design_tables import LEVEL_COLUMNS, limit
+from optimisation.report.design_report import LEVEL_COLUMNS
 from optimisation.space import design_space
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, undamped_h2
@@ -388,14 +388,16 @@ def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities(
         problem.space.design({"gap": 1e-3, "position": x}) for x in (1.0, 1 - 1e-9, 0.7)
     )
     both = design_space("several", ["gap_1", "gap_2"]).design({"gap_1": 1e-3, "gap_2": 1e-3})
-    own, other = (limit(problem, end, condition) for condition in conditions)
+    own, other = (stationary_limit(problem, end, condition) for condition in conditions)
     assert own > other > 1e-3  # a stiffer beam answers less
-    assert limit(problem, near, conditions[0]) == pytest.approx(own, rel=1e-6)
-    assert limit(problem, both, conditions[0]) == pytest.approx(
+    assert stationary_limit(problem, near, conditions[0]) == pytest.approx(own, rel=1e-6)
+    assert stationary_limit(problem, both, conditions[0]) == pytest.approx(
         own, rel=1e-9
     )  # two halves of the mass, one place, one gap
-    assert limit(problem, inside, conditions[0]) > 1.2 * own
-    assert math.isnan(limit(problem, design_space("friction").default, conditions[0]))  # no cavity
+    assert stationary_limit(problem, inside, conditions[0]) > 1.2 * own
+    assert math.isnan(
+        stationary_limit(problem, design_space("friction").default, conditions[0])
+    )  # no cavity
 
 
 def test_sobol_indices_find_what_matters() -> None:

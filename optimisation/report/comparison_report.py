@@ -1,11 +1,11 @@
-"""Comparisons of absorbers, near resonances and under loads, as numbers: rows for CSV files, a summary for JSON, a table to read. SI units."""
+"""The content of comparisons of absorbers, near resonances and under loads. SI units, unless named."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from impact_env.curve import DOWN, UP, Optimum, PerformanceCurve, quantiles
 from impact_env.laws import SceneKind, describe_absorber, values
+from impact_env.parameters import Absorber, SlidingAbsorber, TunedAbsorber
 from impact_env.scene import Scene
 from optimisation.bounds import LEAST_REACH
 from optimisation.comparison import (
@@ -24,76 +25,83 @@ from optimisation.comparison import (
     LoadComparison,
     ResonanceComparison,
 )
+from optimisation.extremes import LEAST_RATIO
 from optimisation.files import number, numbers
+from optimisation.frequency_levels import ResonanceCurves
 from optimisation.load_cases import Reading
 from optimisation.measures import LABELS, UNITS
-from optimisation.report.card import with_band
-from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, write_figure
+from optimisation.report.design_figures import draw_comparison
+from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of
+from optimisation.report.frequency_report import (
+    frequency_charts,
+    frequency_figures,
+    frequency_tables,
+)
+from optimisation.report.report import (
+    NO_DEVICE,
+    Chart,
+    Curve,
+    Group,
+    Json,
+    Report,
+    Row,
+    Table,
+    assumed_rows,
+    between,
+    device_rows,
+    service_rows,
+    with_band,
+)
+from optimisation.service import EFFECTIVE_RATIO, ImpactLoads, contiguous_range
 from optimisation.statistics import prediction_band, prediction_interval
-from optimisation.sweep_range import find_reading_ratios, is_at_end
+from optimisation.sweep_range import find_reading_ratios, is_at_end, reading_in_words
 from optimisation.tuned.under_loads import TunedUnder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-Json = dict[str, object]
 LIMIT = "limit"
+MM = 1e3
 DIRECTIONS = {UP: "up", DOWN: "down"}
-RUN = ("resonance", "concept", "force_n", "member", "phase_rad", "force_factor", "direction")
 RUN_COLUMNS = (
-    *RUN,
-    "response_level_m",
-    "level_frequency_ratio",
-    "level_time_s",
-    "max_tip_m",
-    "impacts",
+    *("resonance", "concept", "force_n", "member", "phase_rad", "force_factor", "direction"),
+    *("response_level_m", "level_frequency_ratio", "level_time_s", "max_tip_m", "impacts"),
     "stuck_time_s",
 )
-LEVELS = (
-    "level_median_m",
-    "level_5_percent_m",
-    "level_95_percent_m",
-    "level_up_median_m",
-    "level_down_median_m",
-)
 CURVE_COLUMNS = (
-    "resonance",
-    "concept",
-    "force_n",
-    "members",
-    *LEVELS,
-    "relative_median",
-    "relative_5_percent",
-    "relative_95_percent",
-    "level_frequency_ratio",
+    *("resonance", "concept", "force_n", "members"),
+    *("level_median_m", "level_5_percent_m", "level_95_percent_m"),
+    *("level_up_median_m", "level_down_median_m"),
+    *("relative_median", "relative_5_percent", "relative_95_percent", "level_frequency_ratio"),
 )
 
 
-def run_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
-    """Yield one row of `RUN_COLUMNS` for each finished run; those of linear concepts are one run scaled by the force."""
+def run_table(comparison: Comparison) -> Table:
+    """Return a row for each finished run; those of linear concepts are one run scaled by the force."""
+    rows = []
     for part in comparison.resonances:
         for key, curve in part.curves.items():
             lanes = curve.lanes
+            names = (
+                lanes.level,
+                lanes.frequency_ratio,
+                lanes.time,
+                lanes.max_tip,
+                lanes.impacts,
+                lanes.stuck_time,
+            )
             for k, m, d in zip(*np.nonzero(~np.isnan(lanes.level)), strict=True):
-                names = (
-                    lanes.level,
-                    lanes.frequency_ratio,
-                    lanes.time,
-                    lanes.max_tip,
-                    lanes.impacts,
-                    lanes.stuck_time,
-                )
-                level, ratio, time, tip, impacts, stuck = (
-                    float(values[k, m, d]) for values in names
-                )
+                level, ratio, time, tip, impacts, stuck = (float(one[k, m, d]) for one in names)
                 member = (int(m), float(curve.members.phases[m]), float(curve.members.factors[m]))
                 start = (part.resonance, key, float(part.forces[k]), *member, DIRECTIONS[int(d)])
-                yield (*start, level, ratio, time, tip, int(impacts), stuck)
+                rows.append((*start, level, ratio, time, tip, int(impacts), stuck))
+    return Table.of_values(RUN_COLUMNS, rows)
 
 
-def curve_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
-    """Yield one row of `CURVE_COLUMNS` for each concept and force, and for the limit; an empty cell where nothing is finished."""
+def curve_table(comparison: Comparison) -> Table:
+    """Return a row for each concept and force, and for the limit; an empty cell where nothing is finished."""
+    rows: list[tuple[object, ...]] = []
     for part in comparison.resonances:
         for key, curve in part.curves.items():
             levels = np.vstack([curve.median, prediction_band(curve.combined)])
@@ -104,15 +112,11 @@ def curve_rows(comparison: Comparison) -> Iterator[tuple[object, ...]]:
             members = np.sum(~np.isnan(curve.combined), axis=1)
             for k, force in enumerate(part.forces):
                 cells = [*levels[:, k], *directions[:, k], *relative[:, k], ratios[k]]
-                yield (
-                    part.resonance,
-                    key,
-                    float(force),
-                    int(members[k]),
-                    *("" if math.isnan(x) else float(x) for x in cells),
-                )
+                start = (part.resonance, key, float(force), int(members[k]))
+                rows.append((*start, *map(float, cells)))
         for force, limit in zip(part.forces, part.limit, strict=True):
-            yield (part.resonance, LIMIT, float(force), "", float(limit), *[""] * 8)
+            rows.append((part.resonance, LIMIT, float(force), None, float(limit), *[None] * 8))
+    return Table.of_values(CURVE_COLUMNS, rows)
 
 
 def _with_intervals(curve: PerformanceCurve, none: PerformanceCurve, point: Optimum) -> Optimum:
@@ -258,76 +262,185 @@ def _row(comparison: Comparison, part: ResonanceComparison, concept: Concept) ->
     ]
 
 
-def _block(comparison: Comparison, part: ResonanceComparison) -> list[str]:
+def resonance_block(comparison: Comparison, part: ResonanceComparison) -> list[str | Table]:
+    """Return the lines and the table of one resonance."""
     finished = int(np.max(np.sum(~np.isnan(part.curves[IMPACT].combined), axis=1)))
-    at = (
-        "the best force"
-        if part.reported_index is None
-        else f"{part.forces[part.reported_index]:.3g} N"
+    at = "the best force"
+    if part.reported_index is not None:
+        at = f"{part.forces[part.reported_index]:.3g} N"
+    headings = (
+        *("concept", "best force, N", "level there, %"),
+        *(f"level at {at}, mm", f"level at {at}, %", "read at"),
     )
     rows = [
-        [
-            "concept",
-            "best force, N",
-            "level there, %",
-            f"level at {at}, mm",
-            f"level at {at}, %",
-            "read at",
-        ]
-    ]
-    rows += [
         _row(comparison, part, concept)
         for concept in comparison.concepts
         if concept.key in part.curves
     ]
     if part.reported_index is not None:
-        rows.append(
-            [
-                f"limit within a cavity of ±{1e3 * part.gap:.4g} mm",
-                "",
-                "",
-                f"{1e3 * part.limit[part.reported_index]:.3f}",
-                "",
-                "",
-            ]
-        )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
+        limit = f"{MM * part.limit[part.reported_index]:.3f}"
+        rows.append([f"limit within a cavity of ±{MM * part.gap:.4g} mm", "", "", limit, "", ""])
     title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"
-    sweep = (
-        f"sweeps without absorber show {part.sweep_ratio:.3f} of the stationary level"
-        if not math.isnan(part.sweep_ratio)
-        else ""
-    )
+    lines: list[str | Table] = [title, Table.of_words(headings, rows)]
+    if not math.isnan(part.sweep_ratio):
+        lines.append(f"sweeps without absorber show {part.sweep_ratio:.3f} of the stationary level")
     where = " at the absorber's place" if comparison.model.response_shape is not None else ""
     rule = (
         f"design rule: {part.design_force:.3g} N is the force at which the limit{where} leaves zero"
     )
-    touched = (
-        f"; the free amplitude is {part.reach:.3g} gaps there" if comparison.own_structure else ""
-    )
-    touched += (
-        ", so that no wall is touched"
-        if comparison.own_structure and part.reach < LEAST_REACH
-        else ""
-    )
-    return [title, *lines, *([sweep] if sweep else []), rule + touched]
+    if comparison.own_structure:
+        rule += f"; the free amplitude is {part.reach:.3g} gaps there"
+        rule += ", so that no wall is touched" if part.reach < LEAST_REACH else ""
+    return [*lines, rule]
 
 
-def text_table(comparison: Comparison) -> str:
-    """Return the results as aligned text, one block a resonance; levels in % are relative to no absorber."""
-    notes = [
+def text_blocks(comparison: Comparison) -> list[list[str | Table]]:
+    """Return what is printed, a block for each resonance; levels in % are relative to no absorber."""
+    notes: list[str | Table] = [
         "Median; in brackets the interval that holds 90 % of further runs. Levels in % are relative to no absorber.",
         "Read at: frequency over the resonance at which the level was read.",
     ]
     ends = concepts_read_at_end(comparison)
     if ends:
         notes.append(f"Warning: {END_WARNING}: {'; '.join(ends)}.")
-    return "\n\n".join(
-        ["\n".join(_block(comparison, part)) for part in comparison.resonances] + ["\n".join(notes)]
+    return [*(resonance_block(comparison, part) for part in comparison.resonances), notes]
+
+
+def make_report(
+    comparison: Comparison,
+    impacts: ImpactLoads | None = None,
+    frequency: Sequence[ResonanceCurves] = (),
+    conditions: Mapping[str, object] | None = None,
+) -> Report:
+    """Return the content of a comparison.
+
+    ``impacts`` near the first resonance, if known; ``frequency``: levels over the frequency; ``conditions``: what else summary.json has.
+    """
+    labels = {concept.key: concept.label for concept in comparison.concepts}
+    charts = (comparison_chart(part, labels) for part in comparison.resonances)
+    return Report(
+        title="Absorbers of one mass compared",
+        text=text_blocks(comparison),
+        numbers={**(conditions or {}), **summary(comparison)},
+        tables={
+            "runs.csv": run_table(comparison),
+            "curves.csv": curve_table(comparison),
+            **frequency_tables(frequency),
+        },
+        figures={
+            "comparison.png": partial(draw_comparison, comparison),
+            **frequency_figures(frequency),
+        },
+        groups=card_groups(comparison, impacts),
+        charts=(*charts, *frequency_charts(frequency)),
+        warnings=card_warnings(comparison),
+    )
+
+
+def card_groups(comparison: Comparison, impacts: ImpactLoads | None) -> tuple[Group, ...]:
+    """Return the impact absorber, the levels of all at one force near each resonance, and assumptions."""
+    own = next(concept.absorber for concept in comparison.concepts if concept.key == IMPACT)
+    assert isinstance(own, SlidingAbsorber)
+    others = tuple(
+        Row(one.label, _parameters(one.absorber))
+        for one in comparison.concepts
+        if one.key not in (NONE, IMPACT)
+    )
+    groups: list[Group] = [
+        ("Impact absorber", device_rows(own, comparison.model)),
+        ("Others of its mass", others),
+    ]
+    for part in comparison.resonances:
+        k = part.reported_index
+        if k is None:
+            continue
+        heading = f"Resonance {part.resonance}, at {part.forces[k]:.3g} N"
+        groups.append((heading, _levels(comparison, part, k)))
+        if part is comparison.resonances[0] and impacts is not None:
+            level = float(part.curves[IMPACT].median[k])
+            groups.append(("What it bears there", service_rows(comparison.gap, impacts, level)))
+    numbers_of_resonances = [part.resonance for part in comparison.resonances]
+    swept = (
+        Row(
+            f"resonance {part.resonance} swept over",
+            f"{part.limits[0]:.3g} to {part.limits[1]:.3g} of it",
+        )
+        for part in comparison.resonances
+    )
+    assumed = (
+        *assumed_rows(comparison.model, numbers_of_resonances, comparison.percent_per_100_periods),
+        *swept,
+        Row("in brackets", "the interval that holds 90 % of further runs"),
+    )
+    return (*groups, ("Assumptions", assumed))
+
+
+def card_warnings(comparison: Comparison) -> tuple[str, ...]:
+    """Return what the card warns of."""
+    warnings = []
+    for part in comparison.resonances:
+        name = f"Resonance {part.resonance}"
+        if part.sweep_ratio < LEAST_RATIO:
+            warnings.append(
+                f"{name}: sweeps show {part.sweep_ratio:.3f} of the stationary level; sweep more slowly"
+            )
+        if part.reach < 1:
+            warnings.append(
+                f"{name}: the structure does not move as far as the rule's gap, and no wall is touched there"
+            )
+    ends = concepts_read_at_end(comparison)
+    if ends:
+        warnings.append(f"{END_WARNING}: {'; '.join(ends)}")
+    return tuple(warnings)
+
+
+def _parameters(absorber: Absorber | None) -> str:
+    if isinstance(absorber, TunedAbsorber):
+        return f"{absorber.stiffness:.6g} N/m, {absorber.damping:.4g} N s/m"
+    friction = getattr(absorber, "friction", None)
+    return "" if friction is None else f"friction limit {friction.limit:.4g} N"
+
+
+def _levels(comparison: Comparison, part: ResonanceComparison, k: int) -> tuple[Row, ...]:
+    labels = {concept.key: concept.label for concept in comparison.concepts}
+    ranges = {concept.key: part.limits_of(concept) for concept in comparison.concepts}
+    none = MM * part.curves[NONE].median[k]
+    rows = []
+    for key, curve in part.curves.items():
+        level = MM * curve.median[k]
+        low, high = MM * prediction_band(curve.combined)[:, k]
+        ratio = float(find_reading_ratios(curve)[k])
+        where = reading_in_words(ratio, ranges[key], comparison.percent_per_100_periods)
+        words = f"{with_band(level, low, high, unit='mm')}, {100 * level / none:.3g} %"
+        rows.append(Row(labels[key], f"{words}, read at {where}"))
+    halves = contiguous_range(
+        part.forces, part.curves[IMPACT].median < EFFECTIVE_RATIO * part.curves[NONE].median, k
+    )
+    return (
+        *rows,
+        Row(NO_DEVICE, MM * float(part.limit[k]), "mm"),
+        Row(f"the {labels[IMPACT]} halves the level", between(*halves)),
+    )
+
+
+def comparison_chart(part: ResonanceComparison, labels: Mapping[str, str]) -> Chart:
+    """Return the levels near a resonance over the force."""
+    curves = []
+    for key, curve in part.curves.items():
+        low, high = MM * prediction_band(curve.combined)
+        middle = MM * curve.median
+        ends = (numbers(low), numbers(high))
+        curves.append(Curve(labels[key], numbers(part.forces), numbers(middle), *ends))
+    what = "the force" if part.own_force is not None else f"best of the {labels[IMPACT]}"
+    best = () if part.reported_index is None else ((what, float(part.forces[part.reported_index])),)
+    return Chart(
+        f"Resonance {part.resonance}",
+        "force in N",
+        "level in mm (RMS)",
+        tuple(curves),
+        best,
+        log_x=True,
+        log_y=True,
     )
 
 
@@ -349,7 +462,6 @@ def concepts_read_at_end(comparison: Comparison) -> list[str]:
     return values
 
 
-LOAD_COLUMNS = ("concept", "factor", "member", "band", "value")
 LOAD_STYLES = {
     "impact": ("impact absorber", BLUE, "-"),
     "friction": ("friction damper", ORANGE, "-"),
@@ -357,15 +469,17 @@ LOAD_STYLES = {
 }
 
 
-def load_rows(comparison: LoadComparison) -> Iterator[tuple[object, ...]]:
-    """Yield every run."""
+def load_run_table(comparison: LoadComparison) -> Table:
+    """Return every run under loads."""
+    rows = []
     for concept in comparison.concepts:
         bands = np.stack([band.curves[concept.key].combined for band in comparison.bands], axis=2)
         for factor, runs in zip(comparison.factors, bands, strict=True):
-            yield from (
+            rows += [
                 (concept.key, float(factor), *place, float(value))
                 for place, value in np.ndenumerate(runs)
-            )
+            ]
+    return Table.of_values(("concept", "factor", "member", "band", "value"), rows)
 
 
 def load_summary(comparison: LoadComparison) -> dict[str, Any]:
@@ -396,7 +510,7 @@ def load_summary(comparison: LoadComparison) -> dict[str, Any]:
 LOAD_END_WARNING = "a level was read at an end of the schedule, beyond which it may be larger"
 
 
-def reading_in_words(reading: Reading) -> str:
+def load_reading_in_words(reading: Reading) -> str:
     """Return where a level was read under loads, in words that follow it; nothing for other measures."""
     return "" if math.isnan(reading.hertz) else f", read at {reading.hertz:.4g} Hz"
 
@@ -420,28 +534,46 @@ def _heads(comparison: LoadComparison) -> list[str]:
     ]
 
 
-def load_table(comparison: LoadComparison) -> str:
-    """Return the lines that are printed."""
+def load_text_blocks(comparison: LoadComparison) -> list[list[str | Table]]:
+    """Return what is printed: absorbers, and a table for each band of frequencies."""
     runs = len(comparison.bands[0].curves[NONE].members)
     what = f"{LABELS[comparison.case.measure]} under {comparison.case.loads.describe()}"
-    lines = [f"{what}, over that without absorber: median of {runs} runs (90 % of further runs)"]
+    lines: list[str | Table] = [
+        f"{what}, over that without absorber: median of {runs} runs (90 % of further runs)"
+    ]
     lines += [
-        f"  {describe_absorber(absorber)}{reading_in_words(comparison.readings[name])}"
+        f"  {describe_absorber(absorber)}{load_reading_in_words(comparison.readings[name])}"
         for name, absorber in comparison.absorbers.items()
     ]
+    blocks = [lines]
+    headings = ("intensity", *(label for label, _, _ in LOAD_STYLES.values()))
     for band, head in zip(comparison.bands, _heads(comparison), strict=True):
         intervals = {name: ratio_interval(band, name) for name in LOAD_STYLES}
-        lines += [f"  {head}"] if head else []
-        lines.append("  intensity" + "".join(f"{LOAD_STYLES[name][0]:>24}" for name in LOAD_STYLES))
+        rows = []
         for k, factor in enumerate(comparison.factors):
             cells = (
                 f"{middle:.3f}" + (f" ({low:.2f} to {high:.2f})" if high > low else "")
                 for low, middle, high in (intervals[name][k] for name in LOAD_STYLES)
             )
-            lines.append(f"  {factor:9.3g}" + "".join(f"{cell:>24}" for cell in cells))
+            rows.append((f"{factor:.3g}", *cells))
+        table = Table.of_words(headings, rows)
+        blocks.append([head, table] if head else [table])
     if any(reading.at_end for reading in comparison.readings.values()):
-        lines.append(f"Warning: {LOAD_END_WARNING}.")
-    return "\n".join(lines)
+        blocks.append([f"Warning: {LOAD_END_WARNING}."])
+    return blocks
+
+
+def make_load_report(
+    comparison: LoadComparison, conditions: Mapping[str, object] | None = None
+) -> Report:
+    """Return the content of a comparison under loads; ``conditions``: what else summary.json has."""
+    return Report(
+        title=f"Absorbers of one mass under {comparison.case.loads.describe()}",
+        text=load_text_blocks(comparison),
+        numbers={**(conditions or {}), **load_summary(comparison)},
+        tables={"runs.csv": load_run_table(comparison)},
+        figures={"comparison.png": partial(draw_load_comparison, comparison)},
+    )
 
 
 def tuned_summary(tuned: TunedUnder) -> dict[str, Any]:
@@ -453,8 +585,8 @@ def tuned_summary(tuned: TunedUnder) -> dict[str, Any]:
     }
 
 
-def tuned_text(tuned: TunedUnder) -> str:
-    """Return the lines that are printed of tunings."""
+def make_tuned_report(tuned: TunedUnder) -> Report:
+    """Return the content of tunings for loads."""
     ratios = 100 * tuned.ratios
     lines = [
         f"{LABELS[tuned.measure]} under {tuned.loads.describe()}, in % of that without absorber: median of {ratios.shape[1]} runs"
@@ -465,7 +597,8 @@ def tuned_text(tuned: TunedUnder) -> str:
         lines.append(
             f"  {name}: {with_band(np.median(row), row.min(), row.max())}, {describe_absorber(absorber)}"
         )
-    return "\n".join(lines)
+    title = f"Tuned absorber for {tuned.loads.describe()}"
+    return Report(title=title, text=[lines], numbers=tuned_summary(tuned))
 
 
 def draw_load_comparison(comparison: LoadComparison) -> Figure:
@@ -491,8 +624,3 @@ def draw_load_comparison(comparison: LoadComparison) -> Figure:
     panels[0].set_ylabel(f"{LABELS[comparison.case.measure]} over that without absorber")
     panels[0].legend(frameon=False)
     return figure
-
-
-def save_load_figure(path: Path, comparison: LoadComparison) -> None:
-    """Write the figure of `draw_load_comparison`; the ending of ``path`` chooses the format."""
-    write_figure(draw_load_comparison(comparison), path)
