@@ -26,7 +26,7 @@ from impact_env.parameters import (
 )
 from impact_env.plain import from_scene
 from impact_env.scene import Scene
-from optimisation.answers.complete import CompleteAnswer, Stages, silent_stages
+from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
 from optimisation.calibration.admission import require_plausible
 from optimisation.calibration.alternatives import list_alternatives
 from optimisation.calibration.inference import (
@@ -159,8 +159,12 @@ class CalibrationAnswer(CompleteAnswer):
             self.warnings,
             {"posterior": posterior, "priors": priors},
         )
-        data = {"posterior.json": self.posterior.to_plain(), "device.json": from_scene(self.device)}
+        data = {"posterior.json": self.posterior.to_plain(), "device.json": self.device_scene()}
         return replace(report, data=data)
+
+    def device_scene(self) -> Json:
+        """Return structure and absorber with the posterior's medians as plain data."""
+        return from_scene(self.device)
 
     @property
     def device(self) -> Scene:

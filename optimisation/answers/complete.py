@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from impact_env.ensemble import LaneProgress
 from impact_env.parameters import ParameterError
 from optimisation.files import require_writable, write_files
+from optimisation.frequency_levels import WorstRun
 from optimisation.report.report import (
     Report,
     list_files,
@@ -69,6 +70,14 @@ class CompleteAnswer(ABC):
         for draw in self.report.figures.values():
             return draw()
         raise ParameterError("this answer has no figure: nothing was run that could be drawn")
+
+    def worst_run(self) -> WorstRun | None:
+        """Return the recorded run of the answer's device with the highest level; None where there is none."""
+        return None
+
+    def device_scene(self) -> Json | None:
+        """Return structure and recommended device as plain data, which other commands read by --scene; None without a device."""
+        return None
 
     def save(self, folder: Path | str) -> list[Path]:
         """Write summary, tables, figures and card into a folder, which is made if need be; return their paths.

@@ -69,18 +69,25 @@ class DesignAnswer(CompleteAnswer):
         The search, its verdict, and what was run around the winner.
     frequency : tuple of ResonanceCurves
         Levels over the frequency of the winner and without absorber, near each resonance.
+    worst : WorstRun, optional
+        Recorded run of the winner with the highest level.
     conditions : dict
-        What else summary.json holds: versions, settings.
+        What else summary.json has: versions, settings.
 
     """
 
     result: SearchResult
     frequency: tuple[ResonanceCurves, ...] = ()
+    worst: WorstRun | None = None
     conditions: Mapping[str, object] = field(default_factory=dict)
 
     def make_report(self) -> Report:
         """Return the content of the answer."""
         return make_report(self.result, self.frequency, self.conditions)
+
+    def worst_run(self) -> WorstRun | None:
+        """Return the recorded run of the winner with the highest level, if it was recorded."""
+        return self.worst
 
 
 @dataclass(frozen=True)

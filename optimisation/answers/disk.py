@@ -15,7 +15,7 @@ from impact_env.plain import from_disk
 from impact_env.sectors import SectorResponse
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import Watcher
-from optimisation.answers.complete import CompleteAnswer
+from optimisation.answers.complete import CompleteAnswer, Json
 from optimisation.disk_levels import (
     DiskComparisonLevels,
     DiskGapChoice,
@@ -206,6 +206,10 @@ class DiskGapAnswer(CompleteAnswer):
     def make_report(self) -> Report:
         """Return the content of the answer."""
         return make_gap_report(self.choice)
+
+    def device_scene(self) -> Json:
+        """Return the disk with the recommended clearance as plain data."""
+        return from_disk(self.device)
 
 
 @dataclass(frozen=True, eq=False)

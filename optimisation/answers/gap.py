@@ -28,7 +28,7 @@ from impact_env.parameters import (
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_absorber
 from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
 from optimisation.calibration.posterior import Posterior, read_posterior
-from optimisation.contact import material
+from optimisation.contact import MaterialPair, check_contact
 from optimisation.extremes import usable_force
 from optimisation.frequency_levels import (
     NO_ABSORBER,
@@ -41,7 +41,7 @@ from optimisation.frequency_levels import (
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, Limits, search_gap
 from optimisation.load_cases import AppliedLoads, swept_force
-from optimisation.mounting import model_with_absorber_at
+from optimisation.mounting import device_scene, model_with_absorber_at
 from optimisation.report import gap_report, load_gap_report
 from optimisation.report.design_figures import draw_sensitivity
 from optimisation.report.frequency_report import (
@@ -79,7 +79,6 @@ from optimisation.uncertain import (
     spreads,
 )
 
-Contact = tuple[str, str, float]  # two materials, and the radius in m of the rounder body
 SOBOL_SAMPLES = 64
 TOLERANCE_DRAWS = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED)
 
@@ -156,7 +155,7 @@ class GapQuestions:
 
     uncertain: tuple[Distribution, ...] = ()
     limit_level: float | None = None
-    contact: Contact | None = None
+    contact: MaterialPair | None = None
     tolerance_draws: tuple[int, int, int] | None = None
     sobol_samples: int | None = None
     card: bool = True
@@ -242,6 +241,11 @@ class GapAnswer(CompleteAnswer):
             warnings=tuple(warnings),
             prints_card=True,
         )
+
+    def device_scene(self) -> Json | None:
+        """Return structure and recommended device as plain data; None where no gap was run in full."""
+        best = self.advice.recommended
+        return None if best is None else device_scene(self.structure, best.absorber)
 
     def worst_run(self) -> WorstRun | None:
         """Return the recorded run of the recommended device with the highest level; None where the search did not end, and under loads."""
@@ -375,14 +379,6 @@ def measured_posterior(uncertain: UncertainInput) -> Posterior | None:
     return read_posterior(Path(name), "uncertain posterior")
 
 
-def check_contact(contact: Contact, radius_name: str = "radius of contact in m") -> Contact:
-    """Return two materials and a radius in m; raises ParameterError for an unknown material or a radius that is not positive."""
-    first, second, radius = contact
-    for name in (first, second):
-        material(name)
-    return first, second, positive(radius_name, radius)
-
-
 def model_for_gap(structure: Structure) -> ModalModel:
     """Return a structure's modal model, the level read at the absorber's place where the structure names no other."""
     return (
@@ -409,7 +405,7 @@ def advise(
     limit_level: float | None = None,
     tolerances: bool = False,
     sobol: bool = False,
-    contact: Contact | None = None,
+    contact: MaterialPair | None = None,
     card: bool = True,
     progress: LaneProgress | None = None,
     executor: Executor | None = None,

@@ -8,8 +8,9 @@ from typing import Any
 
 from impact_env.ensemble import Executor, Threads
 from impact_env.modes import Structure
-from optimisation.answers.complete import CompleteAnswer
+from optimisation.answers.complete import CompleteAnswer, Json
 from optimisation.baselines import simulate_baselines
+from optimisation.contact import MaterialPair
 from optimisation.frequency_levels import (
     NO_ABSORBER,
     RECOMMENDED,
@@ -19,13 +20,12 @@ from optimisation.frequency_levels import (
     record_worst_run,
     resonance_curves,
 )
+from optimisation.mounting import device_scene
 from optimisation.place_advice import PlaceAdvice, advise_place
 from optimisation.place_map import find_places
 from optimisation.report.place_report import PlaceService, make_report
 from optimisation.report.report import Report
 from optimisation.service import impact_loads
-
-Contact = tuple[str, str, float]  # two materials, and the radius in m of the rounder body
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,13 @@ class PlaceAnswer(CompleteAnswer):
         assert best is not None
         return max(best.parts, key=lambda part: part.share).resonance
 
+    def device_scene(self) -> Json | None:
+        """Return structure and recommended device as plain data; None without one."""
+        best = self.advice.recommended
+        if best is None:
+            return None
+        return device_scene(self.advice.structure_with(best), best.absorber)
+
     def worst_run(self) -> WorstRun | None:
         """Return the recorded run of the recommended device with the highest level, near its worst resonance; None without a device."""
         best = self.advice.recommended
@@ -87,7 +94,7 @@ def complete_place_answer(
     advice: PlaceAdvice,
     executor: Executor,
     card: bool = True,
-    contact: Contact | None = None,
+    contact: MaterialPair | None = None,
 ) -> PlaceAnswer:
     """Run what else is known of the recommended device; a search that was stopped is left as it is.
 
@@ -120,7 +127,7 @@ def choose_place(
     forces: Mapping[int, float],
     *,
     card: bool = True,
-    contact: Contact | None = None,
+    contact: MaterialPair | None = None,
     executor: Executor | None = None,
     **options: Any,
 ) -> PlaceAnswer:

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam
 from impact_env.scene import Scene
 from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.bounds import reach
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
-    BadInput,
     check_page,
     check_targets,
     command,
@@ -41,7 +39,6 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import GapCheck, check_gap
-from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import runs_bar
 from optimisation.report.frequency_report import draw_frequencies
 from optimisation.report.report import Column, Record, Table, write_drawing
@@ -57,10 +54,9 @@ FORCE = 1.0  # N: any would do, as gap and friction are in proportion to it
 
 
 @dataclass(frozen=True, kw_only=True)
-class MassesOptions:
+class MassesOptions(scenes.DeviceOptions):
     """Options of ``design masses``; None or empty: not given."""
 
-    structure: Path | None = option("structure")
     scene: Path | None = option("scene", help="Structure from the .toml or .json file of a scene")
     mass_ratio: tuple[float, ...] = option(
         "mass_ratio",
@@ -101,15 +97,6 @@ def gap_factors(free_over_rule: float) -> NDArray[np.float64]:
     if free_over_rule >= 1:
         return FACTORS
     return np.union1d(0.6 * free_over_rule * LOW_FACTORS, 1.0)
-
-
-def masses_of(options: MassesOptions, structure_mass: float) -> tuple[float, ...]:
-    """Return the mass ratios to try; raises BadInput if they are given twice."""
-    if not options.mass_kg:
-        return options.mass_ratio or RATIOS
-    if options.mass_ratio:
-        raise BadInput("--mass-kg does not go with --mass-ratio: each says what the masses are")
-    return tuple(scenes.mass_ratio_of(RATIOS[0], mass, structure_mass) for mass in options.mass_kg)
 
 
 def checks(
@@ -256,14 +243,11 @@ def main(options: MassesOptions) -> None:
     with plain_errors():
         check_page(options.page, MARKER)
         check_targets({"plot": options.plot, "json": options.json})
-        model = (
-            scenes.model_of(options.structure, Beam.absorber_position)
-            if options.scene is None
-            else model_with_absorber_at(scenes.read_device(options.scene, "structure")[0])
-        )
+        model, _ = scenes.read_source_model(options, "mass_ratio", "mass_kg")
         scenes.warn_of_nodes(model, *options.resonances)
         resonances = tuple(dict.fromkeys(options.resonances))
-        ratios = masses_of(options, model.beam_mass)
+        masses = (options.mass_ratio, options.mass_kg)
+        ratios = scenes.mass_ratios_of(*masses, model.beam_mass) or RATIOS
         with workers(options.threads, options.cluster) as executor:
             arguments = options.arguments(executor)
             if options.cluster is None and announce(model, ratios, resonances, arguments) > LONG_S:

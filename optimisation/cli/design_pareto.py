@@ -12,7 +12,7 @@ from impact_env.parameters import ParameterError
 from optimisation.answers.front import FrontAnswer
 from optimisation.cli import design_options as design
 from optimisation.cli.common import (
-    check_targets,
+    AnswerFiles,
     command,
     end_early,
     end_without,
@@ -20,10 +20,9 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.options import OptionSpec, at_least, number, option
-from optimisation.cli.scene_options import is_option_set, refuse_with_load
+from optimisation.cli.scene_options import SummaryOptions, is_option_set, refuse_with_load
 from optimisation.cli.search_duration import announce_search
 from optimisation.executors import executor as executor_on
-from optimisation.files import require_writable, write_files
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
 from optimisation.search import pareto as fronts
@@ -44,7 +43,7 @@ CORNERS = {RESONANCES: fronts.CORNER, SEVERITY: (fronts.CORNER[0], SEVEREST)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrontOptions(design.StudyOptions):
+class FrontOptions(SummaryOptions, design.StudyOptions):
     """Options of ``design pareto``; None: not given."""
 
     against: str = option(
@@ -88,7 +87,6 @@ class FrontOptions(design.StudyOptions):
             default=0,
         )
     )
-    json: Path | None = option("json", help="Write the summary here, too")
     out: Path = option(
         "out",
         more="Each choice of --against has a folder in it.",
@@ -173,14 +171,12 @@ def main(options: FrontOptions) -> None:
                 "against",
                 why=f"loads are met as they are; {SEVERITY} goes with it",
             )
-        require_writable("--out", out)
-        check_targets({"json": options.json})
+        targets = AnswerFiles(out, options.json)
+        targets.check()
         problem = make(against, options)
         with executor_on(options.threads, options.cluster) as executor:
             front = study(problem, against, options, design.journal_of(options, out), executor)
-        answer = FrontAnswer(front, design.conditions_of(options))
-        click.echo(str(answer))
-        files = answer.save(out) + write_files({options.json: answer.to_json()})
+        files = targets.write(FrontAnswer(front, design.conditions_of(options)))
     name_files(files)
     end_early(front.finished, design.GOES_ON)
     end_without(bool(front.index))

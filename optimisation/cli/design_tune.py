@@ -8,12 +8,11 @@ from pathlib import Path
 
 import click
 
-from impact_env.parameters import Beam
 from optimisation.answers.tuning import TuningAnswer, prove_peaks
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
+    AnswerFiles,
     check_page,
-    check_targets,
     command,
     fill_page,
     name_files,
@@ -21,8 +20,6 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.options import option
-from optimisation.files import require_writable, write_files
-from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import BAR, Bar
 from optimisation.report.tuning_report import Tuning, tuning_table
 from optimisation.tuned import HIGH, LOW
@@ -32,17 +29,9 @@ MARKER = "tunings"
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneOptions:
+class TuneOptions(scenes.SummaryOptions, scenes.AbsorberOptions, scenes.BeamOptions):
     """Options of ``design tune``; None: not given."""
 
-    structure: Path | None = option("structure")
-    scene: Path | None = option(
-        "scene", help="Structure and impact absorber from a .toml or .json file"
-    )
-    position: float = option("position")
-    modes: int = option("modes", default=Beam.modes)
-    damping: float = option("damping", default=Beam.damping_ratio)
-    mass_ratio: float = option("mass_ratio")
     mass_kg: float | None = option("mass_kg", usual=True)
     load: Path | None = option("load")
     resonance: int = option("resonance", help="Resonance to tune to, counted from 1")
@@ -64,7 +53,6 @@ class TuneOptions:
         help="Without the proofs",
         more="They take a second for the first resonance and a minute for higher ones.",
     )
-    json: Path | None = option("json", help="Write the summary here, too")
     out: Path = option("out", default=Path("results/design_tune"))
     page: Path | None = option(page_spec(MARKER, "docs/which_gap.md"))
 
@@ -91,24 +79,11 @@ def main(options: TuneOptions) -> None:
     load the H2 tuning for its spectrum.
     """
     with plain_errors():
-        scenes.refuse_with_structure(options.structure, "modes", "damping")
-        if options.scene is None:
-            model = scenes.model_of(
-                options.structure,
-                options.position,
-                modes=options.modes,
-                damping_ratio=options.damping,
-            )
-            ratio = options.mass_ratio
-        else:
-            own, absorber = scenes.read_device(
-                options.scene, "structure", "modes", "damping", "mass_ratio", "mass_kg", "position"
-            )
-            model = model_with_absorber_at(own)
-            ratio = absorber.mass_ratio
+        model, device = scenes.read_source_model(options, position=options.position)
+        ratio = options.mass_ratio if device is None else device.mass_ratio
         ratio = scenes.mass_ratio_of(ratio, options.mass_kg, model.beam_mass)
-        require_writable("--out", options.out)
-        check_targets({"json": options.json})
+        targets = AnswerFiles(options.out, options.json)
+        targets.check()
         if options.load is not None:
             scenes.refuse_with_load(
                 options.load,
@@ -126,7 +101,6 @@ def main(options: TuneOptions) -> None:
             table = tuning_table(model, ratio, options.resonance, options.low, options.high)
             bounds = {} if options.quick else prove_peaks(table, report_failure, show_proofs)
             answer = TuningAnswer(table, bounds)
-        click.echo(str(answer))
-        files = answer.save(options.out) + write_files({options.json: answer.to_json()})
+        files = targets.write(answer)
         files += fill_page(options.page, MARKER, str(answer))
     name_files(files)

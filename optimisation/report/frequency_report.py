@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 CURVE_COLOURS = (BLUE, ORANGE, PINK, GREEN, SKY)  # of the concepts as in the figure over the force
-HISTORY_FORMATS = (".csv", ".npz", ".png", ".pdf", ".svg")
 COLUMNS = (
     "time_s",
     "frequency_hz",

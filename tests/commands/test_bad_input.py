@@ -369,6 +369,7 @@ calibrate levels.toml
     --mass-kg 5 -> mass_kg = 5.0 is not allowed
     --gap -1 -> gap = -1.0 is not allowed
     --resume good.toml -> --resume = good.toml is not allowed: a file that this option has written before
+    --scene good.toml --position 0.9 -> --position does not go with --scene
 explore --no-browser
     --structure nowhere.toml -> nowhere.toml
     --structure bad.toml -> length

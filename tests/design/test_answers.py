@@ -229,7 +229,7 @@ def test_tune_gives_what_design_tune_gives(monkeypatch: pytest.MonkeyPatch, tmp_
     name = "optimisation.report.tuning_report"
     monkeypatch.setattr(f"{name}.minimax", lambda model, *case: den_hartog(model, *case[:2]))
     monkeypatch.setattr(f"{name}.minimum_h2", lambda model, *case: den_hartog(model, *case[:2]))
-    command = load("design_tune", monkeypatch)
+    command = load("design tune", monkeypatch)
     result = done(command, "--modes", 2, "--quick", "--out", tmp_path / "command")
     answer = optimisation.tune(Beam(modes=2))
     assert result.stdout.startswith(str(answer))
@@ -248,7 +248,7 @@ def test_choose_place_gives_what_design_place_gives(
     monkeypatch.setattr("optimisation.cli.design_place.QUICK_TRIAL_PLACES", 1)
     line = ("--force", 3.5, "--modes", 2, "--rate", 40, "--quick", "--mass-ratio", 0.02)
     out = tmp_path / "command"
-    result = done(load("design_place", monkeypatch), *line, "--out", out)
+    result = done(load("design place", monkeypatch), *line, "--out", out)
     options = {"mass_ratios": (0.02,), "members": 1, "trial_places": 1}
     answer = optimisation.choose_place(
         Beam(modes=2), {1: 3.5}, percent_per_100_periods=40.0, **options
