@@ -78,7 +78,7 @@ NOT_OF_DISKS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(scenes.SummaryOptions, scenes.RunOptions, scenes.DeviceOptions):
+class CompareOptions(scenes.SummaryOptions, scenes.SweepRunOptions, scenes.DeviceOptions):
     """Options of ``compare``; None: not given."""
 
     load: Path | None = option("load")

@@ -104,7 +104,7 @@ NOT_OF_DISKS = (
 @dataclass(frozen=True, kw_only=True)
 class GapOptions(
     scenes.RecommendationOptions,
-    scenes.RunOptions,
+    scenes.SweepRunOptions,
     scenes.ImpactOptions,
     scenes.AbsorberOptions,
     scenes.BeamOptions,

@@ -101,7 +101,7 @@ GOES_ON = "the same command goes on from here."
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyOptions(scenes.RunOptions, scenes.DeviceOptions):
+class StudyOptions(scenes.SweepRunOptions, scenes.DeviceOptions):
     """Options of every search of designs; None: not given.
 
     ``free_by_default`` are the variables that are searched where --free is not given, None for those of the concept.

@@ -36,7 +36,7 @@ POSITION_TEXT = f"{BEAM_PLACES} places over the length; the places that the file
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceOptions(
-    scenes.RecommendationOptions, scenes.RunOptions, scenes.ImpactOptions, scenes.BeamOptions
+    scenes.RecommendationOptions, scenes.SweepRunOptions, scenes.ImpactOptions, scenes.BeamOptions
 ):
     """Options of ``design place``; None or empty: not given."""
 

@@ -152,7 +152,7 @@ class AbsorberOptions(DeviceOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions:
+class SweepRunOptions:
     """How runs are made, of commands that sweep; None: not given."""
 
     rate: float | None = option("rate")
@@ -232,11 +232,11 @@ class DeviceSource(NamedTuple):
 
 
 def read_source(
-    options: DeviceOptions, *beside: str, position: float | None = None
+    options: DeviceOptions, *allowed: str, position: float | None = None
 ) -> DeviceSource:
     """Return the structure that the options describe, with the absorber at a ``position`` if one is given.
 
-    Raises BadInput for an option of the structure or the absorber beside --scene, but for those of ``beside``, and for options of the beam
+    Raises BadInput for an option of the structure or the absorber beside --scene, but for those of ``allowed``, and for options of the beam
     beside --structure.
     """
     specs = list_specs(type(options))
@@ -244,7 +244,7 @@ def read_source(
         names = [
             name
             for name, spec in specs.items()
-            if spec.section in ("Structure", "Absorber") and name not in ("scene", *beside)
+            if spec.section in ("Structure", "Absorber") and name not in ("scene", *allowed)
         ]
         return DeviceSource(*read_device(options.scene, *names))
     refuse_with_structure(options.structure, *(name for name in OF_BEAM if name in specs))
@@ -264,10 +264,10 @@ def read_source(
 
 
 def read_source_model(
-    options: DeviceOptions, *beside: str, position: float | None = None
+    options: DeviceOptions, *allowed: str, position: float | None = None
 ) -> tuple[ModalModel, SlidingAbsorber | None]:
     """Return the modal model of `read_source`, and the absorber of --scene."""
-    structure, device, file = read_source(options, *beside, position=position)
+    structure, device, file = read_source(options, *allowed, position=position)
     if device is None and file is None and isinstance(structure, Beam):
         return modal_model(structure), None
     return model_with_absorber_at(structure), device
