@@ -205,7 +205,7 @@ class GapAnswer(CompleteAnswer):
         """Return the content of the answer; without the device in service there is no card."""
         advice = self.advice
         if self.under_loads:
-            return load_gap_report.make_report(advice)
+            return load_gap_report.make_report(advice, self.questions.card)
         lines = gap_report.answer(advice)
         lines += gap_report.probability(advice, self.questions.limit_level)
         numbers = gap_report.summary(advice)
@@ -499,7 +499,8 @@ def advise(
         applied = AppliedLoads(model, loads, resonance).times(1.0 if force is None else force)
         if absorber is None:
             absorber = applied.absorber(DEFAULT_MASS_RATIO, RESTITUTION)
-        return GapAnswer(search_gap(applied, absorber, **search), structure)
+        advice = search_gap(applied, absorber, **search)
+        return GapAnswer(advice, structure, GapQuestions(card=card))
     force = usable_force("force", force)  # type: ignore[arg-type]  # refuses None
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
     rigid_walls(own)

@@ -97,7 +97,6 @@ NOT_OF_DISKS = (
     "tolerances",
     "sobol",
     "history",
-    "no_card",
 )
 
 
@@ -338,8 +337,7 @@ def under_load(options: GapOptions, load: Path) -> None:
         "tolerances",
         "sobol",
         "history",
-        "no_card",
-        why="there the gap alone is searched, and there is no card",
+        why="there the gap alone is searched",
     )
     options, structure = read_structure(options)
     targets = common.AnswerFiles(options.out, options.json, options.device)
@@ -387,7 +385,7 @@ def under_load(options: GapOptions, load: Path) -> None:
         advice = search()
     if advice.recommended is None:
         raise KeyboardInterrupt
-    answer = GapAnswer(advice, structure)
+    answer = GapAnswer(advice, structure, GapQuestions(card=not options.no_card))
     common.name_files(targets.write(answer))
     common.end_early(advice.complete, "the files hold the runs that were finished.")
 
@@ -407,9 +405,9 @@ def main(options: GapOptions) -> None:
     frequency as frequency.png, and the recommended device's card as card.html, with curves, and card.json. Ctrl-C ends the
     simulation early and leaves what is finished.
 
-    With --scene of a bladed disk the clearance is one for all its absorbers, and the level that of the worst sector; there is no card.
+    With --scene of a bladed disk the clearance is one for all its absorbers, and the level that of the worst sector.
 
-    With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
+    With --load what is made small is the measure that belongs to the loads (docs/loads.md).
     """
     with common.plain_errors():
         disk = scenes.read_disk(options.scene, "structure")

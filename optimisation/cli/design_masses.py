@@ -40,7 +40,8 @@ from optimisation.frequency_levels import (
 )
 from optimisation.gap_advice import GapCheck, check_gap
 from optimisation.progress import runs_bar
-from optimisation.report.frequency_report import draw_frequencies
+from optimisation.report.figures import draw_charts
+from optimisation.report.frequency_report import frequency_charts
 from optimisation.report.report import Column, Record, Table, write_drawing
 from optimisation.sweep_range import find_reading_ratios, find_sweep_range, is_at_end
 
@@ -270,6 +271,6 @@ def main(options: MassesOptions) -> None:
         files = fill_page(options.page, MARKER, table.to_text())
         files += write_files({options.json: table.records()})
         if options.plot is not None:
-            write_drawing(options.plot, partial(draw_frequencies, frequency))
+            write_drawing(options.plot, partial(draw_charts, frequency_charts(frequency)))
             files.append(options.plot)
     name_files(files)

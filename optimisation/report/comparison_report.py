@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from optimisation.frequency_levels import ResonanceCurves
 from optimisation.load_cases import Reading
 from optimisation.measures import LABELS, UNITS
 from optimisation.report.design_figures import draw_comparison
-from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of
+from optimisation.report.figures import draw_charts
 from optimisation.report.frequency_report import (
     frequency_charts,
     frequency_figures,
@@ -56,9 +56,6 @@ from optimisation.service import EFFECTIVE_RATIO, ImpactLoads, contiguous_range
 from optimisation.statistics import prediction_band, prediction_interval
 from optimisation.sweep_range import find_reading_ratios, is_at_end, reading_in_words
 from optimisation.tuned.under_loads import TunedUnder
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 LIMIT = "limit"
@@ -462,10 +459,10 @@ def concepts_read_at_end(comparison: Comparison) -> list[str]:
     return values
 
 
-LOAD_STYLES = {
-    "impact": ("impact absorber", BLUE, "-"),
-    "friction": ("friction damper", ORANGE, "-"),
-    "tuned": ("tuned absorber", GREEN, "--"),
+LOAD_LABELS = {
+    "impact": "impact absorber",
+    "friction": "friction damper",
+    "tuned": "tuned absorber",
 }
 
 
@@ -502,7 +499,7 @@ def load_summary(comparison: LoadComparison) -> dict[str, Any]:
                 [numbers(point) for point in ratio_interval(band, name)]
                 for band in comparison.bands
             ]
-            for name in LOAD_STYLES
+            for name in LOAD_LABELS
         },
     }
 
@@ -546,33 +543,41 @@ def load_text_blocks(comparison: LoadComparison) -> list[list[str | Table]]:
         for name, absorber in comparison.absorbers.items()
     ]
     blocks = [lines]
-    headings = ("intensity", *(label for label, _, _ in LOAD_STYLES.values()))
+    headings = ("intensity", *LOAD_LABELS.values())
     for band, head in zip(comparison.bands, _heads(comparison), strict=True):
-        intervals = {name: ratio_interval(band, name) for name in LOAD_STYLES}
+        intervals = {name: ratio_interval(band, name) for name in LOAD_LABELS}
         rows = []
         for k, factor in enumerate(comparison.factors):
             cells = (
                 f"{middle:.3f}" + (f" ({low:.2f} to {high:.2f})" if high > low else "")
-                for low, middle, high in (intervals[name][k] for name in LOAD_STYLES)
+                for low, middle, high in (intervals[name][k] for name in LOAD_LABELS)
             )
             rows.append((f"{factor:.3g}", *cells))
         table = Table.of_words(headings, rows)
         blocks.append([head, table] if head else [table])
-    if any(reading.at_end for reading in comparison.readings.values()):
-        blocks.append([f"Warning: {LOAD_END_WARNING}."])
-    return blocks
+    return [*blocks, [f"Warning: {line}." for line in load_warnings(comparison)]]
+
+
+def load_warnings(comparison: LoadComparison) -> tuple[str, ...]:
+    """Return a warning where a level was read at an end of the loads."""
+    at_end = any(reading.at_end for reading in comparison.readings.values())
+    return (LOAD_END_WARNING,) if at_end else ()
 
 
 def make_load_report(
     comparison: LoadComparison, conditions: Mapping[str, object] | None = None
 ) -> Report:
     """Return the content of a comparison under loads; ``conditions``: what else summary.json has."""
+    charts = load_charts(comparison)
     return Report(
         title=f"Absorbers of one mass under {comparison.case.loads.describe()}",
         text=load_text_blocks(comparison),
         numbers={**(conditions or {}), **load_summary(comparison)},
         tables={"runs.csv": load_run_table(comparison)},
-        figures={"comparison.png": partial(draw_load_comparison, comparison)},
+        figures={"comparison.png": partial(draw_charts, charts)},
+        groups=load_card_groups(comparison),
+        charts=charts,
+        warnings=load_warnings(comparison),
     )
 
 
@@ -601,26 +606,52 @@ def make_tuned_report(tuned: TunedUnder) -> Report:
     return Report(title=title, text=[lines], numbers=tuned_summary(tuned))
 
 
-def draw_load_comparison(comparison: LoadComparison) -> Figure:
-    """Draw what each absorber leaves over the loads' intensity."""
-    heads = _heads(comparison)
-    figure, panels = figure_of(5.2 * len(heads) + 1.0, 3.8, 1, len(heads), sharey=True)
-    panels = np.atleast_1d(panels)
-    for band, axes, head in zip(comparison.bands, panels, heads, strict=True):
-        for name, (label, colour, style) in LOAD_STYLES.items():
+def load_charts(comparison: LoadComparison) -> tuple[Chart, ...]:
+    """Return what each absorber leaves over the loads' intensity, for each band of frequencies."""
+    charts = []
+    under = f"Under {comparison.case.loads.describe()}"
+    for band, head in zip(comparison.bands, _heads(comparison), strict=True):
+        factors = numbers(comparison.factors)
+        curves = []
+        for name, label in LOAD_LABELS.items():
             low, middle, high = ratio_interval(band, name).T
-            axes.fill_between(comparison.factors, low, high, color=colour, alpha=0.18, linewidth=0)
-            axes.plot(comparison.factors, middle, style, color=colour, label=label)
-        axes.axhline(1.0, color="black", linewidth=0.8)
-        axes.set_xscale("log")
-        axes.set_xticks(comparison.factors, [f"{factor:.3g}" for factor in comparison.factors])
-        axes.minorticks_off()
-        axes.set_ylim(0, None)
-        axes.set_xlabel("intensity of the load, 1: as given")
-        axes.set_title(
-            ", ".join(filter(None, (f"Under {comparison.case.loads.describe()}", head))),
-            fontsize=11,
+            curves.append(Curve(label, factors, numbers(middle), numbers(low), numbers(high)))
+        curves.append(Curve("no absorber", factors, [1.0] * len(factors)))
+        charts.append(
+            Chart(
+                ", ".join(filter(None, (under, head))),
+                "intensity of the load, 1: as given",
+                f"{LABELS[comparison.case.measure]} over that without absorber",
+                tuple(curves),
+                log_x=True,
+            )
         )
-    panels[0].set_ylabel(f"{LABELS[comparison.case.measure]} over that without absorber")
-    panels[0].legend(frameon=False)
-    return figure
+    return tuple(charts)
+
+
+def load_card_groups(comparison: LoadComparison) -> tuple[Group, ...]:
+    """Return the absorbers, and what each leaves at the intensity nearest to that given."""
+    k = int(np.argmin(np.abs(np.log(comparison.factors))))
+    groups: list[Group] = [
+        (
+            "Absorbers",
+            tuple(
+                Row(LOAD_LABELS[name], describe_absorber(absorber))
+                for name, absorber in comparison.absorbers.items()
+            ),
+        )
+    ]
+    measure = LABELS[comparison.case.measure]
+    for band, head in zip(comparison.bands, _heads(comparison), strict=True):
+        rows = []
+        for name, label in LOAD_LABELS.items():
+            low, middle, high = ratio_interval(band, name)[k]
+            rows.append(Row(label, with_band(middle, low, high, "{:.3f}")))
+        heading = f"{measure} over that without absorber, intensity {comparison.factors[k]:.3g}"
+        groups.append((", ".join(filter(None, (heading, head))), tuple(rows)))
+    assumed = (
+        Row("loads", comparison.case.loads.describe()),
+        *assumed_rows(comparison.case.model, (), None),
+        Row("in brackets", "the interval that holds 90 % of further runs"),
+    )
+    return (*groups, ("Assumptions", assumed))

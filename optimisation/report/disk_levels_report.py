@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +16,11 @@ from optimisation.disk_levels import (
     DiskComparisonLevels,
     DiskGapChoice,
 )
+from optimisation.files import numbers
 from optimisation.report.disk_report import describe_disk, describe_disk_absorbers
-from optimisation.report.figures import MM, figure_of
-from optimisation.report.report import Column, Json, Report, Table
+from optimisation.report.figures import MM, draw_charts
+from optimisation.report.report import Chart, Column, Curve, Group, Json, Report, Row, Table
 from optimisation.statistics import prediction_interval
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 GAP_COLUMNS = (
     Column("gap_m", "clearance, mm", scale=MM),
@@ -35,7 +33,6 @@ LEVEL_COLUMNS = ("absorber", "force_n", "disk", "worst_level_m")
 NO_TUNED_ABSORBERS = (
     "Tuned absorbers are left out: several absorbers on one structure have rigid contact only."
 )
-COLOURS = {WITHOUT: "#555555", IMPACT: "#1f4e79", FRICTION: "#d1641a"}
 
 
 def describe_case(case: DiskCase) -> list[str]:
@@ -49,11 +46,15 @@ def describe_case(case: DiskCase) -> list[str]:
     return [describe_disk(case.disk), describe_disk_absorbers(case.disk), run]
 
 
-def _interval(levels: Any) -> str:
+def interval_words(levels: Any) -> str:
+    """Return the interval of 90 % of further disks; nothing where it is not known."""
     low, high = prediction_interval(levels)
-    if not np.isfinite(low):
-        return ""
-    return f" (90 % of disks: {MM * low:.4g} to {MM * high:.4g} mm, n = {len(levels)})"
+    return f"{MM * low:.4g} to {MM * high:.4g} mm" if np.isfinite(low) else ""
+
+
+def _interval(levels: Any) -> str:
+    words = interval_words(levels)
+    return f" (90 % of disks: {words}, n = {len(levels)})" if words else ""
 
 
 def gap_lines(choice: DiskGapChoice) -> list[str]:
@@ -90,12 +91,15 @@ def gap_table(choice: DiskGapChoice) -> Table:
 def make_gap_report(choice: DiskGapChoice) -> Report:
     """Return the content of the search of a clearance."""
     table = gap_table(choice)
+    chart = gap_chart(choice)
     return Report(
         title=f"Clearance for all sectors, {choice.case.force:g} N on each",
         text=[gap_lines(choice), [table]],
         numbers=gap_summary(choice) | {"gaps": table.records()} | _case_data(choice.case),
         tables={"levels.csv": table},
-        figures={"levels.png": partial(draw_gap_levels, choice)},
+        figures={"levels.png": partial(draw_charts, [chart])},
+        groups=gap_groups(choice),
+        charts=(chart,),
     )
 
 
@@ -127,24 +131,64 @@ def _case_data(case: DiskCase) -> Json:
     }
 
 
-def draw_gap_levels(choice: DiskGapChoice) -> Figure:
-    """Return the figure of the worst sector's level over the clearance."""
-    figure, axes = figure_of(7.5, 4.6)
+def gap_chart(choice: DiskGapChoice) -> Chart:
+    """Return the worst sector's level over the clearance."""
     steps = sorted(choice.samples.levels)
-    gaps = MM * np.array([choice.gap(step) for step in steps])
-    medians = MM * np.array([np.median(choice.samples.levels[step]) for step in steps])
-    for gap, step in zip(gaps, steps, strict=True):
-        levels = MM * choice.samples.levels[step]
-        axes.plot(np.full(len(levels), gap), levels, "o", color="0.6", ms=3)
-    axes.plot(gaps, medians, color=COLOURS[IMPACT], label="median of the disks")
-    axes.axhline(MM * np.median(choice.without), color=COLOURS[WITHOUT], ls="--", label=WITHOUT)
-    best = MM * choice.gap(choice.recommended)
-    axes.axvline(best, color=COLOURS[FRICTION], lw=1, label=f"recommended, {best:.3g} mm")
-    axes.set_ylim(bottom=0)
-    axes.set_xlabel("clearance to either wall in mm")
-    axes.set_ylabel("level of the worst sector in mm")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
-    return figure
+    gaps = [MM * choice.gap(step) for step in steps]
+    medians = [MM * float(np.median(choice.samples.levels[step])) for step in steps]
+    samples = [choice.samples.levels[step] for step in steps]
+    every = numbers(np.repeat(gaps, [len(levels) for levels in samples]))
+    without = MM * float(np.median(choice.without))
+    return Chart(
+        "Level of the worst sector",
+        "clearance to either wall in mm",
+        "level of the worst sector in mm",
+        (
+            Curve("median of the disks", gaps, medians),
+            Curve(WITHOUT, [gaps[0], gaps[-1]], [without, without]),
+            Curve("each disk", every, numbers(MM * np.concatenate(samples)), points=True),
+        ),
+        (("recommended", MM * choice.gap(choice.recommended)),),
+        log_x=True,
+    )
+
+
+def gap_groups(choice: DiskGapChoice) -> tuple[Group, ...]:
+    """Return the recommended clearance, the level of the worst sector, and the disk."""
+    step = choice.recommended
+    levels = choice.samples.levels[step]
+    median = float(np.median(levels))
+    without = float(np.median(choice.without))
+    tolerance = 100 * choice.tolerance
+    worst = choice.samples.worst(step, choice.tolerance)
+    measured = (
+        Row(f"median of {count_disks(len(levels))}", MM * median, "mm RMS"),
+        Row("90 % of disks", interval_words(levels) or None),
+        Row(f"at most, {tolerance:g} % more or less force", MM * worst, "mm"),
+        Row("of no absorbers", 100 * median / without, "%"),
+        Row(WITHOUT, MM * without, "mm"),
+    )
+    gaps = (
+        Row("clearance to either wall", MM * choice.gap(step), "mm"),
+        Row("lowest level at", MM * choice.gap(choice.sharp), "mm"),
+        Row("design rule", MM * choice.reference, "mm"),
+    )
+    return (
+        ("Clearance, in all sectors with an absorber", gaps),
+        ("Level of the worst sector", measured),
+        ("Disk", disk_rows(choice.case)),
+    )
+
+
+def count_disks(number: int) -> str:
+    """Return a number of disks in words."""
+    return f"{number} disk{'s' * (number != 1)}"
+
+
+def disk_rows(case: DiskCase) -> tuple[Row, ...]:
+    """Return disk, absorbers and sweeps."""
+    labels = ("disk", "absorbers", "sweeps")
+    return tuple(Row(*pair) for pair in zip(labels, describe_case(case), strict=True))
 
 
 def comparison_blocks(levels: DiskComparisonLevels) -> list[list[str | Table]]:
@@ -194,12 +238,16 @@ def comparison_table(levels: DiskComparisonLevels) -> Table:
 
 def make_comparison_report(levels: DiskComparisonLevels) -> Report:
     """Return the content of the comparison of a disk's absorbers."""
+    chart = comparison_chart(levels)
     return Report(
         title="Absorbers of a bladed disk compared",
         text=comparison_blocks(levels),
         numbers=comparison_summary(levels),
         tables={"levels.csv": comparison_table(levels)},
-        figures={"comparison.png": partial(draw_disk_comparison, levels)},
+        figures={"comparison.png": partial(draw_charts, [chart])},
+        groups=comparison_groups(levels),
+        charts=(chart,),
+        warnings=(NO_TUNED_ABSORBERS.rstrip("."),),
     )
 
 
@@ -216,16 +264,38 @@ def comparison_summary(levels: DiskComparisonLevels) -> Json:
     }
 
 
-def draw_disk_comparison(levels: DiskComparisonLevels) -> Figure:
-    """Return the figure of the worst sector's level over the force, by absorber."""
-    figure, axes = figure_of(7.5, 4.6)
+def comparison_chart(levels: DiskComparisonLevels) -> Chart:
+    """Return the worst sector's level over the force, by absorber."""
+    forces = numbers(levels.forces)
+    curves = [
+        Curve(name, forces, numbers(MM * np.median(table, axis=1)))
+        for name, table in levels.levels.items()
+    ]
     for name, table in levels.levels.items():
-        colour = COLOURS[name]
-        axes.plot(levels.forces, MM * np.median(table, axis=1), "o-", color=colour, label=name)
-        for member in table.T:
-            axes.plot(levels.forces, MM * member, "o", color=colour, ms=2.5, alpha=0.5)
-    axes.set(xscale="log", yscale="log")
-    axes.set_xlabel("force on each sector in N")
-    axes.set_ylabel("level of the worst sector in mm")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
-    return figure
+        if table.shape[1] > 1:
+            every = numbers(np.repeat(levels.forces, table.shape[1]))
+            curves.append(
+                Curve(f"{name}, each disk", every, numbers(MM * table.ravel()), points=True)
+            )
+    return Chart(
+        "Level of the worst sector",
+        "force on each sector in N",
+        "level of the worst sector in mm",
+        tuple(curves),
+        log_x=True,
+        log_y=True,
+    )
+
+
+def comparison_groups(levels: DiskComparisonLevels) -> tuple[Group, ...]:
+    """Return the levels at the middle force, and the disk."""
+    k = len(levels.forces) // 2
+    base = float(np.median(levels.levels[WITHOUT][k]))
+    rows = []
+    for name, table in levels.levels.items():
+        level = float(np.median(table[k]))
+        words = f"{MM * level:.4g} mm, {100 * level / base:.1f} %{_interval(table[k])}"
+        rows.append(Row(name, words))
+    heading = f"Level of the worst sector at {levels.forces[k]:.4g} N on each"
+    dampers = Row(FRICTION, describe_disk_absorbers(levels.dampers))
+    return ((heading, tuple(rows)), ("Disk", (*disk_rows(levels.case), dampers)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,15 @@ from numpy.typing import NDArray
 from impact_env.parameters import SlidingAbsorber
 from impact_env.results import require_recorded
 from optimisation.files import numbers, replacing, write_csv
-from optimisation.frequency_levels import NO_ABSORBER, ResonanceCurves, WorstRun
+from optimisation.frequency_levels import ResonanceCurves, WorstRun
 from optimisation.report.figures import (
     BLUE,
-    GREEN,
     GREY,
     MM,
     ORANGE,
-    PINK,
-    SKY,
+    draw_charts,
     draw_grid,
     figure_of,
-    force_axis,
 )
 from optimisation.report.report import Chart, Curve, Draw, Table, write_drawing
 
@@ -32,7 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-CURVE_COLOURS = (BLUE, ORANGE, PINK, GREEN, SKY)  # of the concepts as in the figure over the force
 COLUMNS = (
     "time_s",
     "frequency_hz",
@@ -83,31 +79,7 @@ def frequency_figures(parts: Sequence[ResonanceCurves]) -> dict[str, Draw]:
     """Return the figure of levels over the frequency by its file's name; nothing without curves."""
     if not any(part.curves for part in parts):
         return {}
-    return {"frequency.png": partial(draw_frequencies, parts)}
-
-
-def draw_frequency(axes: Any, part: ResonanceCurves) -> None:
-    """Draw the levels over the frequency near one resonance."""
-    hertz = part.omega / (2 * np.pi)
-    colours = iter(CURVE_COLOURS)
-    for one in part.curves:
-        colour = GREY if one.name == NO_ABSORBER else next(colours)
-        axes.plot(one.ratio * hertz, MM * one.level, color=colour, lw=1.8, label=one.name)
-    axes.set_yscale("log")
-    force_axis(axes.yaxis)
-    axes.set_xlabel("frequency in Hz")
-    axes.set_ylabel("level in mm (RMS)")
-    axes.set_title(f"{part.force:.4g} N near resonance {part.resonance}", fontsize=10)
-    draw_grid(axes)
-    axes.legend(fontsize=8.5, framealpha=0.95)
-
-
-def draw_frequencies(parts: Sequence[ResonanceCurves]) -> Figure:
-    """Draw levels over the frequency, a panel for each resonance."""
-    figure, panels = figure_of(6.4 * len(parts), 4.4, 1, len(parts))
-    for axes, part in zip(np.atleast_1d(panels), parts, strict=True):
-        draw_frequency(axes, part)
-    return figure
+    return {"frequency.png": partial(draw_charts, frequency_charts(parts))}
 
 
 def history_arrays(run: WorstRun) -> dict[str, Array]:

@@ -11,20 +11,21 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from impact_env.modes import ModalModel
-from impact_env.parameters import SlidingAbsorber
-from optimisation.baselines import Baselines
 from optimisation.files import replacing
 from optimisation.page import markdown
-from optimisation.service import ImpactLoads
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from impact_env.modes import ModalModel
+    from impact_env.parameters import SlidingAbsorber
+    from optimisation.baselines import Baselines
+    from optimisation.service import ImpactLoads
 
 Json = dict[str, Any]
 Record = Mapping[str, Any]
@@ -151,6 +152,17 @@ class Curve:
     low: Sequence[float | None] = ()
     high: Sequence[float | None] = ()
     points: bool = False
+
+    def in_order(self) -> Curve:
+        """Return the curve with its points by x, without those that have none."""
+        order = sorted(
+            (i for i, x in enumerate(self.x) if x is not None),
+            key=lambda i: self.x[i],  # type: ignore[arg-type, return-value]
+        )
+        x, y, low, high = (
+            [values[i] for i in order if values] for values in (self.x, self.y, self.low, self.high)
+        )
+        return replace(self, x=x, y=y, low=low, high=high)
 
 
 @dataclass(frozen=True)
@@ -335,16 +347,9 @@ def _figure(chart: Chart) -> Json:
     """Return a chart as figure.js draws it."""
     lines = list[Json]()
     areas = list[Json]()
-    for k, curve in enumerate(chart.curves):
-        order = sorted(
-            (i for i, x in enumerate(curve.x) if x is not None),
-            key=lambda i: curve.x[i],  # type: ignore[arg-type, return-value]
-        )
+    for k, curve in enumerate(one.in_order() for one in chart.curves):
         x, y, low, high = (
-            [
-                None if v is None or (log and v <= 0) else v
-                for v in (values[i] for i in order if values)
-            ]
+            [None if v is None or (log and v <= 0) else v for v in values]
             for values, log in (
                 (curve.x, chart.log_x),
                 (curve.y, chart.log_y),
