@@ -62,7 +62,7 @@ class ComparisonAnswer(CompleteAnswer):
     conditions: Mapping[str, object] = field(default_factory=dict)
 
     def make_report(self) -> Report:
-        """Return the content of the answer; under loads there is no card."""
+        """Return the content of the answer."""
         if isinstance(self.comparison, LoadComparison):
             return make_load_report(self.comparison, self.conditions)
         return make_report(self.comparison, self.impacts, self.frequency, self.conditions)

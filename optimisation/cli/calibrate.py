@@ -49,18 +49,12 @@ def parse_prior(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def count_prior_words(words: Sequence[str]) -> int:
-    """Return how many words after ``--free`` are its value: a name, numbers, and the name of a distribution."""
+    """Return how many words after ``--free`` are its value: a name, two numbers, and the name of a distribution."""
     count = 1
-    while count < min(len(words), 4) and is_prior_word(words[count], count):
+    while count < min(len(words), 3) and is_number(words[count]):
         count += 1
-    return count
-
-
-def is_prior_word(text: str, position: int) -> bool:
-    """Return whether a word at a position after ``--free`` is a part of a prior: two numbers, then a distribution."""
-    if position == 3:
-        return text in ("log", "normal", "uniform")
-    return is_number(text)
+    has_distribution = count == 3 and words[3:4] and words[3] in ("log", "normal", "uniform")
+    return count + 1 if has_distribution else count
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,6 @@ import click
 
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor, LaneProgress
-from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
     RigidWalls,
@@ -318,11 +317,6 @@ def show_stages(options: GapOptions, force: float, scene: Scene, advice: Advice)
     return show_stage
 
 
-def probe_gap(model: ModalModel, loads: Loads) -> float:
-    """Return a gap in m for a run that is timed: that from which a search begins, or 1 mm where nothing moves."""
-    return design_gap_for(model, loads) or RigidWalls.gap
-
-
 def under_load(options: GapOptions, load: Path) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
     scenes.refuse_with_load(load, "rate")
@@ -364,9 +358,9 @@ def under_load(options: GapOptions, load: Path) -> None:
                 )
 
         members = options.usual_members
-        probe = Scene(
-            model, impact_absorber(probe_gap(model, loads), options.restitution, None, ratio)
-        )
+        # of a run that is timed: a gap from which a search begins, or 1 mm where nothing moves
+        gap = design_gap_for(model, loads) or RigidWalls.gap
+        probe = Scene(model, impact_absorber(gap, options.restitution, None, ratio))
         number = CHECK_MEMBERS + (PAIRS if members <= MEMBERS else 10 + 5 * members)
         long = (
             options.cluster is None

@@ -28,7 +28,6 @@ from impact_env.parameters import (
 )
 from impact_env.plain import (
     StructureWarning,
-    find_force_amplitude,
     load_structure,
     to_beam,
     to_disk,
@@ -107,11 +106,6 @@ def read_disk(path: Path | None, *names: str) -> BladedDisk | None:
     refuse_with_scene(*names)
     plain = read_plain(path)
     return to_disk(plain, path.parent) if "cyclic" in plain else None
-
-
-def find_file_force(path: Path | None) -> float | None:
-    """Return the amplitude in N of the first force in a file of a scene or structure; None where it has none."""
-    return None if path is None else find_force_amplitude(read_plain(path))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -206,6 +206,13 @@ def test_design_gap_of_a_disk_writes_the_device(tmp_path: Path) -> None:
     assert [float(row["gap_m"]) for row in rows] == [row["gap_m"] for row in summary["gaps"]]
     assert [float(row["median_level_m"]) for row in rows] == levels
     assert (tmp_path / "gap" / "levels.png").is_file()
+    groups = json.loads((tmp_path / "gap" / "card.json").read_text())["groups"]
+    rows = {row["label"]: row["value"] for rows in groups.values() for row in rows}
+    assert rows["clearance to either wall"] == pytest.approx(1e3 * gap)
+    level = np.median(summary["recommended"]["worst_level_m"])
+    assert rows["of no absorbers"] == pytest.approx(
+        100 * level / np.median(summary["without_absorbers_m"])
+    )
 
 
 def test_compare_of_a_disk_has_absorbers_dampers_and_none(tmp_path: Path) -> None:
@@ -226,6 +233,11 @@ def test_compare_of_a_disk_has_absorbers_dampers_and_none(tmp_path: Path) -> Non
     assert [float(row["worst_level_m"]) for row in rows] == linear.ravel().tolist()
     assert set(levels) == {"no absorbers", "the file's absorbers", "friction dampers"}
     assert (out / "comparison.png").is_file()
+    card = json.loads((out / "card.json").read_text())
+    rows = card["groups"]["Level of the worst sector at 10 N on each"]
+    for row, table in zip(rows, levels.values(), strict=True):
+        assert row["value"].startswith(f"{1e3 * np.median(table[1]):.4g} mm")
+    assert "Tuned absorbers are left out" in card["warnings"][0]
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,13 @@ def test_advise_under_loads_gives_what_design_gap_gives(
     assert result.stdout.startswith(str(answer))
     assert check_files(answer, tmp_path / "command", tmp_path / "python") == answer.to_json()
     assert answer.worst_run() is None
-    assert answer.report.groups == ()
+    rows = {row.label: row.value for _, rows in answer.report.groups for row in rows}
+    best = answer.to_json()["recommended"]
+    assert rows["clearance to either wall"] == 1e3 * best["gap_m"]
+    assert rows["median of 1 runs"] == best["decay_s"]
+    without = optimisation.advise(model, 2.0, loads=loads, members=1, card=False)
+    assert without.report.groups == ()
+    assert without.to_json() == answer.to_json()
 
 
 @pytest.mark.parametrize(
@@ -175,7 +181,10 @@ def test_compare_under_loads_gives_what_compare_absorbers_gives(
     assert result.stdout.startswith(str(answer))
     assert check_files(answer, tmp_path / "command", tmp_path / "python") == answer.to_json()
     assert len(answer.plot().axes) == 1
-    assert answer.report.groups == ()
+    heading, rows = answer.report.groups[1]
+    assert heading.endswith("intensity 0.2")
+    ratios = [bands[0][0][1] for bands in answer.to_json()["ratio_5_50_95"].values()]
+    assert [row.value.split()[0] for row in rows] == [f"{ratio:.3f}" for ratio in ratios]
     assert answer.worst_run() is None
 
 
