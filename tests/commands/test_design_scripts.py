@@ -220,9 +220,9 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
         percent_per_100_periods=50.0,
     )
     np.testing.assert_array_equal(row.relative, own.relative)
-    cells = [
-        cell.strip() for cell in mass_ratios.text([row]).splitlines()[-1].strip("|").split("|")
-    ]
+    table = mass_ratios.check_table([row])
+    cells = [cell.strip() for cell in table.to_text().splitlines()[-1].strip("|").split("|")]
+    (record,) = table.records()
     best = int(np.argmin(row.relative))
     assert cells[0] == "5 %"
     assert float(cells[2]) == pytest.approx(reach(MODEL, 0.05 * MODEL.beam_mass), rel=5e-3)
@@ -231,6 +231,9 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
         == f"{row.gaps[best] / design_gap(MODEL, 0.05 * MODEL.beam_mass, 1.0):.2f}"
     )
     assert ("or" in cells[3]) == (best != 1)
+    assert record["best_gap_is"] == {0: "narrowest", 1: None, 2: "widest"}[best]
+    assert record["rule_over_best"] == row.relative[1] / row.relative[best]
+    assert record["level_read_at_end"] == ("(end)" in cells[8])
     assert float(cells[4]) == pytest.approx(100 * row.relative[best], abs=0.06)
     (part,) = mass_ratios.frequency_of([row], None)
     assert [curve.name for curve in part.curves] == ["5 % of the mass", "no absorber"]

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from design_studies import search_swept
+from drawing import bands, line
 
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Threads
 from impact_env.scene import Scene
 from optimisation.files import write_files
+from optimisation.report.figures import draw_charts
 from optimisation.report.gap_report import device_groups, printed_table
 from optimisation.report.report import (
     Chart,
@@ -255,3 +257,28 @@ def test_card_of_tunings_draws_their_peaks() -> None:
     assert card_rows["largest acceleration of the structure"] == pytest.approx(
         (omega**2 * np.abs(moved[:, :-1] @ model.tip_shape)).max()
     )
+
+
+def test_a_figure_of_charts_has_their_curves_bands_and_marks() -> None:
+    first, second = draw_charts(CARD.charts).axes
+    x, y = line(first, "first")
+    np.testing.assert_array_equal(x, [1.0, 2.0, 4.0])
+    np.testing.assert_array_equal(y, [1.0, np.nan, 3.0])
+    band = np.hstack(bands(first))  # in two parts: the middle is not known
+    np.testing.assert_array_equal(band[:, [0, -1]], [[1.0, 4.0], [0.5, 2.0], [2.0, 4.0]])
+    np.testing.assert_array_equal(line(first, "here: 2")[0], 2.0)
+    assert (first.get_xscale(), first.get_yscale()) == ("log", "linear")
+    assert (second.get_xscale(), second.get_yscale()) == ("linear", "log")
+    (points,) = second.get_lines()
+    assert points.get_linewidth() == 0.0
+    assert points.get_marker() == "o"
+    assert first.get_xlabel() == "x"
+    assert first.get_title() == "Curves"
+
+
+def test_points_are_drawn_by_their_abscissa() -> None:
+    curve = Curve("c", (3.0, None, 1.0), (30.0, 20.0, 10.0), (29.0, 19.0, 9.0), (31.0, 21.0, 11.0))
+    ordered = curve.in_order()
+    assert (ordered.x, ordered.y) == ([1.0, 3.0], [10.0, 30.0])
+    assert (ordered.low, ordered.high) == ([9.0, 29.0], [11.0, 31.0])
+    assert Curve("d", (2.0, 1.0), (4.0, 5.0)).in_order().low == []
