@@ -123,7 +123,9 @@ class ActiveTask(PooledTask):
         require_samples(settings.samples_per_period, high)
         self.cycle = cycle
         damping_error = check_range("damping_error", cycle.damping_error)
-        self.scenes = vary_damping(self.nominal_scenes(settings), damping_error)
+        nominal = self.nominal_scenes(settings)
+        self.scenes = vary_damping(nominal, damping_error)
+        self._draws_damping = len(self.scenes) > len(nominal)
         self.friction_error = check_range("friction_error", cycle.friction_error)
         self._ratios = (low, high)
         self.described = (cycle,)
@@ -152,27 +154,26 @@ class ActiveTask(PooledTask):
         return self.scenes[self.which[lane]].model
 
     def draw(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw frequency and force, and what differs from the scene: damping and friction."""
-        self.draw_plant(lane, generator)
+        """Draw frequency and force."""
         low, high = self._ratios
         self.ratio[lane] = self.drawn(
             "frequency_ratio", lane, low if low == high else generator.uniform(low, high)
         )
         self.force[lane] = self.draw_force(lane, generator)
-        unit = stationary_amplitude(
-            self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base
-        )
-        self._scale[lane] = unit * self.force[lane] / math.sqrt(2)
+        self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
+
+    def draw_machine(self, lane: int, generator: np.random.Generator) -> None:
+        """Draw damping and friction, see `Task.draw_machine`; the score's reference has the true damping."""
+        if self._draws_damping:
+            self.which[lane] = generator.integers(len(self.scenes))
         low, high = self.friction_error
         if low != 0 or high != 0:
             error = low if low == high else float(generator.uniform(low, high))
             self.set_friction_factor(lane, 1 + error)
-        self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
-
-    def draw_plant(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw which of the scenes a lane is in, if there are several."""
-        if len(self.scenes) > 1:
-            self.which[lane] = generator.integers(len(self.scenes))
+        unit = stationary_amplitude(
+            self.model(lane), self.ratio[lane] * self.omega, self.settings.moves_base
+        )
+        self._scale[lane] = unit * self.force[lane] / math.sqrt(2)
 
     @abstractmethod
     def set_friction_factor(self, lane: int, factor: float) -> None:

@@ -414,9 +414,10 @@ class StructuresTask(ActiveFrictionTask):
         """Return a scene for each structure."""
         return [replace(settings.scene, model=model) for model in self.models]
 
-    def draw_plant(self, lane: int, generator: Generator) -> None:
-        """Draw the structure."""
+    def draw(self, lane: int, generator: Generator) -> None:
+        """Draw the structure, and what all draw."""
         self.draw_scene("structure", lane, generator)
+        super().draw(lane, generator)
 
     def draw_force(self, lane: int, generator: Generator) -> float:
         """Return the force in N that moves a lane's structure at resonance as far as the one that is drawn moves the standard."""

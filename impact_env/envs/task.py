@@ -150,6 +150,7 @@ class Task(ABC):
                 self.runs.orders["place"][lane] = generators[lane].integers(
                     len(self._record.values) - 1
                 )
+            self.draw_machine(lane, generators[lane])
         self.runs.restart(which)
         self.actuator.restart(which)
         return self.sensors.see(self.values(), generators, which)
@@ -218,6 +219,9 @@ class Task(ABC):
     @abstractmethod
     def draw(self, lane: int, generator: np.random.Generator) -> None:
         """Set what an episode draws before the force's phase, and the lane's first orders."""
+
+    def draw_machine(self, lane: int, generator: np.random.Generator) -> None:  # noqa: B027 - most tasks have nothing to draw
+        """Draw how the machine differs from what its control takes it for: last, so that the same seed has the same episode without that."""
 
     @abstractmethod
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:

@@ -1,10 +1,10 @@
-"""The content of the answer of `calibrate`. SI units, unless named."""
+"""The answers of `calibrate`: as text, card, rows, JSON and figures. SI units, unless named."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,8 +22,9 @@ from optimisation.calibration.parameters import UNITS
 from optimisation.calibration.plan import MeasurementPlan
 from optimisation.calibration.predictive import LEAST_PROBABILITY, PredictiveCheck
 from optimisation.calibration.summaries import list_groups
-from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of
-from optimisation.report.report import Chart, Curve, Group, Json, Report, Row, Table, with_band
+from optimisation.page import markdown
+from optimisation.report.card import Card, Chart, Curve, Row, with_band
+from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -168,7 +169,7 @@ def linear_lines(linear: LinearFit | None) -> list[str]:
     ]
 
 
-def model_table(models: Models) -> Table:
+def model_table(models: Models) -> str:
     """Return a line for each model: its probability in the check and its score."""
     best = max(check.log_score for _, check in models.values())
     rows = []
@@ -178,46 +179,46 @@ def model_table(models: Models) -> Table:
         )
         rows.append((name, f"{check.probability:.2g}", f"{check.log_score - best:.1f}", values))
     header = ("model", "probability", "log score, less the best", "median (90 % interval)")
-    return Table.of_words(header, rows)
+    return markdown(header, rows)
 
 
-def plan_table(plan: MeasurementPlan) -> Table:
+def plan_table(plan: MeasurementPlan) -> str:
     """Return a line for each force: the expected deviation of each parameter over that now."""
     header = ("factor of the load", *(f"{name}, over now" for name in plan.names))
     rows = [
         (f"{factor:g}", *(f"{ratio:.2f}" for ratio in plan.ratios[k]))
         for k, factor in enumerate(plan.factors)
     ]
-    return Table.of_words(header, rows)
+    return markdown(header, rows)
 
 
-def text_blocks(
+def list_lines(
     measurements: Sequence[Measurement],
     models: Models,
     linear: LinearFit | None,
     plan: MeasurementPlan | None,
-    warnings: Sequence[str],
-) -> list[list[str | Table]]:
-    """Return what `calibrate` prints."""
+) -> list[str]:
+    """Return what `calibrate` prints, without warnings."""
     inference, check = next(iter(models.values()))
+    lines = [describe_measurement(one) for one in measurements]
+    lines += linear_lines(linear)
+    lines += ["", f"Posterior of {inference.runs} simulated measurements: median (90 % interval)"]
     texts = parameter_texts(inference)
     widths = [max(len(text[k]) for text in texts) for k in range(3)]
-    values = [
+    lines += [
         f"  {name:<{widths[0]}}  {median:>{widths[1]}}  {interval:<{widths[2]}}  prior {prior}"
         for name, median, interval, prior in texts
     ]
-    heading = f"Posterior of {inference.runs} simulated measurements: median (90 % interval)"
-    blocks: list[list[str | Table]] = [
-        [*map(describe_measurement, measurements), *linear_lines(linear)],
-        [heading, *values, *correlation_lines(inference)],
-        [verdict(check), *contradiction_lines(inference, check)],
-    ]
+    lines += correlation_lines(inference)
+    lines += ["", verdict(check), *contradiction_lines(inference, check)]
     if len(models) > 1:
-        blocks.append([model_table(models)])
+        lines += ["", model_table(models)]
     if plan is not None:
-        best = f"Measure next at {plan.factors[plan.best]:g} times the load: the intervals are then narrowest together."
-        blocks += [["Expected after one more sweep:"], [plan_table(plan)], [best]]
-    return [*blocks, [f"Warning: {line}" for line in warnings]]
+        lines += ["", "Expected after one more sweep:", "", plan_table(plan), ""]
+        lines.append(
+            f"Measure next at {plan.factors[plan.best]:g} times the load: the intervals are then narrowest together."
+        )
+    return lines
 
 
 def summarise(
@@ -271,11 +272,18 @@ def summarise(
     return content
 
 
-def statistics_table(inference: Inference, check: PredictiveCheck) -> Table:
-    """Return a row for each statistic: measured and predicted logarithm, and its sensitivity to the parameters."""
+def statistics_columns(inference: Inference) -> tuple[str, ...]:
+    """Return the columns of the table of statistics."""
+    fixed = ("measurement", "group", "at", "at_unit", "measured_log", "predicted_5_log")
+    more = ("predicted_50_log", "predicted_95_log", "deviations", "explained_share", "used")
+    return (*fixed, *more, *(f"shift_by_{name}" for name in inference.names))
+
+
+def statistics_rows(inference: Inference, check: PredictiveCheck) -> Iterator[tuple[object, ...]]:
+    """Yield a row for each statistic: measured and predicted logarithm, and its sensitivity to the parameters."""
     sensitivity = inference.sensitivity
-    rows = [
-        (
+    for k, one in enumerate(check.statistics):
+        yield (
             one.measurement,
             one.group,
             one.at,
@@ -287,12 +295,6 @@ def statistics_table(inference: Inference, check: PredictiveCheck) -> Table:
             bool(sensitivity.used[k]),
             *(float(value) for value in sensitivity.shifts[k]),
         )
-        for k, one in enumerate(check.statistics)
-    ]
-    fixed = ("measurement", "group", "at", "at_unit", "measured_log", "predicted_5_log")
-    more = ("predicted_50_log", "predicted_95_log", "deviations", "explained_share", "used")
-    shifts = (f"shift_by_{name}" for name in inference.names)
-    return Table.of_values((*fixed, *more, *shifts), rows)
 
 
 def group_columns(check: PredictiveCheck, measurement: str, group: str) -> list[int]:
@@ -329,6 +331,11 @@ def draw_pairs(inference: Inference) -> Figure:
     return figure
 
 
+def save_pairs(path: Path, inference: Inference) -> None:
+    """Draw the posterior into a file."""
+    write_figure(draw_pairs(inference), path)
+
+
 def draw_statistics(check: PredictiveCheck) -> Figure:
     """Return the figure of the measured statistics over the predictive bands, a panel for each group."""
     groups = list_groups(check.statistics)
@@ -356,45 +363,26 @@ def draw_statistics(check: PredictiveCheck) -> Figure:
     return figure
 
 
-def make_report(
+def save_statistics(path: Path, check: PredictiveCheck) -> None:
+    """Draw measured and predicted statistics into a file."""
+    write_figure(draw_statistics(check), path)
+
+
+def make_card(
     measurements: Sequence[Measurement],
     models: Models,
     linear: LinearFit | None,
-    plan: MeasurementPlan | None,
     warnings: Sequence[str],
-    numbers: Json,
-) -> Report:
-    """Return the content of a calibration; ``numbers``: what else summary.json has, before the rest."""
-    inference, check = next(iter(models.values()))
-    return Report(
-        title="Calibration of an impact absorber",
-        text=text_blocks(measurements, models, linear, plan, warnings),
-        numbers=numbers | summarise(models, linear, plan, warnings),
-        tables={"statistics.csv": statistics_table(inference, check)},
-        figures={
-            "posterior.png": partial(draw_pairs, inference),
-            "statistics.png": partial(draw_statistics, check),
-        },
-        groups=card_groups(measurements, models, linear, plan),
-        charts=(*_statistic_charts(check), *_pair_charts(inference)),
-        warnings=tuple(warnings),
-    )
-
-
-def card_groups(
-    measurements: Sequence[Measurement],
-    models: Models,
-    linear: LinearFit | None,
     plan: MeasurementPlan | None,
-) -> tuple[Group, ...]:
-    """Return posterior, verdict, linear part and models."""
+) -> Card:
+    """Return the card: posterior, verdict, linear part, models, and charts of the statistics and the posterior."""
     inference, check = next(iter(models.values()))
     rows = []
     for k, prior in enumerate(inference.priors):
         quantiles = np.quantile(inference.values[:, k], [0.05, 0.5, 0.95])
         (low, median, high), unit = in_display_unit(prior.name, quantiles)
         rows.append(Row(prior.name, with_band(median, low, high, unit=unit)))
-    groups: list[Group] = [
+    groups: list[tuple[str, tuple[Row, ...]]] = [
         ("Posterior, median (90 % interval)", tuple(rows)),
         (
             "Predictive check",
@@ -424,7 +412,12 @@ def card_groups(
     if plan is not None:
         best = float(plan.factors[plan.best])
         groups.append(("One more sweep", (Row("best at, times the load", best),)))
-    return tuple(groups)
+    return Card(
+        "Calibration of an impact absorber",
+        tuple(groups),
+        (*_statistic_charts(check), *_pair_charts(inference)),
+        tuple(warnings),
+    )
 
 
 def _statistic_charts(check: PredictiveCheck) -> Iterator[Chart]:

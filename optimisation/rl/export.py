@@ -206,7 +206,7 @@ typedef struct {{
 
 
 # the rules' formulas, as their families have them; p: numbers of the rule, o: observation
-C_SIZE = f"""    const double size = o[{rules.RMS}] + {rules.SMALL!r};
+C_SIZE = f"""    const double size = fmax(o[{rules.RMS}], 0.0) + {rules.SMALL!r};
     const double log_size = log(size), per_square = 1.0 / (size * size);
 """
 C_RULES: dict[type, str] = {
@@ -235,7 +235,7 @@ C_RULES: dict[type, str] = {
          + p[5] * o[{rules.X}] * o[{rules.R}] * per_square + p[6] * o[{rules.RATIO}]
          + p[7] * o[{rules.LEFT}];
 """,
-    rules.PairBySize: f"""    const double log_size = log(o[{rules.PAIR_SIZE}] + {rules.SMALL!r});
+    rules.PairBySize: f"""    const double log_size = log(fmax(o[{rules.PAIR_SIZE}], 0.0) + {rules.SMALL!r});
     const double other = fabs(o[{{feature}}]);
     a[0] = p[0] + p[1] * log_size + p[4] * o[{rules.PAIR_RATIO}] + p[6] * other;
     a[1] = p[2] + p[3] * log_size + p[5] * o[{rules.PAIR_RATIO}] + p[7] * other;

@@ -47,7 +47,7 @@ SMALL = 1e-3  # of the RMS: half-clearances
 def _columns(observations: Observations) -> tuple[Array, Array, Array]:
     """Return the features, their logarithm of size, and the inverse of the mean square (L,)."""
     features = observations.astype(np.float64)
-    size = features[:, RMS] + SMALL
+    size = np.maximum(features[:, RMS], 0) + SMALL  # noise of a sensor may be below 0
     return features, np.log(size), 1 / size**2
 
 
@@ -255,7 +255,7 @@ class PairBySize(Family):
     def act(self, parameters: Array, observations: Observations) -> Array:
         """Return gap and friction actions (L, 2)."""
         features = observations.astype(np.float64)
-        size = np.log(features[:, PAIR_SIZE] + SMALL)
+        size = np.log(np.maximum(features[:, PAIR_SIZE], 0) + SMALL)
         ratio = features[:, PAIR_RATIO]
         other = np.abs(features[:, self.feature])
         (

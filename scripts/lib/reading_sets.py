@@ -85,7 +85,8 @@ def command(*words: str) -> Callable[[], object]:
     def run() -> object:
         from click.testing import CliRunner
 
-        from optimisation.cli.names import find_command, imported
+        from optimisation.cli.group import imported
+        from optimisation.cli.names import find_command
 
         with tempfile.TemporaryDirectory() as folder:
             name, length = find_command(words)

@@ -33,7 +33,8 @@ RULE_TOL = 1e-6  # of actions: a rule computes in double precision
 def draw_observations(features: int, steps: int = 3) -> np.ndarray:
     """Return observations (steps, lanes, features), of which most are of order one."""
     drawn = np.random.default_rng(4).normal(size=(steps, LANES, features))
-    drawn[..., 8:10] = np.abs(drawn[..., 8:10])  # sizes are above 0
+    drawn[..., 8:10] = np.abs(drawn[..., 8:10])  # sizes are above 0,
+    drawn[:, ::7, 8:10] *= -0.1  # but for the noise of a sensor
     return drawn.astype(np.float32)
 
 
@@ -124,6 +125,7 @@ def test_c_source_of_a_rule_gives_its_actions(name: str, tmp_path: Path) -> None
     env_id = env_of(name) if name == "Structures-v0" else env_id
     observations = draw_observations(14)
     actions = play(rule, observations)
+    assert np.isfinite(actions).all()
     library = load_c(write_c(rule, env_id), tmp_path)
     np.testing.assert_allclose(
         play_c(library, observations, actions.shape[-1]), actions, rtol=0, atol=RULE_TOL

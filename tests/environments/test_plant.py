@@ -141,6 +141,18 @@ def test_errors_are_drawn_from_their_ranges() -> None:
     np.testing.assert_allclose(np.sort(ratios), 1.1 + 0.3 * (np.arange(5) + 0.5) / 5, rtol=1e-12)
 
 
+@pytest.mark.parametrize("name", [ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES])
+def test_a_seed_has_the_same_episode_on_every_machine(name: str) -> None:
+    ideal = make(name)
+    other = make(name, friction_error=(-0.5, 0.5), damping_error=(0.1, 0.4), action_levels=3)
+    for seed in range(5):
+        infos = [env.reset(seed=seed)[1] for env in (ideal, other)]
+        for key, value in infos[0].items():
+            np.testing.assert_array_equal(infos[1][key], value)
+        phases = [env.unwrapped.task.runs.orders["phase"][0] for env in (ideal, other)]
+        assert phases[0] == phases[1]
+
+
 @pytest.mark.parametrize(
     ("name", "arguments", "words"),
     [
