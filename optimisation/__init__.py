@@ -1,7 +1,8 @@
 """Which absorber, how large a gap, where: design of absorbers by simulation.
 
-`advise`, `compare` and `explain` return whole answers: each has its text (`str`), `to_json`, `plot` and `save`, and is what the
-commands `design gap`, `compare` and `design search` print and write.
+`advise`, `compare`, `explain`, `choose_place`, `tune` and `calibrate` return whole answers: each has its text (`str`), `to_json`,
+`to_markdown`, `to_html`, `plot` and `save`, and is what the commands `design gap`, `compare`, `design search`, `design place`, `design tune`
+and `calibrate` print and write.
 """
 
 from importlib import import_module
@@ -12,13 +13,17 @@ if TYPE_CHECKING:
     from optimisation.answers.comparison import compare
     from optimisation.answers.design import explain
     from optimisation.answers.gap import advise
+    from optimisation.answers.place import choose_place
+    from optimisation.answers.tuning import tune
 
-__all__ = ["advise", "calibrate", "compare", "explain"]
+__all__ = ["advise", "calibrate", "choose_place", "compare", "explain", "tune"]
 _MODULES = {
     "advise": "gap",
     "calibrate": "calibration",
+    "choose_place": "place",
     "compare": "comparison",
     "explain": "design",
+    "tune": "tuning",
 }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from impact_env.modes import ModalModel
 from impact_env.parameters import ParameterError, instance, non_negative, positive, require, text
 
+MaterialPair = tuple[str, str, float]  # two materials, and the radius in m of the rounder body
 # usual values: Young's modulus in Pa, Poisson's ratio
 MATERIALS = {
     "steel": (210e9, 0.3),
@@ -111,3 +112,13 @@ class YieldLimit:
 def reaches_beyond(model: ModalModel, contact: Contact) -> bool:
     """Return whether a pulse of this time has much force above the highest mode kept: at frequencies up to one over its time."""
     return bool(np.max(model.omega) / (2 * np.pi) < 1 / contact.time)
+
+
+def check_contact(
+    contact: MaterialPair, radius_name: str = "radius of contact in m"
+) -> MaterialPair:
+    """Return two materials and a radius in m; raises ParameterError for an unknown material or a radius that is not positive."""
+    first, second, radius = contact
+    for name in (first, second):
+        material(name)
+    return first, second, positive(radius_name, radius)

@@ -16,6 +16,7 @@ from impact_env.parameters import require
 from impact_env.plain_files import replacing as replacing
 
 STANDARD_OUTPUT = Path("standard output.json")  # this object itself stands for it; see `json_to`
+HISTORY_FORMATS = (".csv", ".npz", ".png", ".pdf", ".svg")  # of the motion of a run
 _TEXTS: ContextVar[list[str]] = ContextVar("_TEXTS")
 
 

@@ -1,5 +1,6 @@
 """A design besides its score: its level over the force, detuned and in its neighbourhood, and the sensitivity to its numbers."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -8,9 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import count, fraction, instance, require, row
+from optimisation.bounds import resonance_limit
 from optimisation.measures import (
     LEVEL,
 )
+from optimisation.mounting import detuned as detuned_structure
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem, Progress, evaluate
 from optimisation.sobol import Sensitivity as Sensitivity
@@ -173,3 +176,27 @@ def sensitivity(
     allowed = "a smaller one: runs in it could not be finished"
     require(bool(np.all(np.isfinite(costs))), "neighbourhood", SPREAD, allowed)
     return sobol_sensitivity(names, low, high, costs.reshape(points.shape[:2]), problem.seed)
+
+
+def stationary_limit(problem: Problem, design: Design, condition: Condition) -> float:
+    """Return the stationary limit in m of the level that no device in this design's cavities beats; NaN if an absorber has none, and of loads.
+
+    See `optimisation.bounds`; a sweep's level is near it, not bound by it.
+    """
+    if condition.loads is not None:
+        return math.nan
+    scene = design.scene(detuned_structure(problem.beam, condition.detuning))
+    cavities = [scene.cavity(which) for which in range(scene.places)]
+    gaps = [cavity.gap for cavity in cavities if cavity is not None]
+    if len(gaps) < len(cavities):
+        return math.nan
+    return float(
+        resonance_limit(
+            scene.model,
+            scene.absorber_masses,
+            gaps,
+            condition.force,
+            condition.resonance,
+            *condition.limits,
+        )
+    )

@@ -6,9 +6,18 @@ sits elsewhere, or the absorber's own place if the beam has no free end. A modal
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Absorber, Beam, SeveralAbsorbers, finite, instance
+from impact_env.parameters import (
+    Absorber,
+    Beam,
+    SeveralAbsorbers,
+    SlidingAbsorber,
+    finite,
+    instance,
+)
+from impact_env.plain import from_scene
 from impact_env.scene import Scene, beam_scene
 
 FIRST_PLACE = 1  # of a modal model's places for absorbers
@@ -109,3 +118,10 @@ def to_dict(structure: Structure) -> dict[str, object]:
         "suspension_frequency": None,
     }
     return {name: x for name, x in plain.items() if name not in usual or x != usual[name]}
+
+
+def device_scene(structure: Structure, absorber: SlidingAbsorber) -> dict[str, Any]:
+    """Return structure and absorber as the plain data of a scene: a beam as a beam."""
+    if isinstance(structure, Beam):
+        return from_scene(Scene(modal_model(structure), absorber), structure)
+    return from_scene(Scene(model_with_absorber_at(structure), absorber))

@@ -6,9 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +52,8 @@ from optimisation.calibration.predictive import REPLICATES, PredictiveCheck, che
 from optimisation.calibration.simulation import Simulator
 from optimisation.checkpoint import Checkpoint
 from optimisation.mounting import model_with_absorber_at
-from optimisation.report import calibration_report as report
-from optimisation.report.card import Card
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from optimisation.report.calibration_report import list_warnings, make_report
+from optimisation.report.report import Report
 
 Array = NDArray[np.float64]
 NEVER = "never"
@@ -149,51 +144,27 @@ class CalibrationAnswer(CompleteAnswer):
     def warnings(self) -> list[str]:
         """What is wrong or not certain, in words."""
         lines = [] if self.linear is None else self.linear.warnings
-        return lines + report.list_warnings(self.model.inference, self.model.check)
+        return lines + list_warnings(self.model.inference, self.model.check)
 
-    @cached_property
-    def card(self) -> Card:
-        """The card with the measured statistics over the predictive band, and the posterior."""
-        return report.make_card(
-            self.measurements, self.models, self.linear, self.warnings, self.plan
-        )
-
-    def __str__(self) -> str:
-        """Return what `calibrate` prints."""
-        return "\n".join(
-            report.list_lines(self.measurements, self.models, self.linear, self.plan)
-            + [f"Warning: {line}" for line in self.warnings]
-        )
-
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
+    def make_report(self) -> Report:
+        """Return the content of the answer."""
         posterior = self.posterior.to_plain()
         posterior.pop("draws")
-        return {
-            "posterior": posterior,
-            "priors": {one.name: one.to_plain() for one in self.model.inference.priors},
-            **report.summarise(self.models, self.linear, self.plan, self.warnings),
-        }
+        priors = {one.name: one.to_plain() for one in self.model.inference.priors}
+        report = make_report(
+            self.measurements,
+            self.models,
+            self.linear,
+            self.plan,
+            self.warnings,
+            {"posterior": posterior, "priors": priors},
+        )
+        data = {"posterior.json": self.posterior.to_plain(), "device.json": self.device_scene()}
+        return replace(report, data=data)
 
-    def plot(self) -> Figure:
-        """Return the figure of the posterior: each parameter, and each pair."""
-        return report.draw_pairs(self.model.inference)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return tables, figures and JSON by their paths."""
-        inference = self.model.inference
-        check = self.model.check
-        return {
-            folder / "posterior.json": self.posterior.to_plain(),
-            folder / "summary.json": self.to_json(),
-            folder / "device.json": from_scene(self.device),
-            folder / "statistics.csv": (
-                report.statistics_columns(inference),
-                report.statistics_rows(inference, check),
-            ),
-            folder / "posterior.png": partial(report.save_pairs, inference=inference),
-            folder / "statistics.png": partial(report.save_statistics, check=check),
-        }
+    def device_scene(self) -> Json:
+        """Return structure and absorber with the posterior's medians as plain data."""
+        return from_scene(self.device)
 
     @property
     def device(self) -> Scene:

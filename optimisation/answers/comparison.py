@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from impact_env.curve import CurveCase
 from impact_env.ensemble import Executor, Threads
@@ -15,7 +13,7 @@ from impact_env.modes import Structure
 from impact_env.parameters import Beam, instance, require
 from impact_env.scene import Scene
 from optimisation import comparison as concepts
-from optimisation.answers.complete import CompleteAnswer, Json
+from optimisation.answers.complete import CompleteAnswer
 from optimisation.comparison import (
     IMPACT,
     LTVA_PAPER_WIDE,
@@ -33,15 +31,9 @@ from optimisation.frequency_levels import (
 )
 from optimisation.load_cases import AppliedLoads
 from optimisation.mounting import model_with_absorber_at
-from optimisation.report import comparison_tables as tables
-from optimisation.report.card import Card
-from optimisation.report.cards import comparison_card
-from optimisation.report.design_figures import draw_comparison, save_figure
-from optimisation.report.frequency_report import frequency_files
+from optimisation.report.comparison_report import make_load_report, make_report
+from optimisation.report.report import Report
 from optimisation.service import ImpactLoads, impact_loads
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 WITH_LOADS = ("mass_ratio", "gap", "forces", "members", "seed")  # options of `compare`
 SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wider range
@@ -69,47 +61,11 @@ class ComparisonAnswer(CompleteAnswer):
     frequency: tuple[ResonanceCurves, ...] = ()
     conditions: Mapping[str, object] = field(default_factory=dict)
 
-    @cached_property
-    def card(self) -> Card | None:
-        """The card with curves; None under loads."""
+    def make_report(self) -> Report:
+        """Return the content of the answer."""
         if isinstance(self.comparison, LoadComparison):
-            return None
-        return comparison_card(self.comparison, self.impacts, self.frequency)
-
-    def __str__(self) -> str:
-        """Return the table that `compare` prints."""
-        if isinstance(self.comparison, LoadComparison):
-            return tables.load_table(self.comparison)
-        return tables.text_table(self.comparison)
-
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
-        if isinstance(self.comparison, LoadComparison):
-            return {**self.conditions, **tables.load_summary(self.comparison)}
-        return {**self.conditions, **tables.summary(self.comparison)}
-
-    def plot(self) -> Figure:
-        """Return the figure of the levels over the force, or of what each absorber leaves over the loads' intensity."""
-        if isinstance(self.comparison, LoadComparison):
-            return tables.draw_load_comparison(self.comparison)
-        return draw_comparison(self.comparison)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return tables, figures and JSON by their paths."""
-        comparison = self.comparison
-        if isinstance(comparison, LoadComparison):
-            return {
-                folder / "runs.csv": (tables.LOAD_COLUMNS, tables.load_rows(comparison)),
-                folder / "summary.json": self.to_json(),
-                folder / "comparison.png": partial(tables.save_load_figure, comparison=comparison),
-            }
-        contents: dict[Path | None, object] = {
-            folder / "runs.csv": (tables.RUN_COLUMNS, tables.run_rows(comparison)),
-            folder / "curves.csv": (tables.CURVE_COLUMNS, tables.curve_rows(comparison)),
-            folder / "summary.json": self.to_json(),
-            folder / "comparison.png": partial(save_figure, comparison=comparison),
-        }
-        return contents | frequency_files(folder, self.frequency)
+            return make_load_report(self.comparison, self.conditions)
+        return make_report(self.comparison, self.impacts, self.frequency, self.conditions)
 
     def worst_run(self) -> WorstRun | None:
         """Return the recorded run of the impact absorber with the highest level near the first resonance.

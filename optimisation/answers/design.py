@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from impact_env.ensemble import Executor, Lane, LaneProgress, Threads, run_lanes
-from optimisation.answers.complete import CompleteAnswer, Json, silent_stages
+from optimisation.answers.complete import CompleteAnswer, silent_stages
+from optimisation.baselines import Baselines, simulate_baselines
 from optimisation.frequency_levels import (
     NO_ABSORBER,
     ResonanceCurves,
@@ -31,24 +29,12 @@ from optimisation.insight import (
     with_gaps,
 )
 from optimisation.objectives import Condition
-from optimisation.report import design_tables as tables
-from optimisation.report.card import Card
-from optimisation.report.cards import findings_card
-from optimisation.report.design_figures import (
-    draw_curves,
-    save_curves,
-    save_map,
-    save_robustness,
-    save_sensitivity,
-)
-from optimisation.report.frequency_report import frequency_files
+from optimisation.report.design_report import make_report
+from optimisation.report.report import Report
 from optimisation.search.judge import SearchResult
 from optimisation.search.settings import FAST
 from optimisation.service import DRAWS, FEW, service
-from optimisation.space import GAP, IMPACT, Design
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from optimisation.space import GAP, IMPACT, MASS_RATIO, Design
 
 Stage = Callable[[str], AbstractContextManager[LaneProgress | None]]
 
@@ -83,60 +69,25 @@ class DesignAnswer(CompleteAnswer):
         The search, its verdict, and what was run around the winner.
     frequency : tuple of ResonanceCurves
         Levels over the frequency of the winner and without absorber, near each resonance.
+    worst : WorstRun, optional
+        Recorded run of the winner with the highest level.
     conditions : dict
-        What else summary.json holds: versions, settings.
+        What else summary.json has: versions, settings.
 
     """
 
     result: SearchResult
     frequency: tuple[ResonanceCurves, ...] = ()
+    worst: WorstRun | None = None
     conditions: Mapping[str, object] = field(default_factory=dict)
 
-    @cached_property
-    def card(self) -> Card | None:
-        """The winner's card with curves."""
-        return findings_card(self.result, self.frequency)
+    def make_report(self) -> Report:
+        """Return the content of the answer."""
+        return make_report(self.result, self.frequency, self.conditions)
 
-    def __str__(self) -> str:
-        """Return what `design search` prints."""
-        return tables.text(self.result)
-
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
-        return {**self.conditions, **tables.summary(self.result)}
-
-    def plot(self) -> Figure:
-        """Return the figure of the winner's levels over the force; it needs the curves of `explain`."""
-        return draw_curves(self.result)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return tables, figures and JSON by their paths."""
-        result = self.result
-        contents: dict[Path | None, object] = {
-            folder / "designs.csv": tables.design_table(result.problem, result.evaluated),
-            folder / "summary.json": self.to_json(),
-        }
-        drawn = (
-            ("curves", result.curves, save_curves),
-            ("detuned", result.detuned, save_robustness),
-            ("map", result.gap_map, save_map),
-        )
-        for name, part, save in drawn:
-            if part is None:
-                continue
-            names: list[str] | tuple[str, str] = []
-            gaps: tuple[float, ...] = result.gaps
-            if name != "map":
-                names = (tables.WINNER, tables.PAPER)
-                gaps = ()
-            contents[folder / f"{name}.csv"] = tables.level_table(part, names, gaps)
-            contents[folder / f"{name}.png"] = partial(save, findings=result)
-        contents |= frequency_files(folder, self.frequency)
-        if result.sensitivity is not None:
-            contents[folder / "sensitivity.png"] = partial(
-                save_sensitivity, sensitivity=result.sensitivity
-            )
-        return contents
+    def worst_run(self) -> WorstRun | None:
+        """Return the recorded run of the winner with the highest level, if it was recorded."""
+        return self.worst
 
 
 @dataclass(frozen=True)
@@ -211,6 +162,25 @@ class WinnerRuns:
             raise KeyboardInterrupt
         k = int(np.argmax(runs.level))
         return record_lane(lanes[k], k // 2, k % 2, condition.resonance)
+
+
+def run_baselines(result: SearchResult, executor: Executor) -> SearchResult:
+    """Return a search's result with other absorbers of the winner's mass under each condition with a swept force."""
+    if result.verdict is None:
+        return result
+    problem = result.problem
+    mass_ratio = result.verdict.winner.design.values[MASS_RATIO]
+    baselines: list[Baselines | None] = []
+    for condition in problem.conditions:
+        force = (condition.force, condition.resonance)
+        baselines.append(
+            None
+            if condition.loads is not None
+            else simulate_baselines(
+                problem.model, mass_ratio, force, condition.limits, problem.rate, executor
+            )
+        )
+    return replace(result, baselines=tuple(baselines))
 
 
 def run_around_winner(
@@ -305,5 +275,5 @@ def explain(
 
     """
     executor = Threads() if executor is None else executor
-    result = run_around_winner(result, executor, sizes)
+    result = run_baselines(run_around_winner(result, executor, sizes), executor)
     return DesignAnswer(result, tuple(WinnerRuns(result).frequency_levels(executor)))

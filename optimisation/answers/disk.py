@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from impact_env.drive import Excitation, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, LaneProgress
@@ -30,11 +31,10 @@ from optimisation.disks import (
     find_excited_resonance,
     run_disks,
 )
-from optimisation.report import disk_levels_report, disk_report
+from optimisation.report import disk_report
+from optimisation.report.disk_levels_report import make_comparison_report, make_gap_report
 from optimisation.report.figures import write_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from optimisation.report.report import Report
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +74,12 @@ class DiskSweep(CompleteAnswer):
         disk = self.disk
         return [disk_report.describe_disk(disk), disk_report.describe_disk_absorbers(disk), run]
 
-    def __str__(self) -> str:
-        """Return what `sweep` prints."""
-        lines = disk_report.level_lines(self.responses, self.drive.schedule.periods)
-        table = disk_report.sector_table(
-            self.responses, self.disk.absorber_sectors if self.disk.absorbers else ()
-        )
-        return "\n".join([*self._title, *lines, "", table])
-
-    def to_json(self) -> Json:
-        """Return the content of the JSON file: plain data in SI units, a list with an entry for each disk."""
+    def make_report(self) -> Report:
+        """Return the content of the answer: plain data with an entry for each disk."""
         schedule = self.drive.schedule
-        return {
+        absorbers = self.disk.absorber_sectors if self.disk.absorbers else ()
+        lines = disk_report.level_lines(self.responses, schedule.periods)
+        numbers = {
             **disk_report.levels_to_json(self.responses),
             "pseudo_periods": schedule.periods,
             "reference_rad_s": schedule.reference,
@@ -93,21 +87,17 @@ class DiskSweep(CompleteAnswer):
             "omega_rad_s": self.disk.model.omega.tolist(),
             "scene": from_disk(self.disk),
         }
-
-    def plot(self) -> Figure:
-        """Return the figure: sectors over the frequency, and the level of each."""
-        return disk_report.draw_disk_sweep("\n".join(self._title), self.responses)
+        title = "\n".join(self._title)
+        return Report(
+            title=self._title[0],
+            text=[[*self._title, *lines], [disk_report.sector_table(self.responses, absorbers)]],
+            numbers=numbers,
+            figures={"sectors.png": partial(disk_report.draw_disk_sweep, title, self.responses)},
+        )
 
     def save_figure(self, path: Path) -> None:
         """Draw the figure and save it."""
         write_figure(self.plot(), path, 130)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return figure and JSON by their paths."""
-        return {
-            folder / "sweep.json": self.to_json(),
-            folder / "sectors.png": self.save_figure,
-        }
 
 
 def sweep_disk(
@@ -213,26 +203,13 @@ class DiskGapAnswer(CompleteAnswer):
         """The disk with the recommended clearance."""
         return self.choice.disk(self.choice.recommended)
 
-    def __str__(self) -> str:
-        """Return what `design gap` prints."""
-        return disk_levels_report.gap_text(self.choice)
+    def make_report(self) -> Report:
+        """Return the content of the answer."""
+        return make_gap_report(self.choice)
 
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
-        return disk_levels_report.gap_summary(self.choice)
-
-    def plot(self) -> Figure:
-        """Return the figure of the level over the clearance."""
-        return disk_levels_report.draw_gap_levels(self.choice)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return table, figure and JSON by their paths."""
-        columns = disk_levels_report.GAP_COLUMNS
-        return {
-            folder / "levels.csv": (columns, disk_levels_report.gap_rows(self.choice)),
-            folder / "summary.json": self.to_json(),
-            folder / "levels.png": lambda path: write_figure(self.plot(), path),
-        }
+    def device_scene(self) -> Json:
+        """Return the disk with the recommended clearance as plain data."""
+        return from_disk(self.device)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,26 +225,9 @@ class DiskComparisonAnswer(CompleteAnswer):
 
     comparison: DiskComparisonLevels
 
-    def __str__(self) -> str:
-        """Return what `compare` prints."""
-        return disk_levels_report.comparison_text(self.comparison)
-
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
-        return disk_levels_report.comparison_summary(self.comparison)
-
-    def plot(self) -> Figure:
-        """Return the figure of the level over the force."""
-        return disk_levels_report.draw_disk_comparison(self.comparison)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return table, figure and JSON by their paths."""
-        columns = disk_levels_report.LEVEL_COLUMNS
-        return {
-            folder / "levels.csv": (columns, disk_levels_report.comparison_rows(self.comparison)),
-            folder / "summary.json": self.to_json(),
-            folder / "comparison.png": lambda path: write_figure(self.plot(), path),
-        }
+    def make_report(self) -> Report:
+        """Return the content of the answer."""
+        return make_comparison_report(self.comparison)
 
 
 def advise_disk(disk: BladedDisk, force: float | None = None, **options: Any) -> DiskGapAnswer:

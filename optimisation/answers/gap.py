@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from impact_env.parameters import (
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_absorber
 from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
 from optimisation.calibration.posterior import Posterior, read_posterior
-from optimisation.contact import material
+from optimisation.contact import MaterialPair, check_contact
 from optimisation.extremes import usable_force
 from optimisation.frequency_levels import (
     NO_ABSORBER,
@@ -41,12 +41,14 @@ from optimisation.frequency_levels import (
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, Limits, search_gap
 from optimisation.load_cases import AppliedLoads, swept_force
-from optimisation.mounting import model_with_absorber_at
+from optimisation.mounting import device_scene, model_with_absorber_at
 from optimisation.report import gap_report, load_gap_report
-from optimisation.report.card import Card, Row
-from optimisation.report.card import text as card_text
-from optimisation.report.design_figures import save_sensitivity
-from optimisation.report.frequency_report import frequency_files
+from optimisation.report.design_figures import draw_sensitivity
+from optimisation.report.frequency_report import (
+    frequency_charts,
+    frequency_figures,
+    frequency_tables,
+)
 from optimisation.report.gap_report import UncertaintyResult
 from optimisation.report.precision_report import (
     sensitivity_data,
@@ -56,6 +58,7 @@ from optimisation.report.precision_report import (
     tolerance_lines,
     tolerance_rows,
 )
+from optimisation.report.report import Chart, Draw, Group, Report
 from optimisation.service import ServiceLoads, change_with_modes, service_loads, uncertain_levels
 from optimisation.sobol import Sensitivity, device_box, device_sensitivity
 from optimisation.tolerances import (
@@ -76,10 +79,6 @@ from optimisation.uncertain import (
     spreads,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-Contact = tuple[str, str, float]  # two materials, and the radius in m of the rounder body
 SOBOL_SAMPLES = 64
 TOLERANCE_DRAWS = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED)
 
@@ -103,16 +102,23 @@ class DevicePrecision:
         return lines
 
     @property
-    def groups(self) -> tuple[tuple[str, tuple[Row, ...]], ...]:
+    def groups(self) -> list[Group]:
         """Groups of a card."""
-        groups = []
+        groups: list[Group] = []
         if self.tolerances is not None:
             heading = f"How precisely it must be made for a level below {1e3 * self.tolerances.limit:.4g} mm"
             groups.append((heading, tolerance_rows(self.tolerances, self.absorber)))
         if self.sobol is not None:
             heading = "Sobol shares of the level's variance (95 % interval)"
             groups.append((heading, sensitivity_rows(self.sobol)))
-        return tuple(groups)
+        return groups
+
+    @property
+    def figures(self) -> dict[str, Draw]:
+        """Figures by the names of their files."""
+        if self.sobol is None:
+            return {}
+        return {"sensitivity.png": partial(draw_sensitivity, self.sobol, "the recommended device")}
 
     def to_json(self) -> Json:
         """Return plain data in SI units."""
@@ -149,7 +155,7 @@ class GapQuestions:
 
     uncertain: tuple[Distribution, ...] = ()
     limit_level: float | None = None
-    contact: Contact | None = None
+    contact: MaterialPair | None = None
     tolerance_draws: tuple[int, int, int] | None = None
     sobol_samples: int | None = None
     card: bool = True
@@ -191,80 +197,55 @@ class GapAnswer(CompleteAnswer):
     more_modes: str = ""
 
     @property
-    def _curves(self) -> tuple[ResonanceCurves, ...]:
-        return () if self.frequency is None else (self.frequency,)
-
-    @cached_property
-    def card(self) -> Card | None:
-        """The recommended device's card; None where the device was not run in service."""
-        if self.service is None:
-            return None
-        card = gap_report.card(
-            self.advice,
-            self.service,
-            self.uncertainty,
-            self.questions.contact,
-            self.more_modes,
-            self._curves,
-        )
-        more = () if self.precision is None else self.precision.groups
-        return replace(card, groups=(*card.groups, *more))
-
-    @property
     def under_loads(self) -> bool:
         """Whether other loads than a swept force act."""
         return isinstance(self.advice.case, AppliedLoads)
 
-    def __str__(self) -> str:
-        """Return what `design gap` prints."""
+    def make_report(self) -> Report:
+        """Return the content of the answer; without the device in service there is no card."""
+        advice = self.advice
         if self.under_loads:
-            return load_gap_report.text(self.advice)
-        lines = gap_report.answer(self.advice)
-        lines += gap_report.probability(self.advice, self.questions.limit_level)
+            return load_gap_report.make_report(advice, self.questions.card)
+        lines = gap_report.answer(advice)
+        lines += gap_report.probability(advice, self.questions.limit_level)
+        numbers = gap_report.summary(advice)
+        figures: dict[str, Draw] = {"levels.png": partial(gap_report.draw_levels, advice)}
+        tables = {"levels.csv": gap_report.gap_table(advice)}
+        groups: list[Group] = []
+        charts: tuple[Chart, ...] = ()
+        warnings: list[str] = []
+        curves = () if self.frequency is None else (self.frequency,)
         if self.service is not None:
+            contact = self.questions.contact
             lines.append(gap_report.baselines(self.service))
+            groups, warnings = gap_report.device_groups(
+                advice, self.service, self.uncertainty, contact, self.more_modes
+            )
+            charts = (*frequency_charts(curves), *gap_report.level_charts(advice, self.service))
         if self.uncertainty is not None:
             lines.append(self.uncertainty.words)
+            numbers["uncertain"] = self.uncertainty.plain()
         if self.precision is not None:
             lines += self.precision.lines
-        lines += ["", gap_report.text(self.advice), "", *gap_report.warnings(self.advice)]
-        if self.card is not None:
-            lines += ["", card_text(self.card)]
-        return "\n".join(lines)
+            numbers |= self.precision.to_json()
+            groups += self.precision.groups if groups else []
+            figures |= self.precision.figures
+        return Report(
+            title=gap_report.title(advice),
+            text=[lines, [gap_report.printed_table(advice)], gap_report.warnings(advice)],
+            numbers=numbers,
+            tables=tables | frequency_tables(curves),
+            figures=figures | frequency_figures(curves),
+            groups=tuple(groups),
+            charts=charts,
+            warnings=tuple(warnings),
+            prints_card=True,
+        )
 
-    def to_json(self) -> Json:
-        """Return the content of summary.json: plain data in SI units."""
-        if self.under_loads:
-            return load_gap_report.summary(self.advice)
-        content = gap_report.summary(self.advice)
-        if self.uncertainty is not None:
-            content = content | {"uncertain": self.uncertainty.plain()}
-        return content if self.precision is None else content | self.precision.to_json()
-
-    def plot(self) -> Figure:
-        """Return the figure of level and limit over the gap, or of the loads' measure."""
-        if self.under_loads:
-            return load_gap_report.draw_measures(self.advice)
-        return gap_report.draw_levels(self.advice)
-
-    def files(self, folder: Path) -> dict[Path | None, object]:
-        """Return tables, figures and JSON by their paths."""
-        if self.under_loads:
-            return {
-                folder / "runs.csv": (load_gap_report.COLUMNS, load_gap_report.rows(self.advice)),
-                folder / "summary.json": self.to_json(),
-                folder / "levels.png": partial(load_gap_report.save_figure, advice=self.advice),
-            }
-        contents: dict[Path | None, object] = {
-            folder / "levels.csv": (gap_report.COLUMNS, gap_report.rows(self.advice)),
-            folder / "summary.json": self.to_json(),
-            folder / "levels.png": partial(gap_report.save_figure, advice=self.advice),
-        }
-        if self.precision is not None and self.precision.sobol is not None:
-            contents[folder / "sensitivity.png"] = partial(
-                save_sensitivity, sensitivity=self.precision.sobol, of="the recommended device"
-            )
-        return contents | frequency_files(folder, self._curves)
+    def device_scene(self) -> Json | None:
+        """Return structure and recommended device as plain data; None where no gap was run in full."""
+        best = self.advice.recommended
+        return None if best is None else device_scene(self.structure, best.absorber)
 
     def worst_run(self) -> WorstRun | None:
         """Return the recorded run of the recommended device with the highest level; None where the search did not end, and under loads."""
@@ -398,14 +379,6 @@ def measured_posterior(uncertain: UncertainInput) -> Posterior | None:
     return read_posterior(Path(name), "uncertain posterior")
 
 
-def check_contact(contact: Contact, radius_name: str = "radius of contact in m") -> Contact:
-    """Return two materials and a radius in m; raises ParameterError for an unknown material or a radius that is not positive."""
-    first, second, radius = contact
-    for name in (first, second):
-        material(name)
-    return first, second, positive(radius_name, radius)
-
-
 def model_for_gap(structure: Structure) -> ModalModel:
     """Return a structure's modal model, the level read at the absorber's place where the structure names no other."""
     return (
@@ -432,7 +405,7 @@ def advise(
     limit_level: float | None = None,
     tolerances: bool = False,
     sobol: bool = False,
-    contact: Contact | None = None,
+    contact: MaterialPair | None = None,
     card: bool = True,
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
@@ -526,7 +499,8 @@ def advise(
         applied = AppliedLoads(model, loads, resonance).times(1.0 if force is None else force)
         if absorber is None:
             absorber = applied.absorber(DEFAULT_MASS_RATIO, RESTITUTION)
-        return GapAnswer(search_gap(applied, absorber, **search), structure)
+        advice = search_gap(applied, absorber, **search)
+        return GapAnswer(advice, structure, GapQuestions(card=card))
     force = usable_force("force", force)  # type: ignore[arg-type]  # refuses None
     own = scaled_absorber(model, force, resonance) if absorber is None else absorber
     rigid_walls(own)

@@ -28,8 +28,7 @@ from optimisation.calibration.plan import FACTORS
 from optimisation.checkpoint import Checkpoint
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.options import OptionSpec, is_number, option
-from optimisation.files import require_writable, write_files
+from optimisation.cli.options import OptionSpec, Words, is_number, option
 from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import counting_bar
 
@@ -43,51 +42,28 @@ PLAN_MORE = (
 MEASUREMENT = click.Path(dir_okay=False, path_type=Path)
 
 
-class FreeParameter(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """A name of a parameter, and the words of its prior, as `count_prior_words` counts them."""
-
-    name = "name [low high [log|normal]]"
-
-    def convert(
-        self,
-        value: object,
-        param: click.Parameter | None,  # noqa: ARG002
-        ctx: click.Context | None,  # noqa: ARG002
-    ) -> tuple[str, tuple[str, ...]]:
-        """Return the name and the words."""
-        name, *words = str(value).split(" ")
-        return name, tuple(words)
+def parse_prior(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return the name of a parameter, and the words of its prior, as `count_prior_words` counts them."""
+    name, *words = text.split(" ")
+    return name, tuple(words)
 
 
 def count_prior_words(words: Sequence[str]) -> int:
-    """Return how many words after ``--free`` are its value: a name, numbers, and the name of a distribution."""
+    """Return how many words after ``--free`` are its value: a name, two numbers, and the name of a distribution."""
     count = 1
-    while count < min(len(words), 4) and is_prior_word(words[count], count):
+    while count < min(len(words), 3) and is_number(words[count]):
         count += 1
-    return count
-
-
-def is_prior_word(text: str, position: int) -> bool:
-    """Return whether a word at a position after ``--free`` is a part of a prior: two numbers, then a distribution."""
-    if position == 3:
-        return text in ("log", "normal", "uniform")
-    return is_number(text)
+    has_distribution = count == 3 and words[3:4] and words[3] in ("log", "normal", "uniform")
+    return count + 1 if has_distribution else count
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrateOptions:
+class CalibrateOptions(scenes.SummaryOptions, scenes.AbsorberOptions):
     """Options of ``calibrate``; None: not given."""
 
     measurement: Path = option(
         OptionSpec(names=("measurement",), help="Measurement", type=MEASUREMENT, required=True)
     )
-    structure: Path | None = option("structure")
-    scene: Path | None = option(
-        "scene", help="Structure and impact absorber from a .toml or .json file"
-    )
-    position: float = option("position")
-    mass_ratio: float = option("mass_ratio")
-    mass_kg: float | None = option("mass_kg")
     gap: float = option("gap", more="A free one's usual range is half to twice this.", usual=True)
     restitution: float = option(
         "restitution", more="Where it is not free.", default=USUAL_RESTITUTION
@@ -100,7 +76,7 @@ class CalibrateOptions:
         "free",
         help="Free parameter, with its prior; may be repeated",
         more=FREE_MORE,
-        type=FreeParameter(),
+        type=Words("name [low high [log|normal]]", parse_prior),
         metavar="NAME [LOW HIGH]",
         default_text=", ".join(USUAL_FREE),
         count_words=count_prior_words,
@@ -128,7 +104,6 @@ class CalibrateOptions:
     seed: int = option("seed")
     threads: int | None = option("threads")
     resume: Path | None = option("resume")
-    json: Path | None = option("json", help="Write the summary here, too")
     out: Path = option("out", default=Path("results/calibrate"))
 
 
@@ -144,10 +119,9 @@ def free_of(values: Sequence[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[st
 
 def device_of(options: CalibrateOptions) -> tuple[Any, SlidingAbsorber]:
     """Return structure and absorber: of a scene's file, or the structure with the absorber that the options describe."""
-    own = ("structure", "gap", "restitution", "friction_limit", "mass_ratio", "mass_kg")
-    if options.scene is not None:
-        return scenes.read_device(options.scene, *own)
-    structure = scenes.structure_of(options.structure, options.position)
+    structure, device, _ = scenes.read_source(options, position=options.position)
+    if device is not None:
+        return structure, device
     model = model_with_absorber_at(structure)
     ratio = scenes.mass_ratio_of(options.mass_ratio, options.mass_kg, model.beam_mass)
     friction = friction_law(non_negative("friction_limit", options.friction_limit))
@@ -185,9 +159,9 @@ def main(options: CalibrateOptions) -> None:
     posterior.json is what design gap --uncertain reads.
     """
     with common.plain_errors():
-        require_writable("--out", options.out)
+        targets = common.AnswerFiles(options.out, options.json)
+        targets.check()
         common.check_target("--resume", options.resume)
-        common.check_targets({"json": options.json})
         factors = factors_of(options.plan)
         free = free_of(options.free)
         structure, absorber = device_of(options)
@@ -210,5 +184,4 @@ def main(options: CalibrateOptions) -> None:
             )
         finally:
             checkpoint.close()
-        click.echo(str(answer))
-        common.name_files(answer.save(options.out) + write_files({options.json: answer.to_json()}))
+        common.name_files(targets.write(answer))

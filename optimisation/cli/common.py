@@ -1,13 +1,15 @@
 """Shared parts of the commands: errors in one line, exit codes, and checks of files to be written."""
 
+from __future__ import annotations
+
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import replace
-from functools import reduce, wraps
+from dataclasses import dataclass, replace
+from functools import partial, reduce, wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -32,9 +34,19 @@ from optimisation.cli.options import (
     make_parameters,
     rename_older,
 )
-from optimisation.files import STANDARD_OUTPUT, is_writable, json_to
+from optimisation.files import (
+    HISTORY_FORMATS,
+    STANDARD_OUTPUT,
+    is_writable,
+    json_to,
+    require_writable,
+    write_files,
+)
 from optimisation.machine import conditions, sources
 from optimisation.page import fill, require_markers
+
+if TYPE_CHECKING:
+    from optimisation.answers.complete import CompleteAnswer
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
 
@@ -125,6 +137,35 @@ def check_targets(options: dict[str, Any], *suffixes: str) -> None:
     allowed = {"json": suffixes or (".json",), "csv": (".csv",), "plot": FIGURES}
     for name, endings in allowed.items():
         check_target(f"--{name}", options.get(name), endings)
+
+
+@dataclass(frozen=True)
+class AnswerFiles:
+    """Where an answer is written: its folder, and files that options name; None: not given."""
+
+    out: Path
+    json: Path | None = None
+    device: Path | None = None
+    history: Path | None = None
+
+    def check(self) -> None:
+        """Raise BadInput or ParameterError, before any work is done, if one of them cannot be written."""
+        require_writable("--out", self.out)
+        check_targets({"json": self.json})
+        check_target("--device", self.device, (".json",))
+        check_target("--history", self.history, HISTORY_FORMATS)
+
+    def write(self, answer: CompleteAnswer) -> list[Path]:
+        """Print an answer, write its files, and return them."""
+        click.echo(str(answer))
+        files = answer.save(self.out) + write_files({self.json: answer.to_json()})
+        if self.history is not None and (run := answer.worst_run()) is not None:
+            from optimisation.report.frequency_report import save_history
+
+            files += write_files({self.history: partial(save_history, run=run)})
+        if self.device is not None and (scene := answer.device_scene()) is not None:
+            files += write_files({self.device: scene})
+        return files
 
 
 threads_option = TABLE["threads"]

@@ -4,7 +4,6 @@ import platform
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +27,8 @@ from optimisation.bounds import design_force, design_gap
 from optimisation.cli import disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
+    AnswerFiles,
     BadInput,
-    check_target,
-    check_targets,
     command,
     end_early,
     name_files,
@@ -55,17 +53,11 @@ from optimisation.duration import (
 from optimisation.executors import executor as executor_on
 from optimisation.executors import workers
 from optimisation.extremes import usable_mass_ratio
-from optimisation.files import require_writable, write_files
 from optimisation.load_cases import AppliedLoads
 from optimisation.machine import installed, peak_memory
 from optimisation.measures import design_gap_for
 from optimisation.mounting import model_with_absorber_at
 from optimisation.progress import stages_bar, sweeps_bar
-from optimisation.report import comparison_tables as tables
-from optimisation.report.frequency_report import (
-    HISTORY_FORMATS,
-    save_history,
-)
 from optimisation.sweep_range import find_sweep_range
 
 QUICK_FORCES = 10
@@ -86,13 +78,9 @@ NOT_OF_DISKS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions:
+class CompareOptions(scenes.SummaryOptions, scenes.SweepRunOptions, scenes.DeviceOptions):
     """Options of ``compare``; None: not given."""
 
-    structure: Path | None = option("structure")
-    scene: Path | None = option(
-        "scene", help="Structure and impact absorber from a .toml or .json file"
-    )
     load: Path | None = option("load")
     resonances: tuple[int, int] = option("resonances", default=RESONANCES)
     mass_ratio: float = option("mass_ratio")
@@ -103,13 +91,11 @@ class CompareOptions:
         more="By the design rule; with --scene all are compared at it.",
     )
     gap: float | None = option("gap", default=None, default_text=f"by --force, or {RigidWalls.gap}")
-    rate: float | None = option("rate")
     quick: bool = option(
         "quick",
         help=f"A first answer in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given",
     )
     members: int | None = option("members", default_text=str(DEFAULT_MEMBERS))
-    seed: int = option("seed")
     forces: int | None = option(
         number(
             "--forces",
@@ -119,13 +105,10 @@ class CompareOptions:
             section="Runs",
         )
     )
-    threads: int | None = option("threads")
-    cluster: str | None = option("cluster")
     history: Path | None = option(
         "history",
         help="Write or draw the motion of the impact absorber's run with the highest level",
     )
-    json: Path | None = option("json", help="Write the summary here, too")
     out: Path = option("out", default=Path("results/compare"))
 
     @property
@@ -251,11 +234,9 @@ def compare_under_loads(
         )
         if long and members > 1:
             coarse = search(2, 1)
-            click.echo(f"Coarse answer, of one run each:\n{tables.load_table(coarse)}", err=True)
+            click.echo(f"Coarse answer, of one run each:\n{ComparisonAnswer(coarse)}", err=True)
         comparison = search(options.usual_forces, members)
-    answer = ComparisonAnswer(comparison)
-    click.echo(str(answer))
-    name_files(answer.save(options.out) + write_files({options.json: answer.to_json()}))
+    name_files(AnswerFiles(options.out, options.json).write(ComparisonAnswer(comparison)))
 
 
 @command(
@@ -277,9 +258,8 @@ def main(options: CompareOptions) -> None:
     """
     started = time.perf_counter()
     with plain_errors():
-        require_writable("--out", options.out)
-        check_targets({"json": options.json})
-        check_target("--history", options.history, HISTORY_FORMATS)
+        targets = AnswerFiles(options.out, options.json, history=options.history)
+        targets.check()
         disk = scenes.read_disk(options.scene, "structure")
         if disk is not None:
             disk_commands.refuse_with_disk(NOT_OF_DISKS)
@@ -289,14 +269,8 @@ def main(options: CompareOptions) -> None:
             raise BadInput(
                 "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
             )
-        own: Structure | None = None
-        device: SlidingAbsorber | None = None
-        if options.scene is not None:
-            own, device = scenes.read_device(
-                options.scene, "structure", "mass_ratio", "mass_kg", "gap"
-            )
-        elif options.structure is not None:
-            own = scenes.read_structure(options.structure)
+        structure, device, file = scenes.read_source(options)
+        own = None if device is None and file is None else structure
         model = model_with_absorber_at(Beam() if own is None else own)
         arguments = arguments_of(options, device, model.beam_mass)
         if options.load is not None:
@@ -312,9 +286,6 @@ def main(options: CompareOptions) -> None:
                 raise KeyboardInterrupt
             answer = complete_comparison(comparison, executor, with_impacts=device is not None)
         answer = replace(answer, conditions=conditions(started, options.threads, options.cluster))
-        click.echo(str(answer))
-        files = answer.save(options.out) + write_files({options.json: answer.to_json()})
-        if options.history is not None and (run := answer.worst_run()) is not None:
-            files += write_files({options.history: partial(save_history, run=run)})
+        files = targets.write(answer)
     name_files(files)
     end_early(comparison.complete, "the files hold the runs that were finished.")

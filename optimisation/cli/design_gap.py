@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,8 @@ import click
 
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor, LaneProgress
-from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
-    Beam,
     RigidWalls,
     SlidingAbsorber,
     friction_law,
@@ -23,14 +20,13 @@ from impact_env.parameters import (
     positive,
 )
 from impact_env.scene import Scene
-from optimisation.absorber_rules import PAPER_FRICTION, RESTITUTION, rigid_walls, scaled_absorber
+from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.answers.complete import Stages
 from optimisation.answers.gap import (
     SOBOL_SAMPLES,
     TOLERANCE_DRAWS,
     GapAnswer,
     GapQuestions,
-    check_contact,
     complete_gap_answer,
     measured_posterior,
     model_for_gap,
@@ -39,7 +35,7 @@ from optimisation.answers.gap import (
 from optimisation.cli import common, disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.options import number, option, switch
-from optimisation.contact import ALLOWED, YIELD_PRESSURE, YieldLimit
+from optimisation.contact import check_contact
 from optimisation.duration import (
     COARSE_PERIODS,
     COARSER,
@@ -51,7 +47,6 @@ from optimisation.duration import (
 from optimisation.executors import executor as executor_on
 from optimisation.executors import workers
 from optimisation.extremes import usable_force, usable_gap, usable_rate
-from optimisation.files import require_writable, write_files
 from optimisation.gap_advice import (
     CANDIDATES,
     MEMBERS,
@@ -65,10 +60,6 @@ from optimisation.gap_search import CHECK_MEMBERS, PAIRS
 from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
 from optimisation.progress import runs_bar, sweeps_bar
-from optimisation.report.frequency_report import (
-    HISTORY_FORMATS,
-    save_history,
-)
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tolerances import (
     DRAWS_ALONE,
@@ -79,12 +70,6 @@ from optimisation.tolerances import (
 
 QUICK_MEMBERS = 1
 SWEEPS = 50  # of a search, about
-CONSTRAINTS = ("stroke", "impact_speed", "yield_stress")
-CONSTRAINT_MORE = (
-    "stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress (Pa, of the softer body of --contact, "
-    f"whose peak pressure stays below {YIELD_PRESSURE:g} times it)."
-)
-FRICTION_TEXT = f"the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap"
 MOST_DRAWS = 3 * DRAWS_ALONE + DRAWS_TOGETHER + DRAWS_CHECKED
 TOLERANCES_MORE = (
     f"So that the level stays below that of --limit-level with {100 * SURE:.0f} % probability; what --uncertain names besides is drawn too. "
@@ -98,20 +83,9 @@ DRAWS_OF_TOLERANCES = TOLERANCE_DRAWS
 QUICK_DRAWS = (16, 32, 16)
 SOBOL = SOBOL_SAMPLES
 QUICK_SOBOL = 16
-OF_SCENE = (
-    "structure",
-    "modes",
-    "damping",
-    "mass_ratio",
-    "mass_kg",
-    "position",
-    "restitution",
-    "friction_limit",
-)
-
-
 NOT_OF_DISKS = (
-    *OF_SCENE,
+    *("structure", "modes", "damping", "mass_ratio", "mass_kg", "position", "restitution"),
+    "friction_limit",
     "load",
     "free",
     "gaps",
@@ -122,29 +96,19 @@ NOT_OF_DISKS = (
     "tolerances",
     "sobol",
     "history",
-    "no_card",
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapOptions:
+class GapOptions(
+    scenes.RecommendationOptions,
+    scenes.SweepRunOptions,
+    scenes.ImpactOptions,
+    scenes.AbsorberOptions,
+    scenes.BeamOptions,
+):
     """Options of ``design gap``; None: not given."""
 
-    structure: Path | None = option("structure")
-    scene: Path | None = option(
-        "scene", help="Structure and impact absorber from a .toml or .json file"
-    )
-    position: float = option("position")
-    modes: int = option("modes", default=Beam.modes)
-    damping: float = option("damping", default=Beam.damping_ratio)
-    mass_ratio: float = option("mass_ratio")
-    mass_kg: float | None = option("mass_kg")
-    restitution: float = option("restitution", default=RESTITUTION)
-    friction_limit: float | None = option(
-        "friction_limit",
-        help="Friction limit at any gap, 0 for none",
-        default_text=FRICTION_TEXT,
-    )
     force: float | None = option("force", more="With --load a factor on it, 1 unless given.")
     load: Path | None = option("load")
     resonance: int = option("resonance", help="Resonance near which it acts, counted from 1")
@@ -158,15 +122,6 @@ class GapOptions:
         usual=False,
     )
     uncertain: tuple[tuple[str, tuple[str, ...]], ...] = option("uncertain", usual=True)
-    contact: tuple[str, str, float] | None = option(
-        "contact", more=f"Estimates contact time and force. Each material is {ALLOWED}."
-    )
-    constraint: tuple[tuple[str, float], ...] = option(
-        "constraint",
-        more=CONSTRAINT_MORE,
-        type=click.Tuple([click.Choice(CONSTRAINTS), float]),
-        usual=True,
-    )
     limit_level: float | None = option("limit_level", more="Prints the probability that it does.")
     tolerances: bool = option(
         switch(
@@ -185,16 +140,8 @@ class GapOptions:
             type=click.IntRange(min=3),
         )
     )
-    rate: float | None = option("rate")
     quick: bool = option("quick", help=f"A first answer from {QUICK_MEMBERS} member, unless given")
     members: int | None = option("members", default_text=str(MEMBERS))
-    seed: int = option("seed")
-    threads: int | None = option("threads")
-    cluster: str | None = option("cluster")
-    json: Path | None = option("json", help="Write the summary here, too")
-    device: Path | None = option("device", usual=True)
-    history: Path | None = option("history")
-    no_card: bool = option("no_card")
     out: Path = option("out", default=Path("results/design_gap"))
 
     @property
@@ -259,17 +206,11 @@ def search_swept(
 
 def limits_of(options: GapOptions, model: ModalModel, absorber: SlidingAbsorber) -> Limits:
     """Return the limits that the options give: a yield stress as the impact speed at which yield begins."""
-    limits = {name: positive(f"constraint {name}", value) for name, value in options.constraint}
-    speeds = [limits["impact_speed"]] if "impact_speed" in limits else []
-    if "yield_stress" in limits:
-        if not options.contact:
-            raise common.BadInput(
-                "--constraint yield_stress needs --contact: materials and radius that touch"
-            )
-        first, second, radius = options.contact
-        limit = YieldLimit((first, second), radius, limits["yield_stress"])
-        speeds.append(limit.speed(model, absorber.mass_ratio * model.beam_mass))
-    return Limits(limits.get("stroke"), min(speeds, default=None))
+    limits, yield_limit = scenes.read_limits(options)
+    if yield_limit is None:
+        return limits
+    speed = yield_limit.speed(model, absorber.mass_ratio * model.beam_mass)
+    return replace(limits, impact_speed=min(speed, limits.impact_speed or speed))
 
 
 def use_posterior(options: GapOptions) -> GapOptions:
@@ -293,23 +234,16 @@ def read_structure(options: GapOptions) -> tuple[GapOptions, Structure]:
     """Return the structure, and the options; with --scene the values of the file's absorber are in the options' place."""
     if options.scene is None:
         options = use_posterior(options)
-        structure = scenes.structure_of(
-            options.structure,
-            options.position,
-            modes=options.modes,
-            damping_ratio=options.damping,
+    structure, device, _ = scenes.read_source(options, position=options.position)
+    if device is not None:
+        restitution, friction_limit = scenes.values_of(device)
+        options = replace(
+            options,
+            mass_ratio=device.mass_ratio,
+            restitution=restitution,
+            friction_limit=friction_limit,
         )
-        return options, structure
-    structure, absorber = scenes.read_device(options.scene, *OF_SCENE)
-    of_file = replace(
-        options,
-        mass_ratio=absorber.mass_ratio,
-        restitution=rigid_walls(absorber).restitution,
-        friction_limit=0.0
-        if absorber.friction is None
-        else absorber.friction.limit,  # as it is, whatever the gap
-    )
-    return of_file, structure
+    return options, structure
 
 
 def absorber_on(model: ModalModel, options: GapOptions, force: float) -> SlidingAbsorber:
@@ -336,9 +270,6 @@ def refuse_contradictions(options: GapOptions, absorber: SlidingAbsorber) -> Non
         raise common.BadInput(
             "--free friction_limit does not go with a device that has no friction: shares of its limit are tried"
         )
-    limits_yield = any(name == "yield_stress" for name, _ in options.constraint)
-    if options.contact is not None and options.no_card and not limits_yield:
-        raise common.BadInput("--contact does not go with --no-card: its estimate is on the card")
 
 
 def questions_of(options: GapOptions, absorber: SlidingAbsorber) -> GapQuestions:
@@ -386,11 +317,6 @@ def show_stages(options: GapOptions, force: float, scene: Scene, advice: Advice)
     return show_stage
 
 
-def probe_gap(model: ModalModel, loads: Loads) -> float:
-    """Return a gap in m for a run that is timed: that from which a search begins, or 1 mm where nothing moves."""
-    return design_gap_for(model, loads) or RigidWalls.gap
-
-
 def under_load(options: GapOptions, load: Path) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
     scenes.refuse_with_load(load, "rate")
@@ -405,13 +331,11 @@ def under_load(options: GapOptions, load: Path) -> None:
         "tolerances",
         "sobol",
         "history",
-        "no_card",
-        why="there the gap alone is searched, and there is no card",
+        why="there the gap alone is searched",
     )
     options, structure = read_structure(options)
-    require_writable("--out", options.out)
-    common.check_targets({"json": options.json})
-    common.check_target("--device", options.device, (".json",))
+    targets = common.AnswerFiles(options.out, options.json, options.device)
+    targets.check()
     model = model_for_gap(structure)
     loads = scenes.loads_of(load, model, options.resonance)
     ratio = scenes.mass_ratio_of(options.mass_ratio, options.mass_kg, model.beam_mass)
@@ -434,9 +358,9 @@ def under_load(options: GapOptions, load: Path) -> None:
                 )
 
         members = options.usual_members
-        probe = Scene(
-            model, impact_absorber(probe_gap(model, loads), options.restitution, None, ratio)
-        )
+        # of a run that is timed: a gap from which a search begins, or 1 mm where nothing moves
+        gap = design_gap_for(model, loads) or RigidWalls.gap
+        probe = Scene(model, impact_absorber(gap, options.restitution, None, ratio))
         number = CHECK_MEMBERS + (PAIRS if members <= MEMBERS else 10 + 5 * members)
         long = (
             options.cluster is None
@@ -455,13 +379,8 @@ def under_load(options: GapOptions, load: Path) -> None:
         advice = search()
     if advice.recommended is None:
         raise KeyboardInterrupt
-    answer = GapAnswer(advice, structure)
-    click.echo(str(answer))
-    files = answer.save(options.out) + write_files({options.json: answer.to_json()})
-    if options.device is not None:
-        scenes.write_device(options.device, structure, advice.recommended.absorber)
-        files.append(options.device)
-    common.name_files(files)
+    answer = GapAnswer(advice, structure, GapQuestions(card=not options.no_card))
+    common.name_files(targets.write(answer))
     common.end_early(advice.complete, "the files hold the runs that were finished.")
 
 
@@ -480,18 +399,15 @@ def main(options: GapOptions) -> None:
     frequency as frequency.png, and the recommended device's card as card.html, with curves, and card.json. Ctrl-C ends the
     simulation early and leaves what is finished.
 
-    With --scene of a bladed disk the clearance is one for all its absorbers, and the level that of the worst sector; there is no card.
+    With --scene of a bladed disk the clearance is one for all its absorbers, and the level that of the worst sector.
 
-    With --load what is made small is the measure that belongs to the loads (docs/loads.md), and there is no card.
+    With --load what is made small is the measure that belongs to the loads (docs/loads.md).
     """
     with common.plain_errors():
-        scenes.refuse_with_structure(options.structure, "modes", "damping")
         disk = scenes.read_disk(options.scene, "structure")
         if disk is not None:
             disk_commands.refuse_with_disk(NOT_OF_DISKS)
-            require_writable("--out", options.out)
-            common.check_targets({"json": options.json})
-            common.check_target("--device", options.device, (".json",))
+            common.AnswerFiles(options.out, options.json, options.device).check()
             disk_commands.choose_gap_on_file(disk, options)
             return
         if options.load is not None:
@@ -510,10 +426,8 @@ def main(options: GapOptions) -> None:
         refuse_contradictions(options, absorber)
         questions = questions_of(options, absorber)
         factors = () if options.gaps is None else tuple(map(float, gap_factors(options.gaps)))
-        require_writable("--out", options.out)
-        common.check_targets({"json": options.json})
-        common.check_target("--device", options.device, (".json",))
-        common.check_target("--history", options.history, HISTORY_FORMATS)
+        targets = common.AnswerFiles(options.out, options.json, options.device, options.history)
+        targets.check()
         rate = (
             default_rate(model, (options.resonance,))
             if options.rate is None
@@ -527,12 +441,6 @@ def main(options: GapOptions) -> None:
             scene = Scene(model, advice.recommended.absorber)
             stages = show_stages(options, force, scene, advice)
             answer = complete_gap_answer(advice, structure, questions, executor, stages)
-        click.echo(str(answer))
-        files = answer.save(options.out) + write_files({options.json: answer.to_json()})
-        if options.history is not None and (run := answer.worst_run()) is not None:
-            files += write_files({options.history: partial(save_history, run=run)})
-        if options.device is not None:
-            scenes.write_device(options.device, structure, advice.recommended.absorber)
-            files.append(options.device)
+        files = targets.write(answer)
     common.name_files(files)
     common.end_early(advice.complete, "the files hold the runs that were finished.")

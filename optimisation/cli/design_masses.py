@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel
-from impact_env.parameters import Beam
 from impact_env.scene import Scene
 from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.bounds import reach
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
-    BadInput,
     check_page,
     check_targets,
     command,
@@ -41,10 +39,10 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import GapCheck, check_gap
-from optimisation.mounting import model_with_absorber_at
-from optimisation.page import markdown
 from optimisation.progress import runs_bar
-from optimisation.report.frequency_report import save_frequency
+from optimisation.report.figures import draw_charts
+from optimisation.report.frequency_report import frequency_charts
+from optimisation.report.report import Column, Record, Table, write_drawing
 from optimisation.sweep_range import find_reading_ratios, find_sweep_range, is_at_end
 
 MARKER = "masses"
@@ -57,10 +55,9 @@ FORCE = 1.0  # N: any would do, as gap and friction are in proportion to it
 
 
 @dataclass(frozen=True, kw_only=True)
-class MassesOptions:
+class MassesOptions(scenes.DeviceOptions):
     """Options of ``design masses``; None or empty: not given."""
 
-    structure: Path | None = option("structure")
     scene: Path | None = option("scene", help="Structure from the .toml or .json file of a scene")
     mass_ratio: tuple[float, ...] = option(
         "mass_ratio",
@@ -101,15 +98,6 @@ def gap_factors(free_over_rule: float) -> NDArray[np.float64]:
     if free_over_rule >= 1:
         return FACTORS
     return np.union1d(0.6 * free_over_rule * LOW_FACTORS, 1.0)
-
-
-def masses_of(options: MassesOptions, structure_mass: float) -> tuple[float, ...]:
-    """Return the mass ratios to try; raises BadInput if they are given twice."""
-    if not options.mass_kg:
-        return options.mass_ratio or RATIOS
-    if options.mass_ratio:
-        raise BadInput("--mass-kg does not go with --mass-ratio: each says what the masses are")
-    return tuple(scenes.mass_ratio_of(RATIOS[0], mass, structure_mass) for mass in options.mass_kg)
 
 
 def checks(
@@ -162,61 +150,64 @@ def fast(model: ModalModel, resonance: int, options: dict[str, Any]) -> dict[str
     return {"members": 1, "percent_per_100_periods": COARSER * rate}
 
 
-def _cells(check: GapCheck) -> tuple[str, ...]:
-    best = check.best
-    assert best is not None
-    price = float(check.level[check.at_rule] / check.level[best])
-    edge = " or less" if best == 0 else " or more" if best == len(check.gaps) - 1 else ""
-    low, high = check.limits
-    return (
-        f"{100 * check.absorber.mass_ratio:g} %",
-        str(check.resonance),
-        f"{check.reach:.3g}",
-        f"{check.gaps[best] / check.rule:.2f}{edge}",
-        f"{100 * check.relative[best]:.1f}",
-        f"{100 * check.relative[check.at_rule]:.1f}",
-        f"{price:.2f}",
-        f"{low:.3g} to {high:.3g}",
-        _reading(check, best),
-    )
+NARROWEST = "narrowest"
+WIDEST = "widest"
 
 
-def plain_check(check: GapCheck) -> dict[str, Any]:
-    """Return the row of a mass and resonance as plain data."""
-    best = check.best
-    assert best is not None
-    return {
-        "mass_ratio": check.absorber.mass_ratio,
-        "resonance": check.resonance,
-        "free_amplitude_over_rule_gap": float(check.reach),
-        "best_gap_over_rule": float(check.gaps[best] / check.rule),
-        "relative_level_at_best": float(check.relative[best]),
-        "relative_level_at_rule": float(check.relative[check.at_rule]),
-        "sweep_range": [float(end) for end in check.limits],
-        "level_read_at": float(find_reading_ratios(check.curves[best])[0]),
-    }
+def show_gap(row: Record) -> str:
+    """Return the best gap over the rule's in words: a better one may exist beyond the narrowest or widest that ran."""
+    edge = {NARROWEST: " or less", WIDEST: " or more"}.get(row["best_gap_is"], "")
+    return f"{row['best_gap_over_rule']:.2f}{edge}"
 
 
-def _reading(check: GapCheck, best: int) -> str:
-    """Return where the level at the best gap was read, over the resonance; an end of the sweeps is named."""
-    ratio = float(find_reading_ratios(check.curves[best])[0])
-    return f"{ratio:.3f}{' (end)' if is_at_end(ratio, check.limits, check.rate) else ''}"
+def show_reading(row: Record) -> str:
+    """Return where the level at the best gap was read, over the resonance, in words."""
+    return f"{row['level_read_at']:.3f}{' (end)' if row['level_read_at_end'] else ''}"
 
 
-def text(every_check: Sequence[GapCheck]) -> str:
-    """Return a line for each mass and resonance."""
-    header = ("mass ratio", "resonance", "free amplitude over gap", "best gap over the rule's")
-    return markdown(
-        (
-            *header,
-            "level there, %",
-            "level at the rule's, %",
-            "rule's over best",
-            "swept, of the resonance",
-            "level read at",
-        ),
-        [_cells(check) for check in every_check],
-    )
+COLUMNS = (
+    Column("mass_ratio", "mass ratio", "{:g} %", 100),
+    Column("resonance", "resonance", "{:.0f}"),
+    Column("free_amplitude_over_rule_gap", "free amplitude over gap", "{:.3g}"),
+    Column("best_gap_over_rule", "best gap over the rule's", show_gap),
+    Column("relative_level_at_best", "level there, %", "{:.1f}", 100),
+    Column("relative_level_at_rule", "level at the rule's, %", "{:.1f}", 100),
+    Column("rule_over_best", "rule's over best", "{:.2f}"),
+    Column(
+        "sweep_range",
+        "swept, of the resonance",
+        lambda row: " to ".join(f"{end:.3g}" for end in row["sweep_range"]),
+    ),
+    Column("level_read_at", "level read at", show_reading),
+    Column("best_gap_is"),
+    Column("level_read_at_end"),
+)
+
+
+def check_table(every_check: Sequence[GapCheck]) -> Table:
+    """Return a row for each mass and resonance."""
+    rows = []
+    for check in every_check:
+        best = check.best
+        assert best is not None
+        ratio = float(find_reading_ratios(check.curves[best])[0])
+        edge = {0: NARROWEST, len(check.gaps) - 1: WIDEST}.get(best)
+        rows.append(
+            (
+                check.absorber.mass_ratio,
+                check.resonance,
+                float(check.reach),
+                float(check.gaps[best] / check.rule),
+                float(check.relative[best]),
+                float(check.relative[check.at_rule]),
+                float(check.level[check.at_rule] / check.level[best]),
+                [float(end) for end in check.limits],
+                ratio,
+                edge,
+                is_at_end(ratio, check.limits, check.rate),
+            )
+        )
+    return Table(COLUMNS, rows)
 
 
 def frequency_of(
@@ -253,35 +244,33 @@ def main(options: MassesOptions) -> None:
     with plain_errors():
         check_page(options.page, MARKER)
         check_targets({"plot": options.plot, "json": options.json})
-        model = (
-            scenes.model_of(options.structure, Beam.absorber_position)
-            if options.scene is None
-            else model_with_absorber_at(scenes.read_device(options.scene, "structure")[0])
-        )
+        model, _ = scenes.read_source_model(options, "mass_ratio", "mass_kg")
         scenes.warn_of_nodes(model, *options.resonances)
         resonances = tuple(dict.fromkeys(options.resonances))
-        ratios = masses_of(options, model.beam_mass)
+        masses = (options.mass_ratio, options.mass_kg)
+        ratios = scenes.mass_ratios_of(*masses, model.beam_mass) or RATIOS
         with workers(options.threads, options.cluster) as executor:
             arguments = options.arguments(executor)
             if options.cluster is None and announce(model, ratios, resonances, arguments) > LONG_S:
                 coarse = [
-                    text(
+                    check_table(
                         checks(
                             model,
                             ratios,
                             (resonance,),
                             arguments | fast(model, resonance, arguments),
                         )
-                    )
+                    ).to_text()
                     for resonance in resonances
                 ]
                 announce_coarse("\n" + "\n".join(coarse))
             checks_made = checks(model, ratios, resonances, arguments)
             frequency = [] if options.plot is None else frequency_of(checks_made, executor)
-        table = text(checks_made)
-        click.echo(table)
-        files = fill_page(options.page, MARKER, table)
-        files += write_files({options.json: [plain_check(check) for check in checks_made]})
+        table = check_table(checks_made)
+        click.echo(table.to_text())
+        files = fill_page(options.page, MARKER, table.to_text())
+        files += write_files({options.json: table.records()})
         if options.plot is not None:
-            files += write_files({options.plot: partial(save_frequency, parts=frequency)})
+            write_drawing(options.plot, partial(draw_charts, frequency_charts(frequency)))
+            files.append(options.plot)
     name_files(files)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 import numpy as np
@@ -16,7 +15,6 @@ from impact_env.parameters import (
     Beam,
     ParameterError,
     RigidWalls,
-    SlidingAbsorber,
     positive,
 )
 from optimisation.absorber_rules import rigid_walls
@@ -24,6 +22,7 @@ from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import BadInput, parse_uncertain
 from optimisation.cli.options import OptionSpec, at_least, number, option
+from optimisation.cli.scene_options import DeviceSource
 from optimisation.comparison import RESONANCES
 from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import model_with_absorber_at
@@ -102,17 +101,13 @@ GOES_ON = "the same command goes on from here."
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyOptions:
+class StudyOptions(scenes.SweepRunOptions, scenes.DeviceOptions):
     """Options of every search of designs; None: not given.
 
     ``free_by_default`` are the variables that are searched where --free is not given, None for those of the concept.
     ``every_concept``: what a concept lacks does not concern it, as all are searched at once.
     """
 
-    structure: Path | None = option("structure")
-    scene: Path | None = option(
-        "scene", help="Structure and impact absorber from a .toml or .json file"
-    )
     modes: int = option("modes", type=at_least(1), default=Beam.modes)
     mass_ratio: float | None = option(
         "mass_ratio",
@@ -130,7 +125,6 @@ class StudyOptions:
         default=RESONANCES,
         usual=False,
     )
-    rate: float | None = option("rate")
     free: tuple[str, ...] = option("free", help="Variable to search; may be repeated")
     bounds: tuple[tuple[str, float, float], ...] = option(
         OptionSpec(
@@ -173,25 +167,20 @@ class StudyOptions:
     batch: int | None = option(
         "batch", more="The population of CMA-ES and NSGA-II, members of a round of gp."
     )
-    seed: int = option("seed")
-    threads: int | None = option("threads")
-    cluster: str | None = option("cluster")
     study: Path | None = option("study")
     out: Path = option("out")
     free_by_default: tuple[str, ...] | None = None
     every_concept: bool = False
 
     @property
+    def beam(self) -> Beam:
+        """The paper's beam with the number of modes that is given."""
+        return Beam(modes=self.modes)
+
+    @property
     def searched(self) -> tuple[str, ...] | None:
         """Return the variables that are searched, None for those of the concept."""
         return self.free or self.free_by_default
-
-
-class StudySource(NamedTuple):
-    """What a search is about: the structure, and the impact absorber of --scene."""
-
-    structure: Structure
-    device: SlidingAbsorber | None
 
 
 def variables_help() -> str:
@@ -203,7 +192,7 @@ def variables_help() -> str:
     return "\n".join(lines)
 
 
-def make_space(concept: str, options: StudyOptions, source: StudySource) -> DesignSpace:
+def make_space(concept: str, options: StudyOptions, source: DeviceSource) -> DesignSpace:
     """Return the space of a concept; with all concepts at once, what a concept lacks does not concern it."""
     known = {v.name for v in VARIABLES[concept]}
     every = options.every_concept
@@ -217,7 +206,7 @@ def make_space(concept: str, options: StudyOptions, source: StudySource) -> Desi
     return design_space(concept, free or None, bounds, fixed)
 
 
-def fixed_of(options: StudyOptions, source: StudySource) -> dict[str, float]:
+def fixed_of(options: StudyOptions, source: DeviceSource) -> dict[str, float]:
     """Return the variables that --fix and the options of the mass fix; raises BadInput if two of them, or --free or --scene, say what the mass is."""
     fixed = dict(options.fix)
     for name, value in (("--mass-kg", options.mass_kg), ("--mass-ratio", options.mass_ratio)):
@@ -228,10 +217,6 @@ def fixed_of(options: StudyOptions, source: StudySource) -> dict[str, float]:
                 raise BadInput(
                     f"{name} does not go with {other} {MASS_RATIO}: each says what the mass is"
                 )
-        if options.scene is not None:
-            raise BadInput(
-                f"{name} does not go with --scene: the file says what structure and absorber are"
-            )
     if options.mass_kg is not None and options.mass_ratio is not None:
         raise BadInput("--mass-kg does not go with --mass-ratio: each says what the mass is")
     if options.mass_ratio is not None:
@@ -242,7 +227,7 @@ def fixed_of(options: StudyOptions, source: StudySource) -> dict[str, float]:
     return fixed
 
 
-def _of_device(concept: str, options: StudyOptions, source: StudySource) -> dict[str, float]:
+def _of_device(concept: str, options: StudyOptions, source: DeviceSource) -> dict[str, float]:
     """Return the values, from the file of --scene, of variables that are not searched: the mass, and all others of an impact absorber."""
     device = source.device
     if device is None:
@@ -260,18 +245,13 @@ def _of_device(concept: str, options: StudyOptions, source: StudySource) -> dict
     return {name: value for name, value in own.items() if name not in free}
 
 
-def read_source(options: StudyOptions) -> StudySource:
+def read_source(options: StudyOptions) -> DeviceSource:
     """Return the structure of the file, or the paper's beam with the options' modes, and the absorber of --scene."""
-    if options.scene is not None:
-        return StudySource(*scenes.read_device(options.scene, "structure", "modes"))
-    if options.structure is None:
-        return StudySource(replace(Beam(), modes=options.modes), None)
-    scenes.refuse_with_structure(options.structure, "modes")
-    return StudySource(scenes.read_structure(options.structure), None)
+    return scenes.read_source(options, "concept")
 
 
 def forces_at(
-    options: StudyOptions, source: StudySource, usual: tuple[tuple[int, float], ...]
+    options: StudyOptions, source: DeviceSource, usual: tuple[tuple[int, float], ...]
 ) -> list[tuple[int, float]]:
     """Return the resonances and their forces: those of --at, the ``usual`` ones, or for a structure from a file those of --resonances by the rule.
 
@@ -311,7 +291,7 @@ def forces_at(
     ]
 
 
-def loads_in(options: StudyOptions, source: StudySource) -> Loads | None:
+def loads_in(options: StudyOptions, source: DeviceSource) -> Loads | None:
     """Return the loads of --load, None without it; raises BadInput for options that do not go with it."""
     scenes.refuse_with_load(options.load, "at", "resonances", "rate")
     scenes.refuse_with_load(
@@ -327,7 +307,7 @@ def make_problem(
     conditions: tuple[Condition, ...],
     objectives: tuple[Objective, ...],
     options: StudyOptions,
-    source: StudySource,
+    source: DeviceSource,
 ) -> Problem:
     """Return the problem that the options describe."""
     members = options.members or (QUICK_MEMBERS if options.quick else DEFAULT_MEMBERS)

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
-import numpy as np
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
+from optimisation.answers.front import FrontAnswer
 from optimisation.cli import design_options as design
 from optimisation.cli.common import (
-    check_targets,
+    AnswerFiles,
     command,
     end_early,
     end_without,
@@ -20,16 +20,11 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.options import OptionSpec, at_least, number, option
-from optimisation.cli.scene_options import is_option_set, refuse_with_load
+from optimisation.cli.scene_options import SummaryOptions, is_option_set, refuse_with_load
 from optimisation.cli.search_duration import announce_search
 from optimisation.executors import executor as executor_on
-from optimisation.files import require_writable, write_files
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
-from optimisation.report.card import write_card
-from optimisation.report.cards import front_card
-from optimisation.report.design_figures import save_front
-from optimisation.report.front_report import bounds_of, front_summary, front_table, front_text
 from optimisation.search import pareto as fronts
 from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
@@ -48,7 +43,7 @@ CORNERS = {RESONANCES: fronts.CORNER, SEVERITY: (fronts.CORNER[0], SEVEREST)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrontOptions(design.StudyOptions):
+class FrontOptions(SummaryOptions, design.StudyOptions):
     """Options of ``design pareto``; None: not given."""
 
     against: str = option(
@@ -92,7 +87,6 @@ class FrontOptions(design.StudyOptions):
             default=0,
         )
     )
-    json: Path | None = option("json", help="Write the summary here, too")
     out: Path = option(
         "out",
         more="Each choice of --against has a folder in it.",
@@ -152,36 +146,6 @@ def study(
     return front
 
 
-def write(out: Path, front: fronts.Front, options: FrontOptions) -> list[Path]:
-    """Write the tables and figures of a front, and return the files."""
-    summary = design.conditions_of(options) | front_summary(front)
-    files = write_files(
-        {
-            out / "front.csv": front_table(front),
-            out / "summary.json": summary,
-            options.json: summary,
-        }
-    )
-    if front.fresh and front.paper is not None:
-        labels = [o.label for o in front.problem.objectives]
-        searched, front_designs = (
-            np.array([e.score.values for e in part]) for part in (front.evaluated, front.members)
-        )
-        fresh = np.array([j.score.values for j in front.fresh])
-        paper = np.array(front.paper.score.values)
-        files.append(out / "front.png")
-        save_front(
-            files[-1],
-            (labels[0], labels[1]),
-            searched,
-            front_designs,
-            fresh,
-            paper,
-            bounds_of(front),
-        )
-    return files + write_card(out, front_card(front))
-
-
 @command(
     FrontOptions,
     epilog=design.variables_help(),
@@ -207,13 +171,12 @@ def main(options: FrontOptions) -> None:
                 "against",
                 why=f"loads are met as they are; {SEVERITY} goes with it",
             )
-        require_writable("--out", out)
-        check_targets({"json": options.json})
+        targets = AnswerFiles(out, options.json)
+        targets.check()
         problem = make(against, options)
         with executor_on(options.threads, options.cluster) as executor:
             front = study(problem, against, options, design.journal_of(options, out), executor)
-        click.echo(front_text(front))
-        files = write(out, front, options)
+        files = targets.write(FrontAnswer(front, design.conditions_of(options)))
     name_files(files)
     end_early(front.finished, design.GOES_ON)
     end_without(bool(front.index))

@@ -4,7 +4,6 @@
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import click
@@ -17,12 +16,12 @@ from optimisation.answers.design import (
     ExplanationSizes,
     WinnerRuns,
     run_around_winner,
+    run_baselines,
 )
 from optimisation.cli import design_options as design
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
-    check_target,
-    check_targets,
+    AnswerFiles,
     command,
     end_early,
     end_without,
@@ -32,17 +31,11 @@ from optimisation.cli.common import (
 from optimisation.cli.options import OptionSpec, at_least, number, option, switch
 from optimisation.cli.search_duration import announce_search
 from optimisation.executors import executor as executor_on
-from optimisation.files import require_writable, write_files
-from optimisation.frequency_levels import (
-    ResonanceCurves,
-)
+from optimisation.files import require_writable
+from optimisation.frequency_levels import ResonanceCurves, WorstRun
 from optimisation.objectives import KINDS, MEAN, OWN, WORST, Objective
 from optimisation.problem import Problem
 from optimisation.progress import runs_bar
-from optimisation.report.frequency_report import (
-    HISTORY_FORMATS,
-    save_history,
-)
 from optimisation.search.find import BARS, SearchOptions, find
 from optimisation.search.judge import AUDITED, SearchResult
 from optimisation.search.run_cache import check_study_file
@@ -199,7 +192,7 @@ def run_concept(
     findings = find(problem, plan, journal, executor, BARS)
     runs = WinnerRuns(findings)
     frequency: list[ResonanceCurves] = []
-    run = None
+    run: WorstRun | None = None
     try:
         if not options.no_figures:
 
@@ -209,16 +202,13 @@ def run_concept(
             sizes = QUICK_SIZES if options.quick else SIZES
             findings = run_around_winner(findings, executor, sizes, stage)
             frequency = runs.frequency_levels(executor)
+        findings = run_baselines(findings, executor)
         if options.history is not None:
             run = runs.worst_run(executor)
     except KeyboardInterrupt:
         findings = replace(findings, finished=False)
-    answer = DesignAnswer(findings, tuple(frequency), design.conditions_of(options))
-    click.echo(str(answer))
-    files = answer.save(out) + write_files({options.json: answer.to_json()})
-    if run is not None:
-        files += write_files({options.history: partial(save_history, run=run)})
-    name_files(files)
+    answer = DesignAnswer(findings, tuple(frequency), run, design.conditions_of(options))
+    name_files(AnswerFiles(out, options.json, history=options.history).write(answer))
     click.echo()
     return findings
 
@@ -247,8 +237,7 @@ def main(options: SearchStudyOptions) -> None:
                 raise ParameterError(
                     f"--{name} = {value} is not allowed: with one concept, as each has {what} of its own"
                 )
-        check_targets({"json": options.json})
-        check_target("--history", options.history, HISTORY_FORMATS)
+        AnswerFiles(options.out, options.json, history=options.history).check()
         scenes.refuse_with_load(
             options.load, "history", why="there levels are read from other measures"
         )

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import click
-
-from impact_env.plain import from_disk
 from impact_env.structures.cyclic import BladedDisk
 from optimisation.answers.disk import advise_disk, compare_disk
 from optimisation.cli import scene_options as scenes
-from optimisation.cli.common import BadInput, name_files
+from optimisation.cli.common import AnswerFiles, BadInput, name_files
 from optimisation.disk_levels import FORCES, MEMBERS
 from optimisation.executors import executor as executor_on
-from optimisation.files import write_files, write_json
 from optimisation.progress import sweeps_bar
 
 if TYPE_CHECKING:
@@ -51,8 +47,7 @@ def compare_on_file(disk: BladedDisk, options: CompareOptions) -> None:
             progress=show,
             executor=executor,
         )
-    click.echo(str(answer))
-    name_files(answer.save(options.out) + write_files({options.json: answer.to_json()}))
+    name_files(AnswerFiles(options.out, options.json).write(answer))
 
 
 def choose_gap_on_file(disk: BladedDisk, options: GapOptions) -> None:
@@ -73,9 +68,4 @@ def choose_gap_on_file(disk: BladedDisk, options: GapOptions) -> None:
             progress=show,
             executor=executor,
         )
-    click.echo(str(answer))
-    files = answer.save(options.out) + write_files({options.json: answer.to_json()})
-    if options.device is not None:
-        write_json(options.device, from_disk(answer.device))
-        files.append(options.device)
-    name_files(files)
+    name_files(AnswerFiles(options.out, options.json, options.device).write(answer))

@@ -6,14 +6,12 @@ some take long or need an extra. Names of the version before go on working, with
 
 import ast
 import difflib
-import importlib
 import importlib.util
 import os
 import sys
 from copy import copy
 from functools import partial
 from pathlib import Path
-from types import ModuleType
 
 import click
 
@@ -22,20 +20,16 @@ from optimisation.cli.common import INTERRUPTED
 from optimisation.cli.names import (
     GROUPS,
     HEADINGS,
-    HERE,
     OLDER_DEFAULTS,
     OLDER_NAMES,
     REPRODUCE,
+    imported,
     list_commands,
     list_needs,
     list_other_names,
     list_studies,
+    name_of,
 )
-
-
-def name_of(name: str) -> str:
-    """Return the name of now of a command, which may be called by the one of the version before."""
-    return list_other_names().get(name, name)
 
 
 def modules() -> dict[str, Path]:
@@ -46,13 +40,6 @@ def modules() -> dict[str, Path]:
 def file_of(name: str) -> Path | None:
     """Return the module of a command, None if there is none of this name."""
     return list_commands().get(name_of(name))
-
-
-def imported(name: str) -> ModuleType:
-    """Return the module of a command that there is, by its name of now or of the version before."""
-    file = list_commands()[name_of(name)]
-    package = "optimisation.cli" if file.parent == HERE else "studies.cli"
-    return importlib.import_module(f"{package}.{file.stem}")
 
 
 def missing_extras(file: Path) -> dict[str, list[str]]:

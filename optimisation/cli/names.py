@@ -4,9 +4,11 @@ The module of ``design gap`` is ``design_gap.py``: its words with underscores. `
 there is an environment.
 """
 
+import importlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 HERE = Path(__file__).parent
 STUDIES = Path(__file__).resolve().parents[2] / "scripts" / "studies" / "cli"  # of a checkout
@@ -109,6 +111,18 @@ def list_short_names() -> dict[str, str]:
 def list_other_names() -> dict[str, str]:
     """Return the names of now by the other names of commands: of the version before, and short ones of studies."""
     return OLDER_NAMES | list_short_names()
+
+
+def name_of(name: str) -> str:
+    """Return the name of now of a command, which may be called by the one of the version before."""
+    return list_other_names().get(name, name)
+
+
+def imported(name: str) -> ModuleType:
+    """Return the module of a command that there is, by its name of now or of the version before."""
+    file = list_commands()[name_of(name)]
+    package = "optimisation.cli" if file.parent == HERE else "studies.cli"
+    return importlib.import_module(f"{package}.{file.stem}")
 
 
 def find_command(words: Sequence[str]) -> tuple[str, int]:

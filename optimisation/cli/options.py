@@ -28,60 +28,56 @@ def at_least(minimum: int) -> click.IntRange:
     return click.IntRange(min=minimum)
 
 
-class ResonanceAndForce(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """RESONANCE:FORCE, the force in N."""
+class Words(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """A value of several words or parts.
 
-    name = "resonance:force"
+    Parameters
+    ----------
+    name : str
+        What the value is called.
+    parse : callable
+        Returns the value of a text; raises ValueError if it has another form.
+    form : str
+        The form that is allowed, in words, with an example.
+    """
 
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, float]:
-        """Return the resonance and the force in ``value``, or fail with the form that is allowed."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            resonance, force = str(value).split(":")
-            return int(resonance), float(force)
-        except ValueError:
-            self.fail(f"{value!r} is not RESONANCE:FORCE, as in 1:3.5", param, ctx)
-
-
-class Resonances(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """One or two resonances, counted from 1; one stands for twice the same."""
-
-    name = "resonances"
+    def __init__(self, name: str, parse: Callable[[str], Any], form: str = "") -> None:
+        self.name = name
+        self.parse = parse
+        self.form = form
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Return two resonances, or fail with the form that is allowed."""
-        if isinstance(value, tuple):
+    ) -> Any:
+        """Return the value, or fail with the form that is allowed; a value that is parsed already stays."""
+        if not isinstance(value, str):
             return value
         try:
-            first, *others = map(int, str(value).split())
-            (second,) = others or [first]
+            return self.parse(value)
         except ValueError:
-            self.fail(f"{value!r} is not one or two resonances, as in 1 2", param, ctx)
-        return first, second
+            self.fail(f"{value!r} is not {self.form}", param, ctx)
 
 
-class Uncertain(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """NAME=5% or NAME=LOW:HIGH, for a name of `optimisation.uncertain.NAMES`; the older form has words in place of the signs."""
+def parse_resonance_and_force(text: str) -> tuple[int, float]:
+    """Return resonance and force in N of RESONANCE:FORCE."""
+    resonance, force = text.split(":")
+    return int(resonance), float(force)
 
-    name = "name=5%|low:high"
 
-    def convert(
-        self,
-        value: object,
-        param: click.Parameter | None,  # noqa: ARG002
-        ctx: click.Context | None,  # noqa: ARG002
-    ) -> tuple[str, tuple[str, ...]]:
-        """Return the name and its words."""
-        name, equals, words = str(value).partition("=")
-        if equals:
-            return name, tuple(words.split(":"))
-        name, *older_words = str(value).split(" ")
-        return name, tuple(older_words)
+def parse_resonances(text: str) -> tuple[int, int]:
+    """Return two resonances, counted from 1; one stands for twice the same."""
+    first, *others = map(int, text.split())
+    (second,) = others or [first]
+    return first, second
+
+
+def parse_distribution(text: str) -> tuple[str, tuple[str, ...]]:
+    """Return name and words of NAME=5% or NAME=LOW:HIGH; the older form has blanks in place of the signs."""
+    name, equals, words = text.partition("=")
+    if equals:
+        return name, tuple(words.split(":"))
+    name, *older_words = text.split(" ")
+    return name, tuple(older_words)
 
 
 def is_posterior_file(text: str) -> bool:
@@ -370,7 +366,7 @@ TABLE: dict[str, OptionSpec] = {
     "resonances": number(
         "--resonances",
         "One or two resonances, counted from 1",
-        type=Resonances(),
+        type=Words("resonances", parse_resonances, "one or two resonances, as in 1 2"),
         metavar="R [R]",
         usual=True,
         section="Excitation",
@@ -380,7 +376,7 @@ TABLE: dict[str, OptionSpec] = {
     "at": number(
         "--at",
         "Resonance and force in N; may be repeated",
-        type=ResonanceAndForce(),
+        type=Words("resonance:force", parse_resonance_and_force, "RESONANCE:FORCE, as in 1:3.5"),
         metavar="R:FORCE",
         multiple=True,
         usual=True,
@@ -418,7 +414,7 @@ TABLE: dict[str, OptionSpec] = {
         names=("--uncertain",),
         help="A quantity that is not known; may be repeated",
         more=UNCERTAIN_MORE,
-        type=Uncertain(),
+        type=Words("name=5%|low:high", parse_distribution),
         metavar="NAME=5%|LOW:HIGH",
         multiple=True,
         count_words=count_uncertain_words,

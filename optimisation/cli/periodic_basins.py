@@ -122,13 +122,6 @@ def map_text(result: AttractorMap) -> str:
     return markdown(("motion", "points"), rows)
 
 
-def map_rows(result: AttractorMap) -> tuple[list[str], list[list[Any]]]:
-    """Return header and rows of a map."""
-    plain = result.to_plain()["cells"]
-    names = [name for name in plain[0] if name != "state"] if plain else []
-    return names, [[cell[name] for name in names] for cell in plain]
-
-
 @dataclass(frozen=True, kw_only=True)
 class BasinOptions(AttractorOptions):
     """Options of ``periodic basins``; None: not given."""
@@ -277,7 +270,9 @@ def mapped(options: BasinOptions, case: Case) -> bool:
             progress=show,
         )
     click.echo(map_text(result))
-    names, rows = map_rows(result)
+    cells = result.to_plain()["cells"]
+    names = [name for name in cells[0] if name != "state"] if cells else []
+    rows = [[cell[name] for name in names] for cell in cells]
     files = write_files(
         {
             options.json: result.to_plain(),

@@ -3,7 +3,6 @@
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -66,11 +65,6 @@ def diagram_table(points: list[DiagramPoint]) -> str:
         values = [point.value for point in random if point.motion.name == name]
         rows.append([RANDOM, f"{min(values):.6g}", f"{max(values):.6g}", name, str(number)])
     return markdown(("direction", "from", "to", "motion", "points"), rows)
-
-
-def diagram_rows(points: list[DiagramPoint]) -> list[list[Any]]:
-    """Return the values of `DIAGRAM_COLUMNS` of all points."""
-    return [row for point in points for row in point.rows()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,10 +182,11 @@ def main(options: DiagramOptions) -> None:
             )
             words = "; ".join(f"{number} of {name}" for name, number in kinds.items())
             click.echo(f"\n{len(branches)} exact branches: {words}")
+        rows = [row for point in points for row in point.rows()]
         files = write_files(
             {
                 options.json: result.to_plain() | {"complete": complete[0]},
-                options.csv: (list(DIAGRAM_COLUMNS), diagram_rows(points)),
+                options.csv: (list(DIAGRAM_COLUMNS), rows),
                 options.plot: lambda path: save_diagram(path, result, options.quantity),
             }
         )

@@ -31,6 +31,7 @@ from optimisation.files import write_files
 from optimisation.page import markdown
 from optimisation.progress import counting_bar
 from optimisation.report.periodic_figures import save_manifold
+from optimisation.report.report import Table
 
 MAPS = {
     "map_modes": int,
@@ -126,14 +127,6 @@ def map_row(result: ManifoldCheck) -> list[Any]:
     ]
 
 
-def plain_rows(rows: list[list[Any]]) -> list[dict[str, Any]]:
-    """Return the map as JSON has it; an error without orbits is None."""
-    result = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
-    return [
-        {name: None if value != value else value for name, value in row.items()} for row in result
-    ]
-
-
 def map_table(rows: list[list[Any]]) -> str:
     """Return the table of median errors in %."""
     header = ("modes", "restitution", "mass, %", "friction, N", "orbits", *VARIANTS)
@@ -193,7 +186,8 @@ def main(options: ManifoldOptions) -> None:
     """
     with common.plain_errors():
         common.check_targets(vars(options))
-        refuse_map_of_one(options)
+        if options.csv is not None and not any(getattr(options, name) for name in MAPS):
+            raise common.BadInput("--csv is for a map: add --map-modes or one of its siblings")
         refuse_parts(options)
         points = count("--points", options.points, 0)
         wanted = options.force
@@ -220,27 +214,18 @@ def main(options: ManifoldOptions) -> None:
                 rows.append(map_row(check))
         click.echo(variant_table(own, wanted))
         if own.points:
-            click.echo(f"\n{len(own.points)} exact orbits, {stable_of(own)} of them stable")
+            stable = sum(point.stable for point in own.points)
+            click.echo(f"\n{len(own.points)} exact orbits, {stable} of them stable")
         if rows:
             click.echo(f"\nMedian error in %:\n\n{map_table(rows)}")
-        plain = own.to_plain() | {"map": plain_rows(rows), "complete": complete[0]}
+        table = Table.of_values(COLUMNS, rows)
+        plain = own.to_plain() | {"map": table.records(), "complete": complete[0]}
         files = write_files(
             {
                 options.json: plain,
-                options.csv: (COLUMNS, rows),
+                options.csv: table.to_csv(),
                 options.plot: lambda path: save_manifold(path, own),
             }
         )
     common.name_files(files)
     common.end_early(complete[0])
-
-
-def stable_of(result: ManifoldCheck) -> int:
-    """Return how many of the orbits are stable."""
-    return sum(point.stable for point in result.points)
-
-
-def refuse_map_of_one(options: ManifoldOptions) -> None:
-    """Raise BadInput for --csv without a map, whose rows it would hold."""
-    if options.csv is not None and not any(getattr(options, name) for name in MAPS):
-        raise common.BadInput("--csv is for a map: add --map-modes or one of its siblings")

@@ -73,14 +73,13 @@ from optimisation.cli.common import (
 )
 from optimisation.cli.options import OptionSpec, name_parameter, option, switch
 from optimisation.cli.scene_options import (
+    DeviceOptions,
     is_option_set,
     mass_ratio_of,
-    model_of,
-    read_device,
-    refuse_with_structure,
+    read_source_model,
+    values_of,
 )
 from optimisation.files import write_files
-from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.progress import stages_bar
 from optimisation.report import periodic_figures as report
@@ -127,13 +126,9 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CaseOptions:
+class CaseOptions(DeviceOptions):
     """Structure, absorber, force and range of frequencies; None: not given."""
 
-    structure: Path | None = option("structure")
-    scene: Path | None = option(
-        "scene", help="Structure and impact absorber from a .toml or .json file"
-    )
     modes: int = option("modes", default=Beam.modes, usual=True)
     damping: float = option("damping", default=Beam.damping_ratio)
     mass_ratio: float = option("mass_ratio", usual=False)
@@ -144,6 +139,11 @@ class CaseOptions:
     force: float | None = option("force", default_text=FORCE_TEXT)
     start: float = option("start", help="First frequency over the first resonance")
     stop: float = option("stop", help="Last frequency over the first resonance")
+
+    @property
+    def beam(self) -> Beam:
+        """The beam that the options describe."""
+        return Beam(modes=self.modes, damping_ratio=self.damping)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -476,31 +476,16 @@ def check(options: OrbitOptions) -> OrbitOptions:
 
 def case_of(options: CaseOptions) -> Case:
     """Return structure and absorber at the first resonance; on a structure from a file force or gap, the one not given, is by the design rule."""
-    refuse_with_structure(options.structure, "modes", "damping")
     gap = options.gap
     restitution = options.restitution
     friction_limit = options.friction_limit
-    if options.scene is None:
-        model = model_of(options.structure, modes=options.modes, damping_ratio=options.damping)
+    model, device = read_source_model(options)
+    if device is None:
         ratio = mass_ratio_of(options.mass_ratio, options.mass_kg, model.beam_mass)
     else:
-        structure, device = read_device(
-            options.scene,
-            "structure",
-            "modes",
-            "damping",
-            "mass_ratio",
-            "mass_kg",
-            "gap",
-            "restitution",
-            "friction_limit",
-        )
-        model = model_with_absorber_at(structure)
-        walls = rigid_walls(device)
         ratio = device.mass_ratio
-        gap = walls.gap
-        restitution = walls.restitution
-        friction_limit = 0.0 if device.friction is None else device.friction.limit
+        gap = rigid_walls(device).gap
+        restitution, friction_limit = values_of(device)
     force = options.force
     ratio = positive("mass_ratio", ratio)
     if gap is None:

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -28,8 +28,6 @@ from impact_env.parameters import (
 )
 from impact_env.plain import (
     StructureWarning,
-    find_force_amplitude,
-    from_scene,
     load_structure,
     to_beam,
     to_disk,
@@ -39,22 +37,35 @@ from impact_env.plain_files import read_plain
 from impact_env.plain_loads import read_loads, to_loads
 from impact_env.scene import Scene, beam_scene
 from impact_env.structures.cyclic import BladedDisk
-from optimisation.absorber_rules import best_friction
+from optimisation.absorber_rules import (
+    PAPER_FRICTION,
+    RESTITUTION,
+    best_friction,
+    rigid_walls,
+)
 from optimisation.bounds import design_force, design_gap
 from optimisation.cli.common import BadInput
 from optimisation.cli.options import (
     LOADS_IN_SHORT,
     TABLE,
     OptionSpec,
+    list_specs,
     option,
     option_values,
 )
+from optimisation.contact import ALLOWED, YIELD_PRESSURE, YieldLimit, check_contact
 from optimisation.extremes import usable_mass_ratio
-from optimisation.files import write_json
+from optimisation.gap_advice import Limits
 from optimisation.mounting import model_with_absorber_at
 from optimisation.tuned import minimax
 
 structure_option = TABLE["structure"]
+CONSTRAINTS = ("stroke", "impact_speed", "yield_stress")
+CONSTRAINT_MORE = (
+    "stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress (Pa, of the softer body of --contact, "
+    f"whose peak pressure stays below {YIELD_PRESSURE:g} times it)."
+)
+FRICTION_TEXT = f"the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap"
 
 
 def read_structure(path: Path) -> Structure:
@@ -97,33 +108,163 @@ def read_disk(path: Path | None, *names: str) -> BladedDisk | None:
     return to_disk(plain, path.parent) if "cyclic" in plain else None
 
 
-def find_file_force(path: Path | None) -> float | None:
-    """Return the amplitude in N of the first force in a file of a scene or structure; None where it has none."""
-    return None if path is None else find_force_amplitude(read_plain(path))
+@dataclass(frozen=True, kw_only=True)
+class DeviceOptions:
+    """Structure, and the scene of a structure with an impact absorber, of commands that choose or judge a device; None: not given."""
+
+    structure: Path | None = option("structure")
+    scene: Path | None = option(
+        "scene", help="Structure and impact absorber from a .toml or .json file"
+    )
+
+    @property
+    def beam(self) -> Beam:
+        """The beam that is taken without a file."""
+        return Beam()
 
 
-def structure_of(
-    path: Path | None, position: float = Beam.absorber_position, **options: Any
-) -> Structure:
-    """Return the structure of a file, or the beam that the ``parameters`` describe, with the absorber where --position says, if given."""
-    if path is None:
-        return Beam(absorber_position=position, **options)
-    structure = read_structure(path)
-    if not is_option_set("position"):
-        return structure
-    return (
-        model_with_absorber_at(structure, position)
-        if isinstance(structure, ModalModel)
-        else replace(structure, absorber_position=position)
+@dataclass(frozen=True, kw_only=True)
+class BeamOptions(DeviceOptions):
+    """Options of the paper's beam as well."""
+
+    modes: int = option("modes", default=Beam.modes)
+    damping: float = option("damping", default=Beam.damping_ratio)
+
+    @property
+    def beam(self) -> Beam:
+        """The beam that the options describe."""
+        return Beam(modes=self.modes, damping_ratio=self.damping)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsorberOptions(DeviceOptions):
+    """Place and mass of one absorber."""
+
+    position: float = option("position")
+    mass_ratio: float = option("mass_ratio")
+    mass_kg: float | None = option("mass_kg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepRunOptions:
+    """How runs are made, of commands that sweep; None: not given."""
+
+    rate: float | None = option("rate")
+    seed: int = option("seed")
+    threads: int | None = option("threads")
+    cluster: str | None = option("cluster")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SummaryOptions:
+    """Where the summary is written besides the folder; None: not given."""
+
+    json: Path | None = option("json", help="Write the summary here, too")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpactOptions:
+    """Restitution and friction of a device whose gap is chosen; None: not given."""
+
+    restitution: float = option("restitution", default=RESTITUTION)
+    friction_limit: float | None = option(
+        "friction_limit",
+        help="Friction limit at any gap, 0 for none",
+        default_text=FRICTION_TEXT,
     )
 
 
-def model_of(
-    path: Path | None, position: float = Beam.absorber_position, **options: Any
-) -> ModalModel:
-    """Return the modal model of `structure_of`. On modes a position is the number of one of the file's places for absorbers."""
-    structure = structure_of(path, position, **options)
-    return modal_model(structure) if path is None else model_with_absorber_at(structure)
+@dataclass(frozen=True, kw_only=True)
+class RecommendationOptions(SummaryOptions):
+    """What a recommended device must keep, and what is written of it; None or empty: not given."""
+
+    contact: tuple[str, str, float] | None = option(
+        "contact", more=f"Estimates contact time and force. Each material is {ALLOWED}."
+    )
+    constraint: tuple[tuple[str, float], ...] = option(
+        "constraint",
+        more=CONSTRAINT_MORE,
+        type=click.Tuple([click.Choice(CONSTRAINTS), float]),
+        usual=True,
+    )
+    device: Path | None = option("device", usual=True)
+    history: Path | None = option("history")
+    no_card: bool = option("no_card")
+
+
+def read_limits(options: RecommendationOptions) -> tuple[Limits, YieldLimit | None]:
+    """Return the limits of stroke and impact speed, and that which yield sets to impacts; raises BadInput or ParameterError."""
+    values = {name: positive(f"constraint {name}", value) for name, value in options.constraint}
+    limits = Limits(values.get("stroke"), values.get("impact_speed"))
+    stress = values.get("yield_stress")
+    if options.contact is None:
+        if stress is not None:
+            raise BadInput(
+                "--constraint yield_stress needs --contact: materials and radius that touch"
+            )
+        return limits, None
+    first, second, radius = check_contact(options.contact, "radius of --contact in m")
+    if stress is not None:
+        return limits, YieldLimit((first, second), radius, stress)
+    if options.no_card:
+        raise BadInput("--contact does not go with --no-card: its estimate is on the card")
+    return limits, None
+
+
+def values_of(device: SlidingAbsorber) -> tuple[float, float]:
+    """Return restitution and friction limit in N of an impact absorber, 0 without friction."""
+    friction = 0.0 if device.friction is None else device.friction.limit
+    return rigid_walls(device).restitution, friction
+
+
+class DeviceSource(NamedTuple):
+    """A structure with its file (None: the beam of the options, or of a scene), and the impact absorber of --scene."""
+
+    structure: Structure
+    device: SlidingAbsorber | None = None
+    file: Path | None = None
+
+
+def read_source(
+    options: DeviceOptions, *allowed: str, position: float | None = None
+) -> DeviceSource:
+    """Return the structure that the options describe, with the absorber at a ``position`` if one is given.
+
+    Raises BadInput for an option of the structure or the absorber beside --scene, but for those of ``allowed``, and for options of the beam
+    beside --structure.
+    """
+    specs = list_specs(type(options))
+    if options.scene is not None:
+        names = [
+            name
+            for name, spec in specs.items()
+            if spec.section in ("Structure", "Absorber") and name not in ("scene", *allowed)
+        ]
+        return DeviceSource(*read_device(options.scene, *names))
+    refuse_with_structure(options.structure, *(name for name in OF_BEAM if name in specs))
+    if options.structure is None:
+        beam = options.beam
+        if position is not None:
+            beam = replace(beam, absorber_position=position)
+        return DeviceSource(beam)
+    structure = read_structure(options.structure)
+    if position is None or not is_option_set("position"):
+        return DeviceSource(structure, None, options.structure)
+    if isinstance(structure, Beam):
+        placed: Structure = replace(structure, absorber_position=position)
+    else:
+        placed = model_with_absorber_at(structure, position)
+    return DeviceSource(placed, None, options.structure)
+
+
+def read_source_model(
+    options: DeviceOptions, *allowed: str, position: float | None = None
+) -> tuple[ModalModel, SlidingAbsorber | None]:
+    """Return the modal model of `read_source`, and the absorber of --scene."""
+    structure, device, file = read_source(options, *allowed, position=position)
+    if device is None and file is None and isinstance(structure, Beam):
+        return modal_model(structure), None
+    return model_with_absorber_at(structure), device
 
 
 def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
@@ -148,20 +289,6 @@ def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
     ), absorber
 
 
-def write_device(path: Path, structure: Structure, absorber: SlidingAbsorber) -> None:
-    """Write structure and absorber as a scene, which other commands read by --scene: a beam as a beam."""
-    beam = structure if isinstance(structure, Beam) else None
-    write_json(
-        path,
-        from_scene(
-            Scene(
-                model_with_absorber_at(structure) if beam is None else modal_model(beam), absorber
-            ),
-            beam,
-        ),
-    )
-
-
 def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: float) -> float:
     """Return the mass ratio, that of --mass-kg if given; raises BadInput if both are."""
     if mass_kg is None:
@@ -175,6 +302,17 @@ def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: floa
         f"above 0 and at most the structure's {structure_mass:.4g} kg",
     )
     return mass_kg / structure_mass
+
+
+def mass_ratios_of(
+    ratios: Sequence[float], masses_kg: Sequence[float], structure_mass: float
+) -> tuple[float, ...]:
+    """Return the mass ratios of repeated --mass-ratio or --mass-kg, empty for none; raises BadInput if both are given."""
+    if not masses_kg:
+        return tuple(ratios)
+    if ratios:
+        raise BadInput("--mass-kg does not go with --mass-ratio: each says what the masses are")
+    return tuple(mass_ratio_of(DEFAULT_MASS_RATIO, mass, structure_mass) for mass in masses_kg)
 
 
 def is_option_set(name: str) -> bool:
@@ -311,6 +449,7 @@ def refuse_with_load(
             raise BadInput(f"{options[name]} does not go with --load: {why}")
 
 
+OF_BEAM = ("modes", "damping")
 FRICTION_DAMPER_LIMIT = friction_damper().friction.limit  # type: ignore[union-attr]
 OPTIONS = {
     "damping": "absorber_damping"

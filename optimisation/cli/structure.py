@@ -26,61 +26,42 @@ from optimisation.files import write_files
 from optimisation.mounting import model_with_absorber_at
 from optimisation.page import markdown
 from optimisation.report.figures import save_structure
+from optimisation.report.report import Column, Table
 
 Array = NDArray[np.float64]
 NEAREST = 3  # nodes told
 
 
-def rows(model: ModalModel) -> list[dict[str, float]]:
+COLUMNS = (
+    Column("mode", "mode", "{:.0f}"),
+    Column("frequency_hz", "Hz", "{:.5g}"),
+    Column("damping_ratio", "damping, %", "{:.3g}", 100),
+    Column("force_shape_per_sqrt_kg", "force"),
+    Column("tip_shape_per_sqrt_kg", "absorber"),
+    Column("response_shape_per_sqrt_kg", "response"),
+    Column("mass_at_absorber_kg", "mass at the absorber, kg", unknown="inf"),
+    Column("free_amplitude_m_per_n", "free amplitude, mm/N", scale=1e3, unknown="inf"),
+)
+
+
+def mode_table(model: ModalModel) -> Table:
     """Return a row for each mode, SI units; ``free_amplitude_m_per_n``: of the level's place at its resonance, by this mode alone."""
-    rows_of_modes = []
+    rows = []
     for k in range(model.modes):
         omega = float(model.omega[k])
         damping = float(model.damping_ratio[k])
-        shapes = [
+        force, tip, level = (
             float(row[k])
             for row in (model.one_phase_force_shape, model.tip_shape, model.level_shape)
-        ]
-        rows_of_modes.append(
-            {
-                "mode": k + 1,
-                "frequency_hz": omega / (2 * np.pi),
-                "damping_ratio": damping,
-                "force_shape_per_sqrt_kg": shapes[0],
-                "tip_shape_per_sqrt_kg": shapes[1],
-                "response_shape_per_sqrt_kg": shapes[2],
-                "mass_at_absorber_kg": 1 / shapes[1] ** 2 if shapes[1] else np.inf,
-                "free_amplitude_m_per_n": abs(shapes[0] * shapes[2]) / (2 * damping * omega**2)
-                if damping
-                else np.inf,
-            }
         )
-    return rows_of_modes
+        mass = 1 / tip**2 if tip else np.inf
+        free = abs(force * level) / (2 * damping * omega**2) if damping else np.inf
+        rows.append((k + 1, omega / (2 * np.pi), damping, force, tip, level, mass, free))
+    return Table(COLUMNS, rows)
 
 
 def text(model: ModalModel, structure: Beam | ModalModel) -> str:
     """Return mass, places and a line for each mode."""
-    header = (
-        "mode",
-        "Hz",
-        "damping, %",
-        "force",
-        "absorber",
-        "response",
-        "mass at the absorber, kg",
-        "free amplitude, mm/N",
-    )
-    lines = [
-        (
-            str(int(row["mode"])),
-            f"{row['frequency_hz']:.5g}",
-            f"{100 * row['damping_ratio']:.3g}",
-            *(f"{row[f'{name}_shape_per_sqrt_kg']:.4g}" for name in ("force", "tip", "response")),
-            f"{row['mass_at_absorber_kg']:.4g}",
-            f"{1e3 * row['free_amplitude_m_per_n']:.4g}",
-        )
-        for row in rows(model)
-    ]
     printed = [
         f"mass {model.beam_mass:.4g} kg: an absorber of 1 % has {0.01 * model.beam_mass:.4g} kg"
     ]
@@ -96,7 +77,7 @@ def text(model: ModalModel, structure: Beam | ModalModel) -> str:
     elif len(model.places) > 1:
         printed.append(f"{len(model.places)} places for absorbers; the first is shown")
     note = "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode alone."
-    return "\n".join([*printed, "", markdown(header, lines), "", note])
+    return "\n".join([*printed, "", mode_table(model).to_text(), "", note])
 
 
 def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
@@ -197,16 +178,12 @@ def main(options: StructureOptions) -> None:
             comparison = compare_modes(options.file, options.second)
         if comparison is not None:
             printed += ["", assurance_text(comparison)]
-        modes = [
-            {name: value if np.isfinite(value) else None for name, value in row.items()}
-            for row in rows(model)
-        ]
         click.echo("\n".join(printed))
         files = write_files(
             {
                 options.json: {
                     "mass_kg": model.beam_mass,
-                    "modes": modes,
+                    "modes": mode_table(model).records(),
                     **({} if comparison is None else {"mac": assurance_data(comparison)}),
                 },
                 options.plot: lambda path: save_structure(path, structure),

@@ -24,6 +24,8 @@ from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_la
 from impact_env.laws import CONCEPTS, describe_absorber
 from impact_env.methods import PAPER_STEPS, Exact, Method
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
+from impact_env.plain import find_force_amplitude
+from impact_env.plain_files import read_plain
 from impact_env.results import MOST_SAMPLES_PER_PERIOD, Record, Response
 from impact_env.scene import Scene
 from impact_env.solvers import check_load, find_solver
@@ -380,8 +382,9 @@ def run(options: SweepOptions) -> None:
     scenes.refuse_parts(options)
     refuse_runs(options)
     if options.force is None and options.load is None:
-        force = scenes.find_file_force(options.scene or options.structure)
-        options = replace(options, force=force)
+        file = options.scene or options.structure
+        if file is not None:
+            options = replace(options, force=find_force_amplitude(read_plain(file)))
     if options.force is None and (options.structure is None or options.load is not None):
         options = replace(options, force=FORCE)
     check_target("--json", options.json)

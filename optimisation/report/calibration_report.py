@@ -1,10 +1,10 @@
-"""The answers of `calibrate`: as text, card, rows, JSON and figures. SI units, unless named."""
+"""The content of the answer of `calibrate`. SI units, unless named."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,9 +22,8 @@ from optimisation.calibration.parameters import UNITS
 from optimisation.calibration.plan import MeasurementPlan
 from optimisation.calibration.predictive import LEAST_PROBABILITY, PredictiveCheck
 from optimisation.calibration.summaries import list_groups
-from optimisation.page import markdown
-from optimisation.report.card import Card, Chart, Curve, Row, with_band
-from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of, write_figure
+from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of
+from optimisation.report.report import Chart, Curve, Group, Json, Report, Row, Table, with_band
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -169,7 +168,7 @@ def linear_lines(linear: LinearFit | None) -> list[str]:
     ]
 
 
-def model_table(models: Models) -> str:
+def model_table(models: Models) -> Table:
     """Return a line for each model: its probability in the check and its score."""
     best = max(check.log_score for _, check in models.values())
     rows = []
@@ -179,46 +178,46 @@ def model_table(models: Models) -> str:
         )
         rows.append((name, f"{check.probability:.2g}", f"{check.log_score - best:.1f}", values))
     header = ("model", "probability", "log score, less the best", "median (90 % interval)")
-    return markdown(header, rows)
+    return Table.of_words(header, rows)
 
 
-def plan_table(plan: MeasurementPlan) -> str:
+def plan_table(plan: MeasurementPlan) -> Table:
     """Return a line for each force: the expected deviation of each parameter over that now."""
     header = ("factor of the load", *(f"{name}, over now" for name in plan.names))
     rows = [
         (f"{factor:g}", *(f"{ratio:.2f}" for ratio in plan.ratios[k]))
         for k, factor in enumerate(plan.factors)
     ]
-    return markdown(header, rows)
+    return Table.of_words(header, rows)
 
 
-def list_lines(
+def text_blocks(
     measurements: Sequence[Measurement],
     models: Models,
     linear: LinearFit | None,
     plan: MeasurementPlan | None,
-) -> list[str]:
-    """Return what `calibrate` prints, without warnings."""
+    warnings: Sequence[str],
+) -> list[list[str | Table]]:
+    """Return what `calibrate` prints."""
     inference, check = next(iter(models.values()))
-    lines = [describe_measurement(one) for one in measurements]
-    lines += linear_lines(linear)
-    lines += ["", f"Posterior of {inference.runs} simulated measurements: median (90 % interval)"]
     texts = parameter_texts(inference)
     widths = [max(len(text[k]) for text in texts) for k in range(3)]
-    lines += [
+    values = [
         f"  {name:<{widths[0]}}  {median:>{widths[1]}}  {interval:<{widths[2]}}  prior {prior}"
         for name, median, interval, prior in texts
     ]
-    lines += correlation_lines(inference)
-    lines += ["", verdict(check), *contradiction_lines(inference, check)]
+    heading = f"Posterior of {inference.runs} simulated measurements: median (90 % interval)"
+    blocks: list[list[str | Table]] = [
+        [*map(describe_measurement, measurements), *linear_lines(linear)],
+        [heading, *values, *correlation_lines(inference)],
+        [verdict(check), *contradiction_lines(inference, check)],
+    ]
     if len(models) > 1:
-        lines += ["", model_table(models)]
+        blocks.append([model_table(models)])
     if plan is not None:
-        lines += ["", "Expected after one more sweep:", "", plan_table(plan), ""]
-        lines.append(
-            f"Measure next at {plan.factors[plan.best]:g} times the load: the intervals are then narrowest together."
-        )
-    return lines
+        best = f"Measure next at {plan.factors[plan.best]:g} times the load: the intervals are then narrowest together."
+        blocks += [["Expected after one more sweep:"], [plan_table(plan)], [best]]
+    return [*blocks, [f"Warning: {line}" for line in warnings]]
 
 
 def summarise(
@@ -272,18 +271,11 @@ def summarise(
     return content
 
 
-def statistics_columns(inference: Inference) -> tuple[str, ...]:
-    """Return the columns of the table of statistics."""
-    fixed = ("measurement", "group", "at", "at_unit", "measured_log", "predicted_5_log")
-    more = ("predicted_50_log", "predicted_95_log", "deviations", "explained_share", "used")
-    return (*fixed, *more, *(f"shift_by_{name}" for name in inference.names))
-
-
-def statistics_rows(inference: Inference, check: PredictiveCheck) -> Iterator[tuple[object, ...]]:
-    """Yield a row for each statistic: measured and predicted logarithm, and its sensitivity to the parameters."""
+def statistics_table(inference: Inference, check: PredictiveCheck) -> Table:
+    """Return a row for each statistic: measured and predicted logarithm, and its sensitivity to the parameters."""
     sensitivity = inference.sensitivity
-    for k, one in enumerate(check.statistics):
-        yield (
+    rows = [
+        (
             one.measurement,
             one.group,
             one.at,
@@ -295,6 +287,12 @@ def statistics_rows(inference: Inference, check: PredictiveCheck) -> Iterator[tu
             bool(sensitivity.used[k]),
             *(float(value) for value in sensitivity.shifts[k]),
         )
+        for k, one in enumerate(check.statistics)
+    ]
+    fixed = ("measurement", "group", "at", "at_unit", "measured_log", "predicted_5_log")
+    more = ("predicted_50_log", "predicted_95_log", "deviations", "explained_share", "used")
+    shifts = (f"shift_by_{name}" for name in inference.names)
+    return Table.of_values((*fixed, *more, *shifts), rows)
 
 
 def group_columns(check: PredictiveCheck, measurement: str, group: str) -> list[int]:
@@ -331,11 +329,6 @@ def draw_pairs(inference: Inference) -> Figure:
     return figure
 
 
-def save_pairs(path: Path, inference: Inference) -> None:
-    """Draw the posterior into a file."""
-    write_figure(draw_pairs(inference), path)
-
-
 def draw_statistics(check: PredictiveCheck) -> Figure:
     """Return the figure of the measured statistics over the predictive bands, a panel for each group."""
     groups = list_groups(check.statistics)
@@ -363,26 +356,45 @@ def draw_statistics(check: PredictiveCheck) -> Figure:
     return figure
 
 
-def save_statistics(path: Path, check: PredictiveCheck) -> None:
-    """Draw measured and predicted statistics into a file."""
-    write_figure(draw_statistics(check), path)
-
-
-def make_card(
+def make_report(
     measurements: Sequence[Measurement],
     models: Models,
     linear: LinearFit | None,
-    warnings: Sequence[str],
     plan: MeasurementPlan | None,
-) -> Card:
-    """Return the card: posterior, verdict, linear part, models, and charts of the statistics and the posterior."""
+    warnings: Sequence[str],
+    numbers: Json,
+) -> Report:
+    """Return the content of a calibration; ``numbers``: what else summary.json has, before the rest."""
+    inference, check = next(iter(models.values()))
+    return Report(
+        title="Calibration of an impact absorber",
+        text=text_blocks(measurements, models, linear, plan, warnings),
+        numbers=numbers | summarise(models, linear, plan, warnings),
+        tables={"statistics.csv": statistics_table(inference, check)},
+        figures={
+            "posterior.png": partial(draw_pairs, inference),
+            "statistics.png": partial(draw_statistics, check),
+        },
+        groups=card_groups(measurements, models, linear, plan),
+        charts=(*_statistic_charts(check), *_pair_charts(inference)),
+        warnings=tuple(warnings),
+    )
+
+
+def card_groups(
+    measurements: Sequence[Measurement],
+    models: Models,
+    linear: LinearFit | None,
+    plan: MeasurementPlan | None,
+) -> tuple[Group, ...]:
+    """Return posterior, verdict, linear part and models."""
     inference, check = next(iter(models.values()))
     rows = []
     for k, prior in enumerate(inference.priors):
         quantiles = np.quantile(inference.values[:, k], [0.05, 0.5, 0.95])
         (low, median, high), unit = in_display_unit(prior.name, quantiles)
         rows.append(Row(prior.name, with_band(median, low, high, unit=unit)))
-    groups: list[tuple[str, tuple[Row, ...]]] = [
+    groups: list[Group] = [
         ("Posterior, median (90 % interval)", tuple(rows)),
         (
             "Predictive check",
@@ -412,12 +424,7 @@ def make_card(
     if plan is not None:
         best = float(plan.factors[plan.best])
         groups.append(("One more sweep", (Row("best at, times the load", best),)))
-    return Card(
-        "Calibration of an impact absorber",
-        tuple(groups),
-        (*_statistic_charts(check), *_pair_charts(inference)),
-        tuple(warnings),
-    )
+    return tuple(groups)
 
 
 def _statistic_charts(check: PredictiveCheck) -> Iterator[Chart]:

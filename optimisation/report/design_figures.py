@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,13 +20,11 @@ from optimisation.comparison import (
     Comparison,
     ResonanceComparison,
 )
-from optimisation.insight import Levels, over_force
+from optimisation.insight import Levels, over_force, stationary_limit
 from optimisation.measures import DISPLAY_UNITS, LABELS
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition
 from optimisation.report import figures
-from optimisation.report.design_tables import limit
-from optimisation.report.figures import write_figure
 from optimisation.search.judge import SearchResult
 from optimisation.sobol import Sensitivity
 from optimisation.space import GAP, MASS_RATIO, POSITION
@@ -92,11 +89,6 @@ def draw_comparison(comparison: Comparison) -> Figure:
     title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:.3g} % of {whose} mass"
     figure.suptitle(title, fontsize=13)
     return figure
-
-
-def save_figure(path: Path, comparison: Comparison) -> None:
-    """Write the figure of `draw_comparison`; the ending of ``path`` chooses the format."""
-    write_figure(draw_comparison(comparison), path)
 
 
 def _draw(panel: Axes, part: ResonanceComparison) -> None:
@@ -208,7 +200,7 @@ def draw_curves(findings: SearchResult) -> Figure:
         dense = over_force(own, np.geomspace(forces[0], forces[-1], 60))
         bound = np.array(
             [
-                limit(findings.problem, findings.verdict.winner.design, condition)
+                stationary_limit(findings.problem, findings.verdict.winner.design, condition)
                 for condition in dense
             ]
         )
@@ -239,12 +231,7 @@ def draw_curves(findings: SearchResult) -> Figure:
     return figure
 
 
-def save_curves(path: Path, findings: SearchResult) -> None:
-    """Write the figure of `draw_curves`; the ending of ``path`` chooses the format."""
-    write_figure(draw_curves(findings), path)
-
-
-def save_map(path: Path, findings: SearchResult) -> None:
+def draw_map(findings: SearchResult) -> Figure:
     """Draw the relative level over gap and force: straight lines of one gap over force are what the scaling law demands."""
     from matplotlib.colors import LogNorm
     from matplotlib.font_manager import FontProperties
@@ -316,7 +303,7 @@ def save_map(path: Path, findings: SearchResult) -> None:
         figure, panels[0], 2, frameon=True, facecolor="0.75", edgecolor="none"
     )
     legend.set_title("thin lines: force over gap constant", prop=FontProperties(size=8))
-    write_figure(figure, path)
+    return figure
 
 
 def _rule(findings: SearchResult, resonance: int, force: float) -> float | None:
@@ -330,7 +317,7 @@ def _rule(findings: SearchResult, resonance: int, force: float) -> float | None:
         return None
 
 
-def save_robustness(path: Path, findings: SearchResult) -> None:
+def draw_robustness(findings: SearchResult) -> Figure:
     """Draw the relative level over a detuning of the beam's frequencies that the design does not know of."""
     assert findings.detuned is not None
     figure, panels = figures.figure_with(len(findings.detuned))
@@ -350,10 +337,10 @@ def save_robustness(path: Path, findings: SearchResult) -> None:
         figures.draw_grid(panel)
     panels[0].set_ylabel("response level in % of no absorber")
     figures.draw_legend(figure, panels[0])
-    write_figure(figure, path)
+    return figure
 
 
-def save_sensitivity(path: Path, sensitivity: Sensitivity, of: str = "the winner") -> None:
+def draw_sensitivity(sensitivity: Sensitivity, of: str = "the winner") -> Figure:
     """Draw Sobol indices with their 95 % intervals; ``of``: around what, in words."""
     at = np.arange(len(sensitivity.names))
     figure, panel = figures.figure_of(max(6.4, 1.5 * len(at)), 4.2)
@@ -392,18 +379,17 @@ def save_sensitivity(path: Path, sensitivity: Sensitivity, of: str = "the winner
     )
     figures.draw_grid(panel)
     figures.draw_legend(figure, panel)
-    write_figure(figure, path)
+    return figure
 
 
-def save_front(
-    path: Path,
+def draw_front(
     labels: tuple[str, str],
     searched: Array,
     front: Array,
     fresh: Array,
     paper: Array,
     bound: Array | None = None,
-) -> None:
+) -> Figure:
     """Draw a Pareto front: ``searched`` (N, 2) all designs, ``front`` and ``fresh`` (K, 2) those not dominated, as searched and on fresh members.
 
     ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of the designs on the front; NaN where there is none.
@@ -442,4 +428,4 @@ def save_front(
     panel.set(xlabel=labels[0], ylabel=labels[1], xlim=(0, high[0]), ylim=(0, high[1]))
     figures.draw_grid(panel)
     figures.draw_legend(figure, panel, 2)
-    write_figure(figure, path)
+    return figure

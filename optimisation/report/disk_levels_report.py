@@ -1,8 +1,9 @@
-"""Text, tables and figures of the levels of a disk's worst sector: over the clearance, and by absorber."""
+"""The content of answers about the level of a disk's worst sector: over the clearance, and by absorber."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -15,20 +16,23 @@ from optimisation.disk_levels import (
     DiskComparisonLevels,
     DiskGapChoice,
 )
-from optimisation.page import markdown
+from optimisation.files import numbers
 from optimisation.report.disk_report import describe_disk, describe_disk_absorbers
-from optimisation.report.figures import MM, figure_of
+from optimisation.report.figures import MM, draw_charts
+from optimisation.report.report import Chart, Column, Curve, Group, Json, Report, Row, Table
 from optimisation.statistics import prediction_interval
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-GAP_COLUMNS = ("gap_m", "disks", "median_level_m", "lowest_level_m", "highest_level_m")
+GAP_COLUMNS = (
+    Column("gap_m", "clearance, mm", scale=MM),
+    Column("disks", "disks", "{:.0f}"),
+    Column("median_level_m", "worst sector, mm", scale=MM),
+    Column("lowest_level_m", "lowest", scale=MM),
+    Column("highest_level_m", "highest", scale=MM),
+)
 LEVEL_COLUMNS = ("absorber", "force_n", "disk", "worst_level_m")
 NO_TUNED_ABSORBERS = (
     "Tuned absorbers are left out: several absorbers on one structure have rigid contact only."
 )
-COLOURS = {WITHOUT: "#555555", IMPACT: "#1f4e79", FRICTION: "#d1641a"}
 
 
 def describe_case(case: DiskCase) -> list[str]:
@@ -42,15 +46,19 @@ def describe_case(case: DiskCase) -> list[str]:
     return [describe_disk(case.disk), describe_disk_absorbers(case.disk), run]
 
 
-def _interval(levels: Any) -> str:
+def interval_words(levels: Any) -> str:
+    """Return the interval of 90 % of further disks; nothing where it is not known."""
     low, high = prediction_interval(levels)
-    if not np.isfinite(low):
-        return ""
-    return f" (90 % of disks: {MM * low:.4g} to {MM * high:.4g} mm, n = {len(levels)})"
+    return f"{MM * low:.4g} to {MM * high:.4g} mm" if np.isfinite(low) else ""
 
 
-def gap_text(choice: DiskGapChoice) -> str:
-    """Return what `design gap` prints of a disk."""
+def _interval(levels: Any) -> str:
+    words = interval_words(levels)
+    return f" (90 % of disks: {words}, n = {len(levels)})" if words else ""
+
+
+def gap_lines(choice: DiskGapChoice) -> list[str]:
+    """Return what `design gap` prints of a disk above the table."""
     samples = choice.samples
     without = float(np.median(choice.without))
     lines = describe_case(choice.case)
@@ -68,39 +76,34 @@ def gap_text(choice: DiskGapChoice) -> str:
         ]
     lines.append(f"No absorbers: {MM * without:.4g} mm{_interval(choice.without)}.")
     lines.append(f"Design rule (no simulation): {MM * choice.reference:.4g} mm.")
-    header = ("clearance, mm", "disks", "worst sector, mm", "lowest", "highest")
-    rows = [
-        (
-            f"{MM * choice.gap(step):.4g}",
-            f"{len(levels)}",
-            *(f"{MM * value:.4g}" for value in (np.median(levels), np.min(levels), np.max(levels))),
-        )
-        for step, levels in sorted(samples.levels.items())
-    ]
-    return "\n".join([*lines, "", markdown(header, rows)])
+    return lines
 
 
-def gap_rows(choice: DiskGapChoice) -> list[dict[str, object]]:
+def gap_table(choice: DiskGapChoice) -> Table:
     """Return a row for each gap."""
-    return [
-        dict(
-            zip(
-                GAP_COLUMNS,
-                (
-                    choice.gap(step),
-                    len(levels),
-                    float(np.median(levels)),
-                    float(np.min(levels)),
-                    float(np.max(levels)),
-                ),
-                strict=True,
-            )
-        )
+    rows = [
+        (choice.gap(step), len(levels), *map(float, (np.median(levels), min(levels), max(levels))))
         for step, levels in sorted(choice.samples.levels.items())
     ]
+    return Table(GAP_COLUMNS, rows)
 
 
-def gap_summary(choice: DiskGapChoice) -> dict[str, Any]:
+def make_gap_report(choice: DiskGapChoice) -> Report:
+    """Return the content of the search of a clearance."""
+    table = gap_table(choice)
+    chart = gap_chart(choice)
+    return Report(
+        title=f"Clearance for all sectors, {choice.case.force:g} N on each",
+        text=[gap_lines(choice), [table]],
+        numbers=gap_summary(choice) | {"gaps": table.records()} | _case_data(choice.case),
+        tables={"levels.csv": table},
+        figures={"levels.png": partial(draw_charts, [chart])},
+        groups=gap_groups(choice),
+        charts=(chart,),
+    )
+
+
+def gap_summary(choice: DiskGapChoice) -> Json:
     """Return the search as plain data in SI units."""
     answers = {
         name: {
@@ -116,12 +119,10 @@ def gap_summary(choice: DiskGapChoice) -> dict[str, Any]:
         "force_tolerance": choice.tolerance,
         "without_absorbers_m": choice.without.tolist(),
         "design_rule_gap_m": choice.reference,
-        "gaps": gap_rows(choice),
-        **_case_data(choice.case),
     }
 
 
-def _case_data(case: DiskCase) -> dict[str, Any]:
+def _case_data(case: DiskCase) -> Json:
     return {
         "resonance": case.resonance,
         "limits": list(case.limits),
@@ -130,29 +131,69 @@ def _case_data(case: DiskCase) -> dict[str, Any]:
     }
 
 
-def draw_gap_levels(choice: DiskGapChoice) -> Figure:
-    """Return the figure of the worst sector's level over the clearance."""
-    figure, axes = figure_of(7.5, 4.6)
+def gap_chart(choice: DiskGapChoice) -> Chart:
+    """Return the worst sector's level over the clearance."""
     steps = sorted(choice.samples.levels)
-    gaps = MM * np.array([choice.gap(step) for step in steps])
-    medians = MM * np.array([np.median(choice.samples.levels[step]) for step in steps])
-    for gap, step in zip(gaps, steps, strict=True):
-        levels = MM * choice.samples.levels[step]
-        axes.plot(np.full(len(levels), gap), levels, "o", color="0.6", ms=3)
-    axes.plot(gaps, medians, color=COLOURS[IMPACT], label="median of the disks")
-    axes.axhline(MM * np.median(choice.without), color=COLOURS[WITHOUT], ls="--", label=WITHOUT)
-    best = MM * choice.gap(choice.recommended)
-    axes.axvline(best, color=COLOURS[FRICTION], lw=1, label=f"recommended, {best:.3g} mm")
-    axes.set_ylim(bottom=0)
-    axes.set_xlabel("clearance to either wall in mm")
-    axes.set_ylabel("level of the worst sector in mm")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
-    return figure
+    gaps = [MM * choice.gap(step) for step in steps]
+    medians = [MM * float(np.median(choice.samples.levels[step])) for step in steps]
+    samples = [choice.samples.levels[step] for step in steps]
+    every = numbers(np.repeat(gaps, [len(levels) for levels in samples]))
+    without = MM * float(np.median(choice.without))
+    return Chart(
+        "Level of the worst sector",
+        "clearance to either wall in mm",
+        "level of the worst sector in mm",
+        (
+            Curve("median of the disks", gaps, medians),
+            Curve(WITHOUT, [gaps[0], gaps[-1]], [without, without]),
+            Curve("each disk", every, numbers(MM * np.concatenate(samples)), points=True),
+        ),
+        (("recommended", MM * choice.gap(choice.recommended)),),
+        log_x=True,
+    )
 
 
-def comparison_text(levels: DiskComparisonLevels) -> str:
+def gap_groups(choice: DiskGapChoice) -> tuple[Group, ...]:
+    """Return the recommended clearance, the level of the worst sector, and the disk."""
+    step = choice.recommended
+    levels = choice.samples.levels[step]
+    median = float(np.median(levels))
+    without = float(np.median(choice.without))
+    tolerance = 100 * choice.tolerance
+    worst = choice.samples.worst(step, choice.tolerance)
+    measured = (
+        Row(f"median of {count_disks(len(levels))}", MM * median, "mm RMS"),
+        Row("90 % of disks", interval_words(levels) or None),
+        Row(f"at most, {tolerance:g} % more or less force", MM * worst, "mm"),
+        Row("of no absorbers", 100 * median / without, "%"),
+        Row(WITHOUT, MM * without, "mm"),
+    )
+    gaps = (
+        Row("clearance to either wall", MM * choice.gap(step), "mm"),
+        Row("lowest level at", MM * choice.gap(choice.sharp), "mm"),
+        Row("design rule", MM * choice.reference, "mm"),
+    )
+    return (
+        ("Clearance, in all sectors with an absorber", gaps),
+        ("Level of the worst sector", measured),
+        ("Disk", disk_rows(choice.case)),
+    )
+
+
+def count_disks(number: int) -> str:
+    """Return a number of disks in words."""
+    return f"{number} disk{'s' * (number != 1)}"
+
+
+def disk_rows(case: DiskCase) -> tuple[Row, ...]:
+    """Return disk, absorbers and sweeps."""
+    labels = ("disk", "absorbers", "sweeps")
+    return tuple(Row(*pair) for pair in zip(labels, describe_case(case), strict=True))
+
+
+def comparison_blocks(levels: DiskComparisonLevels) -> list[list[str | Table]]:
     """Return what `compare` prints of a disk."""
-    lines = describe_case(levels.case)
+    lines: list[str | Table] = [*describe_case(levels.case)]
     lines.append(f"{FRICTION}: {describe_disk_absorbers(levels.dampers)}")
     members = levels.levels[WITHOUT].shape[1]
     lines.append(
@@ -176,31 +217,41 @@ def comparison_text(levels: DiskComparisonLevels) -> str:
         words = f"{low:.3g} to {high:.3g}" if np.isfinite(low) else ""
         factors.append((name, f"{np.median(scaled):.3g}", words))
     note = "Amplification factor: worst sector over that of the tuned disk without absorbers, at the middle force."
-    return "\n".join(
-        [
-            *lines,
-            "",
-            markdown(header, rows),
-            "",
-            markdown(header_of_factors, factors),
-            "",
-            note,
-            NO_TUNED_ABSORBERS,
-        ]
-    )
-
-
-def comparison_rows(levels: DiskComparisonLevels) -> list[dict[str, object]]:
-    """Return a row for each absorber, force and disk."""
     return [
-        dict(zip(LEVEL_COLUMNS, (name, float(force), disk, float(value)), strict=True))
+        lines,
+        [Table.of_words(header, rows)],
+        [Table.of_words(header_of_factors, factors)],
+        [note, NO_TUNED_ABSORBERS],
+    ]
+
+
+def comparison_table(levels: DiskComparisonLevels) -> Table:
+    """Return a row for each absorber, force and disk."""
+    rows = [
+        (name, float(force), disk, float(value))
         for name, table in levels.levels.items()
         for force, row in zip(levels.forces, table, strict=True)
         for disk, value in enumerate(row)
     ]
+    return Table.of_values(LEVEL_COLUMNS, rows)
 
 
-def comparison_summary(levels: DiskComparisonLevels) -> dict[str, Any]:
+def make_comparison_report(levels: DiskComparisonLevels) -> Report:
+    """Return the content of the comparison of a disk's absorbers."""
+    chart = comparison_chart(levels)
+    return Report(
+        title="Absorbers of a bladed disk compared",
+        text=comparison_blocks(levels),
+        numbers=comparison_summary(levels),
+        tables={"levels.csv": comparison_table(levels)},
+        figures={"comparison.png": partial(draw_charts, [chart])},
+        groups=comparison_groups(levels),
+        charts=(chart,),
+        warnings=(NO_TUNED_ABSORBERS.rstrip("."),),
+    )
+
+
+def comparison_summary(levels: DiskComparisonLevels) -> Json:
     """Return the comparison as plain data in SI units."""
     return {
         "forces_n": levels.forces.tolist(),
@@ -213,16 +264,38 @@ def comparison_summary(levels: DiskComparisonLevels) -> dict[str, Any]:
     }
 
 
-def draw_disk_comparison(levels: DiskComparisonLevels) -> Figure:
-    """Return the figure of the worst sector's level over the force, by absorber."""
-    figure, axes = figure_of(7.5, 4.6)
+def comparison_chart(levels: DiskComparisonLevels) -> Chart:
+    """Return the worst sector's level over the force, by absorber."""
+    forces = numbers(levels.forces)
+    curves = [
+        Curve(name, forces, numbers(MM * np.median(table, axis=1)))
+        for name, table in levels.levels.items()
+    ]
     for name, table in levels.levels.items():
-        colour = COLOURS[name]
-        axes.plot(levels.forces, MM * np.median(table, axis=1), "o-", color=colour, label=name)
-        for member in table.T:
-            axes.plot(levels.forces, MM * member, "o", color=colour, ms=2.5, alpha=0.5)
-    axes.set(xscale="log", yscale="log")
-    axes.set_xlabel("force on each sector in N")
-    axes.set_ylabel("level of the worst sector in mm")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
-    return figure
+        if table.shape[1] > 1:
+            every = numbers(np.repeat(levels.forces, table.shape[1]))
+            curves.append(
+                Curve(f"{name}, each disk", every, numbers(MM * table.ravel()), points=True)
+            )
+    return Chart(
+        "Level of the worst sector",
+        "force on each sector in N",
+        "level of the worst sector in mm",
+        tuple(curves),
+        log_x=True,
+        log_y=True,
+    )
+
+
+def comparison_groups(levels: DiskComparisonLevels) -> tuple[Group, ...]:
+    """Return the levels at the middle force, and the disk."""
+    k = len(levels.forces) // 2
+    base = float(np.median(levels.levels[WITHOUT][k]))
+    rows = []
+    for name, table in levels.levels.items():
+        level = float(np.median(table[k]))
+        words = f"{MM * level:.4g} mm, {100 * level / base:.1f} %{_interval(table[k])}"
+        rows.append(Row(name, words))
+    heading = f"Level of the worst sector at {levels.forces[k]:.4g} N on each"
+    dampers = Row(FRICTION, describe_disk_absorbers(levels.dampers))
+    return ((heading, tuple(rows)), ("Disk", (*disk_rows(levels.case), dampers)))

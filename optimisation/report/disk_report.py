@@ -11,8 +11,8 @@ from impact_env.drive import Drive, Excitation
 from impact_env.laws import describe_absorber, describe_modes
 from impact_env.sectors import SectorResponse
 from impact_env.structures.cyclic import BladedDisk
-from optimisation.page import markdown
 from optimisation.report.figures import MM, figure_of
+from optimisation.report.report import Table
 from optimisation.statistics import prediction_interval
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _spread(values: list[float]) -> list[tuple[str, str, str]]:
     return [("", _mm(float(np.median(values))), note)]
 
 
-def sector_table(responses: Sequence[SectorResponse], absorbers: Sequence[int]) -> str:
+def sector_table(responses: Sequence[SectorResponse], absorbers: Sequence[int]) -> Table:
     """Return a row for each sector of the first disk: level, where it was read, largest displacement."""
     levels = responses[0].levels
     header = ("sector", "absorber", "level, mm", "read at", "largest, mm")
@@ -124,7 +124,7 @@ def sector_table(responses: Sequence[SectorResponse], absorbers: Sequence[int]) 
         )
         for sector in range(len(levels.value))
     ]
-    return markdown(header, rows)
+    return Table.of_words(header, rows)
 
 
 def levels_to_json(responses: Sequence[SectorResponse]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ matplotlib, which is slow to import, is imported when something is drawn.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from PIL import Image
 
+    from optimisation.report.report import Chart
+
 COLOURS = 256
 MM = 1e3
 BLACK = "#000000"
@@ -31,6 +34,10 @@ PINK = "#CC79A7"
 SKY = "#56B4E9"
 YELLOW = "#E69F00"  # of Okabe and Ito
 GREY = "0.55"
+CHART_COLOURS = (BLUE, ORANGE, GREEN, BLACK, PINK, YELLOW, SKY)  # in the order of report.html
+MARK_STYLES = ("--", ":", "-.")
+TICKS = (1, 1.5, 2, 3, 5, 7)  # of a decade
+MARKED = 60  # points: a curve of fewer has marks
 HATCHED: dict[str, Any] = {
     "facecolor": "0.93",
     "edgecolor": "0.72",
@@ -54,6 +61,59 @@ def figure_with(count: int, height: float = 4.6) -> tuple[Figure, list[Axes]]:
     """Return a figure with this many panels side by side."""
     figure, axes = figure_of(max(5.4 * count, 6.4), height, 1, count)
     return figure, list(np.atleast_1d(axes))
+
+
+def draw_charts(charts: Sequence[Chart]) -> Figure:
+    """Draw a panel for each chart of a card, its curves in the card's colours."""
+    figure, panels = figure_with(len(charts))
+    for panel, chart in zip(panels, charts, strict=True):
+        draw_chart(panel, chart)
+    return figure
+
+
+def draw_chart(panel: Axes, chart: Chart) -> None:
+    """Draw curves with their bands, and marked places."""
+    for k, curve in enumerate(one.in_order() for one in chart.curves):
+        colour = CHART_COLOURS[k % len(CHART_COLOURS)]
+        x, y, low, high = (
+            np.array([np.nan if value is None else value for value in values])
+            for values in (curve.x, curve.y, curve.low, curve.high)
+        )
+        if len(low):
+            panel.fill_between(x, low, high, color=colour, alpha=0.2, lw=0)
+        marker = "o" if curve.points or 2 < len(x) < MARKED else ""
+        panel.plot(
+            x,
+            y,
+            color=colour,
+            lw=0 if curve.points else 1.8,
+            marker=marker,
+            ms=4,
+            mfc="white" if curve.points else colour,
+            label=curve.name,
+        )
+    for k, (name, at) in enumerate(chart.marks):
+        style = MARK_STYLES[k % len(MARK_STYLES)]
+        panel.axvline(at, color=GREY, lw=1.3, ls=style, label=f"{name}: {at:.3g}")
+    if chart.log_x:
+        panel.set_xscale("log")
+        force_axis(panel.xaxis, TICKS)
+    if chart.log_y:
+        panel.set_yscale("log")
+        force_axis(panel.yaxis)
+    else:
+        panel.set_ylim(min(0.0, panel.get_ylim()[0] if has_negative(chart) else 0.0), None)
+    panel.set_xlabel(chart.x)
+    panel.set_ylabel(chart.y)
+    panel.set_title(chart.title, fontsize=10)
+    draw_grid(panel)
+    panel.legend(fontsize=8.5, framealpha=0.95)
+
+
+def has_negative(chart: Chart) -> bool:
+    """Return whether a curve of a chart goes below zero."""
+    values = (value for curve in chart.curves for value in (*curve.y, *curve.low))
+    return any(value is not None and value < 0 for value in values)
 
 
 def force_axis(axis: Any, subs: tuple[float, ...] = (1, 2, 5)) -> None:

@@ -1,9 +1,11 @@
 """The level over the frequency as figure, chart and JSON; and the time history of a run as table, arrays or figure."""
 
-from collections.abc import Iterator, Sequence
+from __future__ import annotations
+
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,26 +13,22 @@ from numpy.typing import NDArray
 from impact_env.parameters import SlidingAbsorber
 from impact_env.results import require_recorded
 from optimisation.files import numbers, replacing, write_csv
-from optimisation.frequency_levels import NO_ABSORBER, ResonanceCurves, WorstRun
-from optimisation.report.card import Chart, Curve
+from optimisation.frequency_levels import ResonanceCurves, WorstRun
 from optimisation.report.figures import (
     BLUE,
-    GREEN,
     GREY,
     MM,
     ORANGE,
-    PINK,
-    SKY,
+    draw_charts,
     draw_grid,
     figure_of,
-    force_axis,
-    write_figure,
 )
+from optimisation.report.report import Chart, Curve, Draw, Table, write_drawing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-CURVE_COLOURS = (BLUE, ORANGE, PINK, GREEN, SKY)  # of the concepts as in the figure over the force
-FREQUENCY_COLUMNS = ("resonance", "force_n", "absorber", "frequency_hz", "level_m")
-HISTORY_FORMATS = (".csv", ".npz", ".png", ".pdf", ".svg")
 COLUMNS = (
     "time_s",
     "frequency_hz",
@@ -64,49 +62,24 @@ def frequency_charts(parts: Sequence[ResonanceCurves]) -> tuple[Chart, ...]:
     )
 
 
-def frequency_files(folder: Path, parts: Sequence[ResonanceCurves]) -> dict[Path | None, object]:
-    """Return figure and table of levels over the frequency, for `optimisation.files.write_files`; nothing without curves."""
-    if not any(part.curves for part in parts):
-        return {}
-    table = (FREQUENCY_COLUMNS, frequency_rows(parts))
-    figure = partial(save_frequency, parts=parts)
-    return {folder / "frequency.csv": table, folder / "frequency.png": figure}
-
-
-def frequency_rows(parts: Sequence[ResonanceCurves]) -> Iterator[tuple[object, ...]]:
-    """Yield a row of `FREQUENCY_COLUMNS` for each point of levels over the frequency."""
+def frequency_tables(parts: Sequence[ResonanceCurves]) -> dict[str, Table]:
+    """Return the table of levels over the frequency by its file's name; nothing without curves."""
+    rows = []
     for part in parts:
         for one in part.curves:
             hertz = one.ratio * part.omega / (2 * np.pi)
             known = np.isfinite(one.level)
-            for frequency, level in zip(
-                hertz[known].tolist(), one.level[known].tolist(), strict=True
-            ):
-                yield part.resonance, part.force, one.name, frequency, level
+            points = zip(hertz[known].tolist(), one.level[known].tolist(), strict=True)
+            rows += [(part.resonance, part.force, one.name, *point) for point in points]
+    columns = ("resonance", "force_n", "absorber", "frequency_hz", "level_m")
+    return {"frequency.csv": Table.of_values(columns, rows)} if rows else {}
 
 
-def draw_frequency(axes: Any, part: ResonanceCurves) -> None:
-    """Draw the levels over the frequency near one resonance."""
-    hertz = part.omega / (2 * np.pi)
-    colours = iter(CURVE_COLOURS)
-    for one in part.curves:
-        colour = GREY if one.name == NO_ABSORBER else next(colours)
-        axes.plot(one.ratio * hertz, MM * one.level, color=colour, lw=1.8, label=one.name)
-    axes.set_yscale("log")
-    force_axis(axes.yaxis)
-    axes.set_xlabel("frequency in Hz")
-    axes.set_ylabel("level in mm (RMS)")
-    axes.set_title(f"{part.force:.4g} N near resonance {part.resonance}", fontsize=10)
-    draw_grid(axes)
-    axes.legend(fontsize=8.5, framealpha=0.95)
-
-
-def save_frequency(path: Path, parts: Sequence[ResonanceCurves]) -> None:
-    """Draw levels over the frequency, a panel for each resonance; the ending of ``path`` chooses the format."""
-    figure, panels = figure_of(6.4 * len(parts), 4.4, 1, len(parts))
-    for axes, part in zip(np.atleast_1d(panels), parts, strict=True):
-        draw_frequency(axes, part)
-    write_figure(figure, path)
+def frequency_figures(parts: Sequence[ResonanceCurves]) -> dict[str, Draw]:
+    """Return the figure of levels over the frequency by its file's name; nothing without curves."""
+    if not any(part.curves for part in parts):
+        return {}
+    return {"frequency.png": partial(draw_charts, frequency_charts(parts))}
 
 
 def history_arrays(run: WorstRun) -> dict[str, Array]:
@@ -137,10 +110,10 @@ def save_history(path: Path, run: WorstRun) -> None:
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
     else:
-        _draw_history(path, run, arrays)
+        write_drawing(path, partial(draw_history, run, arrays))
 
 
-def _draw_history(path: Path, run: WorstRun, arrays: dict[str, Array]) -> None:
+def draw_history(run: WorstRun, arrays: dict[str, Array]) -> Figure:
     """Draw the whole run, and some periods around its largest displacement."""
     time = arrays["time_s"]
     moved = MM * arrays["displacement_m"]
@@ -176,4 +149,4 @@ def _draw_history(path: Path, run: WorstRun, arrays: dict[str, Array]) -> None:
     for panel in (whole, detail):
         panel.set_xlabel("time in s")
         draw_grid(panel)
-    write_figure(figure, path)
+    return figure

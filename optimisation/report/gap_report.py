@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,21 +14,7 @@ from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.contact import estimate, meeting_mass, reaches_beyond
 from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
-from optimisation.frequency_levels import ResonanceCurves
 from optimisation.gap_advice import Advice, Answer
-from optimisation.page import markdown
-from optimisation.report.card import (
-    NO_DEVICE,
-    Card,
-    Chart,
-    Curve,
-    Row,
-    assumed_rows,
-    baseline_rows,
-    between,
-    device_rows,
-    service_rows,
-)
 from optimisation.report.figures import (
     BLUE,
     GREEN,
@@ -39,9 +24,23 @@ from optimisation.report.figures import (
     draw_grid,
     figure_of,
     force_axis,
-    write_figure,
 )
-from optimisation.report.frequency_report import frequency_charts
+from optimisation.report.report import (
+    NO_DEVICE,
+    Chart,
+    Column,
+    Curve,
+    Group,
+    Json,
+    Row,
+    Table,
+    assumed_rows,
+    baseline_rows,
+    between,
+    device_rows,
+    service_rows,
+    show_span,
+)
 from optimisation.service import UNCERTAIN_DRAWS, ServiceLoads
 from optimisation.sweep_range import is_at_end
 from optimisation.uncertain import Distribution, plain
@@ -49,16 +48,45 @@ from optimisation.uncertain import Distribution, plain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-HEADER = (
-    "gap, mm",
-    "of the rule's",
-    "level, mm",
-    "90 % of runs, mm",
-    "of no absorber, %",
-    "limit, mm",
-    "share of the possible, %",
-    "members",
+COLUMNS = (
+    Column("gap_m", "gap, mm", scale=MM),
+    Column("gap_over_rule", "of the rule's", "{:.3g}"),
+    Column("members"),
+    Column("level_median_m", "level, mm", scale=MM),
+    Column(
+        "level_5_percent_m",
+        "90 % of runs, mm",
+        show_span("level_5_percent_m", "level_95_percent_m", MM),
+    ),
+    Column("level_95_percent_m"),
+    Column("relative_median", "of no absorber, %", "{:.1f}", 100),
+    Column("limit_m", "limit, mm", scale=MM),
+    Column("share_of_possible_reduction", "share of the possible, %", "{:.1f}", 100),
+    Column(heading="members", show=lambda row: str(row["members"])),
 )
+WARNING = "Warning: "
+SUBS = (1, 1.5, 2, 3, 5, 7)  # ticks of a decade of gaps
+
+
+def gap_table(advice: Advice) -> Table:
+    """Return a row for each gap that was run in full."""
+    check = advice.check
+    rows = []
+    for k, gap in enumerate(check.gaps):
+        members = int(np.sum(~np.isnan(check.curves[k].combined)))
+        levels = (check.level[k], *advice.band[:, k], check.relative[k])
+        ends = (float(check.limit[k]), float(check.share[k]))
+        rows.append((float(gap), float(gap) / check.rule, members, *map(float, levels), *ends))
+    return Table(COLUMNS, rows)
+
+
+def printed_table(advice: Advice) -> Table:
+    """Return the rows of the rule's gap, and of each that more than one member ran."""
+    single = {gap for gap, _ in advice.single_runs}
+    rows = [
+        row for row in gap_table(advice).rows if row[0] not in single or row[0] == advice.check.rule
+    ]
+    return Table(COLUMNS, rows)
 
 
 def _percent(answer: Answer, advice: Advice, factor: float) -> str:
@@ -97,6 +125,12 @@ def _worst(answer: Answer) -> str:
     """Return a device's largest level over the tolerance of the force, in words."""
     known = math.isfinite(answer.worst)
     return f"at most {1e3 * answer.worst:.4g} mm" if known else "not known"
+
+
+def title(advice: Advice) -> str:
+    """Return the heading of the card."""
+    check = advice.check
+    return f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
 
 
 def answer(advice: Advice) -> list[str]:
@@ -223,7 +257,7 @@ def warnings(advice: Advice) -> list[str]:
             check.out_of_reach.any()
         ),
     }
-    lines = [f"Warning: {words}." for words, so in conditions.items() if so]
+    lines = [f"{WARNING}{words}." for words, so in conditions.items() if so]
     low, high = check.limits
     lines.append(
         f"Sweeps from {low:.3g} to {high:.3g} of the resonance at {check.rate:.3g} % per 100 pseudo periods "
@@ -231,7 +265,7 @@ def warnings(advice: Advice) -> list[str]:
     )
     if ratio < LEAST_RATIO:
         lines.append(
-            f"Warning: below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly."
+            f"{WARNING}below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly."
         )
     left_out = (
         f"; {len(advice.single_runs)} other gaps, with one run each, are left out of the table"
@@ -250,33 +284,6 @@ def baselines(service: ServiceLoads) -> str:
     return f"Of the same mass and over the same range, {tuned}; the best friction damper {1e3 * other.damper:.4g} mm."
 
 
-def text(advice: Advice) -> str:
-    """Return a line for the rule's gap, and for each that more than one member ran."""
-    check = advice.check
-    lines = []
-    single = {gap for gap, _ in advice.single_runs}
-    band = 1e3 * advice.band
-    for k, gap in enumerate(check.gaps):
-        if gap in single and gap != check.rule:
-            continue
-        interval = "-" if np.isnan(band[0, k]) else f"{band[0, k]:.4g} to {band[1, k]:.4g}"
-        share = "-" if math.isnan(check.share[k]) else f"{100 * check.share[k]:.1f}"
-        cells = (
-            f"{1e3 * gap:.4g}",
-            f"{gap / check.rule:.3g}",
-            f"{1e3 * check.level[k]:.4g}",
-            interval,
-        )
-        more = (
-            f"{100 * check.relative[k]:.1f}",
-            f"{1e3 * check.limit[k]:.4g}",
-            share,
-            str(len(check.curves[k].members)),
-        )
-        lines.append((*cells, *more))
-    return markdown(HEADER, lines)
-
-
 @dataclass(frozen=True)
 class UncertaintyResult:
     """What is uncertain, and the 5, 50 and 95 % quantiles of the recommended device's level in m with all of it drawn."""
@@ -292,9 +299,14 @@ class UncertaintyResult:
         return ", ".join(one.words for one in self.every)
 
     @property
+    def level_words(self) -> str:
+        """Median and quantiles, in words."""
+        return f"{MM * self.median:.4g} mm ({MM * self.low:.4g} to {MM * self.high:.4g})"
+
+    @property
     def words(self) -> str:
         """One line."""
-        return f"With {self.as_text}: {1e3 * self.median:.4g} mm ({1e3 * self.low:.4g} to {1e3 * self.high:.4g}), of {UNCERTAIN_DRAWS} draws."
+        return f"With {self.as_text}: {self.level_words}, of {UNCERTAIN_DRAWS} draws."
 
     def plain(self) -> dict[str, object]:
         """Return it as JSON values."""
@@ -334,18 +346,16 @@ def contact_rows(
     return rows, [text] if reaches_beyond(model, one) else []
 
 
-def card(
+def device_groups(
     advice: Advice,
     service: ServiceLoads,
     unsure: UncertaintyResult | None = None,
     contact: tuple[str, str, float] | None = None,
     more: str = "",
-    frequency: Sequence[ResonanceCurves] = (),
-) -> Card:
-    """Return the paragraph about the recommended device.
+) -> tuple[list[Group], list[str]]:
+    """Return the card's groups about the recommended device, and its warnings.
 
-    ``contact``: two materials of `optimisation.contact` and the radius in m of the rounder one; ``more``: what more modes change, in words;
-    ``frequency``: levels over the frequency.
+    ``contact``: two materials of `optimisation.contact` and the radius in m of the rounder one; ``more``: what more modes change, in words.
     """
     check = advice.check
     best = service.answer
@@ -355,23 +365,17 @@ def card(
     low = (1 - t) * check.force
     high = (1 + t) * check.force
     level: tuple[Row, ...] = (
-        Row(f"at {check.force:g} N, median of {best.members} runs", 1e3 * best.level, "mm RMS"),
+        Row(f"at {check.force:g} N, median of {best.members} runs", MM * best.level, "mm RMS"),
         Row("90 % of further runs", _interval(best)),
         Row("read at", best.frequency_ratio, "of the resonance"),
         Row(f"at most, {low:.4g} to {high:.4g} N", _worst(best).removeprefix("at most ")),
         Row("of no absorber", 100 * best.level / without, "%"),
-        Row("no absorber", 1e3 * without, "mm"),
+        Row("no absorber", MM * without, "mm"),
         *baseline_rows(service.baselines),
-        Row(NO_DEVICE, 1e3 * check.limit_at(best.gap), "mm"),
+        Row(NO_DEVICE, MM * check.limit_at(best.gap), "mm"),
     )
     if unsure is not None:
-        level = (
-            *level,
-            Row(
-                f"with {unsure.as_text}",
-                f"{1e3 * unsure.median:.4g} mm ({1e3 * unsure.low:.4g} to {1e3 * unsure.high:.4g})",
-            ),
-        )
+        level = (*level, Row(f"with {unsure.as_text}", unsure.level_words))
     finite = service.forces[~np.isnan(service.levels)]
     forces = (
         Row("halves the level", between(*service.works)),
@@ -384,25 +388,20 @@ def card(
         Row("such sweeps show of the stationary level", 100 * check.sweep_ratio, "%"),
         Row("sweeps taken", f"{advice.sweeps}, and two with impacts recorded"),
     )
-    title = f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
-    touch, reached = (
-        ((), [])
-        if contact is None
-        else contact_rows(model, check.mass, service.impacts.largest, contact)
-    )
-    groups = (
+    touch: tuple[Row, ...] = ()
+    reached: list[str] = []
+    if contact is not None:
+        touch, reached = contact_rows(model, check.mass, service.impacts.largest, contact)
+    groups: list[Group] = [
         ("Device", device_rows(best.absorber, model)),
         ("Response level", level),
         ("Forces", forces),
         ("What it bears", service_rows(best.gap, service.impacts, best.level)),
         *(((CONTACT_HEADING, touch),) if touch else ()),
         ("Assumptions", assumed),
-    )
-    warning_lines = [
-        line.removeprefix("Warning: ") for line in warnings(advice) if line[:4] == "Warn"
     ]
-    charts = (*frequency_charts(frequency), *_charts(advice, service))
-    return Card(title, groups, charts, (*warning_lines, *reached))
+    own = [line.removeprefix(WARNING) for line in warnings(advice) if line.startswith(WARNING)]
+    return groups, own + reached
 
 
 def _interval(answer: Answer) -> str | None:
@@ -412,7 +411,7 @@ def _interval(answer: Answer) -> str | None:
     return f"{1e3 * answer.low:.4g} to {1e3 * answer.high:.4g} mm"
 
 
-def _charts(advice: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
+def level_charts(advice: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
     """Return the level over the gap, and that of the recommended device over the force."""
     check = advice.check
     mm = 1e3
@@ -470,38 +469,6 @@ def _charts(advice: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
     return over_gap, over_force
 
 
-Json = dict[str, object]
-SUBS = (1, 1.5, 2, 3, 5, 7)  # ticks of a decade of gaps
-LEVELS = ("level_median_m", "level_5_percent_m", "level_95_percent_m", "relative_median")
-COLUMNS = ("gap_m", "gap_over_rule", "members", *LEVELS, "limit_m", "share_of_possible_reduction")
-
-
-def rows(advice: Advice) -> Iterator[tuple[object, ...]]:
-    """Yield one row of `COLUMNS` for each gap that was run in full; an empty cell where nothing is known."""
-    for k, gap in enumerate(advice.check.gaps):
-        yield tuple(
-            "" if value is None else value for value in _values(advice, k, float(gap)).values()
-        )
-
-
-def _values(advice: Advice, k: int, gap: float) -> dict[str, float | None]:
-    check = advice.check
-    members = int(np.sum(~np.isnan(check.curves[k].combined)))
-    levels = (check.level[k], *advice.band[:, k], check.relative[k])
-    cells = (
-        gap,
-        gap / check.rule,
-        members,
-        *map(float, levels),
-        float(check.limit[k]),
-        float(check.share[k]),
-    )
-    return {
-        name: None if math.isnan(value) else value
-        for name, value in zip(COLUMNS, cells, strict=True)
-    }
-
-
 def answer_values(
     answer: Answer | None, mass: float, measure: str = "level", unit: str = "m"
 ) -> Json | None:
@@ -531,17 +498,13 @@ def answer_values(
 def summary(advice: Advice) -> Json:
     """Return answers, settings, the rule and what the simulation says of it as JSON values."""
     check = advice.check
-    points = {}
-    if check.gaps.size:
-        points["at_rule"] = (
-            _values(advice, check.at_rule, check.rule)
-            if check.gaps[check.at_rule] == check.rule
-            else None
-        )
+    points: Json = {}
+    records = gap_table(advice).records()
+    if records:
+        ran = check.gaps[check.at_rule] == check.rule
+        points["at_rule"] = records[check.at_rule] if ran else None
     if advice.sharp is not None:
-        points["best"] = _values(
-            advice, int(np.argmin(np.abs(check.gaps - advice.sharp.gap))), advice.sharp.gap
-        )
+        points["best"] = records[int(np.argmin(np.abs(check.gaps - advice.sharp.gap)))]
     device = advice.recommended.absorber if advice.recommended is not None else check.absorber
     without = float(check.without.median[0])
     return {
@@ -644,8 +607,3 @@ def draw_levels(advice: Advice) -> Figure:
         fontsize=11,
     )
     return figure
-
-
-def save_figure(path: Path, advice: Advice) -> None:
-    """Write the figure of `draw_levels`; the ending of ``path`` chooses the format."""
-    write_figure(draw_levels(advice), path)

@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING
+from functools import partial
 
-from optimisation.files import number
+from optimisation.files import number, numbers
 from optimisation.gap_advice import Advice, Answer
 from optimisation.load_cases import AppliedLoads
 from optimisation.measures import DECAY, DISPLAY_UNITS, LABELS, START, UNITS
-from optimisation.report.comparison_tables import LOAD_END_WARNING, reading_in_words
-from optimisation.report.figures import BLUE, GREEN, ORANGE, figure_of, force_axis, write_figure
-from optimisation.report.gap_report import SUBS, answer_values, band_in_words, device
+from optimisation.report.comparison_report import LOAD_END_WARNING, load_reading_in_words
+from optimisation.report.figures import MM, draw_charts
+from optimisation.report.gap_report import answer_values, band_in_words, device
+from optimisation.report.report import (
+    Chart,
+    Curve,
+    Group,
+    Json,
+    Report,
+    Row,
+    Table,
+    assumed_rows,
+    device_rows,
+)
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-Json = dict[str, object]
-COLUMNS = ("gap_m", "member", "value")
-
-
-def rows(advice: Advice) -> Iterator[tuple[object, ...]]:
-    """Yield every run with an absorber: its measure in SI units."""
-    for gap, curve in zip(advice.check.gaps, advice.check.curves, strict=True):
-        values = curve.combined[0]
-        yield from ((float(gap), member, float(value)) for member, value in enumerate(values))
+def run_table(advice: Advice) -> Table:
+    """Return every run with an absorber: its measure in SI units."""
+    rows = [
+        (float(gap), member, float(value))
+        for gap, curve in zip(advice.check.gaps, advice.check.curves, strict=True)
+        for member, value in enumerate(curve.combined[0])
+    ]
+    return Table.of_values(("gap_m", "member", "value"), rows)
 
 
 def loads_of(advice: Advice) -> AppliedLoads:
@@ -57,7 +63,7 @@ def summary(advice: Advice) -> Json:
     }
 
 
-def text(advice: Advice) -> str:
+def lines_of(advice: Advice) -> list[str]:
     """Return the lines that are printed."""
     case = loads_of(advice)
     check = advice.check
@@ -65,7 +71,7 @@ def text(advice: Advice) -> str:
     best = advice.recommended
     sharp = advice.sharp
     if best is None or sharp is None:
-        return "No gap was simulated in full."
+        return ["No gap was simulated in full."]
     t = advice.tolerance
     without = float(check.without.median[0])
     what = LABELS[case.measure]
@@ -82,7 +88,7 @@ def text(advice: Advice) -> str:
 
     lines = [
         f"Recommended: {device(best, check.mass)}, under {case.loads.describe()}.",
-        f"  {what[0].upper()}{what[1:]} {level(best)}{reading_in_words(advice.reading)}.",
+        f"  {what[0].upper()}{what[1:]} {level(best)}{load_reading_in_words(advice.reading)}.",
     ]
     if sharp.gap != best.gap:
         lines.append(f"Lowest {what}: {1e3 * sharp.gap:.4g} mm, {level(sharp)}.")
@@ -94,68 +100,97 @@ def text(advice: Advice) -> str:
         )
     else:
         lines.append(f"Design rule (no simulation): {1e3 * check.rule:.4g} mm.")
-    if advice.reading.at_end:
-        lines.append(f"Warning: {LOAD_END_WARNING}.")
-    if best.level >= without:
-        lines.append(
-            f"Warning: no gap brings the {what} below that without absorber: another place or mass may suit better."
-        )
-    return "\n".join(lines)
+    lines += [f"Warning: {line}." for line in warnings(advice)]
+    return lines
 
 
-def draw_measures(advice: Advice) -> Figure:
-    """Draw the measure over the gap, with the answers."""
+def make_report(advice: Advice, card: bool = True) -> Report:
+    """Return the content of the answer; ``card``: with the recommended device's card."""
+    chart = gap_chart(advice)
+    best = advice.recommended
+    return Report(
+        title=f"Gap of an impact absorber under {loads_of(advice).loads.describe()}",
+        text=[lines_of(advice)],
+        numbers=summary(advice),
+        tables={"runs.csv": run_table(advice)},
+        figures={"levels.png": partial(draw_charts, [chart])},
+        groups=card_groups(advice, best) if card and best is not None else (),
+        charts=(chart,),
+        warnings=tuple(warnings(advice)),
+    )
+
+
+def card_groups(advice: Advice, best: Answer) -> tuple[Group, ...]:
+    """Return the recommended device, what is measured, and assumptions."""
     case = loads_of(advice)
     check = advice.check
     factor, unit = DISPLAY_UNITS[UNITS[case.measure]]
-    figure, axes = figure_of(6.4, 4.4)
+    without = float(check.without.median[0])
+    interval = None
+    if best.prediction is not None:
+        interval = f"{factor * best.low:.4g} to {factor * best.high:.4g} {unit}"
+    t = advice.tolerance
+    measured = (
+        Row(f"median of {best.members} runs", factor * best.level, unit),
+        Row("90 % of further runs", interval),
+        Row(f"at most, {1 - t:.4g} to {1 + t:.4g} times the load", factor * best.worst, unit),
+        Row("of no absorber", 100 * best.level / without, "%"),
+        Row("no absorber", factor * without, unit),
+    )
+    assumed = (
+        Row("loads", case.loads.describe()),
+        *assumed_rows(case.model, (), None),
+        Row("runs", str(sum(len(curve.members) for curve in check.curves))),
+    )
+    what = LABELS[case.measure]
+    return (
+        ("Device", device_rows(best.absorber, case.model)),
+        (what[0].upper() + what[1:], measured),
+        ("Assumptions", assumed),
+    )
+
+
+def gap_chart(advice: Advice) -> Chart:
+    """Return the measure over the gap, with the answers."""
+    case = loads_of(advice)
+    check = advice.check
+    factor, unit = DISPLAY_UNITS[UNITS[case.measure]]
     low, high = factor * advice.band
-    middle = factor * check.level
-    gaps = 1e3 * check.gaps
+    gaps = MM * check.gaps
     most = max((len(curve.members) for curve in check.curves), default=0)
-    axes.fill_between(gaps, low, high, color=BLUE, alpha=0.25, lw=0)
-    axes.plot(
-        gaps,
-        middle,
-        "o-",
-        color=BLUE,
-        ms=5,
-        label=f"median of up to {most} runs, 90 % of further runs",
-    )
-    axes.axhline(
-        factor * float(check.without.median[0]), color="black", lw=0.8, label="no absorber"
-    )
-    for answer, colour, word in (
-        (advice.sharp, "black", f"lowest {LABELS[case.measure]}"),
-        (advice.recommended, GREEN, "recommended"),
-    ):
-        if answer is None:
-            continue
-        axes.axvline(
-            1e3 * answer.gap,
-            color=colour,
-            lw=1.6,
-            ls="--" if colour == "black" else "-",
-            label=f"{word}: {1e3 * answer.gap:.3g} mm",
-        )
+    name = f"median of up to {most} runs, 90 % of further runs"
+    levels = numbers(factor * check.level)
+    ends = [float(min(gaps)), float(max(gaps))] if len(gaps) else []
+    without = factor * float(check.without.median[0])
+    marks = []
+    if advice.sharp is not None:
+        marks.append((f"lowest {LABELS[case.measure]}", MM * advice.sharp.gap))
+    if advice.recommended is not None:
+        marks.append(("recommended", MM * advice.recommended.gap))
     if not math.isnan(check.rule):
-        axes.axvline(
-            1e3 * check.rule,
-            color=ORANGE,
-            lw=1.4,
-            ls="--",
-            label=f"design rule: {1e3 * check.rule:.3g} mm",
+        marks.append(("design rule", MM * check.rule))
+    return Chart(
+        f"Gap under {case.loads.describe()}",
+        "clearance to either wall in mm",
+        f"{LABELS[case.measure]} in {unit}",
+        (
+            Curve(name, numbers(gaps), levels, numbers(low), numbers(high)),
+            Curve("no absorber", ends, [without] * len(ends)),
+        ),
+        tuple(marks),
+        log_x=True,
+    )
+
+
+def warnings(advice: Advice) -> list[str]:
+    """Return what is to be known before the device is built."""
+    best = advice.recommended
+    lines = []
+    if advice.reading.at_end:
+        lines.append(LOAD_END_WARNING)
+    if best is not None and best.level >= float(advice.check.without.median[0]):
+        what = LABELS[advice.case.measure]
+        lines.append(
+            f"no gap brings the {what} below that without absorber: another place or mass may suit better"
         )
-    axes.set_xscale("log")
-    force_axis(axes.xaxis, SUBS)
-    axes.set_ylim(0, None)
-    axes.set_xlabel("clearance to either wall in mm")
-    axes.set_ylabel(f"{LABELS[case.measure]} in {unit}")
-    axes.set_title(f"Gap under {case.loads.describe()}", fontsize=11)
-    axes.legend(frameon=False, fontsize=9)
-    return figure
-
-
-def save_figure(path: Path, advice: Advice) -> None:
-    """Write the figure of `draw_measures`; the ending of ``path`` chooses the format."""
-    write_figure(draw_measures(advice), path)
+    return lines

@@ -1,9 +1,12 @@
-"""The answer of `design place`: as text, card, rows, JSON, and a picture of the structure coloured by reach. SI units, unless named."""
+"""The content of the answer of `design place`, with a picture of the structure coloured by reach. SI units, unless named."""
+
+from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +16,6 @@ from impact_env.parameters import Beam
 from optimisation.baselines import Baselines
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
-from optimisation.page import markdown
 from optimisation.place_advice import (
     FLAT,
     LIGHTEST,
@@ -24,17 +26,6 @@ from optimisation.place_advice import (
     probability_lower,
 )
 from optimisation.place_map import PlaceMap, Places
-from optimisation.report.card import (
-    NO_DEVICE,
-    Card,
-    Chart,
-    Curve,
-    Row,
-    assumed_rows,
-    baseline_rows,
-    device_rows,
-    service_rows,
-)
 from optimisation.report.figures import (
     BLUE,
     GREEN,
@@ -43,26 +34,37 @@ from optimisation.report.figures import (
     ORANGE,
     draw_grid,
     figure_of,
-    write_figure,
 )
-from optimisation.report.frequency_report import frequency_charts
+from optimisation.report.frequency_report import (
+    frequency_charts,
+    frequency_figures,
+    frequency_tables,
+)
 from optimisation.report.gap_report import CONTACT_HEADING, contact_rows
+from optimisation.report.report import (
+    NO_DEVICE,
+    Chart,
+    Curve,
+    Group,
+    Json,
+    Report,
+    Row,
+    Table,
+    assumed_rows,
+    baseline_rows,
+    device_rows,
+    service_rows,
+)
 from optimisation.service import ImpactLoads
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Array = NDArray[np.float64]
-Json = dict[str, object]
-HEADER = (
-    "place",
-    "mass, %",
-    "gap, mm",
-    "level, % of no absorber",
-    "90 % of runs, %",
-    "at most, %",
-    "gaps within 10 %, mm",
-    "reach",
-    "members",
+HEADINGS = (
+    *("place", "mass, %", "gap, mm", "level, % of no absorber", "90 % of runs, %", "at most, %"),
+    *("gaps within 10 %, mm", "reach", "members"),
 )
-COLUMNS = ("place", "x_m", "y_m", "z_m", "mass_ratio")
 MOST_BARS = 60
 SHAPE_TOL = 1e-9  # of mode shapes at one place, read twice from one file
 FINE = 201  # points of a beam that are drawn
@@ -197,7 +199,7 @@ def sweeps_line(advice: PlaceAdvice) -> str:
     return f"{advice.sweeps} sweeps, {ranges}. {len(advice.places)} places by the linear structure."
 
 
-def text(advice: PlaceAdvice) -> str:
+def device_table(advice: PlaceAdvice) -> Table:
     """Return a line for each device whose gap was searched."""
     lines = []
     for one in advice.devices:
@@ -220,7 +222,7 @@ def text(advice: PlaceAdvice) -> str:
                 str(one.members),
             )
         )
-    return markdown(HEADER, lines)
+    return Table.of_words(HEADINGS, lines)
 
 
 def device_values(advice: PlaceAdvice, one: PlacedDevice) -> Json:
@@ -312,38 +314,68 @@ def summary(advice: PlaceAdvice) -> Json:
     }
 
 
-def columns(advice: PlaceAdvice) -> tuple[str, ...]:
-    """Return the names of the columns of `rows`."""
-    more = [f"reach_{r}" for r in advice.forces] + [f"rule_gap_{r}_m" for r in advice.forces]
-    return (*COLUMNS, *more, "expected_gap_m", "expected_relative_level", "relative_limit")
-
-
-def rows(advice: PlaceAdvice) -> Iterator[tuple[object, ...]]:
-    """Yield a row for each mass and place: what the linear structure says; an empty cell where nothing is known."""
+def map_table(advice: PlaceAdvice) -> Table:
+    """Return a row for each mass and place: what the linear structure says."""
+    reaches = [f"reach_{r}" for r in advice.forces]
+    gaps = [f"rule_gap_{r}_m" for r in advice.forces]
+    more = ("expected_gap_m", "expected_relative_level", "relative_limit")
+    points = advice.places.points
+    rows = []
     for one in advice.maps:
         for k, name in enumerate(advice.places.names):
-            point: Sequence[float] = (
-                (math.nan,) * 3
-                if advice.places.points is None
-                else advice.places.points[k].tolist()
-            )
+            point: Sequence[float] = (math.nan,) * 3 if points is None else points[k].tolist()
             values = (*point, one.mass_ratio, *one.reach[:, k], *one.rule[:, k])
             values = (*values, one.gap[k], one.share[k], one.limit[k])
-            yield (name, *("" if number(float(x)) is None else float(x) for x in values))
+            rows.append((name, *map(float, values)))
+    keys = ("place", "x_m", "y_m", "z_m", "mass_ratio", *reaches, *gaps, *more)
+    return Table.of_values(keys, rows)
 
 
-def card(
+@dataclass(frozen=True)
+class PlaceService:
+    """Service loads of a recommended device: ``impacts`` near its worst resonance, and other absorbers by resonance."""
+
+    impacts: ImpactLoads
+    baselines: Mapping[int, Baselines]
+    contact: tuple[str, str, float] | None = None
+
+
+def make_report(
     advice: PlaceAdvice,
-    impacts: ImpactLoads,
-    baselines: dict[int, Baselines],
-    curves: Sequence[ResonanceCurves],
-    contact: tuple[str, str, float] | None = None,
-) -> Card:
-    """Return the paragraph about the recommended device; ``impacts``: of its worst resonance; ``contact`` as in `gap_report.card`."""
-    best = advice.recommended
-    assert best is not None
+    curves: Sequence[ResonanceCurves] = (),
+    service: PlaceService | None = None,
+) -> Report:
+    """Return the content of the answer; without ``service`` there is no card. ``curves``: levels over the frequency."""
+    where = " and ".join(f"{force:g} N near resonance {r}" for r, force in advice.forces.items())
+    groups: tuple[Group, ...] = ()
+    charts: tuple[Chart, ...] = ()
+    own = warnings(advice)
+    reached: list[str] = []
+    if service is not None and advice.recommended is not None:
+        groups, reached = card_groups(advice, advice.recommended, service)
+        charts = (*frequency_charts(curves), *_place_charts(advice, advice.recommended))
+    notes = [*(f"Warning: {line}." for line in own), sweeps_line(advice)]
+    return Report(
+        title=f"Place, mass and gap of an impact absorber for {where}",
+        text=[answer(advice), [device_table(advice)], notes],
+        numbers=summary(advice),
+        tables={"places.csv": map_table(advice), **frequency_tables(curves)},
+        figures={"places.png": partial(draw_places, advice), **frequency_figures(curves)},
+        groups=groups,
+        charts=charts,
+        warnings=(*own, *reached),
+        prints_card=True,
+    )
+
+
+def card_groups(
+    advice: PlaceAdvice, best: PlacedDevice, service: PlaceService
+) -> tuple[tuple[Group, ...], list[str]]:
+    """Return the card's groups about the recommended device, and a warning if its impacts reach modes that were left out."""
     model = advice.places.model_at(best.place)
-    groups: list[tuple[str, tuple[Row, ...]]] = [
+    impacts = service.impacts
+    contact = service.contact
+    groups: list[Group] = [
         (
             "Device",
             (
@@ -372,7 +404,7 @@ def card(
                     ),
                     Row("of no absorber", 100 * part.share, "%"),
                     Row("no absorber", MM * part.without, "mm"),
-                    *baseline_rows(baselines[part.resonance]),
+                    *baseline_rows(service.baselines[part.resonance]),
                     Row(NO_DEVICE, MM * part.limit, "mm"),
                 ),
             )
@@ -411,14 +443,7 @@ def card(
             ),
         ),
     ]
-    where = " and ".join(f"{force:g} N near resonance {r}" for r, force in advice.forces.items())
-    charts = (*frequency_charts(curves), *_place_charts(advice, best))
-    return Card(
-        f"Place, mass and gap of an impact absorber for {where}",
-        tuple(groups),
-        charts,
-        (*warnings(advice), *reached),
-    )
+    return tuple(groups), reached
 
 
 def _place_charts(advice: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
@@ -442,10 +467,10 @@ def _place_charts(advice: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
     )
 
 
-def save_places(path: Path, advice: PlaceAdvice) -> None:
+def draw_places(advice: PlaceAdvice) -> Figure:
     """Draw the structure coloured by reach, a panel for each resonance, and below the levels to expect and those simulated.
 
-    A beam is drawn by its mode shapes, nodes with coordinates at their points, places without as bars. The ending of ``path`` chooses the format.
+    A beam is drawn by its mode shapes, nodes with coordinates at their points, places without as bars.
     """
     best = advice.recommended
     own = advice.maps[-1] if best is None else advice.map_of(best)
@@ -456,7 +481,7 @@ def save_places(path: Path, advice: PlaceAdvice) -> None:
     for k, resonance in enumerate(advice.forces):
         _draw_reach(figure, panels[k], advice, own, k, resonance)
     _draw_levels(panels[-1], advice)
-    write_figure(figure, path)
+    return figure
 
 
 def _draw_reach(

@@ -4,7 +4,7 @@ import numpy as np
 
 from impact_env.parameters import SlidingAbsorber
 from optimisation.files import number, numbers
-from optimisation.report.card import Row
+from optimisation.report.report import Row
 from optimisation.sobol import BOX_DIFFERENCES, BOX_UNITS, Sensitivity
 from optimisation.tolerances import NOMINAL_RUNS, SURE, WIDEST_TOLERANCES, Tolerances
 from optimisation.uncertain import FRICTION, GAP, RESTITUTION

@@ -1,29 +1,42 @@
-"""All tunings of one absorber mass and one resonance, scored over one range: as a table, rows, JSON and a figure. SI units, unless named."""
+"""All tunings of one absorber mass and one resonance, scored over one range, and the content of this answer. SI units, unless named."""
+
+from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.drive import PAPER_LIMITS
-from impact_env.frequency import tip_response
+from impact_env.frequency import coupled_receptance, tip_response
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
-from optimisation.files import Table, number
+from optimisation.files import numbers
 from optimisation.report.figures import (
     BLACK,
     BLUE,
     GREEN,
+    MM,
     PINK,
     YELLOW,
     draw_grid,
     figure_of,
     force_axis,
-    write_figure,
+)
+from optimisation.report.report import (
+    Chart,
+    Column,
+    Curve,
+    Group,
+    Report,
+    Row,
+    Table,
+    assumed_rows,
+    mass_rows,
 )
 from optimisation.tuned import (
     HIGH,
@@ -39,6 +52,9 @@ from optimisation.tuned import (
     undamped_h2,
     undamped_minimax,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NONE = "none"
 PAPER_VALUES = "paper"
@@ -164,8 +180,8 @@ def tuning_table(
     return TuningTable(model, mass_ratio, resonance, low, high, tuple(tunings))
 
 
-Json = dict[str, object]
 Bounds = Mapping[str, float]  # certified amplitude in m/N by key
+POINTS = 601  # of a curve of the card
 # curves that lie on one another differ in dashes too
 LOOKS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
     NONE: (BLACK, "-", 1.3),
@@ -176,53 +192,86 @@ LOOKS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
 }
 
 
-def csv_table(table: TuningTable, bounds: Bounds) -> Table:
-    """Return a table with a row for each tuning; an empty cell where there is no absorber or no certificate."""
-    values = {tuning.key: _values(table, tuning, bounds) for tuning in table.tunings}
-    rows = [
-        (key, *("" if value is None else value for value in own.values()))
-        for key, own in values.items()
+def value_table(table: TuningTable, bounds: Bounds) -> Table:
+    """Return a row for each tuning; ``bounds``: proved amplitudes."""
+    labels = {tuning.key: tuning.label for tuning in table.tunings}
+    proved = 100 / table.reference
+    columns = (
+        Column("tuning"),
+        Column(heading="tuning", show=lambda row: labels[row["tuning"]]),
+        Column("stiffness_n_m", "k, N/m", "{:.6g}", unknown=""),
+        Column("damping_n_s_m", "c, N s/m", unknown=""),
+        Column("frequency_ratio", "omega_a/omega_r", "{:.4f}", unknown=""),
+        Column("damping_ratio", "damping ratio", "{:.4f}", unknown=""),
+        Column("peak_m_n"),
+        Column("peak_frequency_ratio"),
+        Column("peak_relative", "peak, %", "{:.2f}", 100, "inf"),
+        Column(heading="at", show=lambda row: f"{row['peak_frequency_ratio']:.4f}"),
+        Column("h2_norm_m_n_sqrt_s"),
+        Column("h2_relative", "H2 norm, %", "{:.2f}", 100, "inf"),
+        Column("certified_amplitude_m_n", "proved, %", "{:.3f}", proved, ""),
+    )
+    rows = []
+    for tuning in table.tunings:
+        absorber = tuning.absorber
+        own: tuple[float | None, ...] = (None, None, None, None)
+        if absorber is not None:
+            own = (absorber.stiffness, absorber.damping, *table.ratios(absorber))
+        peak = (tuning.peak, tuning.peak_ratio, table.relative_peak(tuning))
+        h2 = (tuning.h2, table.relative_h2(tuning))
+        rows.append((tuning.key, *own, *peak, *h2, bounds.get(tuning.key)))
+    return Table(columns, rows)
+
+
+def list_notes(table: TuningTable, bounds: Bounds) -> list[str]:
+    """Return how to read the table."""
+    by_key = {tuning.key: tuning for tuning in table.tunings}
+    paper = by_key[PAPER_VALUES]
+    best = by_key[MINIMAX]
+    relative = (
+        "peaks in % of the static deflection, H2 norms in % of the smallest"
+        if table.undamped
+        else "relative to no absorber"
+    )
+    notes = [
+        f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = {table.omega:.6g} rad/s, {relative}.",
+        f"Mistuning: {paper.label} leave{'s' if paper.label.endswith('rule') else ''} a peak {paper.peak / best.peak:.2f} times the smallest one.",
     ]
-    return ["tuning", *values[table.tunings[0].key]], rows
+    if bounds:
+        notes.append(
+            "Proved: no amplitude in the range is larger, flanks of other resonances and all between the grid's points included."
+        )
+    return notes
 
 
-def _values(table: TuningTable, tuning: Tuning, bounds: Bounds) -> dict[str, float | None]:
-    absorber = tuning.absorber
-    frequency, damping = (None, None) if absorber is None else table.ratios(absorber)
-    return {
-        "stiffness_n_m": None if absorber is None else absorber.stiffness,
-        "damping_n_s_m": None if absorber is None else absorber.damping,
-        "frequency_ratio": frequency,
-        "damping_ratio": damping,
-        "peak_m_n": number(tuning.peak),
-        "peak_frequency_ratio": tuning.peak_ratio,
-        "peak_relative": number(table.relative_peak(tuning)),
-        "h2_norm_m_n_sqrt_s": number(tuning.h2),
-        "h2_relative": number(table.relative_h2(tuning)),
-        "certified_amplitude_m_n": bounds.get(tuning.key),
+def make_report(table: TuningTable, bounds: Bounds) -> Report:
+    """Return the content of tunings; ``bounds``: proved amplitudes."""
+    values = value_table(table, bounds)
+    tunings = {
+        record.pop("tuning"): {"label": tuning.label, **record}
+        for tuning, record in zip(table.tunings, values.records(), strict=True)
     }
-
-
-def summary(table: TuningTable, bounds: Bounds) -> Json:
-    """Return settings and tunings as JSON values."""
-    return {
-        "settings": {
-            "resonance": table.resonance,
-            "omega_rad_s": table.omega,
-            "mass_ratio": table.mass_ratio,
-            "modes": table.model.modes,
-            "scoring_range": [table.low, table.high],
-            "peaks_relative_to": table.of_what,
-        },
-        "tunings": {
-            tuning.key: {"label": tuning.label, **_values(table, tuning, bounds)}
-            for tuning in table.tunings
-        },
+    settings = {
+        "resonance": table.resonance,
+        "omega_rad_s": table.omega,
+        "mass_ratio": table.mass_ratio,
+        "modes": table.model.modes,
+        "scoring_range": [table.low, table.high],
+        "peaks_relative_to": table.of_what,
     }
+    return Report(
+        title="Tuned absorbers of one mass",
+        text=[[values], list_notes(table, bounds)],
+        numbers={"settings": settings, "tunings": tunings},
+        tables={"tunings.csv": values},
+        figures={"tunings.png": partial(draw_tunings, table)},
+        groups=card_groups(table, bounds),
+        charts=(amplitude_chart(table),),
+    )
 
 
-def save_figure(path: Path, table: TuningTable) -> None:
-    """Draw the amplitude over the scoring range, relative to the peak without absorber; the ending of ``path`` chooses the format."""
+def draw_tunings(table: TuningTable) -> Figure:
+    """Draw the amplitude over the scoring range, relative to the peak without absorber."""
     figure, axes = figure_of(9, 5.4)
     ratio = table.ratios_drawn(2001)
     drawn = [tuning for tuning in table.tunings if tuning.key in LOOKS]
@@ -264,4 +313,75 @@ def save_figure(path: Path, table: TuningTable) -> None:
         f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest peak)",
         fontsize=12,
     )
-    write_figure(figure, path)
+    return figure
+
+
+def card_groups(table: TuningTable, bounds: Bounds) -> tuple[Group, ...]:
+    """Return all tunings with their peaks, the service loads of the one with the smallest peak, and assumptions."""
+    rows = []
+    for tuning in table.tunings:
+        own = tuning.absorber
+        what = "" if own is None else f", {own.stiffness:.6g} N/m, {own.damping:.4g} N s/m"
+        proved = ""
+        if tuning.key in bounds:
+            proved = f", proved {100 * bounds[tuning.key] / table.reference:.4g} %"
+        peak = f"peak {100 * table.relative_peak(tuning):.4g} % at {tuning.peak_ratio:.4g}"
+        rows.append(Row(tuning.label, f"{peak}{proved}{what}"))
+    assumed = (
+        *mass_rows(table.mass_ratio, table.model),
+        *assumed_rows(table.model, (table.resonance,), None),
+    )
+    loads = [
+        (
+            "What the tuning of the smallest peak bears under 1 N",
+            tuned_service_rows(table, tuning.absorber),
+        )
+        for tuning in table.tunings
+        if tuning.key == MINIMAX and tuning.absorber is not None
+    ]
+    return (("Tunings", tuple(rows)), *loads, ("Assumptions", assumed))
+
+
+def amplitude_chart(table: TuningTable) -> Chart:
+    """Return the amplitude over the frequency, of each tuning."""
+    ratios = table.ratios_drawn(POINTS)
+    curves = []
+    for tuning in table.tunings:
+        moved = np.abs(tip_response(table.model, tuning.absorber, ratios * table.omega))
+        amplitude = 100 * moved / table.reference
+        curves.append(Curve(tuning.label, numbers(ratios), numbers(amplitude)))
+    return Chart(
+        "Amplitude",
+        "frequency over the resonance's",
+        f"% of {table.of_what}",
+        tuple(curves),
+        log_y=True,
+    )
+
+
+def tuned_service_rows(table: TuningTable, absorber: TunedAbsorber) -> tuple[Row, ...]:
+    """Return the largest stationary stroke, speed, accelerations and loss of a tuned absorber under 1 N."""
+    model = table.model
+    omega = table.ratios_drawn(POINTS) * table.omega
+    mass = absorber.mass_ratio * table.model.beam_mass
+    place = coupled_receptance(model, absorber, omega, model.tip_shape, model.one_phase_force_shape)
+    stroke = (
+        place
+        * mass
+        * omega**2
+        / (absorber.stiffness + 1j * omega * absorber.damping - mass * omega**2)
+    )
+    speed = omega * np.abs(stroke)
+    accelerations = (
+        np.abs(omega**2 * q) for q in (place + stroke, tip_response(model, absorber, omega))
+    )
+    absorbers, structures = (float(values.max()) for values in accelerations)
+    return (
+        Row("stroke of the absorber, to either side", MM * float(np.abs(stroke).max()), "mm"),
+        Row("largest relative speed", float(speed.max()), "m/s"),
+        Row("RMS relative speed", float(speed.max()) / math.sqrt(2), "m/s"),
+        Row("power lost in the damper", 1e3 * absorber.damping * float(speed.max()) ** 2 / 2, "mW"),
+        Row("largest acceleration of the absorber", absorbers, "m/s^2"),
+        Row("largest acceleration of the structure", structures, "m/s^2"),
+        Row("under other forces", "in proportion to the force, the power to its square"),
+    )

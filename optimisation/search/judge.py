@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor, Members
 from impact_env.parameters import count, require
+from optimisation.baselines import Baselines
 from optimisation.files import number
 from optimisation.insight import Levels, Sensitivity
 from optimisation.measures import LEVEL, LEVEL_RATIO
@@ -365,6 +366,7 @@ class SearchResult:
     gap_map: tuple[Levels, ...] | None = None
     gaps: tuple[float, ...] = ()
     sensitivity: Sensitivity | None = None
+    baselines: tuple[Baselines | None, ...] = ()  # by condition, None under loads
 
     @cached_property
     def own(self) -> Levels | None:

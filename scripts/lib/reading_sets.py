@@ -85,8 +85,7 @@ def command(*words: str) -> Callable[[], object]:
     def run() -> object:
         from click.testing import CliRunner
 
-        from optimisation.cli.group import imported
-        from optimisation.cli.names import find_command
+        from optimisation.cli.names import find_command, imported
 
         with tempfile.TemporaryDirectory() as folder:
             name, length = find_command(words)

@@ -12,8 +12,7 @@ from typing import Any
 
 from click.testing import CliRunner
 
-from optimisation.cli.group import imported
-from optimisation.cli.names import find_command
+from optimisation.cli.names import find_command, imported
 from optimisation.page import ROOT
 
 EXAMPLES = Path("docs", "examples")

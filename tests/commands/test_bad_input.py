@@ -114,7 +114,6 @@ design gap --force 3
     --structure {frame} --position 0.5 -> position = 0.5 is not allowed: the number of one of the structure's places
     --structure {steel} --load shock:20:0.01:1 --rate 1 -> --rate does not go with --load
     --structure {steel} --load shock:20:0.01:1 --free restitution -> --free does not go with --load
-    --structure {steel} --load shock:20:0.01:1 --no-card -> --no-card does not go with --load
     --structure {steel} --load shock:20:0.01:1 --history a.csv -> --history does not go with --load
     --scene good.toml --mass-kg 5 -> --mass-kg does not go with --scene
     --uncertain gap=5% --uncertain gap=6% -> --uncertain gap is given twice
@@ -369,6 +368,7 @@ calibrate levels.toml
     --mass-kg 5 -> mass_kg = 5.0 is not allowed
     --gap -1 -> gap = -1.0 is not allowed
     --resume good.toml -> --resume = good.toml is not allowed: a file that this option has written before
+    --scene good.toml --position 0.9 -> --position does not go with --scene
 explore --no-browser
     --structure nowhere.toml -> nowhere.toml
     --structure bad.toml -> length

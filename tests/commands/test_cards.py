@@ -14,7 +14,7 @@ from drawing import bands, line, lines, saved_figures
 from impact_env import Beam, modal_model
 from optimisation.cli import compare as command
 from optimisation.comparison import Comparison, compare
-from optimisation.report.card import Row
+from optimisation.report.report import Row
 from optimisation.tuned import den_hartog, undamped_h2
 
 MODEL = modal_model(Beam(modes=2))

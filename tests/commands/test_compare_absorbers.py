@@ -22,6 +22,7 @@ from impact_env.modes import ModalModel, modal_model
 from impact_env.scene import Scene
 from impact_env.steady_start import find_steady_start
 from optimisation import comparison
+from optimisation.answers.comparison import ComparisonAnswer
 from optimisation.cli import compare as command
 from optimisation.cli.group import imported
 from optimisation.comparison import (
@@ -37,8 +38,7 @@ from optimisation.comparison import (
 )
 from optimisation.files import replacing, write_csv, write_json
 from optimisation.measures import measure_of, measured
-from optimisation.report.cards import comparison_card
-from optimisation.report.comparison_tables import CURVE_COLUMNS, RUN_COLUMNS, summary, text_table
+from optimisation.report.comparison_report import CURVE_COLUMNS, RUN_COLUMNS, summary
 from optimisation.tuned import den_hartog, under_loads
 
 FILES = {
@@ -149,21 +149,21 @@ def test_bands_are_predictions_and_levels_say_where_they_were_read(study: Compar
     worse = np.argmax(curve.level[k], axis=1)
     ratios = curve.lanes.frequency_ratio[k, np.arange(3), worse]
     assert here["level_frequency_ratio"] == np.median(ratios)
-    assert f"{np.median(ratios):.3f}" in text_table(study)
+    assert f"{np.median(ratios):.3f}" in str(ComparisonAnswer(study))
     assert content["sweep_limits"] == [0.9, 1.06]
 
 
 def test_a_level_that_is_read_at_an_end_of_the_sweeps_is_warned_of(study: Comparison) -> None:
     """Of the absorbers that are inside the range the impact absorber is put at its end."""
-    assert "impact absorber near" not in text_table(study)
+    assert "impact absorber near" not in str(ComparisonAnswer(study))
     part = study.resonances[0]
     lanes = part.curves[IMPACT].lanes
     ends = replace(lanes, frequency_ratio=np.full_like(lanes.frequency_ratio, 0.9))
     curves = part.curves | {IMPACT: replace(part.curves[IMPACT], lanes=ends)}
     other = replace(study, resonances=(replace(part, curves=curves), *study.resonances[1:]))
-    assert "impact absorber near resonance 1" in text_table(other)
-    assert "0.900 (end)" in text_table(other)
-    assert any("end of the sweeps" in line for line in comparison_card(other).warnings)
+    assert "impact absorber near resonance 1" in str(ComparisonAnswer(other))
+    assert "0.900 (end)" in str(ComparisonAnswer(other))
+    assert any("end of the sweeps" in line for line in ComparisonAnswer(other).report.warnings)
 
 
 @pytest.mark.slow

@@ -30,10 +30,10 @@ from optimisation.cli.search_duration import announce_search
 from optimisation.comparison import compare
 from optimisation.duration import announce_load_runs, duration_in_words
 from optimisation.gap_advice import check_gap
-from optimisation.insight import sensitivity
+from optimisation.insight import sensitivity, stationary_limit
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.report.design_tables import LEVEL_COLUMNS, limit
+from optimisation.report.design_report import LEVEL_COLUMNS
 from optimisation.space import design_space
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, undamped_h2
@@ -220,9 +220,9 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
         percent_per_100_periods=50.0,
     )
     np.testing.assert_array_equal(row.relative, own.relative)
-    cells = [
-        cell.strip() for cell in mass_ratios.text([row]).splitlines()[-1].strip("|").split("|")
-    ]
+    table = mass_ratios.check_table([row])
+    cells = [cell.strip() for cell in table.to_text().splitlines()[-1].strip("|").split("|")]
+    (record,) = table.records()
     best = int(np.argmin(row.relative))
     assert cells[0] == "5 %"
     assert float(cells[2]) == pytest.approx(reach(MODEL, 0.05 * MODEL.beam_mass), rel=5e-3)
@@ -231,6 +231,9 @@ def test_a_line_of_the_best_gap_over_the_mass_is_what_the_runs_of_that_mass_show
         == f"{row.gaps[best] / design_gap(MODEL, 0.05 * MODEL.beam_mass, 1.0):.2f}"
     )
     assert ("or" in cells[3]) == (best != 1)
+    assert record["best_gap_is"] == {0: "narrowest", 1: None, 2: "widest"}[best]
+    assert record["rule_over_best"] == row.relative[1] / row.relative[best]
+    assert record["level_read_at_end"] == ("(end)" in cells[8])
     assert float(cells[4]) == pytest.approx(100 * row.relative[best], abs=0.06)
     (part,) = mass_ratios.frequency_of([row], None)
     assert [curve.name for curve in part.curves] == ["5 % of the mass", "no absorber"]
@@ -388,14 +391,16 @@ def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities(
         problem.space.design({"gap": 1e-3, "position": x}) for x in (1.0, 1 - 1e-9, 0.7)
     )
     both = design_space("several", ["gap_1", "gap_2"]).design({"gap_1": 1e-3, "gap_2": 1e-3})
-    own, other = (limit(problem, end, condition) for condition in conditions)
+    own, other = (stationary_limit(problem, end, condition) for condition in conditions)
     assert own > other > 1e-3  # a stiffer beam answers less
-    assert limit(problem, near, conditions[0]) == pytest.approx(own, rel=1e-6)
-    assert limit(problem, both, conditions[0]) == pytest.approx(
+    assert stationary_limit(problem, near, conditions[0]) == pytest.approx(own, rel=1e-6)
+    assert stationary_limit(problem, both, conditions[0]) == pytest.approx(
         own, rel=1e-9
     )  # two halves of the mass, one place, one gap
-    assert limit(problem, inside, conditions[0]) > 1.2 * own
-    assert math.isnan(limit(problem, design_space("friction").default, conditions[0]))  # no cavity
+    assert stationary_limit(problem, inside, conditions[0]) > 1.2 * own
+    assert math.isnan(
+        stationary_limit(problem, design_space("friction").default, conditions[0])
+    )  # no cavity
 
 
 def test_sobol_indices_find_what_matters() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import call, done
+from commands import call, done, read
 from drawing import saved_figures
 
 from impact_env import Drive, ModalModel, Scene, impact_absorber
@@ -147,7 +147,7 @@ def test_a_disk_is_no_structure_of_other_commands(tmp_path: Path) -> None:
 FAST = ["--rate", "60", "--quick"]
 
 
-def read(absorber: dict[str, Any] | None = None, **changes: Any) -> BladedDisk:
+def disk_with(absorber: dict[str, Any] | None = None, **changes: Any) -> BladedDisk:
     """Return the disk with some keys changed."""
     plain: dict[str, Any] = {"cyclic": DISK | changes}
     disk = to_disk(plain if absorber is None else plain | {"absorber": absorber})
@@ -158,7 +158,7 @@ def read(absorber: dict[str, Any] | None = None, **changes: Any) -> BladedDisk:
 @pytest.mark.parametrize(("order", "direction"), [(1, "forward"), (1, "backward"), (0, "standing")])
 def test_a_sector_of_a_travelling_wave_is_one_mass(order: int, direction: str) -> None:
     """In steady motion at the resonance each mass moves as a single one with the frequency of its nodal diameter."""
-    sector = equivalent_sector(read(IMPACT, engine_order=order, direction=direction))
+    sector = equivalent_sector(disk_with(IMPACT, engine_order=order, direction=direction))
     omega = OMEGA * np.sqrt(1 + 4 * COUPLING * np.sin(np.pi * order / 3) ** 2)
     assert sector.omega[0] == pytest.approx(omega, rel=1e-12)
     for name in ("force_shape", "tip_shape", "level_shape"):
@@ -168,7 +168,7 @@ def test_a_sector_of_a_travelling_wave_is_one_mass(order: int, direction: str) -
 
 def test_uncoupled_sectors_have_the_level_of_a_single_absorber() -> None:
     """Each sector is then a mass on a spring with an absorber, whose kernels are others; a short run, so that impacts amplify no rounding."""
-    disk = read(IMPACT | {"gap": 2e-5}, coupling=0.0, engine_order=0)
+    disk = disk_with(IMPACT | {"gap": 2e-5}, coupling=0.0, engine_order=0)
     case = disk_case(disk, rate=400.0)
     (level,) = worst_levels(case, disk, case.force, range(1))
     model = ModalModel([OMEGA], [DAMPING], [MASS**-0.5], [MASS**-0.5], MASS)
@@ -180,7 +180,7 @@ def test_uncoupled_sectors_have_the_level_of_a_single_absorber() -> None:
 
 
 def test_one_clearance_and_dampers_replace_those_of_the_file() -> None:
-    disk = read(IMPACT | {"friction_limit": [0.1, 0.2, 0.4]})
+    disk = disk_with(IMPACT | {"friction_limit": [0.1, 0.2, 0.4]})
     changed = with_common_gap(disk, 3e-5, 0.5)
     assert [one.walls.gap for one in changed.absorbers] == [3e-5] * 3
     assert [one.friction.limit for one in changed.absorbers] == [0.05, 0.1, 0.2]
@@ -202,7 +202,17 @@ def test_design_gap_of_a_disk_writes_the_device(tmp_path: Path) -> None:
     assert np.median(summary["sharp"]["worst_level_m"]) <= 1.0001 * min(levels)
     assert min(levels) < 0.95 * summary["without_absorbers_m"][0]  # so short sweeps build up little
     assert f"Recommended: a clearance of {1e3 * gap:.4g} mm to either wall" in printed
+    rows = read(tmp_path / "gap" / "levels.csv")
+    assert [float(row["gap_m"]) for row in rows] == [row["gap_m"] for row in summary["gaps"]]
+    assert [float(row["median_level_m"]) for row in rows] == levels
     assert (tmp_path / "gap" / "levels.png").is_file()
+    groups = json.loads((tmp_path / "gap" / "card.json").read_text())["groups"]
+    rows = {row["label"]: row["value"] for rows in groups.values() for row in rows}
+    assert rows["clearance to either wall"] == pytest.approx(1e3 * gap)
+    level = np.median(summary["recommended"]["worst_level_m"])
+    assert rows["of no absorbers"] == pytest.approx(
+        100 * level / np.median(summary["without_absorbers_m"])
+    )
 
 
 def test_compare_of_a_disk_has_absorbers_dampers_and_none(tmp_path: Path) -> None:
@@ -219,8 +229,15 @@ def test_compare_of_a_disk_has_absorbers_dampers_and_none(tmp_path: Path) -> Non
     (row,) = [line for line in printed.splitlines() if line.startswith("| no absorbers")]
     assert float(row.split("|")[2]) == pytest.approx(factor, rel=6e-3)
     assert "Tuned absorbers are left out" in printed
+    rows = [row for row in read(out / "levels.csv") if row["absorber"] == "no absorbers"]
+    assert [float(row["worst_level_m"]) for row in rows] == linear.ravel().tolist()
     assert set(levels) == {"no absorbers", "the file's absorbers", "friction dampers"}
     assert (out / "comparison.png").is_file()
+    card = json.loads((out / "card.json").read_text())
+    rows = card["groups"]["Level of the worst sector at 10 N on each"]
+    for row, table in zip(rows, levels.values(), strict=True):
+        assert row["value"].startswith(f"{1e3 * np.median(table[1]):.4g} mm")
+    assert "Tuned absorbers are left out" in card["warnings"][0]
 
 
 @pytest.mark.parametrize(

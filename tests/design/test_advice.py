@@ -13,7 +13,7 @@ from optimisation.insight import REPORT_SEEDS
 from optimisation.measures import RMS, Chunk, stress_shape
 from optimisation.objectives import Condition
 from optimisation.problem import Problem, measured_chunks
-from optimisation.report.design_tables import service_lines, service_summary
+from optimisation.report.design_report import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.space import design_space
 from optimisation.statistics import branches, ratio_of_quantiles, standard_error

@@ -11,14 +11,17 @@ from load_cases import file_of_one_mode
 
 import optimisation
 from impact_env.loads import Loads, Shock
+from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError
 from impact_env.plain import load_structure
 from impact_env.plain_loads import read_loads
 from optimisation.answers.complete import CompleteAnswer
 from optimisation.answers.gap import GapAnswer
+from optimisation.answers.tuning import TuningAnswer
 from optimisation.gap_advice import Limits
 from optimisation.search.find import find
 from optimisation.tuned import den_hartog
+from optimisation.tuned.under_loads import TunedUnder
 
 QUICK = {"rate": 40.0, "members": 2}  # the numbers do not matter here
 
@@ -104,7 +107,13 @@ def test_advise_under_loads_gives_what_design_gap_gives(
     assert result.stdout.startswith(str(answer))
     assert check_files(answer, tmp_path / "command", tmp_path / "python") == answer.to_json()
     assert answer.worst_run() is None
-    assert answer.card is None
+    rows = {row.label: row.value for _, rows in answer.report.groups for row in rows}
+    best = answer.to_json()["recommended"]
+    assert rows["clearance to either wall"] == 1e3 * best["gap_m"]
+    assert rows["median of 1 runs"] == best["decay_s"]
+    without = optimisation.advise(model, 2.0, loads=loads, members=1, card=False)
+    assert without.report.groups == ()
+    assert without.to_json() == answer.to_json()
 
 
 @pytest.mark.parametrize(
@@ -172,7 +181,10 @@ def test_compare_under_loads_gives_what_compare_absorbers_gives(
     assert result.stdout.startswith(str(answer))
     assert check_files(answer, tmp_path / "command", tmp_path / "python") == answer.to_json()
     assert len(answer.plot().axes) == 1
-    assert answer.card is None
+    heading, rows = answer.report.groups[1]
+    assert heading.endswith("intensity 0.2")
+    ratios = [bands[0][0][1] for bands in answer.to_json()["ratio_5_50_95"].values()]
+    assert [row.value.split()[0] for row in rows] == [f"{ratio:.3f}" for ratio in ratios]
     assert answer.worst_run() is None
 
 
@@ -220,3 +232,50 @@ def test_names_of_the_package_are_those_that_it_lists() -> None:
     assert optimisation.advise.__annotations__["return"] == GapAnswer.__name__
     with pytest.raises(AttributeError, match="nothing"):
         getattr(optimisation, "nothing")  # noqa: B009
+
+
+def test_tune_gives_what_design_tune_gives(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    name = "optimisation.report.tuning_report"
+    monkeypatch.setattr(f"{name}.minimax", lambda model, *case: den_hartog(model, *case[:2]))
+    monkeypatch.setattr(f"{name}.minimum_h2", lambda model, *case: den_hartog(model, *case[:2]))
+    command = load("design tune", monkeypatch)
+    result = done(command, "--modes", 2, "--quick", "--out", tmp_path / "command")
+    answer = optimisation.tune(Beam(modes=2))
+    assert result.stdout.startswith(str(answer))
+    content = check_files(answer, tmp_path / "command", tmp_path / "python")
+    assert content == answer.to_json()
+    assert (tmp_path / "command" / "card.html").read_text(encoding="utf-8") == answer.to_html()
+    assert "| Den Hartog" in answer.to_markdown()
+    row = content["tunings"]["den_hartog"]
+    own = den_hartog(modal_model(Beam(modes=2)), 0.02, 1)
+    assert (row["stiffness_n_m"], row["damping_n_s_m"]) == (own.stiffness, own.damping)
+
+
+def test_choose_place_gives_what_design_place_gives(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("optimisation.cli.design_place.QUICK_TRIAL_PLACES", 1)
+    line = ("--force", 3.5, "--modes", 2, "--rate", 40, "--quick", "--mass-ratio", 0.02)
+    out = tmp_path / "command"
+    result = done(load("design place", monkeypatch), *line, "--out", out)
+    options = {"mass_ratios": (0.02,), "members": 1, "trial_places": 1}
+    answer = optimisation.choose_place(
+        Beam(modes=2), {1: 3.5}, percent_per_100_periods=40.0, **options
+    )
+    assert result.stdout.startswith(str(answer))
+    assert check_files(answer, out, tmp_path / "python") == answer.to_json()
+    assert answer.worst_run() is not None
+
+
+def test_an_answer_without_card_or_figure_says_so() -> None:
+    model = modal_model(Beam(modes=2))
+    loads = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), model.omega[0])
+    absorber = den_hartog(model, 0.02)
+    ratios = np.array([[0.5, 0.6], [0.7, 0.8]])
+    answer = TuningAnswer(TunedUnder(loads, "decay", absorber, absorber, ratios))
+    with pytest.raises(ParameterError, match="no card"):
+        answer.to_html()
+    with pytest.raises(ParameterError, match="no figure"):
+        answer.plot()
+    assert "best for it: 55 (50 to 60)" in str(answer)
+    assert answer.to_json()["best"]["ratio"] == 0.55

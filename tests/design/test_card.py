@@ -1,4 +1,4 @@
-"""Cards: the same numbers as text, JSON and HTML, and a page that opens in a browser, draws its curves and asks for nothing."""
+"""Reports: the same numbers as text, JSON, CSV, Markdown and HTML, and a page that opens in a browser, draws its curves and asks for nothing."""
 
 import json
 import shutil
@@ -7,22 +7,37 @@ from pathlib import Path
 import numpy as np
 import pytest
 from design_studies import search_swept
+from drawing import bands, line
 
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Threads
 from impact_env.scene import Scene
-from optimisation.report.card import Card, Chart, Curve, Row, content, page, text, write_card
-from optimisation.report.cards import tuning_card
-from optimisation.report.gap_report import card as gap_card
-from optimisation.report.gap_report import text as gap_table
-from optimisation.report.tuning_report import Tuning, TuningTable
+from optimisation.files import write_files
+from optimisation.report.figures import draw_charts
+from optimisation.report.gap_report import device_groups, printed_table
+from optimisation.report.report import (
+    Chart,
+    Column,
+    Curve,
+    Report,
+    Row,
+    Table,
+    list_files,
+    render_card_json,
+    render_card_text,
+    render_html,
+    render_markdown,
+    render_text,
+    show_span,
+)
+from optimisation.report.tuning_report import Tuning, TuningTable, amplitude_chart, card_groups
 from optimisation.service import service_loads
 from optimisation.tuned import den_hartog, highest_amplitude
 
-CARD = Card(
-    "A <title> & more",
-    (
+CARD = Report(
+    title="A <title> & more",
+    groups=(
         (
             "Device",
             (
@@ -32,7 +47,7 @@ CARD = Card(
             ),
         ),
     ),
-    (
+    charts=(
         Chart(
             "Curves",
             "x",
@@ -49,24 +64,73 @@ CARD = Card(
             "Points", "x", "y", (Curve("second", (0.0, 1.0), (5.0, 6.0), points=True),), log_y=True
         ),
     ),
-    ("take care",),
+    warnings=("take care",),
 )
 
 
 def test_text_json_and_html_say_the_same(tmp_path: Path) -> None:
-    files = write_card(tmp_path, CARD)
+    files = write_files(list_files(CARD, tmp_path))
     assert [file.name for file in files] == ["card.html", "card.json"]
     plain = json.loads(files[1].read_text())
-    assert plain == content(CARD)
+    assert plain == render_card_json(CARD)
     assert plain["groups"]["Device"] == [
         {"label": "mass", "value": 0.0123456, "unit": "kg"},
         {"label": "words", "value": "as they </script> are", "unit": ""},
         {"label": "not there", "value": None, "unit": "m"},
     ]
     for word in ("0.01235 kg", "not known", "take care"):
-        assert word in text(CARD)
+        assert word in render_card_text(CARD)
         assert word in files[0].read_text()
-    assert page(CARD).count("</script>") == 3  # words do not end a script
+    assert render_html(CARD).count("</script>") == 3  # words do not end a script
+
+
+TABLE = Table(
+    (
+        Column("name"),
+        Column("gap_m", "gap, mm", scale=1e3),
+        Column("low_m", "range, mm", show_span("low_m", "high_m", 1e3)),
+        Column("high_m"),
+        Column("share", "share, %", "{:.1f}", 100, "none"),
+        Column(heading="name", show=lambda row: row["name"].upper()),
+    ),
+    [("a", 1.25e-3, 1e-3, 2e-3, 0.5), ("b", 2e-3, float("nan"), 3e-3, None)],
+)
+
+
+def test_a_table_says_the_same_in_every_form(tmp_path: Path) -> None:
+    assert TABLE.records() == [
+        {"name": "a", "gap_m": 1.25e-3, "low_m": 1e-3, "high_m": 2e-3, "share": 0.5},
+        {"name": "b", "gap_m": 2e-3, "low_m": None, "high_m": 3e-3, "share": None},
+    ]
+    report = Report(
+        title="Two devices",
+        text=[["two of them:"], [TABLE]],
+        tables={"devices.csv": TABLE},
+        numbers={"devices": TABLE.records()},
+        groups=CARD.groups,
+        warnings=("take care",),
+    )
+    files = {file.name: file for file in write_files(list_files(report, tmp_path))}
+    assert set(files) == {"devices.csv", "summary.json", "card.html", "card.json"}
+    assert files["devices.csv"].read_text().splitlines() == [
+        "name,gap_m,low_m,high_m,share",
+        "a,0.00125,0.001,0.002,0.5",
+        "b,0.002,,0.003,",
+    ]
+    assert json.loads(files["summary.json"].read_text()) == report.numbers
+    text = render_text(report)
+    assert text.splitlines() == [
+        "two of them:",
+        "",
+        "| gap, mm | range, mm | share, % | name |",
+        "| ------- | --------: | -------: | ---: |",
+        "| 1.25    |    1 to 2 |     50.0 |    A |",
+        "| 2       |         - |     none |    B |",
+    ]
+    whole = render_markdown(report)
+    assert whole.startswith("# Two devices\n\ntwo of them:\n\n| gap, mm")
+    for words in ("## Device", "| mass      |            0.01235 kg |", "- take care"):
+        assert words in whole
 
 
 def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
@@ -93,7 +157,7 @@ def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
             "console",
             lambda message: wrong.append(message.text) if message.type == "error" else None,
         )
-        address = write_card(tmp_path, CARD)[0].as_uri()
+        address = write_files(list_files(CARD, tmp_path))[0].as_uri()
         page.goto(address)
         page.wait_for_selector(".u-over >> nth=1")
         box = page.locator(".u-over").first.bounding_box()
@@ -116,9 +180,7 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
     best = advice.recommended
     loads = service_loads(advice, best, Threads(1))
     card_rows = {
-        row["label"]: row["value"]
-        for rows in content(gap_card(advice, loads))["groups"].values()
-        for row in rows
+        row.label: row.value for _, rows in device_groups(advice, loads)[0] for row in rows
     }
     assert card_rows["clearance to either wall"] == 1e3 * best.gap
     assert card_rows["absorber mass"] == pytest.approx(0.02 * model.beam_mass)
@@ -131,7 +193,9 @@ def test_card_of_a_gap_is_of_the_recommended_device() -> None:
         steady_start=True,
     )
     assert card_rows["at 3.5 N, median of 1 runs"] == pytest.approx(1e3 * curve.median[0])
-    cells = [line.strip("|").split("|") for line in gap_table(advice).splitlines()[2:]]
+    cells = [
+        line.strip("|").split("|") for line in printed_table(advice).to_text().splitlines()[2:]
+    ]
     levels = [(row[2].strip(), row[3].strip()) for row in cells]
     assert levels
     assert not [level for level, band in levels if band == f"{level} to {level}"]  # of one run
@@ -154,8 +218,8 @@ def test_card_of_tunings_draws_their_peaks() -> None:
         Tuning("none", "no absorber", None, *none, 1.0),
         Tuning("minimax", "smallest peak", absorber, *own, 0.3),
     )
-    card = tuning_card(TuningTable(model, 0.02, 1, 0.5, 1.6, tunings), {})
-    (chart,) = card.charts
+    table = TuningTable(model, 0.02, 1, 0.5, 1.6, tunings)
+    chart = amplitude_chart(table)
     assert max(y for y in chart.curves[0].y if y is not None) == pytest.approx(100.0)
     assert max(y for y in chart.curves[1].y if y is not None) == pytest.approx(
         100 * own[0] / none[0]
@@ -179,7 +243,9 @@ def test_card_of_tunings_draws_their_peaks() -> None:
     stroke = np.abs(moved @ stretch)
     card_rows = {
         row.label: row.value
-        for row in dict(card.groups)["What the tuning of the smallest peak bears under 1 N"]
+        for row in dict(card_groups(table, {}))[
+            "What the tuning of the smallest peak bears under 1 N"
+        ]
     }
     assert card_rows["stroke of the absorber, to either side"] == pytest.approx(1e3 * stroke.max())
     assert card_rows["power lost in the damper"] == pytest.approx(
@@ -191,3 +257,28 @@ def test_card_of_tunings_draws_their_peaks() -> None:
     assert card_rows["largest acceleration of the structure"] == pytest.approx(
         (omega**2 * np.abs(moved[:, :-1] @ model.tip_shape)).max()
     )
+
+
+def test_a_figure_of_charts_has_their_curves_bands_and_marks() -> None:
+    first, second = draw_charts(CARD.charts).axes
+    x, y = line(first, "first")
+    np.testing.assert_array_equal(x, [1.0, 2.0, 4.0])
+    np.testing.assert_array_equal(y, [1.0, np.nan, 3.0])
+    band = np.hstack(bands(first))  # in two parts: the middle is not known
+    np.testing.assert_array_equal(band[:, [0, -1]], [[1.0, 4.0], [0.5, 2.0], [2.0, 4.0]])
+    np.testing.assert_array_equal(line(first, "here: 2")[0], 2.0)
+    assert (first.get_xscale(), first.get_yscale()) == ("log", "linear")
+    assert (second.get_xscale(), second.get_yscale()) == ("linear", "log")
+    (points,) = second.get_lines()
+    assert points.get_linewidth() == 0.0
+    assert points.get_marker() == "o"
+    assert first.get_xlabel() == "x"
+    assert first.get_title() == "Curves"
+
+
+def test_points_are_drawn_by_their_abscissa() -> None:
+    curve = Curve("c", (3.0, None, 1.0), (30.0, 20.0, 10.0), (29.0, 19.0, 9.0), (31.0, 21.0, 11.0))
+    ordered = curve.in_order()
+    assert (ordered.x, ordered.y) == ([1.0, 3.0], [10.0, 30.0])
+    assert (ordered.low, ordered.high) == ([9.0, 29.0], [11.0, 31.0])
+    assert Curve("d", (2.0, 1.0), (4.0, 5.0)).in_order().low == []

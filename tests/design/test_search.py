@@ -15,11 +15,11 @@ from scipy.stats import multivariate_normal
 from impact_env.ensemble import Threads
 from impact_env.parameters import Beam
 from impact_env.sweep import simulate
+from optimisation.answers.design import DesignAnswer
 from optimisation.files import read_json
 from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition, Constraint, Score
 from optimisation.problem import Problem
-from optimisation.report.design_tables import text
 from optimisation.search.find import SearchOptions, find
 from optimisation.search.gaussian_process import (
     FIRST_MODELLED,
@@ -350,11 +350,11 @@ def test_bands_of_the_verdict_are_predictions_and_levels_say_where_they_were_rea
         for pair in zip(levels[::2], levels[1::2], strict=True)
     ]
     assert own.ratios[1, 0] == pytest.approx(np.median([level.frequency_ratio for level in worse]))
-    words = text(findings)
+    words = str(DesignAnswer(findings))
     assert f"read at {own.ratios[0, 0]:.4g} of the resonance" in words
     assert "Warning" not in words
     at_end = replace(judged, winner=replace(judged.winner, ratios=np.array([condition.limits[0]])))
-    assert "read at an end of the sweeps" in text(replace(findings, verdict=at_end))
+    assert "read at an end of the sweeps" in str(DesignAnswer(replace(findings, verdict=at_end)))
 
 
 def test_winner_runs_with_more_modes(findings: SearchResult) -> None:

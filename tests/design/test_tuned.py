@@ -13,8 +13,8 @@ from impact_env.parameters import Beam, StuckAbsorber, TunedAbsorber
 from optimisation.report.tuning_report import (
     NONE,
     PAPER_VALUES,
+    make_report,
     paper_tuning,
-    summary,
     tuning_table,
 )
 from optimisation.tuned import (
@@ -246,6 +246,6 @@ def test_an_undamped_structure_has_the_values_of_the_textbook(mass_ratio: float)
     assert height <= table.relative_peak(rule) < 1.01 * height
     assert height <= table.relative_peak(by_key["minimax"]) <= table.relative_peak(rule)
     assert by_key[NONE].peak == by_key[NONE].h2 == np.inf
-    plain = summary(table, {})["tunings"][NONE]
+    plain = make_report(table, {}).numbers["tunings"][NONE]
     assert plain["peak_m_n"] is None
     assert plain["h2_relative"] is None

@@ -35,7 +35,7 @@ def test_fingerprint_is_that_of_the_sources_wherever_they_lie_and_has_the_versio
         ("impact_env/scene.py", True),
         ("optimisation/measures.py", True),
         ("optimisation/search/study.py", True),
-        ("optimisation/report/design_tables.py", False),
+        ("optimisation/report/design_report.py", False),
         ("impact_env/envs/drawing.py", False),
     ],
 )

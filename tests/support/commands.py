@@ -9,7 +9,7 @@ from click import Command
 from click.testing import CliRunner, Result
 
 from optimisation.answers.design import ExplanationSizes
-from optimisation.cli.group import imported
+from optimisation.cli.names import imported
 
 FAST = ["--modes", 2, "--rate", 40, "--members", 2, "--batch", 4]  # the numbers do not matter here
 SHORT = ["--modes", 2, "--from", 0.98, "--to", 1, "--rate", 10]  # of sweep: 20 pseudo periods

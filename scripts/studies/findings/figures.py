@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from optimisation.report.design_figures import save_front
+from optimisation.report.design_figures import draw_front
 from optimisation.report.figures import (
     BLACK,
     BLUE,
@@ -289,7 +289,7 @@ def save_resonances(path: Path, result: Json) -> None:
         for name in ("searched", "front_scores", "fresh", "paper", "bound")
     )
     first, second = result["labels"]
-    save_front(path, (first, second), searched, front, fresh, paper, bound)
+    write_figure(draw_front((first, second), searched, front, fresh, paper, bound), path)
 
 
 FIGURES: dict[str, Callable[[Path, Json], None]] = {

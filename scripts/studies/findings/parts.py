@@ -19,12 +19,20 @@ from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
 from optimisation.comparison import WIDE_LIMITS
 from optimisation.files import number, read_json
-from optimisation.insight import Levels, detuned, levels, member_levels, over_force, with_gaps
+from optimisation.insight import (
+    Levels,
+    detuned,
+    levels,
+    member_levels,
+    over_force,
+    stationary_limit,
+    with_gaps,
+)
 from optimisation.machine import peak_memory
 from optimisation.objectives import Condition
 from optimisation.problem import Problem, evaluate
 from optimisation.progress import Bar, runs_bar
-from optimisation.report.design_tables import limit, summary
+from optimisation.report.design_report import summary
 from optimisation.report.front_report import bounds_of, front_summary
 from optimisation.search.find import BARS, SearchOptions, find
 from optimisation.search.judge import Audit, SearchResult
@@ -178,7 +186,9 @@ def concepts(study: FindingsSettings) -> Json:
             forces = np.geomspace(
                 condition.force / SPAN, condition.force * SPAN, DENSE
             )  # of the limit of the winner's cavity, None: no closed form
-            reach = [number(limit(problem, both[0], c)) for c in over_force(condition, forces)]
+            reach = [
+                number(stationary_limit(problem, both[0], c)) for c in over_force(condition, forces)
+            ]
             curves.append(_listed(part) | {"limit_force_n": forces.tolist(), "limit_m": reach})
         result[concept] = _found(results) | {"curves": curves}
     return result
@@ -279,7 +289,7 @@ def place(study: FindingsSettings) -> Json:
     bounds = (
         np.array(
             [
-                [limit(problem, design, condition) for condition in problem.conditions]
+                [stationary_limit(problem, design, condition) for condition in problem.conditions]
                 for design in designs
             ]
         )

@@ -1,15 +1,18 @@
-"""A design study as numbers: rows for CSV files, a summary for JSON, and a text to read. SI units, unless named."""
+"""The content of a search of designs. SI units, unless named."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optimisation.bounds import reduction_share, resonance_limit
+from optimisation.bounds import reduction_share
 from optimisation.extremes import LEAST_RATIO
-from optimisation.files import Table, number, numbers
-from optimisation.insight import Levels
+from optimisation.files import number, numbers
+from optimisation.frequency_levels import ResonanceCurves
+from optimisation.insight import Levels, stationary_limit
 from optimisation.measures import (
     ACCELERATION,
     DISPLAY_UNITS,
@@ -21,45 +24,45 @@ from optimisation.measures import (
     LABELS,
     STROKE,
 )
-from optimisation.mounting import detuned
 from optimisation.objectives import Condition, Objective, Score
 from optimisation.problem import Problem
-from optimisation.report.card import with_band
+from optimisation.report.design_figures import (
+    draw_curves,
+    draw_map,
+    draw_robustness,
+    draw_sensitivity,
+)
+from optimisation.report.frequency_report import (
+    frequency_charts,
+    frequency_figures,
+    frequency_tables,
+)
+from optimisation.report.report import (
+    NO_DEVICE,
+    Chart,
+    Curve,
+    Draw,
+    Group,
+    Json,
+    Report,
+    Row,
+    Table,
+    assumed_rows,
+    baseline_rows,
+    mass_rows,
+    with_band,
+)
 from optimisation.search.judge import Judged, SearchResult, Verdict
 from optimisation.search.settings import Evaluated
 from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
-from optimisation.space import VARIABLES, Design, parts_of
+from optimisation.space import MASS_RATIO, VARIABLES, parts_of
 from optimisation.statistics import COVERED, PREDICTED, Branches, Gain, branches
 from optimisation.sweep_range import is_at_end, reading_in_words
 
-Json = dict[str, object]
+MM = 1e3
 WINNER = "winner"
 PAPER = "paper"
 RULE = "rule"
-
-
-def limit(problem: Problem, design: Design, condition: Condition) -> float:
-    """Return the stationary limit in m of the level that no device in this design's cavities beats; NaN if an absorber has none, and of loads.
-
-    See `optimisation.bounds`; a sweep's level is near it, not bound by it.
-    """
-    if condition.loads is not None:
-        return math.nan
-    scene = design.scene(detuned(problem.beam, condition.detuning))
-    cavities = [scene.cavity(which) for which in range(scene.places)]
-    gaps = [cavity.gap for cavity in cavities if cavity is not None]
-    if len(gaps) < len(cavities):
-        return math.nan
-    return float(
-        resonance_limit(
-            scene.model,
-            scene.absorber_masses,
-            gaps,
-            condition.force,
-            condition.resonance,
-            *condition.limits,
-        )
-    )
 
 
 def name_of(objective: Objective) -> str:
@@ -82,7 +85,8 @@ def design_table(problem: Problem, evaluated: Sequence[Evaluated]) -> Table:
         ]
         for e in evaluated
     ]
-    return ["number", *free, *map(name_of, problem.objectives), "rungs", "feasible"], rows
+    names = ["number", *free, *map(name_of, problem.objectives), "rungs", "feasible"]
+    return Table.of_values(names, rows)
 
 
 LEVEL_COLUMNS = (
@@ -113,10 +117,7 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
         for k, condition in enumerate(part.conditions):
             for d in range(len(part.median)):
                 who = [names[d], ""] if names else [WINNER, gaps[d]]
-                values: list[float | str] = [
-                    "" if math.isnan(x[d, k]) else float(x[d, k])
-                    for x in (part.median, part.low, part.high)
-                ]
+                values = [float(x[d, k]) for x in (part.median, part.low, part.high)]
                 place = condition.resonance if condition.loads is None else condition.place
                 rows.append(
                     [
@@ -128,7 +129,7 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
                         float(part.without[k]),
                     ]
                 )
-    return columns, rows
+    return Table.of_values(columns, rows)
 
 
 def constraint_words(problem: Problem, score: Score) -> str:
@@ -270,7 +271,7 @@ def condition_values(findings: SearchResult, k: int) -> Json:
     }
     for d, (who, judged) in enumerate(((WINNER, verdict.winner), (PAPER, verdict.paper))):
         level = float(own.median[d, k])
-        bound = limit(problem, judged.design, condition)
+        bound = stationary_limit(problem, judged.design, condition)
         share = (
             float(reduction_share(level, without, bound))
             if bound < without and sweep >= LEAST_RATIO
@@ -315,8 +316,8 @@ def is_any_at_end(problem: Problem, judged: Sequence[Judged]) -> bool:
     )
 
 
-def text(findings: SearchResult) -> str:
-    """Return a concept's result as a text to read."""
+def lines_of(findings: SearchResult) -> list[str]:
+    """Return what is printed of a concept's result."""
     problem = findings.problem
     verdict = findings.verdict
     cost = findings.cost
@@ -333,7 +334,7 @@ def text(findings: SearchResult) -> str:
         f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s{outside}",
     ]
     if verdict is None:
-        return "\n".join([*lines, _so_far(findings)])
+        return [*lines, _so_far(findings)]
     if not findings.finished:
         lines.append("  stopped early: figures are missing")
     lines += _design_lines(problem, verdict)
@@ -358,7 +359,7 @@ def text(findings: SearchResult) -> str:
             )
         )
         lines.append(f"  total Sobol indices within +-20 %: {parts}")
-    return "\n".join(lines)
+    return lines
 
 
 def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
@@ -536,3 +537,158 @@ def service_lines(service: Service) -> Iterator[str]:
     for c, condition in enumerate(service.conditions):
         yield f"  in service at resonance {condition.resonance}, {condition.force:g} N:"
         yield from (f"    {name} {value}" for name, value in service_pairs(service, c))
+
+
+def make_report(
+    result: SearchResult,
+    frequency: Sequence[ResonanceCurves] = (),
+    conditions: Mapping[str, object] | None = None,
+) -> Report:
+    """Return the content of a search.
+
+    ``frequency``: levels over the frequency of the winner; ``conditions``: what else summary.json has.
+    """
+    tables = {"designs.csv": design_table(result.problem, result.evaluated)}
+    figures: dict[str, Draw] = {}
+    drawn = (
+        ("curves", result.curves, draw_curves),
+        ("detuned", result.detuned, draw_robustness),
+        ("map", result.gap_map, draw_map),
+    )
+    for name, levels, draw in drawn:
+        if levels is None:
+            continue
+        of_map = name == "map"
+        table = level_table(levels, () if of_map else (WINNER, PAPER), result.gaps)
+        tables[f"{name}.csv"] = table
+        figures[f"{name}.png"] = partial(draw, result)
+    figures |= frequency_figures(frequency)
+    if result.sensitivity is not None:
+        figures["sensitivity.png"] = partial(draw_sensitivity, result.sensitivity)
+    groups, warnings = card_groups(result)
+    return Report(
+        title=f"Search for the best design: {result.problem.space.concept}",
+        text=[lines_of(result)],
+        numbers={**(conditions or {}), **summary(result)},
+        tables=tables | frequency_tables(frequency),
+        figures=figures,
+        groups=groups,
+        charts=(*map(_over_force, result.curves or ()), *frequency_charts(frequency)),
+        warnings=warnings,
+    )
+
+
+def card_groups(result: SearchResult) -> tuple[tuple[Group, ...], tuple[str, ...]]:
+    """Return the winner, its level under each condition beside other designs, its service loads and assumptions; and warnings."""
+    problem = result.problem
+    verdict = result.verdict
+    groups: list[Group] = []
+    warnings = [] if result.finished else ["stopped early"]
+    if verdict is not None:
+        values = verdict.winner.design.values
+        own = [
+            Row(v.name.replace("_", " "), values[v.name], v.si)
+            for v in VARIABLES[problem.space.concept]
+            if v.name != MASS_RATIO
+        ]
+        groups.append(("Winner", (*mass_rows(values[MASS_RATIO], problem.model), *own)))
+        judged = [
+            Row(
+                f"{name}'s design",
+                with_band(one.score.values[0], *one.bands[0])
+                + constraint_words(problem, one.score),
+            )
+            for name, one in compared(verdict).items()
+        ]
+        groups.append((f"{problem.objectives[0].label}, on fresh members", tuple(judged)))
+        groups += [
+            (c.words[0].upper() + c.words[1:], _condition_rows(result, k))
+            for k, c in enumerate(problem.conditions)
+        ]
+        if is_any_at_end(problem, (verdict.winner,)):
+            warnings.append(END_WARNING)
+        if not verdict.feasible:
+            warnings.append("no feasible design: the winner breaks the constraints least")
+        warnings += [
+            f"the winner lies at a bound: {line}"
+            for line in problem.space.at_bounds(verdict.winner.design)
+        ]
+    more = (
+        ""
+        if result.wider is None
+        else f"; with {result.wider.modes} {result.wider.change} of its value"
+    )
+    groups.append(
+        (
+            "Assumptions",
+            (
+                *study_assumptions(problem, more),
+                Row("searched", f"{result.cost.designs} designs, {result.cost.runs} runs"),
+            ),
+        )
+    )
+    return tuple(groups), tuple(warnings)
+
+
+def study_assumptions(problem: Problem, more: str = "") -> tuple[Row, ...]:
+    """Return the rows about the runs behind a study's levels."""
+    resonances = () if problem.under_loads else tuple(c.resonance for c in problem.conditions)
+    return assumed_rows(
+        problem.model, resonances, None if problem.under_loads else problem.rate, more
+    )
+
+
+def _condition_rows(result: SearchResult, k: int) -> tuple[Row, ...]:
+    """Return levels under a condition, and what the winner bears there."""
+    assert result.own is not None
+    values = condition_values(result, k)
+    condition = result.own.conditions[k]
+    name, unit = condition.measure_and_unit
+    scale, display_unit = DISPLAY_UNITS[condition.measure_and_unit[1]]
+    rows = []
+    for who in (WINNER, PAPER):
+        one: dict[str, Any] = values[who]
+        low, high = (
+            math.nan if x is None else scale * x for x in one[f"{name}_5_to_95_percent_{unit}"]
+        )
+        level = with_band(scale * one[f"{name}_{unit}"], low, high, unit=display_unit)
+        level += f", {100 * one['relative']:.3g} % of no absorber"
+        level += reading(result.problem, condition, one["level_frequency_ratio"])
+        rows.append(Row(f"{who}'s design", level))
+    rows.append(Row("no absorber", scale * float(result.own.without[k]), display_unit))
+    if condition.loads is None:
+        assert result.verdict is not None
+        design = result.verdict.winner.design
+        if result.baselines:
+            baselines = result.baselines[k]
+            assert baselines is not None
+            rows += baseline_rows(baselines)
+        bound = stationary_limit(result.problem, design, condition)
+        rows += [] if math.isnan(bound) else [Row(NO_DEVICE, MM * bound, "mm")]
+    if result.service is not None:
+        rows += [Row(*pair) for pair in service_pairs(result.service, k)]
+    return tuple(rows)
+
+
+def _over_force(part: Levels) -> Chart:
+    forces = [condition.force for condition in part.conditions]
+    own = part.conditions[0]
+    name = own.measure_and_unit[0]
+    scale, unit = DISPLAY_UNITS[own.measure_and_unit[1]]
+    curves = [
+        Curve(
+            who,
+            numbers(forces),
+            numbers(scale * part.median[d]),
+            numbers(scale * part.low[d]),
+            numbers(scale * part.high[d]),
+        )
+        for d, who in enumerate(("winner", "paper"))
+    ]
+    curves.append(Curve("no absorber", numbers(forces), numbers(scale * part.without)))
+    x, y = (
+        ("force in N", "level in mm (RMS)")
+        if own.loads is None
+        else ("factor on the loads", f"{LABELS[name]} in {unit}")
+    )
+    return Chart(own.place[0].upper() + own.place[1:], x, y, tuple(curves), log_x=True, log_y=True)

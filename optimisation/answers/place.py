@@ -1,0 +1,174 @@
+"""Where an absorber sits, how heavy it is and which gap it has: the search, and the recommended device in service."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from impact_env.ensemble import Executor, Threads
+from impact_env.modes import Structure
+from optimisation.answers.complete import CompleteAnswer, Json
+from optimisation.baselines import simulate_baselines
+from optimisation.contact import MaterialPair
+from optimisation.frequency_levels import (
+    NO_ABSORBER,
+    RECOMMENDED,
+    ResonanceCurves,
+    WorstRun,
+    find_worst_run,
+    record_worst_run,
+    resonance_curves,
+)
+from optimisation.mounting import device_scene
+from optimisation.place_advice import PlaceAdvice, advise_place
+from optimisation.place_map import find_places
+from optimisation.report.place_report import PlaceService, make_report
+from optimisation.report.report import Report
+from optimisation.service import impact_loads
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceAnswer(CompleteAnswer):
+    """The search of place, mass and gap, and what is known of the recommended device.
+
+    Attributes
+    ----------
+    advice : PlaceAdvice
+        Places, masses and gaps that ran, and the recommended device.
+    frequency : tuple of ResonanceCurves
+        Levels over the frequency of its worst member and without absorber, near each resonance.
+    service : PlaceService, optional
+        Impacts, and levels with other absorbers of its mass; None: not run, and no card.
+
+    """
+
+    advice: PlaceAdvice
+    frequency: tuple[ResonanceCurves, ...] = ()
+    service: PlaceService | None = None
+
+    def make_report(self) -> Report:
+        """Return the content of the answer; without the device in service there is no card."""
+        return make_report(self.advice, self.frequency, self.service)
+
+    @property
+    def worst_resonance(self) -> int:
+        """Resonance at which the recommended device leaves most of the level without absorber."""
+        best = self.advice.recommended
+        assert best is not None
+        return max(best.parts, key=lambda part: part.share).resonance
+
+    def device_scene(self) -> Json | None:
+        """Return structure and recommended device as plain data; None without one."""
+        best = self.advice.recommended
+        if best is None:
+            return None
+        return device_scene(self.advice.structure_with(best), best.absorber)
+
+    def worst_run(self) -> WorstRun | None:
+        """Return the recorded run of the recommended device with the highest level, near its worst resonance; None without a device."""
+        best = self.advice.recommended
+        if best is None:
+            return None
+        r = self.worst_resonance
+        return record_worst_run(self.advice.case_of(best, r), best.runs[r])
+
+
+def frequency_levels_of(advice: PlaceAdvice, executor: Executor) -> tuple[ResonanceCurves, ...]:
+    """Return the levels over the frequency of the recommended device's worst member and without absorber, near each resonance."""
+    best = advice.recommended
+    assert best is not None
+    curves = []
+    for r in advice.forces:
+        member, _ = find_worst_run(best.runs[r])
+        model = advice.places.model_at(best.place)
+        cases = {
+            RECOMMENDED: (advice.case_of(best, r), member),
+            NO_ABSORBER: (advice.study.case(model, None, r), 0),
+        }
+        curves.append(resonance_curves(cases, best.runs[r].members, executor))
+    return tuple(curves)
+
+
+def complete_place_answer(
+    advice: PlaceAdvice,
+    executor: Executor,
+    card: bool = True,
+    contact: MaterialPair | None = None,
+) -> PlaceAnswer:
+    """Run what else is known of the recommended device; a search that was stopped is left as it is.
+
+    ``card``: whether the device runs in service; ``contact``: for an estimate of its contact. Raises KeyboardInterrupt if the runs are stopped.
+    """
+    best = advice.recommended
+    if best is None or not advice.complete:
+        return PlaceAnswer(advice)
+    answer = PlaceAnswer(advice, frequency_levels_of(advice, executor))
+    if not card:
+        return answer
+    impacts = impact_loads(advice.case_of(best, answer.worst_resonance), executor)
+    model = advice.places.model_at(best.place)
+    baselines = {
+        part.resonance: simulate_baselines(
+            model,
+            best.mass_ratio,
+            (part.force, part.resonance),
+            part.sweep_range,
+            part.rate,
+            executor,
+        )
+        for part in best.parts
+    }
+    return PlaceAnswer(advice, answer.frequency, PlaceService(impacts, baselines, contact))
+
+
+def choose_place(
+    structure: Structure,
+    forces: Mapping[int, float],
+    *,
+    card: bool = True,
+    contact: MaterialPair | None = None,
+    executor: Executor | None = None,
+    **options: Any,
+) -> PlaceAnswer:
+    """Choose where an impact absorber sits, how heavy it is and which gap it has, as the command `design place` does.
+
+    Parameters
+    ----------
+    structure : Beam or ModalModel
+        What the absorber is on; of a beam places over its length are tried, of a model those that it has.
+    forces : dict
+        Amplitude of the harmonic force in N by resonance, from 1.
+    card : bool
+        Whether the device runs in service.
+    contact : tuple, optional
+        Two materials and the radius in m of the rounder body, for an estimate of the contact on the card.
+    executor : Executor, optional
+        Where the runs are made; default: threads of this process.
+    options
+        As in `optimisation.place_advice.advise_place`: ``mass_ratios``, ``restitution``, ``friction_limit``, ``limits``, ``limit_level``,
+        ``tolerance``, ``members``, ``trial_places``, ``seed``, ``percent_per_100_periods``, ``progress``.
+
+    Returns
+    -------
+    PlaceAnswer
+        With `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`.
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range, and where no place is reached.
+    KeyboardInterrupt
+        If the runs after the search are stopped.
+
+    Examples
+    --------
+    >>> answer = choose_place(Beam(modes=2), {1: 3.5}, members=1)  # doctest: +SKIP
+    >>> answer.save("results/place")  # doctest: +SKIP
+
+    """
+    executor = Threads() if executor is None else executor
+    places = find_places(structure)
+    checked = {places.model.check_resonance(r): force for r, force in forces.items()}
+    advice = advise_place(places, checked, executor=executor, **options)
+    return complete_place_answer(advice, executor, card, contact)

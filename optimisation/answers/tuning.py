@@ -1,0 +1,114 @@
+"""Tuned linear absorbers of one mass, with proofs of their peaks, or for loads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from impact_env.loads import Loads
+from impact_env.modes import Structure
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, instance
+from optimisation.answers.complete import CompleteAnswer
+from optimisation.mounting import model_with_absorber_at
+from optimisation.report.comparison_report import make_tuned_report
+from optimisation.report.report import Report
+from optimisation.report.tuning_report import Tuning, TuningTable, make_report, tuning_table
+from optimisation.tuned import HIGH, LOW
+from optimisation.tuned.under_loads import TunedUnder, tuned_under
+
+
+@dataclass(frozen=True, eq=False)
+class TuningAnswer(CompleteAnswer):
+    """Tunings of one absorber mass.
+
+    Attributes
+    ----------
+    tunings : TuningTable or TunedUnder
+        All tunings to a resonance with their scores, or the two that loads have.
+    bounds : dict
+        Proved amplitude in m/N by the key of a tuning.
+
+    """
+
+    tunings: TuningTable | TunedUnder
+    bounds: Mapping[str, float] = field(default_factory=dict)
+
+    def make_report(self) -> Report:
+        """Return the content of the answer; under loads there is no card."""
+        if isinstance(self.tunings, TunedUnder):
+            return make_tuned_report(self.tunings)
+        return make_report(self.tunings, self.bounds)
+
+
+def prove_peaks(
+    table: TuningTable,
+    report_failure: Callable[[str], None] = lambda _: None,
+    progress: Callable[[list[Tuning]], Iterable[Tuning]] = iter,
+) -> dict[str, float]:
+    """Return the proved largest amplitude in m/N of each tuning by its key.
+
+    One that cannot be proved is left out, and ``report_failure`` gets a line about it; ``progress`` wraps the tunings that are proved one by one.
+    """
+    from optimisation.bounds.relaxation import NotOptimalError  # needs cvxpy, slow to import
+    from optimisation.tuned.certificate import certify
+
+    bounds = {}
+    for tuning in progress([one for one in table.tunings if math.isfinite(one.peak)]):
+        case = (tuning.absorber, table.resonance, table.low, table.high)
+        try:
+            bounds[tuning.key] = certify(table.model, *case).bound
+        except NotOptimalError as error:
+            report_failure(f"Not proved, {tuning.label}: {error}")
+    return bounds
+
+
+def tune(
+    structure: Structure | None = None,
+    mass_ratio: float = DEFAULT_MASS_RATIO,
+    resonance: int = 1,
+    *,
+    low: float = LOW,
+    high: float = HIGH,
+    proofs: bool = False,
+    loads: Loads | None = None,
+) -> TuningAnswer:
+    """Tune the linear absorber to a resonance or for loads, as the command `design tune` does.
+
+    Parameters
+    ----------
+    structure : Beam or ModalModel, optional
+        What the absorber is on; default: the paper's beam.
+    mass_ratio : float
+        Absorber mass over the structure's.
+    resonance : int
+        Resonance to tune to, from 1.
+    low, high : float
+        Range of frequencies that is scored, over the resonance.
+    proofs : bool
+        Whether the peaks are proved, which takes seconds and needs the extra `optimise`.
+    loads : Loads, optional
+        Loads whose measure is made small, in place of the peak near a resonance.
+
+    Returns
+    -------
+    TuningAnswer
+        With `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`; under loads without card and figure.
+
+    Raises
+    ------
+    ParameterError
+        For numbers out of range, and for a resonance that no absorber at its place can reach.
+
+    Examples
+    --------
+    >>> answer = tune(Beam(modes=2))
+    >>> list(answer.to_json()["tunings"])[0]
+    'none'
+
+    """
+    model = model_with_absorber_at(Beam() if structure is None else structure)
+    if loads is not None:
+        return TuningAnswer(tuned_under(model, instance("loads", loads, Loads), mass_ratio))
+    table = tuning_table(model, mass_ratio, resonance, low, high)
+    return TuningAnswer(table, prove_peaks(table) if proofs else {})
