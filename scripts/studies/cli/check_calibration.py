@@ -361,7 +361,10 @@ def list_cases(settings: CalibrationSettings) -> dict[Any, Callable[[], list[Jso
         own, rest = divmod(number, EVERY)
         if rest == 0 and own < settings.disturbed:
             for name, kind in KINDS.items():
-                add(SEVERAL_FORCES if kind.outside or name == MODEL else RIGS[0], name, own)
+                if kind.outside or name == MODEL:
+                    add(SEVERAL_FORCES, name, own)
+                if name != MODEL:
+                    add(RIGS[0], name, own)
     return cases
 
 

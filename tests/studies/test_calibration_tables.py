@@ -1,0 +1,81 @@
+"""Tables of the studies of calibrate: coverage, refusals, and methods of inference beside one another."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optimisation.cli.common import BadInput
+from studies.cli import check_calibration as coverage
+from studies.cli import compare_inference as comparison
+
+
+def test_quantiles_of_weighted_draws_are_those_of_repeated_draws() -> None:
+    generator = np.random.default_rng(0)
+    values = generator.standard_normal(400)
+    weights = generator.integers(0, 4, 400)
+    repeated = np.repeat(values, weights)
+    shares = [0.05, 0.5, 0.95]
+    own = comparison.weighted_quantiles(values, weights.astype(float), shares)
+    assert own == pytest.approx(np.quantile(repeated, shares), abs=0.05)
+    halved = comparison.weighted_quantiles(values, (values > 0).astype(float), shares)
+    assert halved == pytest.approx(np.quantile(values[values > 0], shares), abs=0.05)
+
+
+def test_methods_are_counted_by_their_intervals() -> None:
+    def row(number: int, shift: float) -> dict[str, Any]:
+        truth = np.full(3, 0.5)
+        return {
+            "method": comparison.ABC,
+            "sweeps": comparison.SWEEPS,
+            "number": number,
+            "truth": truth.tolist(),
+            "low": (truth + shift - 0.1).tolist(),
+            "median": (truth + shift).tolist(),
+            "high": (truth + shift + 0.1).tolist(),
+            "method_seconds": 2.0,
+        }
+
+    (own,) = comparison.method_rows([row(k, 0.0 if k < 6 else 0.2) for k in range(8)])
+    assert own["truths"] == 8
+    # 18 of 24: Wilson's interval by its formula with z = 1.96
+    z = 1.959964
+    centre = (18 + z**2 / 2) / (24 + z**2)
+    half = z / (24 + z**2) * np.sqrt(18 * 6 / 24 + z**2 / 4)
+    assert own["inside"] == f"75 ({100 * (centre - half):.0f} to {100 * (centre + half):.0f})"
+    assert own["each"] == "75 / 75 / 75"
+    assert own["width"] == "20.0 / 20.0 / 20.0"
+
+
+def test_refusals_are_counted_where_the_check_was_made() -> None:
+    names = ["restitution", "friction_limit", "gap"]
+    rows = [
+        {
+            "rig": coverage.RIGS[0].name,
+            "kind": coverage.FREE_FRICTION,
+            "number": k,
+            "names": names,
+            "rank": [0.5, 0.0, 0.99],
+            "low": [0.4, low, 0.2],
+            "probability": probability,
+        }
+        for k, (probability, low) in enumerate([(None, 0.0), (0.01, 0.01), (0.5, 0.1), (0.9, 0.0)])
+    ]
+    (own,) = coverage.kind_rows(rows)
+    assert (own["truths"], own["checked"]) == (4, 3)
+    assert own["refused"] == pytest.approx(100 / 3)
+    assert own["inside"] == "100 / 75 / 0"  # three of four intervals of the friction limit reach 0
+
+
+def test_a_package_that_is_not_installed_is_one_message() -> None:
+    with pytest.raises(BadInput, match=r"needs no_such_package.*pip install no_such_package"):
+        comparison.import_method("no_such_package.inference")
+
+
+def test_each_number_of_truths_is_the_beginning_of_a_larger_study() -> None:
+    small, large = (
+        list(coverage.list_cases(coverage.CalibrationSettings(truths, 1))) for truths in (3, 5)
+    )
+    assert [case for case in large if case in small] == small
+    methods = comparison.list_cases(comparison.ComparisonSettings(11))
+    assert sum(method == comparison.NEURAL_ROUNDS for method, _, _ in methods) == 2
