@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, play
+from impact_env.envs.evaluation import evaluate
 from optimisation.rl.demonstrations import record
 from optimisation.rl.families import FamilyPolicy
 from optimisation.rl.rules import EIGHT, SideAndSlip, env_of, policies
@@ -88,10 +88,8 @@ def read_rule(
 
 def compare_with_rule(task: str, numbers: Sequence[float], split: str) -> Array:
     """Return differences (E,) of a rule's scores to those of the rule of eight on the seeds of a split."""
-    first = SEED_SPLITS[split][0]
-    seeds = range(first, first + EPISODES)
     own, other = (
-        play(policy, env_of(task), seeds).scores
+        evaluate(policy, env_of(task), split).scores
         for policy in (FamilyPolicy("rule", SideAndSlip(), numbers), policies(task)[EIGHT])
     )
     return np.asarray(own - other)

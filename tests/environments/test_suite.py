@@ -12,7 +12,7 @@ pytest.importorskip("cmaes")
 from environment_cases import ADAPTIVE, DELAYED, GAP1, RUBBING, V1
 
 from impact_env.envs import ENVIRONMENTS
-from impact_env.envs.evaluation import play
+from impact_env.envs.evaluation import evaluate, play
 from impact_env.parameters import ParameterError
 from optimisation.cli import rl_evaluate as judge
 from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent, shipped
@@ -391,14 +391,21 @@ def test_agents_are_judged_seed_by_seed(tmp_path: Path) -> None:
     import json
     from dataclasses import replace
 
-    from optimisation.rl.agents import FINAL, TrainingEvaluation, run_folder, write_evaluations
+    from optimisation.rl.agents import (
+        FINAL,
+        TrainingEvaluation,
+        find_runs,
+        run_folder,
+        write_evaluations,
+    )
 
     task = "ActiveGap-v0"
     agent = load_agent(task)
-    for seed in (0, 1):
-        folder = run_folder(tmp_path / "agents", task, "ppo", seed)
+    runs = [(tmp_path / "agents", task, seed) for seed in (0, 1)]
+    for out, name, seed in (*runs, (tmp_path / "structures", "Structures-v0", 0)):
+        folder = run_folder(out, name, "ppo", seed)
         folder.mkdir(parents=True)
-        save_agent(folder / FINAL, replace(agent, seed=seed))
+        save_agent(folder / FINAL, replace(load_agent(name), seed=seed))
         (folder / "settings.json").write_text(json.dumps({"algorithm": "ppo", "seed": seed}))
         curve = [TrainingEvaluation(k, 100 * k, -0.5 - 0.1 * k, 0, 0, 0, 1) for k in (1, 2)]
         write_evaluations(folder, curve)
@@ -424,5 +431,8 @@ def test_agents_are_judged_seed_by_seed(tmp_path: Path) -> None:
     again = call(judge_agents.main, *options)
     assert again.exit_code == 0
     assert again.stdout == result.stdout
+    (row,) = judge_agents.judge("Structures-v0", find_runs(tmp_path / "structures"), 4)
+    structures = evaluate(load_agent("Structures-v0"), env_of("Structures-v0"), "test", episodes=4)
+    assert row.test == pytest.approx(structures.policy.mean)  # with structures of the test split
     shares = judge_agents.share_of_way(np.full((2, 3), -0.2), np.full(3, -0.4), np.full(3, -0.0))
     assert shares == pytest.approx(0.5)

@@ -14,7 +14,7 @@ from impact_env.envs.evaluation import (
     EPISODES,
     SEED_SPLITS,
     bootstrap_interval,
-    difference_of_means,
+    evaluate,
     play,
 )
 from impact_env.parameters import ParameterError, require
@@ -71,14 +71,13 @@ class CurvePoint(NamedTuple):
     score: float
 
 
-def judge(task: str, runs: Sequence[Run], seeds: Sequence[int]) -> list[AgentScores]:
-    """Return the scores of finished runs of a task on seeds, with the 95 % interval of the differences to the rule of eight, seed by seed."""
-    rule = play(policies(task)[EIGHT], env_of(task), seeds).scores
+def judge(task: str, runs: Sequence[Run], episodes: int) -> list[AgentScores]:
+    """Return the scores of finished runs of a task on test seeds, with the 95 % interval of the differences to the rule of eight, seed by seed."""
+    rule = policies(task)[EIGHT]
     rows = []
     for run in Bar(runs, desc=task, unit="agent", leave=False):
         agent = load_agent(run.folder / FINAL)
-        scores = play(agent, env_of(task), seeds).scores
-        low, high = bootstrap_interval(difference_of_means, scores[None], rule[None])
+        evaluation = evaluate(agent, env_of(task), "test", {EIGHT: rule}, episodes=episodes)
         rows.append(
             AgentScores(
                 task,
@@ -86,10 +85,8 @@ def judge(task: str, runs: Sequence[Run], seeds: Sequence[int]) -> list[AgentSco
                 run.seed,
                 run.evaluations[-1].steps,
                 run.score,
-                float(scores.mean()),
-                float((scores - rule).mean()),
-                float(low),
-                float(high),
+                evaluation.policy.mean,
+                *evaluation.differences[EIGHT],
             )
         )
     return rows
@@ -181,7 +178,7 @@ def save_curves(path: Path, points: Sequence[CurvePoint]) -> None:
             if curves:
                 length = min(map(len, curves))
                 middle = np.median([curve[:length, 1] for curve in curves], axis=0)
-                label = f"{algorithm.upper()}, {len(curves)} seeds"
+                label = f"{algorithm.upper()}, training seeds: {len(curves)}"
                 panel.plot(curves[0][:length, 0] / 1e6, middle, color=colour, lw=2, label=label)
         chosen = policies(task)
         for name, colour, style in ((EIGHT, BLACK, "--"), (CONSTANT, GREY, ":")):
@@ -231,12 +228,11 @@ def main(
     scores, curves = (out / SCORES.name, out / CURVES.name)
     rows: list[AgentScores] = read_rows(scores, AgentScores)
     points: list[CurvePoint] = read_rows(curves, CurvePoint)
-    first = SEED_SPLITS["test"][0]
     for task in tasks or TASKS:
         runs = [run for run in find_runs(agents / task) if run.finished] if agents else []
         own = {(task, run.algorithm, run.seed) for run in runs}
         rows = [row for row in rows if row[:3] not in own]
-        rows += judge(task, runs, range(first, first + episodes)) if runs else []
+        rows += judge(task, runs, episodes)
         points = [point for point in points if point[:3] not in own]
         points += [
             CurvePoint(task, run.algorithm, run.seed, evaluation.steps, evaluation.score)

@@ -59,6 +59,7 @@ def save_actions(path: Path, task: str, actors: dict[str, Any]) -> None:
             if row == len(QUARTERS) - 2:
                 panel.set_xlabel("phase of the tip / pi (0: largest displacement)", fontsize=7)
             panel.tick_params(labelsize=7)
+            panel.set_xticks((-1, -0.5, 0, 0.5, 1))
     figure.colorbar(image, ax=panels, label="action", shrink=0.8)
     figure.suptitle(f"{task}: mean action, RMS of the last period in half-clearances", fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)
