@@ -232,6 +232,7 @@ class GapAnswer(CompleteAnswer):
             figures |= self.precision.figures
         return Report(
             title=gap_report.title(advice),
+            verdict=lines[0],
             text=[lines, [gap_report.printed_table(advice)], gap_report.warnings(advice)],
             numbers=numbers,
             tables=tables | frequency_tables(curves),

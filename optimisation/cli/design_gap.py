@@ -83,19 +83,14 @@ DRAWS_OF_TOLERANCES = TOLERANCE_DRAWS
 QUICK_DRAWS = (16, 32, 16)
 SOBOL = SOBOL_SAMPLES
 QUICK_SOBOL = 16
+OF_A_SWEPT_FORCE = (  # options of questions that have an answer for a swept force alone
+    *("free", "gaps", "uncertain", "contact", "constraint", "limit_level", "tolerances", "sobol"),
+    "history",
+)
 NOT_OF_DISKS = (
     *("structure", "modes", "damping", "mass_ratio", "mass_kg", "position", "restitution"),
-    "friction_limit",
-    "load",
-    "free",
-    "gaps",
-    "uncertain",
-    "contact",
-    "constraint",
-    "limit_level",
-    "tolerances",
-    "sobol",
-    "history",
+    *("friction_limit", "load"),
+    *OF_A_SWEPT_FORCE,
 )
 
 
@@ -320,19 +315,7 @@ def show_stages(options: GapOptions, force: float, scene: Scene, advice: Advice)
 def under_load(options: GapOptions, load: Path) -> None:
     """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
     scenes.refuse_with_load(load, "rate")
-    scenes.refuse_with_load(
-        load,
-        "free",
-        "gaps",
-        "uncertain",
-        "contact",
-        "constraint",
-        "limit_level",
-        "tolerances",
-        "sobol",
-        "history",
-        why="there the gap alone is searched",
-    )
+    scenes.refuse_with_load(load, *OF_A_SWEPT_FORCE, why="there the gap alone is searched")
     options, structure = read_structure(options)
     targets = common.AnswerFiles(options.out, options.json, options.device)
     targets.check()

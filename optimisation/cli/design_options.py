@@ -21,7 +21,7 @@ from optimisation.absorber_rules import rigid_walls
 from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import BadInput, parse_uncertain
-from optimisation.cli.options import OptionSpec, at_least, number, option
+from optimisation.cli.options import OptionSpec, at_least, option
 from optimisation.cli.scene_options import DeviceSource
 from optimisation.comparison import RESONANCES
 from optimisation.machine import conditions, peak_memory
@@ -149,15 +149,7 @@ class StudyOptions(scenes.SweepRunOptions, scenes.DeviceOptions):
     constraint: tuple[tuple[str, float], ...] = option(
         "constraint", more=f"{', '.join(LIMITABLE)}, or MODULE:FUNCTION."
     )
-    designs: int | None = option(
-        number(
-            "--designs",
-            "Designs to search, rounded up to whole batches",
-            type=at_least(2),
-            usual=True,
-            section="Runs",
-        )
-    )
+    designs: int | None = option("designs")
     quick: bool = option(
         "quick",
         help="A first answer from few runs and fast sweeps",

@@ -60,16 +60,7 @@ class FrontOptions(SummaryOptions, design.StudyOptions):
         "at",
         default_text="1:3.5 and, for resonances, 2:15; with --structure by the design rule",
     )
-    designs: int | None = option(
-        number(
-            "--designs",
-            "Designs to search, rounded up to whole batches",
-            type=at_least(2),
-            default_text=str(DESIGNS),
-            usual=True,
-            section="Runs",
-        )
-    )
+    designs: int | None = option("designs", default_text=str(DESIGNS))
     sampler: str | None = option(
         OptionSpec(
             names=("--sampler",),

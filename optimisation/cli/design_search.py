@@ -93,16 +93,7 @@ class SearchStudyOptions(design.StudyOptions):
     limit: float | None = option(
         number("--limit", "Relative level that the objective range must stay under")
     )
-    designs: int | None = option(
-        number(
-            "--designs",
-            "Designs to search, rounded up to whole batches",
-            type=at_least(2),
-            default_text=str(DESIGNS),
-            usual=True,
-            section="Runs",
-        )
-    )
+    designs: int | None = option("designs", default_text=str(DESIGNS))
     sampler: str | None = option(
         OptionSpec(
             names=("--sampler",),

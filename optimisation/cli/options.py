@@ -476,6 +476,13 @@ TABLE: dict[str, OptionSpec] = {
         type=at_least(1),
         section="Runs",
     ),
+    "designs": number(
+        "--designs",
+        "Designs to search, rounded up to whole batches",
+        type=at_least(2),
+        usual=True,
+        section="Runs",
+    ),
     "batch": number("--batch", "Runs in one call", type=at_least(2), section="Runs"),
     "seed": number(
         "--seed",

@@ -368,6 +368,7 @@ def make_report(
     inference, check = next(iter(models.values()))
     return Report(
         title="Calibration of an impact absorber",
+        verdict=verdict(check),
         text=text_blocks(measurements, models, linear, plan, warnings),
         numbers=numbers | summarise(models, linear, plan, warnings),
         tables={"statistics.csv": statistics_table(inference, check)},

@@ -317,6 +317,7 @@ def make_report(
     charts = (comparison_chart(part, labels) for part in comparison.resonances)
     return Report(
         title="Absorbers of one mass compared",
+        verdict=" ".join(lowest_line(comparison, part) for part in comparison.resonances).strip(),
         text=text_blocks(comparison),
         numbers={**(conditions or {}), **summary(comparison)},
         tables={
@@ -332,6 +333,18 @@ def make_report(
         charts=(*charts, *frequency_charts(frequency)),
         warnings=card_warnings(comparison),
     )
+
+
+def lowest_line(comparison: Comparison, part: ResonanceComparison) -> str:
+    """Return the absorber with the lowest level near a resonance, at the force of the comparison, in words; nothing without finished runs."""
+    k = part.reported_index
+    if k is None:
+        return ""
+    medians = {key: float(curve.median[k]) for key, curve in part.curves.items()}
+    best = min(medians, key=lambda key: np.inf if math.isnan(medians[key]) else medians[key])
+    labels = {concept.key: concept.label for concept in comparison.concepts}
+    share = 100 * medians[best] / medians[NONE]
+    return f"Lowest level at {part.forces[k]:.3g} N near resonance {part.resonance}: {labels[best]}, {share:.1f} % of no absorber."
 
 
 def card_groups(comparison: Comparison, impacts: ImpactLoads | None) -> tuple[Group, ...]:
@@ -571,6 +584,7 @@ def make_load_report(
     charts = load_charts(comparison)
     return Report(
         title=f"Absorbers of one mass under {comparison.case.loads.describe()}",
+        verdict=least_line(comparison),
         text=load_text_blocks(comparison),
         numbers={**(conditions or {}), **load_summary(comparison)},
         tables={"runs.csv": load_run_table(comparison)},
@@ -627,6 +641,18 @@ def load_charts(comparison: LoadComparison) -> tuple[Chart, ...]:
             )
         )
     return tuple(charts)
+
+
+def least_line(comparison: LoadComparison) -> str:
+    """Return the absorber that leaves least at the intensity nearest to that given, in words; of several bands in the worst of them."""
+    k = int(np.argmin(np.abs(np.log(comparison.factors))))
+    left = {
+        name: max(float(ratio_interval(band, name)[k, 1]) for band in comparison.bands)
+        for name in LOAD_LABELS
+    }
+    best = min(left, key=lambda name: left[name])
+    what = LABELS[comparison.case.measure]
+    return f"Least {what} at intensity {comparison.factors[k]:.3g}: {LOAD_LABELS[best]}, {left[best]:.3f} of that without absorber."
 
 
 def load_card_groups(comparison: LoadComparison) -> tuple[Group, ...]:

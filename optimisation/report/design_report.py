@@ -568,6 +568,7 @@ def make_report(
     groups, warnings = card_groups(result)
     return Report(
         title=f"Search for the best design: {result.problem.space.concept}",
+        verdict=winner_line(result),
         text=[lines_of(result)],
         numbers={**(conditions or {}), **summary(result)},
         tables=tables | frequency_tables(frequency),
@@ -576,6 +577,15 @@ def make_report(
         charts=(*map(_over_force, result.curves or ()), *frequency_charts(frequency)),
         warnings=warnings,
     )
+
+
+def winner_line(result: SearchResult) -> str:
+    """Return the winner's value and what it is over the paper's design, in words; nothing before it is judged."""
+    verdict = result.verdict
+    if verdict is None:
+        return ""
+    value = f"{result.problem.objectives[0].label} {verdict.winner.score.values[0]:.4g}"
+    return f"Winner: {value}, over the paper's design {verdict.gain}{constraint_words(result.problem, verdict.winner.score)}."
 
 
 def card_groups(result: SearchResult) -> tuple[tuple[Group, ...], tuple[str, ...]]:

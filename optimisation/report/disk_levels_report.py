@@ -57,6 +57,16 @@ def _interval(levels: Any) -> str:
     return f" (90 % of disks: {words}, n = {len(levels)})" if words else ""
 
 
+def recommended_line(
+    choice: DiskGapChoice, name: str = "Recommended", step: float | None = None
+) -> str:
+    """Return a clearance in words, the recommended one unless another ``step`` is given."""
+    gap = choice.gap(choice.recommended if step is None else step)
+    return (
+        f"{name}: a clearance of {MM * gap:.4g} mm to either wall in all sectors with an absorber."
+    )
+
+
 def gap_lines(choice: DiskGapChoice) -> list[str]:
     """Return what `design gap` prints of a disk above the table."""
     samples = choice.samples
@@ -71,7 +81,7 @@ def gap_lines(choice: DiskGapChoice) -> list[str]:
         worst = samples.worst(step, choice.tolerance)
         within = f"at most {MM * worst:.4g} mm within {tolerance:g} % of the force"
         lines += [
-            f"{name}: a clearance of {MM * choice.gap(step):.4g} mm to either wall in all sectors with an absorber.",
+            recommended_line(choice, name, step),
             f"  Level of the worst sector {MM * level:.4g} mm, {share}{_interval(levels)}; {within}.",
         ]
     lines.append(f"No absorbers: {MM * without:.4g} mm{_interval(choice.without)}.")
@@ -94,6 +104,7 @@ def make_gap_report(choice: DiskGapChoice) -> Report:
     chart = gap_chart(choice)
     return Report(
         title=f"Clearance for all sectors, {choice.case.force:g} N on each",
+        verdict=recommended_line(choice),
         text=[gap_lines(choice), [table]],
         numbers=gap_summary(choice) | {"gaps": table.records()} | _case_data(choice.case),
         tables={"levels.csv": table},
@@ -241,6 +252,7 @@ def make_comparison_report(levels: DiskComparisonLevels) -> Report:
     chart = comparison_chart(levels)
     return Report(
         title="Absorbers of a bladed disk compared",
+        verdict=lowest_line(levels),
         text=comparison_blocks(levels),
         numbers=comparison_summary(levels),
         tables={"levels.csv": comparison_table(levels)},
@@ -285,6 +297,15 @@ def comparison_chart(levels: DiskComparisonLevels) -> Chart:
         log_x=True,
         log_y=True,
     )
+
+
+def lowest_line(levels: DiskComparisonLevels) -> str:
+    """Return the absorbers with the lowest level of the worst sector at the middle force, in words."""
+    k = len(levels.forces) // 2
+    medians = {name: float(np.median(table[k])) for name, table in levels.levels.items()}
+    best = min(medians, key=lambda name: medians[name])
+    share = 100 * medians[best] / medians[WITHOUT]
+    return f"Lowest level of the worst sector at {levels.forces[k]:.4g} N on each: {best}, {share:.1f} % of {WITHOUT}."
 
 
 def comparison_groups(levels: DiskComparisonLevels) -> tuple[Group, ...]:

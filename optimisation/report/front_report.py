@@ -210,6 +210,7 @@ def make_report(front: Front, conditions: Mapping[str, object] | None = None) ->
         figures["front.png"] = partial(draw, front)
     return Report(
         title=title(front),
+        verdict=f"{len(front.members)} of {front.cost.designs} designs are on the front.",
         text=text_blocks(front),
         numbers={**(conditions or {}), **front_summary(front)},
         tables={"front.csv": front_table(front)},

@@ -108,9 +108,11 @@ def make_report(advice: Advice, card: bool = True) -> Report:
     """Return the content of the answer; ``card``: with the recommended device's card."""
     chart = gap_chart(advice)
     best = advice.recommended
+    lines = lines_of(advice)
     return Report(
+        verdict=lines[0],
         title=f"Gap of an impact absorber under {loads_of(advice).loads.describe()}",
-        text=[lines_of(advice)],
+        text=[lines],
         numbers=summary(advice),
         tables={"runs.csv": run_table(advice)},
         figures={"levels.png": partial(draw_charts, [chart])},

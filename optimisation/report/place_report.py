@@ -354,10 +354,12 @@ def make_report(
     if service is not None and advice.recommended is not None:
         groups, reached = card_groups(advice, advice.recommended, service)
         charts = (*frequency_charts(curves), *_place_charts(advice, advice.recommended))
+    lines = answer(advice)
     notes = [*(f"Warning: {line}." for line in own), sweeps_line(advice)]
     return Report(
         title=f"Place, mass and gap of an impact absorber for {where}",
-        text=[answer(advice), [device_table(advice)], notes],
+        verdict=lines[0],
+        text=[lines, [device_table(advice)], notes],
         numbers=summary(advice),
         tables={"places.csv": map_table(advice), **frequency_tables(curves)},
         figures={"places.png": partial(draw_places, advice), **frequency_figures(curves)},

@@ -204,6 +204,8 @@ class Report:
     ----------
     title : str
         Heading of the card.
+    verdict : str
+        The answer in a sentence, with which the card begins.
     text : sequence of blocks
         Lines and tables that are printed, a blank line between blocks.
     numbers : dict
@@ -226,6 +228,7 @@ class Report:
     """
 
     title: str
+    verdict: str = ""
     text: Sequence[Block] = ()
     numbers: Json = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
@@ -286,12 +289,19 @@ def render_card_json(report: Report) -> Json:
         ]
         for heading, rows in report.groups
     }
-    return {"title": report.title, "groups": groups, "warnings": list(report.warnings)}
+    return {
+        "title": report.title,
+        "verdict": report.verdict,
+        "groups": groups,
+        "warnings": list(report.warnings),
+    }
 
 
 def render_html(report: Report) -> str:
     """Return the card as one HTML page."""
     parts = [f"<h1>{html.escape(report.title)}</h1>"]
+    if report.verdict:
+        parts.append(f"<p class='verdict'>{html.escape(report.verdict)}</p>")
     if report.warnings:
         items = "".join(f"<li>{html.escape(line)}</li>" for line in report.warnings)
         parts.append(f"<ul class='warnings'>{items}</ul>")

@@ -261,6 +261,7 @@ def make_report(table: TuningTable, bounds: Bounds) -> Report:
     }
     return Report(
         title="Tuned absorbers of one mass",
+        verdict=least_peak_line(table),
         text=[[values], list_notes(table, bounds)],
         numbers={"settings": settings, "tunings": tunings},
         tables={"tunings.csv": values},
@@ -314,6 +315,14 @@ def draw_tunings(table: TuningTable) -> Figure:
         fontsize=12,
     )
     return figure
+
+
+def least_peak_line(table: TuningTable) -> str:
+    """Return the tuning with the smallest peak over all modes, in words."""
+    best = next(tuning for tuning in table.tunings if tuning.key == MINIMAX)
+    assert best.absorber is not None
+    own = f"{best.absorber.stiffness:.6g} N/m and {best.absorber.damping:.4g} N s/m"
+    return f"Smallest peak: {own}, {100 * table.relative_peak(best):.4g} % of {table.of_what}."
 
 
 def card_groups(table: TuningTable, bounds: Bounds) -> tuple[Group, ...]:

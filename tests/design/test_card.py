@@ -37,6 +37,7 @@ from optimisation.tuned import den_hartog, highest_amplitude
 
 CARD = Report(
     title="A <title> & more",
+    verdict="It is <best>.",
     groups=(
         (
             "Device",
@@ -73,6 +74,8 @@ def test_text_json_and_html_say_the_same(tmp_path: Path) -> None:
     assert [file.name for file in files] == ["card.html", "card.json"]
     plain = json.loads(files[1].read_text())
     assert plain == render_card_json(CARD)
+    assert plain["verdict"] == "It is <best>."
+    assert "<p class='verdict'>It is &lt;best&gt;.</p>" in files[0].read_text()
     assert plain["groups"]["Device"] == [
         {"label": "mass", "value": 0.0123456, "unit": "kg"},
         {"label": "words", "value": "as they </script> are", "unit": ""},
