@@ -22,7 +22,7 @@ FINAL = "final.npz"
 CHECKPOINT_AGENT = "agent.npz"  # in the folder of a checkpoint
 TRAINED = Path(__file__).with_name(
     "trained"
-)  # TASK_ALGORITHM.zip, the middle one of its seeds by the last evaluation
+)  # TASK_ALGORITHM.zip, the middle one of its seeds by the best evaluation
 Map = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 ACTIVATIONS: dict[str, Map] = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, np.float32(0))}
 SQUASHES: dict[str, Map] = {
