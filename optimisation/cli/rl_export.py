@@ -14,10 +14,10 @@ from optimisation.files import replacing, write_json
 from optimisation.rl.agents import Agent, load_agent
 from optimisation.rl.export import make_table, write_c, write_onnx
 from optimisation.rl.families import FamilyPolicy
-from optimisation.rl.rules import EIGHT, TASKS, env_of, policies
+from optimisation.rl.rules import EIGHT, READ, TASKS, env_of, policies, read_off_agents
 
 FORMS = {"c": ".c", "onnx": ".onnx", "table": ".json"}
-POLICIES = ("rule", "ppo", "sac")
+POLICIES = ("rule", "rule12", "ppo", "sac", "rpi")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +72,11 @@ def read_policy(options: ExportOptions) -> tuple[Agent | FamilyPolicy, str]:
     assert options.task is not None
     if options.policy == "rule":
         return policies(options.task)[EIGHT], env_of(options.task)
+    if options.policy == "rule12":
+        known = policies(options.task)
+        tasks = [task for task in TASKS if task in read_off_agents()]
+        require(READ in known, "--task", options.task, f"for rule12 one of {', '.join(tasks)}")
+        return known[READ], env_of(options.task)
     return load_agent(options.task, options.policy), env_of(options.task)
 
 

@@ -235,6 +235,18 @@ C_RULES: dict[type, str] = {
          + p[5] * o[{rules.X}] * o[{rules.R}] * per_square + p[6] * o[{rules.RATIO}]
          + p[7] * o[{rules.LEFT}];
 """,
+    rules.SideAndSlip: C_SIZE
+    + f"""    const double pi = 3.14159265358979323846;
+    const double side = tanh(2.0 * o[{rules.R}]) / size
+        * (o[{rules.X}] * cos(pi * p[4]) + o[{rules.V}] * sin(pi * p[4]));
+    const double along = tanh(4.0 * o[{rules.W}] / size) / size
+        * (o[{rules.X}] * cos(pi * p[10]) + o[{rules.V}] * sin(pi * p[10]));
+    (void)per_square;
+    a[0] = p[0] + p[1] * log_size + p[2] * log_size * log_size
+         + (p[3] + p[6] * log_size) * tanh(exp(p[5]) * side)
+         + (p[7] + p[8] * log_size) * tanh(fabs(o[{rules.W}]) / size)
+         + p[9] * along + p[11] * o[{rules.LEFT}];
+""",
     rules.PairBySize: f"""    const double log_size = log(fmax(o[{rules.PAIR_SIZE}], 0.0) + {rules.SMALL!r});
     const double other = fabs(o[{{feature}}]);
     a[0] = p[0] + p[1] * log_size + p[4] * o[{rules.PAIR_RATIO}] + p[6] * other;

@@ -115,6 +115,7 @@ RULES = {
         "impacts", rules.PairByImpacts(), (0.1, 0.3, 0.4, 0.2, -0.3, 0.1, 0.2, 0.1)
     ),
     "constant": policies("ActiveGap-v0")[rules.CONSTANT],
+    "rule of 12": policies("ActiveGap-v0")[rules.READ],
 }
 
 
@@ -234,7 +235,7 @@ def test_the_command_writes_each_form(tmp_path: Path) -> None:
     save_agent(agent, AGENTS["clip"])
     for arguments, ending in (
         (["--task", "ActiveFriction-v0"], "c"),
-        (["--task", "ActiveFriction-v0", "--policy", "ppo", "--to", "onnx"], "onnx"),
+        (["--task", "ActiveFriction-v0", "--policy", "rpi", "--to", "onnx"], "onnx"),
         (["--agent", str(agent), "--to", "table"], "json"),
     ):
         file = tmp_path / f"policy.{ending}"
@@ -253,6 +254,10 @@ def test_the_command_writes_each_form(tmp_path: Path) -> None:
         (["--task", "Passage-v0", "--to", "c", "--out", "a.onnx"], r"\.c"),
         (["--task", "SweepRate-v1", "--out", "a.c"], "a rule without memory"),
         (["--task", "Passage-v0", "--policy", "sac", "--out", "a.c"], "algorithm"),
+        (
+            ["--task", "Passage-v0", "--policy", "rule12", "--out", "a.c"],
+            "for rule12 one of Active",
+        ),
     ],
 )
 def test_the_command_refuses(
