@@ -16,6 +16,7 @@ from impact_env.modes import Structure, mode_shapes
 from impact_env.parameters import Beam
 from optimisation.files import replacing
 from optimisation.mounting import model_with_absorber_at, with_response_point
+from optimisation.report.report import MARKED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +38,6 @@ GREY = "0.55"
 CHART_COLOURS = (BLUE, ORANGE, GREEN, BLACK, PINK, YELLOW, SKY)  # in the order of report.html
 MARK_STYLES = ("--", ":", "-.")
 TICKS = (1, 1.5, 2, 3, 5, 7)  # of a decade
-MARKED = 60  # points: a curve of fewer has marks
 HATCHED: dict[str, Any] = {
     "facecolor": "0.93",
     "edgecolor": "0.72",

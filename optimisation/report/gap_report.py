@@ -21,6 +21,7 @@ from optimisation.report.figures import (
     HATCHED,
     MM,
     ORANGE,
+    TICKS,
     draw_grid,
     figure_of,
     force_axis,
@@ -65,7 +66,6 @@ COLUMNS = (
     Column(heading="members", show=lambda row: str(row["members"])),
 )
 WARNING = "Warning: "
-SUBS = (1, 1.5, 2, 3, 5, 7)  # ticks of a decade of gaps
 
 
 def gap_table(advice: Advice) -> Table:
@@ -596,7 +596,7 @@ def draw_levels(advice: Advice) -> Figure:
     axes.set_xscale("log")
     top = max(float(np.nanmax([*high, *(MM * check.level)], initial=0)), float(limit.max()))
     axes.set(xlim=(MM * fine[0], MM * fine[-1]), ylim=(0, 1.6 * top if top > 0 else 1))
-    force_axis(axes.xaxis, SUBS)
+    force_axis(axes.xaxis, TICKS)
     axes.set_xlabel("clearance to either wall in mm", fontsize=11)
     axes.set_ylabel("resonant response level in mm (RMS)", fontsize=11)
     draw_grid(axes)
