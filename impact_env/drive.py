@@ -25,9 +25,11 @@ from impact_env.parameters import (
     labelled,
     listed,
     non_negative,
+    or_none,
     positive,
     require,
     row_of,
+    text,
 )
 from impact_env.scene import InitialState, Scene
 
@@ -439,7 +441,7 @@ class Drive(Excitation):
             amplitude=labelled("force amplitude", finite),
             phase=finite,
             schedule=kind_of(FrequencySchedule),
-            force_place=kind_of(str | None),
+            force_place=or_none(text),
         )
 
     def pieces(self) -> list[Pieces]:

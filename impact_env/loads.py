@@ -37,10 +37,12 @@ from impact_env.parameters import (
     kind_of,
     labelled,
     non_negative,
+    or_none,
     positive,
     require,
     row,
     row_of,
+    text,
     word_of,
 )
 from impact_env.sampling_times import EVEN_TOL, even_times, find_uneven, is_even
@@ -67,7 +69,7 @@ GAUSS_RULE = np.polynomial.legendre.leggauss(
 
 def _check_force_place(load: Load) -> None:
     """Check the name of the place of a force; a base that moves has none."""
-    keep_checked(load, force_place=kind_of(str | None))
+    keep_checked(load, force_place=or_none(text))
     quantity = getattr(load, "quantity", FORCE_QUANTITY)
     allowed = "left out of a base that moves: its motion acts on the whole structure"
     require(

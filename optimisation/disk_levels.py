@@ -207,6 +207,11 @@ def with_common_gap(disk: BladedDisk, gap: float, friction_factor: float = 1.0) 
     return disk.with_absorbers(tuple(absorbers))
 
 
+def count_gap_runs(members: int) -> int:
+    """Return about the number of sweeps of `choose_disk_gap`."""
+    return 2 * (PAIRS + members)
+
+
 def choose_disk_gap(
     disk: BladedDisk,
     force: float | None = None,
@@ -259,7 +264,7 @@ def choose_disk_gap(
     rule = design_gap(sector, heaviest, case.force)
     free = free_amplitude(sector, heaviest, case.force)
     start = round(float(np.log(min(1.0, START * free / rule))) / STEP)
-    expected = 2 * (PAIRS + members)
+    expected = count_gap_runs(members)
     finished = 0
 
     def run(step: float, number: int) -> Array:
@@ -308,6 +313,11 @@ IMPACT = "the file's absorbers"
 FRICTION = "friction dampers"
 
 
+def count_comparison_runs(forces: int, members: int) -> int:
+    """Return the number of sweeps of `compare_on_disk`."""
+    return 2 * (1 + members * (1 + 2 * forces))
+
+
 def compare_on_disk(
     disk: BladedDisk,
     force: float | None = None,
@@ -331,7 +341,7 @@ def compare_on_disk(
     if number == 1:
         amplitudes = np.array([case.force])
     dampers = friction_dampers(disk, case.force, case.resonance)
-    total = 2 * (1 + members * (1 + 2 * number))
+    total = count_comparison_runs(number, members)
     finished = 0
 
     def run(which: BladedDisk, amplitude: float, number_of_disks: int) -> Array:

@@ -9,7 +9,15 @@ from impact_env.structures.cyclic import BladedDisk
 from optimisation.answers.disk import advise_disk, compare_disk
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import AnswerFiles, BadInput, name_files
-from optimisation.disk_levels import FORCES, MEMBERS
+from optimisation.disk_levels import (
+    FORCES,
+    MEMBERS,
+    DiskCase,
+    count_comparison_runs,
+    count_gap_runs,
+    disk_case,
+)
+from optimisation.duration import PlannedRuns, announce_runs
 from optimisation.executors import executor as executor_on
 from optimisation.progress import sweeps_bar
 
@@ -30,9 +38,23 @@ def refuse_with_disk(names: Sequence[str]) -> None:
             )
 
 
+def announce_disk_runs(
+    case: DiskCase, number: int, threads: int | None, cluster: str | None
+) -> None:
+    """Print how long a ``number`` of sweeps of a disk takes where it is long; workers of a cluster are not timed."""
+    if cluster is None:
+        periods = case.schedules()[0].periods
+        planned = PlannedRuns(case.disk.scene(), case.force, case.resonance, periods, number)
+        announce_runs([planned], threads, "A higher --rate, fewer --members or --quick take less.")
+
+
 def compare_on_file(disk: BladedDisk, options: CompareOptions) -> None:
     """Compare the absorbers of a disk, print the table, and write table, figure and summary."""
-    usual = QUICK_MEMBERS if options.quick else MEMBERS
+    members = options.members or (QUICK_MEMBERS if options.quick else MEMBERS)
+    forces = options.forces or FORCES
+    number = count_comparison_runs(forces, members)
+    case = disk_case(disk, options.force, None, options.rate)
+    announce_disk_runs(case, number, options.threads, options.cluster)
     with (
         executor_on(options.threads, options.cluster) as executor,
         sweeps_bar("comparing") as show,
@@ -40,8 +62,8 @@ def compare_on_file(disk: BladedDisk, options: CompareOptions) -> None:
         answer = compare_disk(
             disk,
             options.force,
-            forces=options.forces or FORCES,
-            members=options.members or usual,
+            forces=forces,
+            members=members,
             seed=options.seed,
             rate=options.rate,
             progress=show,
@@ -52,7 +74,10 @@ def compare_on_file(disk: BladedDisk, options: CompareOptions) -> None:
 
 def choose_gap_on_file(disk: BladedDisk, options: GapOptions) -> None:
     """Choose the clearance of a disk's absorbers, print the answer, and write table, figure, summary and device."""
-    usual = QUICK_MEMBERS if options.quick else MEMBERS
+    members = options.members or (QUICK_MEMBERS if options.quick else MEMBERS)
+    resonance = options.resonance if scenes.is_option_set("resonance") else None
+    case = disk_case(disk, options.force, resonance, options.rate)
+    announce_disk_runs(case, count_gap_runs(members), options.threads, options.cluster)
     with (
         executor_on(options.threads, options.cluster) as executor,
         sweeps_bar("simulating") as show,
@@ -60,9 +85,9 @@ def choose_gap_on_file(disk: BladedDisk, options: GapOptions) -> None:
         answer = advise_disk(
             disk,
             options.force,
-            resonance=options.resonance if scenes.is_option_set("resonance") else None,
+            resonance=resonance,
             tolerance=options.force_tolerance,
-            members=options.members or usual,
+            members=members,
             seed=options.seed,
             rate=options.rate,
             progress=show,

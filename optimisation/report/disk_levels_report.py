@@ -150,12 +150,16 @@ def gap_chart(choice: DiskGapChoice) -> Chart:
     samples = [choice.samples.levels[step] for step in steps]
     every = numbers(np.repeat(gaps, [len(levels) for levels in samples]))
     without = MM * float(np.median(choice.without))
+    worst = [MM * choice.samples.worst(step, choice.tolerance) for step in steps]
+    known = [k for k, level in enumerate(worst) if np.isfinite(level)]
+    name = f"largest within {100 * choice.tolerance:g} % of the force"
     return Chart(
         "Level of the worst sector",
         "clearance to either wall in mm",
         "level of the worst sector in mm",
         (
             Curve("median of the disks", gaps, medians),
+            Curve(name, [gaps[k] for k in known], [worst[k] for k in known]),
             Curve(WITHOUT, [gaps[0], gaps[-1]], [without, without]),
             Curve("each disk", every, numbers(MM * np.concatenate(samples)), points=True),
         ),

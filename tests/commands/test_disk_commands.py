@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from impact_env import Drive, ModalModel, Scene, impact_absorber
 from impact_env.ensemble import Lane, draw_members, run_lanes
 from impact_env.plain import to_disk
 from impact_env.structures.cyclic import BladedDisk
+from optimisation import duration
 from optimisation.cli import compare as compare_absorbers
 from optimisation.cli import design_gap
 from optimisation.cli import sweep as sweep_script
@@ -57,17 +59,24 @@ def results(folder: Path, *arguments: object) -> dict[str, Any]:
     return json.loads(target.read_text())
 
 
-def stationary_levels(deviation: float, seed: int, omega: float, force: float) -> np.ndarray:
-    """Return the RMS displacement (3,) in m of three coupled masses under a travelling force, by a linear solve with modal damping."""
+def stationary_levels(
+    deviation: float, seed: int, omega: float, force: float, pattern: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the RMS displacement (3,) in m of three coupled masses, by a linear solve with modal damping.
+
+    ``pattern`` (3,): of the force over the sectors; None: a travelling one.
+    """
     generator = np.random.default_rng([seed, 0])
     factors = 1 + deviation * generator.standard_normal(3)
     own = MASS * OMEGA**2
     stiffness = np.diag(own * (1 + 2 * COUPLING) * factors**2)
     stiffness -= own * COUPLING * (np.ones((3, 3)) - np.eye(3))
     squares, shapes = np.linalg.eigh(stiffness / MASS)
-    pattern = force * np.exp(-2j * np.pi * np.arange(3) / 3)
+    pattern = np.exp(-2j * np.pi * np.arange(3) / 3) if pattern is None else pattern
     own_omegas = np.sqrt(squares)
-    modal = (shapes.T @ pattern / MASS) / (squares - omega**2 + 2j * DAMPING * own_omegas * omega)
+    modal = (shapes.T @ (force * pattern) / MASS) / (
+        squares - omega**2 + 2j * DAMPING * own_omegas * omega
+    )
     return np.abs(shapes @ modal) / np.sqrt(2)
 
 
@@ -85,6 +94,31 @@ def test_levels_of_mistuned_disks_are_those_of_a_linear_solve(tmp_path: Path) ->
         assert plain["worst_sector"][member] == np.argmax(wanted)
         assert plain["worst_level_m"][member] == max(plain["sector_level_m"][member])
     assert plain["impacts"] == [0, 0, 0]
+
+
+def test_a_load_acts_on_the_sector_that_is_its_place(tmp_path: Path) -> None:
+    disk = write_disk(tmp_path, mistuning={"frequency": 0.02, "seed": 4})
+    tone = [{"amplitude_n": 3.0, "frequency_hz": 107.0}]
+    load = {"kind": "tones", "tones": tone, "duration_s": 0.25, "place": 1}
+    (tmp_path / "load.json").write_text(json.dumps({"load": load}))
+    run = ["--scene", disk, "--load", tmp_path / "load.json", "--start", "steady"]
+    plain = results(tmp_path, *run)
+    wanted = stationary_levels(0.02, 4, 2 * np.pi * 107.0, 3.0, np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(plain["sector_level_m"][0], wanted, rtol=6e-3)
+    (tmp_path / "load.json").write_text(json.dumps({"load": load | {"place": 3}}))
+    result = call(sweep_script, *run)
+    assert result.exit_code == 2
+    assert "place = '3' is not allowed: one of the places" in result.output
+
+
+@pytest.mark.parametrize("script", [compare_absorbers, design_gap])
+def test_long_runs_of_disks_are_announced(
+    tmp_path: Path, script: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(duration, "LONG_S", 0.0)
+    disk = write_disk(tmp_path, IMPACT)
+    run = ["--scene", disk, "--quick", "--rate", "50", "--out", tmp_path / "out"]
+    assert "within a factor of three: " in done(script, *run).output
 
 
 @pytest.mark.parametrize("options", [[], ["--members", "2"]])

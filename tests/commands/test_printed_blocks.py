@@ -31,6 +31,7 @@ PAGES = {
     "docs/basins.md": 2,
     "docs/frequency_domain.md": 2,
     "docs/loads.md": 1,
+    "docs/many_absorbers.md": 1,
     "docs/which_gap.md": 5,
     "docs/which_place.md": 1,
     "docs/environments.md": 1,

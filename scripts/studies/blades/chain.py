@@ -98,6 +98,19 @@ class Chain:
         return InitialState(modal, None, shapes @ modal + START_PLACE * gap)
 
 
+def classify_response(impacts: Array) -> str:
+    """Return the kind of a response by the impacts a period that turn each absorber (N,).
+
+    All absorbers are turned twice a period: "synchronised"; some are: "localised"; one of them: "solitary"; none: "modulated".
+    """
+    number = int(np.sum(np.asarray(impacts) >= SYNCHRONISED))
+    if number == len(impacts):
+        return "synchronised"
+    if number > 0:
+        return "solitary" if number == 1 else "localised"
+    return "modulated" if np.any(np.asarray(impacts) > 0) else "without impacts"
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """Motion at one frequency, by sector (N,): mean and deviation over periods of the amplitude over the linear one, impacts a period."""
@@ -115,12 +128,8 @@ class Step:
 
     @property
     def kind(self) -> str:
-        """Kind of the response by the impacts that turn absorbers: "synchronised" in all sectors, "localised" (in some), or "modulated"."""
-        if np.all(self.impacts >= SYNCHRONISED):
-            return "synchronised"
-        if np.any(self.impacts >= SYNCHRONISED):
-            return "localised"
-        return "modulated" if np.any(self.impacts > 0) else "without impacts"
+        """Kind of the response, see `classify_response`."""
+        return classify_response(self.impacts)
 
     @property
     def participation(self) -> float:

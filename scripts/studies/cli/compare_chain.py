@@ -1,7 +1,9 @@
 """Compare levels of a cyclic chain with an absorber in every sector with those of the published code CC, and draw its performance curve."""
 
 import csv
+import re
 import statistics
+import subprocess
 import time
 from functools import partial
 from pathlib import Path
@@ -19,6 +21,7 @@ from studies.blades.chain import (
     SECTORS,
     Chain,
     Step,
+    classify_response,
     count_transient,
     run_periods,
     step_frequencies,
@@ -45,11 +48,20 @@ CLEARANCES = (0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0)
 STARTS = 5
 QUICK_PERIODS = 30
 LEVEL_TICKS = (0.05, 0.1, 0.2, 0.4)
+CURVE_COUPLINGS = (0.001, 0.002, 0.01, 0.05)
+CURVE_CLEARANCES = (0.1, 0.2, 0.3, 0.45, 0.7, 1.2, 2.0)
 CURVE_CASES = tuple(
-    (coupling, clearance)
-    for coupling in (0.01,)
-    for clearance in (0.1, 0.2, 0.3, 0.45, 0.7, 1.2, 2.0)
+    (wave, coupling, clearance)
+    for wave in (0, 1)
+    for coupling in CURVE_COUPLINGS
+    for clearance in CURVE_CLEARANCES
 )
+COST = "chain_cost"
+COST_DRIVER = Path(__file__).parent.parent / "blades" / f"{COST}.m"
+COST_CLEARANCES = (0.1, 0.2, 0.45, 1.0, 2.0)
+COST_PERIODS = 100
+COST_REPEATS = 3
+COST_START = 0.3  # largest displacement of a sector over the linear amplitude
 
 
 class Example(NamedTuple):
@@ -70,19 +82,34 @@ EXAMPLES = (
     Example("FindCoexistingSolutions_k0_1", 0.002, 1, 0.33, 0.992297, "localised"),
     Example("FindCoexistingSolutions_k0_1", 0.002, 1, 0.33, 0.992297, "random"),
 )
+KIND_LETTERS = {
+    "synchronised": "S",
+    "localised": "L",
+    "solitary": "1",
+    "modulated": "M",
+    "without impacts": "0",
+}
+KIND_MARKERS = {
+    "synchronised": "o",
+    "localised": "D",
+    "solitary": "*",
+    "modulated": "x",
+    "without impacts": ".",
+}
 LOCALISED_START = 1.5  # displacement of one sector over the linear amplitude
 
 
 class Settings(NamedTuple):
-    """Wave numbers, clearances, random starts, periods, cases of the curve, examples, and whether transients are shortened."""
+    """Wave numbers, clearances, random starts, periods, cases of the curve, examples, whether transients are shortened, and the folder of CC."""
 
     wave_numbers: tuple[int, ...]
     clearances: tuple[float, ...]
     starts: int
     periods: int
-    curve: tuple[tuple[float, float], ...]
+    curve: tuple[tuple[int, float, float], ...]
     examples: tuple[int, ...]
     quick: bool = False
+    peer: Path | None = None
 
 
 def describe_step(step: Step) -> Json:
@@ -92,22 +119,23 @@ def describe_step(step: Step) -> Json:
         "amplitude": step.amplitude.round(6).tolist(),
         "deviation": step.deviation.round(6).tolist(),
         "impacts": step.impacts.round(4).tolist(),
-        "kind": step.kind,
     }
 
 
+def kind_of(row: Json) -> str:
+    """Return the kind of the response of a row of `describe_step`."""
+    return classify_response(np.array(row["impacts"]))
+
+
 def measure_levels(wave_number: int, clearance: float, settings: Settings) -> list[Json]:
-    """Return the motion at the resonance with absorbers stuck, after the transient, by random start, and the time it takes."""
+    """Return the motion at the resonance with absorbers stuck, after the transient, by random start."""
     chain = Chain(COUPLING, wave_number, clearance)
     transient = settings.periods if settings.quick else count_transient(chain.resonance)
     starts = []
-    spent = []
     for seed in range(1, settings.starts + 1):
-        began = time.process_time()
         state, _ = run_periods(
             chain, chain.resonance, transient, chain.draw_start(seed), samples=None
         )
-        spent.append(1e3 * (time.process_time() - began) / transient)
         _, step = run_periods(chain, chain.resonance, settings.periods, state, SAMPLES_PER_PERIOD)
         starts.append(describe_step(not_none(step)))
     return [
@@ -116,7 +144,6 @@ def measure_levels(wave_number: int, clearance: float, settings: Settings) -> li
             "clearance": clearance,
             "transient": transient,
             "starts": starts,
-            "cpu_ms": statistics.median(spent),
         }
     ]
 
@@ -145,9 +172,11 @@ def measure_example(number: int, settings: Settings) -> list[Json]:
     ]
 
 
-def measure_curve(coupling: float, clearance: float, settings: Settings) -> list[Json]:
+def measure_curve(
+    wave_number: int, coupling: float, clearance: float, settings: Settings
+) -> list[Json]:
     """Return the motion of the frequency with the highest level of the paper's 50."""
-    chain = Chain(coupling, 1, clearance)
+    chain = Chain(coupling, wave_number, clearance)
     frequencies = chain.frequencies[::16] if settings.quick else chain.frequencies
     steps = list(step_frequencies(chain, frequencies, 1, settings.periods))
     worst = max(steps, key=lambda step: step.level)
@@ -155,6 +184,7 @@ def measure_curve(coupling: float, clearance: float, settings: Settings) -> list
     ratio = worst.frequency / chain.resonance
     return [
         {
+            "wave_number": wave_number,
             "coupling": coupling,
             "clearance": clearance,
             "ratio": ratio,
@@ -162,6 +192,46 @@ def measure_curve(coupling: float, clearance: float, settings: Settings) -> list
             **describe_step(worst),
         }
     ]
+
+
+def time_peer(clearance: float, folder: Path, periods: int) -> float:
+    """Return the CPU time in ms that CC takes for a period of one chain, under Octave."""
+    numbers = (1, COUPLING, clearance, periods, COST_START)
+    words = ["octave-cli", "--no-gui", str(COST_DRIVER), str(folder), *map(str, numbers)]
+    text = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    found = re.search(r"cpu_s = ([0-9.]+)", text)
+    return 1e3 * float(not_none(found)[1]) / periods
+
+
+def time_exact(clearance: float, periods: int) -> float:
+    """Return the CPU time in ms that the exact method takes for a period of the same chain."""
+    chain = Chain(COUPLING, 1, clearance)
+    drawn = np.random.default_rng(1).uniform(-1, 1, SECTORS)
+    start = chain.make_start(COST_START * chain.linear_amplitude * drawn / np.max(np.abs(drawn)))
+    run_periods(chain, chain.resonance, 1, start, samples=None)  # compiles
+    began = time.process_time()
+    run_periods(chain, chain.resonance, periods, start, samples=None)
+    return 1e3 * (time.process_time() - began) / periods
+
+
+def measure_cost(clearance: float, settings: Settings) -> list[Json]:
+    """Return the CPU times of both programs, in turn."""
+    folder = not_none(settings.peer)
+    peer = []
+    own = []
+    for _ in range(COST_REPEATS):
+        peer.append(time_peer(clearance, folder, COST_PERIODS))
+        own.append(time_exact(clearance, COST_PERIODS))
+    return [{"clearance": clearance, "peer_ms": peer, "exact_ms": own}]
+
+
+def make_cost_table(measured: Measurement) -> str:
+    """Return the table of costs."""
+    lines = []
+    for row in measured.values["rows"]:
+        peer, own = (statistics.median(row[name]) for name in ("peer_ms", "exact_ms"))
+        lines.append([f"{row['clearance']:g}", f"{peer:.0f}", f"{own:.2f}", f"{peer / own:.0f}"])
+    return markdown(["clearance", "CC, ms a period", "exact, ms a period", "ratio"], lines)
 
 
 def read_peer() -> dict[tuple[int, float], Json]:
@@ -177,7 +247,7 @@ def make_table(measured: Measurement) -> str:
     lines = []
     for row in measured.values["rows"]:
         levels = [float(np.mean(start["amplitude"])) for start in row["starts"]]
-        kinds = sorted({start["kind"] for start in row["starts"]})
+        kinds = sorted(set(map(kind_of, row["starts"])))
         other = peer.get((row["wave_number"], row["clearance"]))
         lines.append(
             [
@@ -186,35 +256,68 @@ def make_table(measured: Measurement) -> str:
                 f"{statistics.median(levels):.4f} ({min(levels):.4f} to {max(levels):.4f})",
                 ", ".join(kinds),
                 "" if other is None else f"{other['amplitude']:.4f}",
-                f"{row['cpu_ms']:.2f}",
             ]
         )
-    head = ("wave number", "clearance", "amplitude", "response", "amplitude, CC", "ms a period")
+    head = ("wave number", "clearance", "amplitude", "response", "amplitude, CC")
     return markdown(head, lines)
 
 
 def make_curve_table(measured: Measurement) -> str:
-    """Return the table of the performance curve."""
-    lines = [
-        [
-            f"{row['coupling']:g}",
-            f"{row['clearance']:g}",
-            f"{np.mean(row['amplitude']):.3f}",
-            f"{row['ratio']:.4f}",
-            row["kind"],
-            ", ".join(row["kinds"]),
-        ]
-        for row in measured.values["rows"]
-    ]
-    head = (
-        "coupling",
-        "clearance",
-        "largest amplitude",
-        "at frequency",
-        "response there",
-        "responses at all frequencies",
-    )
-    return markdown(head, lines)
+    """Return the table of the performance curve: largest amplitudes with the kind of the response there."""
+    rows = measured.values["rows"]
+    clearances = sorted({row["clearance"] for row in rows})
+    lines = []
+    for wave, coupling in sorted({(row["wave_number"], row["coupling"]) for row in rows}):
+        own = {
+            row["clearance"]: f"{np.mean(row['amplitude']):.3f} {KIND_LETTERS[kind_of(row)]}"
+            for row in rows
+            if (row["wave_number"], row["coupling"]) == (wave, coupling)
+        }
+        cells = [own.get(clearance, "") for clearance in clearances]
+        lines.append([str(wave), f"{coupling:g}", *cells])
+    return markdown(["wave number", "coupling", *(f"{value:g}" for value in clearances)], lines)
+
+
+def make_curve_figure(measured: Measurement) -> Saver:
+    """Return the figure of the performance curves."""
+    rows = measured.values["rows"]
+
+    def save(path: Path) -> None:
+        import matplotlib as mpl
+
+        mpl.use("Agg")
+        import matplotlib.pyplot as plt
+
+        waves = sorted({row["wave_number"] for row in rows})
+        figure, axes = plt.subplots(
+            1, len(waves), figsize=(8.4, 3.8), layout="constrained", sharey=True, squeeze=False
+        )
+        for ax, wave in zip(axes[0], waves, strict=True):
+            for coupling in sorted({row["coupling"] for row in rows}):
+                own = [
+                    row for row in rows if (row["wave_number"], row["coupling"]) == (wave, coupling)
+                ]
+                x = [row["clearance"] for row in own]
+                y = [np.mean(row["amplitude"]) for row in own]
+                (line,) = ax.plot(x, y, "-", lw=1, label=f"coupling {coupling:g}")
+                for kind, marker in KIND_MARKERS.items():
+                    of_kind = [k for k, row in enumerate(own) if kind_of(row) == kind]
+                    at = [x[k] for k in of_kind]
+                    ax.plot(at, [y[k] for k in of_kind], marker, color=line.get_color(), ms=5)
+            ax.set_xscale("log")
+            ax.set_yscale("log")
+            ax.set_xticks(x, [f"{value:g}" for value in x])
+            ax.set_yticks(LEVEL_TICKS, [f"{value:g}" for value in LEVEL_TICKS])
+            ax.minorticks_off()
+            ax.set_title(f"wave number {wave}", fontsize=10)
+            ax.set_xlabel("clearance over the linear amplitude")
+            ax.grid(visible=True, lw=0.3)
+        axes[0][0].set_ylabel("largest amplitude over the linear one")
+        axes[0][0].legend(frameon=False, fontsize=8)
+        figure.savefig(path, dpi=110)
+        plt.close(figure)
+
+    return save
 
 
 def make_example_table(measured: Measurement) -> str:
@@ -228,7 +331,7 @@ def make_example_table(measured: Measurement) -> str:
             [
                 example.name,
                 example.start,
-                row["kind"],
+                kind_of(row),
                 f"{amplitude.mean():.3f} ({amplitude.min():.3f} to {amplitude.max():.3f})",
                 f"{modulation:.2f}",
                 f"{row['participation']:.2f}",
@@ -323,6 +426,12 @@ def list_curve(settings: Settings) -> dict[Any, Any]:
     return {case: partial(measure_curve, *case, settings) for case in settings.curve}
 
 
+def list_costs(settings: Settings) -> dict[Any, Any]:
+    """Return a function that measures each case of the cost; none without CC."""
+    clearances = () if settings.peer is None else COST_CLEARANCES
+    return {clearance: partial(measure_cost, clearance, settings) for clearance in clearances}
+
+
 STUDY: Study[Settings] = Study(
     (
         make_rows_part(
@@ -349,9 +458,17 @@ STUDY: Study[Settings] = Study(
             CURVE,
             "performance curve of the cyclic chain",
             list_curve,
-            lambda row: (row["coupling"], row["clearance"]),
+            lambda row: (row["wave_number"], row["coupling"], row["clearance"]),
             add_sources(make_curve_table),
             told=lambda settings: {"periods": settings.periods},
+            figures=lambda measured: {CURVE: make_curve_figure(measured)},
+        ),
+        make_rows_part(
+            COST,
+            "cost of the cyclic chain with CC and with the exact method",
+            list_costs,
+            lambda row: row["clearance"],
+            add_sources(make_cost_table),
         ),
     ),
     kept="finished cases are in the files.",
@@ -361,7 +478,15 @@ STUDY: Study[Settings] = Study(
 @command()
 @click.option("--quick", is_flag=True, help="A clearance of each, few periods and frequencies.")
 @click.option(
-    "--only", multiple=True, type=click.Choice([NAME, RESPONSES, CURVE]), help="This part alone."
+    "--only",
+    multiple=True,
+    type=click.Choice([NAME, RESPONSES, CURVE, COST]),
+    help="This part alone.",
+)
+@click.option(
+    "--peer",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder of CC, which is run by octave-cli: measures the cost of both programs.",
 )
 @click.option("--redraw", is_flag=True, help="Write tables and figures from existing numbers.")
 @click.option(
@@ -371,11 +496,23 @@ STUDY: Study[Settings] = Study(
     show_default=False,
     help="Folder of the page many_absorbers.md and of its folder of numbers and figures (default: docs).",
 )
-def main(quick: bool, only: tuple[str, ...], redraw: bool, out: Path) -> None:
+def main(quick: bool, only: tuple[str, ...], peer: Path | None, redraw: bool, out: Path) -> None:
     """Compare levels of the cyclic chain with those of the published code CC; a run that was stopped goes on when it is called again."""
     settings = (
-        Settings((1,), (0.2,), 1, QUICK_PERIODS, ((0.01, 0.2),), (0,), quick=True)
+        Settings((1,), (0.2,), 1, QUICK_PERIODS, ((1, 0.01, 0.2),), (0,), quick=True, peer=peer)
         if quick
-        else Settings((1, 0), CLEARANCES, STARTS, PERIODS, CURVE_CASES, tuple(range(len(EXAMPLES))))
+        else Settings(
+            (1, 0),
+            CLEARANCES,
+            STARTS,
+            PERIODS,
+            CURVE_CASES,
+            tuple(range(len(EXAMPLES))),
+            peer=peer,
+        )
     )
+    if COST in only and peer is None and not redraw:
+        raise click.UsageError(f"--only {COST} needs --peer FOLDER, where the code CC is")
+    if not only and peer is None and not redraw:
+        only = (NAME, RESPONSES, CURVE)
     run(STUDY, settings, paths_beside_page(out, PAGE, out / PAGE), only=only, redraw=redraw)
