@@ -1,5 +1,8 @@
 """Studies of bladed disks: parameters against closed forms, kinds of responses, and tables of numbers by hand."""
 
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from impact_env.sectors import linear_sector_response
 from studies.blades import mistuned
 from studies.blades.chain import MASS_RATIO, Chain, Step
 from studies.blades.mistuned import BARE, LAYOUTS, Case, add_disks, find_best, summarise
-from studies.cli import which_blades
+from studies.cli import compare_chain, which_blades
 from studies.study import Measurement
 
 
@@ -35,7 +38,8 @@ def test_the_chain_has_the_masses_springs_and_dampers_of_the_paper(wave_number: 
     ("impacts", "kind"),
     [
         ([2.0, 2.0, 1.99], "synchronised"),
-        ([2.0, 0.3, 0.0], "localised"),
+        ([2.0, 1.995, 0.0], "localised"),
+        ([2.0, 0.3, 0.0], "solitary"),
         ([1.2, 1.4, 0.0], "modulated"),
         ([0.0, 0.0, 0.0], "without impacts"),
     ],
@@ -44,6 +48,44 @@ def test_responses_are_named_by_the_impacts_that_turn_absorbers(
     impacts: list[float], kind: str
 ) -> None:
     assert Step(1.0, np.ones(3), np.zeros(3), np.array(impacts)).kind == kind
+
+
+def test_the_performance_curve_has_a_row_for_each_wave_number_and_coupling() -> None:
+    rows = [
+        {"wave_number": 1, "coupling": 0.01, "clearance": c, "amplitude": [a, a], "impacts": i}
+        for c, a, i in ((0.1, 0.5, [2.0, 2.0]), (0.2, 0.25, [2.0, 0.5]), (0.3, 0.125, [1.0, 1.0]))
+    ]
+    rows += [rows[0] | {"coupling": 0.05, "clearance": 0.3}]
+    text = compare_chain.make_curve_table(Measurement({"rows": rows})).splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text]
+    assert cells[0] == ["wave number", "coupling", "0.1", "0.2", "0.3"]
+    assert cells[2] == ["1", "0.01", "0.500 S", "0.250 1", "0.125 M"]
+    assert cells[3] == ["1", "0.05", "", "", "0.500 S"]
+
+
+def test_the_cost_of_the_other_program_is_read_from_what_it_prints(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    calls = []
+
+    def answer(words: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        calls.append(words)
+        return subprocess.CompletedProcess(words, 0, "cpu_s = 5.250000, steps = 1000\n", "")
+
+    monkeypatch.setattr(subprocess, "run", answer)
+    assert compare_chain.time_peer(0.2, Path("CC"), 100) == pytest.approx(52.5)
+    (words,) = calls
+    assert words[-6:] == ["CC", "1", "0.01", "0.2", "100", "0.3"]
+    assert Path(words[2]).is_file()
+    table = compare_chain.make_cost_table(
+        Measurement({"rows": [{"clearance": 0.2, "peer_ms": [50, 40, 60], "exact_ms": [0.5] * 3}]})
+    )
+    assert [cell.strip() for cell in table.splitlines()[2].split("|")[1:-1]] == [
+        "0.2",
+        "50",
+        "0.50",
+        "100",
+    ]
 
 
 def test_layouts_put_absorbers_into_their_blades() -> None:
