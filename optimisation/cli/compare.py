@@ -241,7 +241,11 @@ def compare_under_loads(
 
 @command(
     CompareOptions,
-    examples=("compare --quick", "compare --structure arm.toml --quick --out results/arm"),
+    examples=(
+        "compare --quick",
+        "compare --structure arm.toml --quick --out results/arm",
+        "compare --scene disk.toml --quick",
+    ),
 )
 def main(options: CompareOptions) -> None:
     """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.

@@ -372,6 +372,7 @@ def under_load(options: GapOptions, load: Path) -> None:
     examples=(
         "design gap --force 3.5 --quick",
         "design gap --force 3.5 --uncertain gap=5% --device device.json",
+        "design gap --scene disk.toml --quick",
     ),
 )
 def main(options: GapOptions) -> None:
