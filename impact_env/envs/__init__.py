@@ -45,6 +45,7 @@ ENVIRONMENTS = {
     "ImpactAbsorber/Structures-v0": EnvironmentEntry(
         "impact_env.envs.active:Structures", has_split=True
     ),
+    "ImpactAbsorber/RawSensors-v0": EnvironmentEntry("impact_env.envs.active:RawSensors"),
 }
 
 

@@ -7,6 +7,7 @@ from impact_env.envs.active_task import (
     ActiveFrictionTask,
     ActiveGapTask,
     ActiveSettings,
+    RawSensorsTask,
     WallActuator,
 )
 from impact_env.envs.adaptive_task import FrictionRange
@@ -126,6 +127,47 @@ class ActiveGapEnv(TaskEnv):
         ActiveGapTask,
         (TaskSettings, ActiveSettings, WallActuator),
         SCENE | {"price": 5e-4},
+        one_number_space,
+    )
+
+
+@environment
+class RawSensorsEnv(TaskEnv):
+    """`ActiveFrictionEnv` by two accelerometers with noise and drift.
+
+    ## Description
+    What an agent sees is what sensors give: the mean accelerations of tip and absorber over the last quarter of a period, with noise and a bias
+    that drifts. Displacements, velocities and the place in the cavity are not measured; an agent that needs them has to integrate, so it needs a
+    memory.
+
+    ## Action Space
+    That of `ActiveFrictionEnv`: one float32 number in [-1, 1].
+
+    ## Observation Space
+    A ``Box`` of 7 float32 numbers, cut off at +-100.
+
+    (features)
+
+    ## Rewards
+    Those of `ActiveFrictionEnv`.
+
+    ## Starting State
+    That of `ActiveFrictionEnv`; the bias is 0.
+
+    ## Episode End
+    Truncated when the time budget is spent.
+
+    ## Arguments
+    All of `ActiveFrictionEnv`, here with ``observation_noise`` 0.05 and ``observation_drift`` 0.01
+
+    ## Version History
+    - v0: first version
+    """
+
+    kind = TaskSpec(
+        RawSensorsTask,
+        (TaskSettings, ActiveSettings, FrictionRange),
+        SCENE | {"price": 5e-5, "observation_noise": 0.05, "observation_drift": 0.01},
         one_number_space,
     )
 

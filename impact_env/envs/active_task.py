@@ -273,6 +273,59 @@ class ActiveFrictionTask(VariableFrictionTask, ActiveTask):
         return self.place_moved
 
 
+ACCELERATION_UNIT = (
+    "m/s^2 / (half-clearance times the square of the resonance's circular frequency)"
+)
+TIP_ACCELERATION = Feature(
+    "acceleration of the tip", True, "mean acceleration of the tip", ACCELERATION_UNIT
+)
+ABSORBER_ACCELERATION = Feature(
+    "acceleration of the absorber", True, "mean acceleration of the absorber", ACCELERATION_UNIT
+)
+
+
+class RawSensorsTask(ActiveFrictionTask):
+    """Lanes with a friction limit that is set by two accelerometers, whose samples are means over the interval."""
+
+    features: Sequence[Feature] = (
+        TIP_ACCELERATION,
+        ABSORBER_ACCELERATION,
+        *PERIODS_PER_LEVEL[5:9],  # what the control knows: phase, frequency and time
+        FRICTION_IN_USE,
+    )
+
+    def __init__(
+        self, settings: TaskSettings, cycle: ActiveSettings, grip: FrictionRange, lanes: int
+    ) -> None:
+        super().__init__(settings, cycle, grip, lanes)
+        self._velocities, self._accelerations = (np.zeros((lanes, 2)) for _ in range(2))
+        self._per_change = self._units["per_velocity"][0] / (2 * math.pi * self.interval)
+
+    def begin(self, lane: int) -> None:
+        """Start at rest, see `Task.begin`."""
+        super().begin(lane)
+        self._velocities[lane] = self._accelerations[lane] = 0.0
+
+    def reward(self) -> Array:
+        """Return the rewards of `ActiveFrictionTask`; take the samples of the interval."""
+        state = self.runs.state
+        modes = self.scene.model.modes
+        velocities = np.zeros((self.lanes, 2))  # of tip and absorber
+        for mode in range(modes):
+            velocities[:, 0] += self.level_shapes()[:, mode] * state[:, modes + 1 + mode]
+        velocities[:, 1] = state[:, -1]
+        self._accelerations = (velocities - self._velocities) * self._per_change
+        self._velocities = velocities
+        return super().reward()
+
+    def fill_state(self, values: Array) -> None:
+        """Write samples and what the control knows into ``values`` (L, features)."""
+        every = np.empty((self.lanes, len(PERIODS_PER_LEVEL)))
+        super().fill_state(every)
+        values[:, :2] = self._accelerations
+        values[:, 2:6] = every[:, 5:9]
+
+
 @dataclass(frozen=True)
 class WallActuator(GapRange):
     """Arguments of walls that are moved: `GapRange`'s, speed in m a pseudo period, and lag in pseudo periods; `ActiveGapEnv` describes them."""

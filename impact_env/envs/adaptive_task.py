@@ -89,6 +89,11 @@ class ChosenGapTask(VariableGapTask):
     """A task whose half-clearances (L,) in m are ``wanted``: they are in use at once, but no smaller than the absorber's distance from the middle."""
 
     wanted: Array
+    gap_before: Array
+
+    def moved(self) -> Array:
+        """Return the walls' way (L,) in half-clearances of the scene."""
+        return np.abs(self.runs.orders["gap"] - self.gap_before) / self.length
 
     def begin(self, lane: int) -> None:
         """Give the cavity the scene's half-clearance, see `Task.begin`."""
@@ -96,7 +101,8 @@ class ChosenGapTask(VariableGapTask):
         self.wanted[lane] = self.length
 
     def order_gaps(self, wanted: Array) -> None:
-        """Order half-clearances (L,) in m."""
+        """Order half-clearances (L,) in m; ``gap_before`` (L,): those until now."""
+        self.gap_before = self.runs.orders["gap"].copy()
         self.runs.orders["gap"] = self.wanted = wanted
 
     def info(self) -> dict[str, NDArray[Any]]:
@@ -115,6 +121,7 @@ class SweepGapTask(ChosenGapTask, SweepTask):
         require_cavity(settings.scene.absorber)
         self.cavity = cavity
         self.wanted = np.zeros(lanes)
+        self.gap_before = np.zeros(lanes)
         super().__init__(settings, passage, lanes)
         self.described = (passage, cavity)
 
@@ -197,7 +204,17 @@ class VariableFrictionTask(Task):
 
 
 class FrictionTask(VariableFrictionTask, PassiveTask):
-    """Lanes that pass through a resonance, each with friction that is set on the way."""
+    """Lanes that pass through a resonance, each with friction that is set on the way.
+
+    Of `costs` the actuator's way is over the range of limits, which is 2 wide.
+    """
+
+    cost_names = SweepTask.cost_names
+    least_cost = SweepTask.least_cost
+
+    def moved(self) -> Array:
+        """Return the way over the range of limits."""
+        return self.place_moved
 
     features: Sequence[Feature] = (*STATE, DISTANCE_TO_END, FRICTION_IN_USE)
 
@@ -241,7 +258,13 @@ class GapControl:
 
 
 class GapTask(ChosenGapTask):
-    """Lanes with a cavity that is set under a force that changes."""
+    """Lanes with a cavity that is set under a force that changes.
+
+    Of `costs` the level is the interval's share of the mean relative response, the actuator moves the walls, in half-clearances of the scene, and
+    impacts are those a pseudo period.
+    """
+
+    cost_names = ("level", "time", "actuator", "impacts")
 
     features: Sequence[Feature] = (
         *STATE[:-1],
@@ -265,6 +288,7 @@ class GapTask(ChosenGapTask):
         self._ratio = np.ones(lanes)
         self._rows = np.arange(lanes)
         self.wanted = np.zeros(lanes)
+        self.gap_before = np.zeros(lanes)
 
     def starting_action(self) -> Array:
         """Return the scene's half-clearance in the range (1,), see `Task.starting_action`."""
@@ -314,10 +338,17 @@ class GapTask(ChosenGapTask):
     def reward(self) -> Array:
         """Return minus the interval's share of the mean relative response."""
         scale = self._scale[self._rows, self.elapsed - 1] * self.steps
-        if self.fatigue:
-            samples = self.interval * self.settings.samples_per_period
-            return -(self.runs.reports["damage"] / samples) / scale
-        return -np.sqrt(self.runs.reports["mean_square"]) / scale
+        samples = self.interval * self.settings.samples_per_period
+        rewards: Array = (
+            -(self.runs.reports["damage"] / samples) / scale
+            if self.fatigue
+            else -np.sqrt(self.runs.reports["mean_square"]) / scale
+        )
+        self.costs[:, 0] = -rewards
+        self.costs[:, 1] = 1 / self.steps
+        self.costs[:, 2] = self.moved()
+        self.costs[:, 3] = self.runs.reports["impact_count"] / self.interval
+        return rewards
 
     def level(self) -> Array:
         """Return the RMS of the last interval in units of the scene's half-clearance."""

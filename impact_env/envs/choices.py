@@ -129,6 +129,10 @@ class SweepRateEnv(TaskEnv):
     - ``frequency_origin`` (default "resonance"; or "middle" of ``limits``), ``frequency_unit`` (default 0.1): zero and unit of features 7 and 10
     - ``level_unit`` of feature 9 (default "reference"; or "gap": half-clearances, which tell nothing of a force that is drawn)
     - ``objective``: "level" or "fatigue"; ``fatigue_exponent``
+    - ``vector_reward`` (default False): minus the costs are the reward, in the form of MO-Gymnasium (``reward_space``). Info's ``costs`` (4,) has
+      what the last interval cost: rise of the relative level (or damage); time over the time budget; way of the actuator, 0 for a rate, in
+      half-clearances of the scene for walls, over the range of limits, which is 2 wide, for friction; impacts over the pseudo periods of a whole
+      interval
     - those of every environment: `impact_env.envs.settings.TaskSettings` has scene, force, method, interval and observation; here ``modes`` 2 and
       a friction limit of 0.025 N
     - ``render_mode``: None, "rgb_array" or "human"
@@ -333,6 +337,9 @@ class GapChoiceEnv(TaskEnv):
     - ``frequency_ratio`` to the resonance, or a pair (low, high) from which each episode draws (default 0.97 to 1.01)
     - ``time_budget`` (default 1000) in pseudo periods, rounded up to whole intervals
     - ``objective``: "rms" or "fatigue"; ``fatigue_exponent``
+    - ``vector_reward`` (default False): minus the costs are the reward, in the form of MO-Gymnasium (``reward_space``). Info's ``costs`` (4,) has
+      what the last interval cost: relative RMS (or damage) over the number of intervals; time over the time budget; half-clearances that the
+      walls moved; impacts over the pseudo periods of a whole interval
     - ``force`` (default 0.5 to 6): in N, or a pair (low, high) from which the schedule draws; ``absorber_options`` (default restitution 0.7)
     - those of every environment: `impact_env.envs.settings.TaskSettings` describes scene, method, interval and observation
     - ``render_mode``: None, "rgb_array" or "human"

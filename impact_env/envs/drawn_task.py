@@ -210,6 +210,12 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
         self.level_scale[lane] = self._levels[number, down] * force
         self._potential[lane] = 0.0
 
+    def charge_passage(self, rise: Array) -> None:
+        """Fill the interval's ``costs`` (L, 5), see `SweepTask.charge_passage`."""
+        self.charge(self.moved())
+        self.costs[:, 0] = rise
+        self.costs[:, 4] = self.runs.reports["impact_count"] / self.interval
+
     def rate(self, actions: NDArray[Any]) -> Array:  # noqa: ARG002 - it is drawn
         """Return the rates (L,) in % per 100 pseudo periods."""
         return self.rates
@@ -223,10 +229,6 @@ class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, Swee
     def reward(self) -> Array:
         """Return the reward of the passage, less the price of moving the walls."""
         rewards = super().reward()
-        moved = self.moved()
-        self.charge(moved)
-        self.costs[:, 0] = -rewards
-        self.costs[:, 4] = self.runs.reports["impact_count"] / self.interval
         return (
             rewards - self.own.price * np.abs(self.runs.orders["gap"] - self._before) / self.length
         )

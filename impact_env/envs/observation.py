@@ -83,16 +83,25 @@ STATE = (
 
 
 class Sensors:
-    """Noise and delay of the measured features of a number of lanes.
+    """Noise, drift and delay of the measured features of a number of lanes.
 
-    ``noise`` is the standard deviation of what is added to each scaled, measured feature; ``delay`` a number of intervals, before which the first
-    observation of an episode is seen again.
+    ``noise`` is the standard deviation of what is added to each scaled, measured feature; ``drift`` that of the change in an interval of a bias, 0 at
+    the start of an episode; ``delay`` a number of intervals, before which the first observation of an episode is seen again.
     """
 
-    def __init__(self, features: Sequence[Feature], lanes: int, noise: float, delay: int) -> None:
+    def __init__(
+        self,
+        features: Sequence[Feature],
+        lanes: int,
+        noise: float,
+        delay: int,
+        drift: float = 0.0,
+    ) -> None:
         self.measured = np.array([feature.measured for feature in features])
         self.noise = noise
         self.delay = delay
+        self.drift = drift
+        self._bias = np.zeros((lanes, int(self.measured.sum())))
         self._past = np.zeros((delay + 1, lanes, len(features)))
         self._at = 0
 
@@ -108,13 +117,12 @@ class Sensors:
         Lanes that are ``resting`` draw no random numbers: they are reset before their observation is used.
         """
         observed = values
-        if self.noise > 0:
+        if self.noise > 0 or self.drift > 0:
             observed = values.copy()
-            number = int(self.measured.sum())
             wanted = np.ones(len(values), dtype=np.bool_) if fresh is None else fresh
             for lane in np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist():
-                observed[lane, self.measured] += self.noise * generators[lane].standard_normal(
-                    number
+                observed[lane, self.measured] += self._draw_error(
+                    lane, generators[lane], fresh is not None
                 )
         if self.delay > 0:
             size = len(self._past)
@@ -128,10 +136,21 @@ class Sensors:
         limit_features(observed, FEATURE_LIMIT, limited)  # type: ignore[no-untyped-call]
         return limited
 
-    def snapshot(self) -> tuple[Array, int]:
-        """Return the delayed observations."""
-        return self._past.copy(), self._at
+    def _draw_error(self, lane: int, generator: np.random.Generator, is_start: bool) -> Array:
+        """Return bias and noise of the measured features of a lane."""
+        bias = self._bias[lane]
+        if is_start:
+            bias[:] = 0.0
+        elif self.drift > 0:
+            bias += self.drift * generator.standard_normal(len(bias))
+        if self.noise == 0:
+            return bias
+        return np.asarray(bias + self.noise * generator.standard_normal(len(bias)))
 
-    def restore(self, snapshot: tuple[Array, int]) -> None:
+    def snapshot(self) -> tuple[Array, int, Array]:
+        """Return the delayed observations and the biases."""
+        return self._past.copy(), self._at, self._bias.copy()
+
+    def restore(self, snapshot: tuple[Array, int, Array]) -> None:
         """Go on from a snapshot."""
-        self._past[...], self._at = snapshot
+        self._past[...], self._at, self._bias[...] = snapshot

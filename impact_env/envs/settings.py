@@ -199,7 +199,8 @@ class TaskSettings:
     - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
     - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
     - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
-      ``observation_delay`` (default 0): their delay in intervals
+      ``observation_delay`` (default 0): their delay in intervals; ``observation_drift`` (default 0): standard deviation of what a bias of each of
+      them, 0 at the start of an episode, changes by in an interval
     - ``action_delay`` (default 0): intervals until an action has an effect; at the start of an episode the actuator stays where the scene has it, in
       the middle of its range for actions that the scene does not know. ``action_levels`` (default None): number of equidistant values from -1 to 1
       that each number of an action is rounded to, 2 or more
@@ -223,6 +224,7 @@ class TaskSettings:
     samples_per_period: int = DEFAULT_SAMPLES
     observation_noise: float = 0.0
     observation_delay: int = 0
+    observation_drift: float = 0.0
     action_delay: int = 0
     action_levels: int | None = None
     impacts_limit: float = FEATURE_LIMIT
@@ -288,6 +290,7 @@ class TaskSettings:
         keep_checked(
             self,
             observation_noise=non_negative,
+            observation_drift=non_negative,
             observation_delay=count_from(0),
             action_delay=count_from(0),
             action_levels=or_none(count_from(2)),

@@ -80,8 +80,14 @@ class PassageSettings:
 
 
 class SweepTask(Task):
-    """Lanes that pass through a resonance."""
+    """Lanes that pass through a resonance.
 
+    Of `costs` the level is the rise of the relative level (or damage), time is that over the time budget, and impacts are those a pseudo period of a
+    whole interval.
+    """
+
+    cost_names: Sequence[str] = ("level", "time", "actuator", "impacts")
+    least_cost: float | Array = np.array([-math.inf, 0.0, 0.0, 0.0])
     features: Sequence[Feature] = (*STATE, DISTANCE_TO_END)
 
     def __init__(
@@ -163,6 +169,7 @@ class SweepTask(Task):
 
     def reward(self) -> Array:
         """Return the fall of the relative level (or damage) in the interval, less the price of its time and of a passage cut off here."""
+        before = self._potential.copy() if self.cost_names else self._potential
         price = self.passage.time_price / 100
         fine = float(self.passage.unfinished_price)
         rewards = np.empty(self.lanes)
@@ -181,7 +188,20 @@ class SweepTask(Task):
             self._potential,
             rewards,
         )  # type: ignore[no-untyped-call]
+        if self.cost_names:
+            self.charge_passage(self._potential - before)
         return rewards
+
+    def moved(self) -> Array:
+        """Return how far the actuator moved (L,): nothing moves where only the rate is chosen."""
+        return np.zeros(self.lanes)
+
+    def charge_passage(self, rise: Array) -> None:
+        """Fill the interval's ``costs`` (L, 4); ``rise`` (L,) of the level."""
+        self.costs[:, 0] = rise
+        self.costs[:, 1] = self.duration / self.interval / self.steps
+        self.costs[:, 2] = self.moved()
+        self.costs[:, 3] = self.runs.reports["impact_count"] / self.interval
 
     def level(self) -> Array:
         """Return the level so far: relative to that of the reference passage, which knows the force, or in half-clearances."""
@@ -232,7 +252,10 @@ class OneRateSettings:
 
 
 class PassiveTask(SweepTask):
-    """A passage at one rate."""
+    """A passage at one rate, without a choice and so without costs."""
+
+    cost_names: Sequence[str] = ()
+    least_cost: float | Array = 0.0
 
     def __init__(self, settings: TaskSettings, way: OneRateSettings, lanes: int) -> None:
         super().__init__(settings, way.passage(settings), lanes)

@@ -84,7 +84,11 @@ class Task(ABC):
         self.late, self._never = (np.zeros(lanes, dtype=np.bool_) for _ in range(2))
         self.costs = np.zeros((lanes, len(self.cost_names)))
         self.sensors = Sensors(
-            self.features, lanes, settings.observation_noise, settings.observation_delay
+            self.features,
+            lanes,
+            settings.observation_noise,
+            settings.observation_delay,
+            settings.observation_drift,
         )
         self.actuator = Actuator(
             lanes, settings.action_delay, settings.action_levels or 0, self.starting_action()

@@ -285,7 +285,7 @@ def test_impossible_actions_are_refused(name: str, wrong: tuple[Any, ...]) -> No
             "load = dict with a whole number of very many digits",
         ),
         (ACTIVE_FRICTION, {"load": SHAKEN, "method": "moreau"}, "forces with Moreau"),
-        (SWEEP, {"vector_reward": True}, "without a vector of costs"),
+        (PASSIVE, {"vector_reward": True}, "without a vector of costs"),
         (
             SWEEP,
             {"limits": (0.9, 1.0), "rates": (1.0, 1e9)},

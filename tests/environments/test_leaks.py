@@ -114,14 +114,14 @@ def test_only_first_versions_observe_the_scores_reference(name: str) -> None:
     env = gymnasium.make_vec(name, num_envs=8)
     usual = record_features(env, 3)[1]
     task = env.unwrapped.task
-    drawn = task.draw
+    drawn = task.draw_machine
     scale = "_scale" if hasattr(task, "_scale") else "level_scale"
 
-    def draw(lane: int, generator: np.random.Generator) -> None:
+    def draw_machine(lane: int, generator: np.random.Generator) -> None:
         drawn(lane, generator)
         getattr(task, scale)[lane] *= 3
 
-    task.draw = draw
+    task.draw_machine = draw_machine
     np.testing.assert_equal(np.array_equal(record_features(env, 3)[1], usual), name in HIDDEN)
 
 

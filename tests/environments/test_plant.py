@@ -12,6 +12,7 @@ from environment_cases import (
     ADAPTIVE,
     GAP1,
     LIMITED,
+    RAW,
     STRUCTURES,
     actions,
     make,
@@ -19,6 +20,7 @@ from environment_cases import (
 )
 
 from impact_env.envs.actuator import Actuator
+from impact_env.envs.observation import Sensors
 from impact_env.parameters import ParameterError
 
 DELAY = 2
@@ -167,3 +169,41 @@ def test_a_seed_has_the_same_episode_on_every_machine(name: str) -> None:
 def test_impossible_machines_are_refused(name: str, arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(ParameterError, match=words):
         make(name, **arguments)
+
+
+def test_accelerometers_give_the_change_of_the_velocities() -> None:
+    """Against the state in info: what is summed up is the velocity, in the features' unit."""
+    env = make(RAW, observation_noise=0.0, observation_drift=0.0, raw_state=True)
+    env.reset(seed=2)
+    task = env.unwrapped.task
+    duration = 0.25 * 2 * np.pi / task.omega
+    total = np.zeros(2)
+    for action in actions(ACTIVE_FRICTION, 15, 1)[:, 0]:
+        observed, _, _, _, info = env.step(action)
+        total += observed[:2] * 1e-3 * task.omega**2 * duration
+        rates = info["state"][3:]
+        velocities = (task.scene.model.tip_shape @ rates[:2], rates[2])
+        np.testing.assert_allclose(total, velocities, rtol=1e-4, atol=1e-7)
+    assert np.abs(total).max() > 1e-3
+    known = make(ACTIVE_FRICTION)
+    known.reset(seed=2)
+    for action in actions(ACTIVE_FRICTION, 15, 1)[:, 0]:
+        wanted = known.step(action)[0]
+    np.testing.assert_array_equal(observed[2:], wanted[[5, 6, 7, 8, 10]])
+
+
+def test_a_bias_drifts_from_zero_at_the_start_of_each_episode() -> None:
+    lanes = 500
+    features = make(RAW).unwrapped.task.features
+    sensors = Sensors(features, lanes, 0.0, 0, drift=0.1)
+    generators = [np.random.default_rng(k) for k in range(lanes)]
+    every = np.ones(lanes, dtype=np.bool_)
+    values = np.zeros((lanes, len(features)))
+    for _ in range(2):
+        readings = [sensors.see(values, generators, every)]
+        readings += [sensors.see(values, generators) for _ in range(9)]
+        assert not readings[0].any()
+        assert not np.array(readings)[:, :, ~sensors.measured].any()
+        steps = np.diff(np.array(readings)[:, :, sensors.measured], axis=0)
+        assert steps.std() == pytest.approx(0.1, rel=0.05)
+        assert np.array(readings)[-1][:, sensors.measured].std() == pytest.approx(0.3, rel=0.1)

@@ -8,7 +8,19 @@ import pytest
 from places import EXAMPLES
 
 gymnasium = pytest.importorskip("gymnasium")
-from environment_cases import ADAPTIVE, GAP, PASSIVE, RUBBING, SWEEP, V1, make, played
+from environment_cases import (
+    ADAPTIVE,
+    FRICTION,
+    GAP,
+    GAP1,
+    PASSIVE,
+    RUBBING,
+    SWEEP,
+    V1,
+    actions,
+    make,
+    played,
+)
 
 from impact_env import (
     Beam,
@@ -365,3 +377,37 @@ def test_rate_and_gap_are_what_the_two_numbers_say() -> None:
         row, *_, info = env.step(np.array([-1.0, -1.0], np.float32))
         assert info["gap_limited"] == (info["gap"] > 0.5e-3)
     assert row[10] == pytest.approx(info["gap"] / 1e-3, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:.*reward returned by")  # gymnasium's checker
+@pytest.mark.parametrize("name", [V1, ADAPTIVE, FRICTION, GAP1])
+def test_costs_add_up_to_the_score_and_are_what_was_done(name: str) -> None:
+    """Costs against rewards, times, impacts and gaps or friction limits of info; and as the reward of an environment with vectors."""
+    env = make(name)
+    vectors = make(name, vector_reward=True)
+    task = env.unwrapped.task
+    price = 0.0 if name == GAP1 else task.passage.time_price / 100
+    before = env.reset(seed=3)[1] | {"time": 0.0}
+    vectors.reset(seed=3)
+    assert vectors.unwrapped.reward_space.shape == (4,)
+    for action in actions(name, 6, 1)[:, 0]:
+        _, reward, end, cut, info = env.step(action)
+        level, time, moved, impacts = info["costs"]
+        passed = info["time"] - before["time"]
+        assert time == pytest.approx(passed / task.interval / task.steps)
+        late = (end or cut) and name != GAP1 and task.ratio != task.far
+        fine = task.passage.unfinished_price if late else 0.0
+        assert reward == pytest.approx(-level - price * passed - fine, abs=1e-12)
+        assert impacts == info["impacts"] / task.interval
+        if name in (ADAPTIVE, GAP1):
+            assert moved == pytest.approx(abs(info["gap"] - before["gap"]) / task.length)
+        elif name == FRICTION:
+            low, high = task.limits
+            ratio = info["friction_limit"] / before["friction_limit"]
+            assert moved == pytest.approx(abs(2 * np.log(ratio) / np.log(high / low)))
+        else:
+            assert moved == 0
+        np.testing.assert_array_equal(vectors.step(action)[1], -info["costs"])
+        before = info
+        if end or cut:
+            break

@@ -9,7 +9,8 @@ from impact_env.envs import ENVIRONMENTS
 
 NAMES = tuple(ENVIRONMENTS)
 SWEEP, GAP, PASSIVE, V1, NOISY, DELAYED, OPEN_ADAPTIVE, OPEN_FRICTION = NAMES[:8]
-HARD, GAP1, ADAPTIVE, FRICTION, ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, STRUCTURES = NAMES[8:]
+HARD, GAP1, ADAPTIVE, FRICTION, ACTIVE_FRICTION, ACTIVE_GAP, LIMITED, STRUCTURES = NAMES[8:16]
+(RAW,) = NAMES[16:]
 PAIRS = (OPEN_ADAPTIVE, ADAPTIVE, LIMITED)  # which take two numbers
 RUBBING = {
     "modes": 2,
@@ -55,6 +56,7 @@ SHORT |= {ACTIVE_FRICTION: {"time_budget": 5.0}, ACTIVE_GAP: {"time_budget": 5.0
 SHORT |= {
     LIMITED: {"limits": (0.97, 0.99), "scenes": 3},
     STRUCTURES: {"time_budget": 5.0, "structures": 5},
+    RAW: {"time_budget": 5.0},
 }
 SHORT |= {
     OPEN_FRICTION: SHORT[FRICTION],
