@@ -140,7 +140,10 @@ def make_tables(measured: Measurement) -> str:
 
 def describe_settings(settings: Settings) -> Json:
     """Return what the rows depend on."""
-    return {"episodes": settings.episodes, "agents": [name_agent(a) for a in settings.agents]}
+    return {
+        "episodes": settings.episodes,
+        "policies": {task: list(list_policies(task, settings.agents)) for task in TASKS},
+    }
 
 
 STUDY: Study[Settings] = Study(
