@@ -11,7 +11,9 @@ from places import ROOT
 
 from optimisation.files import read_json
 from studies.cli import (
+    check_calibration,
     compare_chain,
+    compare_inference,
     error_vs_runtime,
     findings,
     friction_branches,
@@ -31,6 +33,8 @@ DOCS = ROOT / "docs"
 # studies that publish their numbers: the page, and the folder or the file of the numbers
 PUBLISHED: tuple[tuple[Study[Any], str, str], ...] = (
     (paper.STUDY, "paper.md", "paper"),
+    (check_calibration.STUDY, "calibrate.md", "calibrate"),
+    (compare_inference.STUDY, "calibrate.md", "calibrate"),
     (compare_chain.STUDY, "many_absorbers.md", "many_absorbers"),
     (which_blades.STUDY, "which_blades.md", "which_blades"),
     (error_vs_runtime.STUDY, "methods.md", "methods"),
