@@ -55,7 +55,14 @@ class ExportOptions:
             usual=True,
         )
     )
-    out: Path = option(file_spec("--out", "File that is written", usual=True, required=True))
+    out: Path | None = option(
+        file_spec(
+            "--out",
+            "File that is written",
+            usual=True,
+            default_text="policy.c, policy.onnx or policy.json",
+        )
+    )
 
 
 def read_policy(options: ExportOptions) -> tuple[Agent | FamilyPolicy, str]:
@@ -90,13 +97,14 @@ def read_policy(options: ExportOptions) -> tuple[Agent | FamilyPolicy, str]:
 def main(options: ExportOptions) -> None:
     """Write an agent or a rule as a file that a controller runs without Python."""
     with plain_errors():
-        check_target("--out", options.out, (FORMS[options.form],))
+        out = options.out or Path(f"policy{FORMS[options.form]}")
+        check_target("--out", out, (FORMS[options.form],))
         policy, env_id = read_policy(options)
         if options.form == "table":
-            write_json(options.out, make_table(policy, env_id))
+            write_json(out, make_table(policy, env_id))
         elif options.form == "c":
             source = write_c(policy, env_id)
-            with replacing(options.out) as temporary:
+            with replacing(out) as temporary:
                 temporary.write_text(source, encoding="utf-8")
         else:
             require(
@@ -107,6 +115,6 @@ def main(options: ExportOptions) -> None:
             )
             assert isinstance(policy, Agent)
             model = write_onnx(policy)
-            with replacing(options.out) as temporary:
+            with replacing(out) as temporary:
                 temporary.write_bytes(model)
-        name_files([options.out])
+        name_files([out])

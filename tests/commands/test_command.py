@@ -126,6 +126,7 @@ QUICK = {  # the shortest form of each command
     "design pareto": f"{STEEP} --batch 4 --designs 4",
     "prepare": "",
     "rl demonstrations": "--task GapChoice-v1 --episodes 2",
+    "rl export": "--task ActiveFriction-v0 --out rule.c",
     "rl render": "--frames 4 --gif film.gif",
     "structure": f"{ROOT}/docs/examples/steel_beam.toml",
     "sweep": "--modes 2 --from 0.98 --to 1 --rate 10 --energy --time --plot sweep.png",
