@@ -293,7 +293,9 @@ class ControlledRuns:
             kernel = solver.control(self.scene, self.method, self._period, batch)
             return partial(kernel, queue)
 
-        return WorkerPool(make_kernel, queue)
+        pool = WorkerPool(make_kernel, queue)
+        pool.kernel(0)  # what the method cannot do is refused here, not at the first step
+        return pool
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out threads and compiled code, which cannot be copied."""

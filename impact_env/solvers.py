@@ -759,15 +759,18 @@ MOVES_BASE = "for that Exact, and a scene without absorber, with one that is stu
 
 
 def find_capability(scene: Scene, method: Method) -> Capability:
-    """Return what a method does with a scene's kind; of a method that is derived from one of the library's, what that does."""
+    """Return what a method does with a scene's kind; of a method that is derived from one of the library's, what that does.
+
+    Raises ParameterError for a scene or a method of another class.
+    """
+    scene = instance("scene", scene, Scene)
+    method = instance("method", method, Method)
     known = next(known for known in METHODS.values() if isinstance(method, known))
     return CAPABILITIES[scene.kind, known]
 
 
 def find_solver(scene: Scene, method: Method) -> Solver:
     """Return what simulates a scene with a method; raises ParameterError if the method cannot do the scene."""
-    scene = instance("scene", scene, Scene)
-    method = instance("method", method, Method)
     able = find_capability(scene, method)
     if (heavy := find_largest_gravity(scene.absorber)) != 0:
         allowed = f"0 with {method} and {scene.kind.value}; {MOVES_BASE}"

@@ -5,6 +5,7 @@ import re
 import statistics
 import subprocess
 import time
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -50,12 +51,12 @@ QUICK_PERIODS = 30
 LEVEL_TICKS = (0.05, 0.1, 0.2, 0.4)
 CURVE_COUPLINGS = (0.001, 0.002, 0.01, 0.05)
 CURVE_CLEARANCES = (0.1, 0.2, 0.3, 0.45, 0.7, 1.2, 2.0)
-CURVE_CASES = tuple(
-    (wave, coupling, clearance)
-    for wave in (0, 1)
-    for coupling in CURVE_COUPLINGS
-    for clearance in CURVE_CLEARANCES
+# wave numbers and couplings: 0 and 1 with every coupling, the others with that of the comparison
+CURVE_LINES = (
+    *((wave, coupling) for wave in (0, 1) for coupling in CURVE_COUPLINGS),
+    *((wave, COUPLING) for wave in (2, 3, 4, 5)),
 )
+CURVE_CASES = tuple((*line, clearance) for line in CURVE_LINES for clearance in CURVE_CLEARANCES)
 COST = "chain_cost"
 COST_DRIVER = Path(__file__).parent.parent / "blades" / f"{COST}.m"
 COST_CLEARANCES = (0.1, 0.2, 0.45, 1.0, 2.0)
@@ -288,7 +289,9 @@ def make_curve_figure(measured: Measurement) -> Saver:
         mpl.use("Agg")
         import matplotlib.pyplot as plt
 
-        waves = sorted({row["wave_number"] for row in rows})
+        lines = {(row["wave_number"], row["coupling"]) for row in rows}
+        number = Counter(wave for wave, _ in lines)
+        waves = sorted(wave for wave in number if number[wave] == max(number.values()))
         figure, axes = plt.subplots(
             1, len(waves), figsize=(8.4, 3.8), layout="constrained", sharey=True, squeeze=False
         )
