@@ -24,7 +24,9 @@ POLICIES = ("rule", "rule12", "ppo", "sac", "rpi")
 class ExportOptions:
     """Options of ``rl export``; None: not given."""
 
-    agent: Path | None = option(file_spec("--agent", "File of an agent", usual=True))
+    agent: Path | None = option(
+        file_spec("--agent", "File of an agent", section="Computation", usual=True)
+    )
     task: str | None = option(
         OptionSpec(
             names=("--task",),
@@ -91,7 +93,7 @@ def read_policy(options: ExportOptions) -> tuple[Agent | FamilyPolicy, str]:
     ExportOptions,
     examples=(
         "rl export --task ActiveFriction-v0 --out rule.c",
-        "rl export --task ActiveGap-v0 --policy ppo --to onnx --out agent.onnx",
+        "rl export --task ActiveGap-v0 --policy rpi --to onnx",
     ),
 )
 def main(options: ExportOptions) -> None:

@@ -299,12 +299,21 @@ rl train
 rl evaluate
     --board a.txt -> .csv
     --page bare.md -> --board
+rl export
+    --out file/below -> --out = file/below is not allowed
+    -> --agent = None is not allowed: either --agent FILE or --task TASK
+    --agent file -> agent = 'file' is not allowed: a file that train wrote
+    --task Passage-v0 --policy rule12 -> for rule12 one of
+    --task ActiveGap-v0 --to c --out a.txt -> --out = a.txt is not allowed: a name that ends in .c
 reproduce admit-tasks
     --json kept.json --redraw -> an earlier run of this command wrote
 reproduce judge-agents
-    -> --agents = 'None' is not allowed: a folder with finished agents
     --out file/below -> --out
     --page bare.md -> markers
+reproduce real-controller
+    --agent file -> agent = 'file' is not allowed: a file that train wrote
+reproduce memory-trial
+    --seeds 0 -> 0 is not
 reproduce read-rules
     --agent good.toml -> agent = 'good.toml' is not allowed
     --json a.txt -> --json = a.txt is not allowed

@@ -26,8 +26,8 @@ SHIPPED = [name for names in HEADINGS.values() for name in names]
 PROGRAM = "impact-absorber"
 SCREEN = 40  # lines
 WIDTH = 80  # columns
-# options whose value is of another kind elsewhere: a list of harmonics, a name with its prior
-OTHER_KINDS = {"--free", "--from", "--harmonics"}
+# options whose value is of another kind elsewhere: a list of harmonics, a name with its prior, a kind of file
+OTHER_KINDS = {"--free", "--from", "--harmonics", "--to"}
 # examples that take at most seconds, once kernels are compiled, and write into the folder
 RUN = (
     "cache",
