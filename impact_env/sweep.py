@@ -206,7 +206,7 @@ class EventRecorder:
             raise self._error
         self.empty()
 
-    def found(self) -> tuple[Impacts | None, ContactPhases | None, Reversals | None]:
+    def join_lists(self) -> tuple[Impacts | None, ContactPhases | None, Reversals | None]:
         """Return impacts, contact phases and reversals, None where they were not listed."""
         impacts, phases, reversals = map(np.concatenate, self._chunks.values())
         return (
@@ -518,7 +518,7 @@ def _response(
     counts = observe.counters.counts
     interval = float(observe.clock.interval)
     reached = float(drive.schedule.times[-1] if complete else counts["reached"])
-    impacts, phases, reversals = lists.found()
+    impacts, phases, reversals = lists.join_lists()
     sampled = cast("LevelObserver", observe.level)
     level = None
     if record.level and (complete or sampled.state["next"] > 0):

@@ -272,7 +272,7 @@ def number(value: float | None, digits: int = 2) -> str:
 SHOWN_MODES = 10  # a page shows these alone, where they were measured; figures and files have all
 
 
-def shown_rows(rows: list[Row]) -> list[Row]:
+def select_page_rows(rows: list[Row]) -> list[Row]:
     """Return the rows that a page shows."""
     return [row for row in rows if row["modes"] == SHOWN_MODES] or rows
 

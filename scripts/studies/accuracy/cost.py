@@ -225,7 +225,7 @@ def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
                     if over == THREADS or value in (1, 2, 3, 5, 10, 20, 30, 60)
                 ],
             )
-        _room(panel, rows)
+        _widen_axis(panel, rows)
     figure.legend(
         *panels.flat[0].get_legend_handles_labels(),
         loc="outside lower center",
@@ -237,7 +237,7 @@ def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
     return {"cost": figure}
 
 
-def _room(panel: Axes, rows: list[Row]) -> None:
+def _widen_axis(panel: Axes, rows: list[Row]) -> None:
     """Show a decade at least, so that what is constant looks so."""
     values = [row["us_per_period"] for row in rows]
     if values and max(values) < 10 * min(values):

@@ -179,7 +179,7 @@ MATCHED_RUNS = 16  # of the exact method: the cost at which methods are compared
 
 def distribution_table(rows: list[Row]) -> str:
     """Return a line for each method of each scene and number of modes."""
-    methods = compared(shared.shown_rows(rows))
+    methods = compared(shared.select_page_rows(rows))
     header = (
         "scene",
         "modes",

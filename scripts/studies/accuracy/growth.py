@@ -25,7 +25,7 @@ from studies.accuracy.cases import (
     kind_named,
     number,
     plain,
-    shown_rows,
+    select_page_rows,
     unique,
 )
 from studies.study import Array, format_table
@@ -232,7 +232,7 @@ def growth_table(rows: list[Row]) -> str:
         columns,
         (
             {**row, "factor": number(row["factor_per_impact"], 3)}
-            for row in shown_rows(rows)
+            for row in select_page_rows(rows)
             if row["impact"] is None
         ),
     )

@@ -292,7 +292,7 @@ def trajectory_table(rows: list[Row]) -> str:
         for row in rows
         if row["note"]
     ]
-    rows = shared.shown_rows(rows)
+    rows = shared.select_page_rows(rows)
     own = ("Moreau", "Runge-Kutta")
     tight = {
         name: min((row["setting"] for row in rows if row["method"] == name), default=None)

@@ -146,7 +146,7 @@ def _numbers(values: np.ndarray) -> list[Any]:
     )
 
 
-def _found(result: SearchResult) -> Json:
+def _summarise_search(result: SearchResult) -> Json:
     verdict = not_none(result.verdict)
     members = {
         "members_winner": _numbers(verdict.winner.members[0]),
@@ -190,7 +190,7 @@ def concepts(study: FindingsSettings) -> Json:
                 number(stationary_limit(problem, both[0], c)) for c in over_force(condition, forces)
             ]
             curves.append(_listed(part) | {"limit_force_n": forces.tolist(), "limit_m": reach})
-        result[concept] = _found(results) | {"curves": curves}
+        result[concept] = _summarise_search(results) | {"curves": curves}
     return result
 
 
@@ -224,7 +224,7 @@ def _friction_optimum(study: FindingsSettings, resonance: int, force: float) -> 
         resonance,
     )
     curve = {"friction_limit_n": limits, "relative": part.relative[:, 0].tolist()}
-    return _found(result) | {
+    return _summarise_search(result) | {
         "resonance": resonance,
         "force_n": force,
         "argued_n": argued,
@@ -264,7 +264,7 @@ def _impact_optimum(study: FindingsSettings, resonance: int, force: float) -> Js
         "best_force_5_to_95_percent_n": np.quantile(best, (0.05, 0.95)).tolist(),
     }
     return (
-        _found(result)
+        _summarise_search(result)
         | {"resonance": resonance, "force_n": force}
         | rules
         | bests
@@ -316,7 +316,7 @@ def place(study: FindingsSettings) -> Json:
     return {name: array.tolist() for name, array in arrays.items()} | {
         "shapes": shapes,
         "mass_kg": mass,
-        "free": _found(result),
+        "free": _summarise_search(result),
     }
 
 
