@@ -16,7 +16,7 @@ from impact_env.modes import Structure, mode_shapes
 from impact_env.parameters import Beam
 from optimisation.files import replacing
 from optimisation.mounting import model_with_absorber_at, with_response_point
-from optimisation.report.report import MARKED
+from optimisation.report.report import MARKED, choose_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,8 +73,9 @@ def draw_charts(charts: Sequence[Chart]) -> Figure:
 
 def draw_chart(panel: Axes, chart: Chart) -> None:
     """Draw curves with their bands, and marked places."""
-    for k, curve in enumerate(one.in_order() for one in chart.curves):
-        colour = CHART_COLOURS[k % len(CHART_COLOURS)]
+    for number, given in zip(choose_colours(chart), chart.curves, strict=True):
+        colour = CHART_COLOURS[number]
+        curve = given.in_order()
         x, y, low, high = (
             np.array([np.nan if value is None else value for value in values])
             for values in (curve.x, curve.y, curve.low, curve.high)

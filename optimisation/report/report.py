@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,16 @@ if TYPE_CHECKING:
 Json = dict[str, Any]
 Record = Mapping[str, Any]
 COLOURS = 7  # in report.html
+# numbers of the colours that absorbers have in every figure and card, by how their names begin
+ABSORBER_COLOURS = {
+    "no absorber": 3,
+    "impact absorber": 0,
+    "friction damper": 1,
+    "LTVA, paper": 4,
+    "tuned absorber, paper": 4,
+    "LTVA": 2,
+    "tuned absorber": 2,
+}
 MARKED = 60  # points: a curve of fewer has marks
 FRAME = Path(__file__).with_name("report.html")
 ASSETS = Path(__file__).parents[1] / "explore/assets"
@@ -176,6 +187,18 @@ class Chart:
     marks: tuple[tuple[str, float], ...] = ()
     log_x: bool = False
     log_y: bool = False
+
+
+def choose_colours(chart: Chart) -> list[int]:
+    """Return the number of each curve's colour: that of its absorber, or else the first that is free."""
+    chosen: list[int | None] = []
+    for curve in chart.curves:
+        known = (k for name, k in ABSORBER_COLOURS.items() if curve.name.startswith(name))
+        colour = next(known, None)
+        chosen.append(None if colour in chosen else colour)
+    free = [k for k in range(COLOURS) if k not in chosen] or list(range(COLOURS))
+    turns = cycle(free)
+    return [next(turns) if colour is None else colour for colour in chosen]
 
 
 def show_span(
@@ -357,7 +380,8 @@ def _figure(chart: Chart) -> Json:
     """Return a chart as figure.js draws it."""
     lines = list[Json]()
     areas = list[Json]()
-    for k, curve in enumerate(one.in_order() for one in chart.curves):
+    for colour, given in zip(choose_colours(chart), chart.curves, strict=True):
+        curve = given.in_order()
         x, y, low, high = (
             [None if v is None or (log and v <= 0) else v for v in values]
             for values, log in (
@@ -367,7 +391,7 @@ def _figure(chart: Chart) -> Json:
                 (curve.high, chart.log_y),
             )
         )
-        own: Json = {"name": curve.name, "colour": f"c{k % COLOURS}", "x": x}
+        own: Json = {"name": curve.name, "colour": f"c{colour}", "x": x}
         lines.append(
             own
             | {

@@ -23,6 +23,7 @@ from optimisation.report.report import (
     Report,
     Row,
     Table,
+    choose_colours,
     list_files,
     render_card_json,
     render_card_text,
@@ -285,3 +286,26 @@ def test_points_are_drawn_by_their_abscissa() -> None:
     assert (ordered.x, ordered.y) == ([1.0, 3.0], [10.0, 30.0])
     assert (ordered.low, ordered.high) == ([9.0, 29.0], [11.0, 31.0])
     assert Curve("d", (2.0, 1.0), (4.0, 5.0)).in_order().low == []
+
+
+def test_an_absorber_has_one_colour_in_every_chart() -> None:
+    def colours(*names: str) -> dict[str, int]:
+        curves = tuple(Curve(name, [0.0], [0.0]) for name in names)
+        return dict(zip(names, choose_colours(Chart("", "", "", curves)), strict=True))
+
+    all_of_them = colours(
+        "no absorber",
+        "impact absorber",
+        "friction damper",
+        "LTVA, paper's values",
+        "LTVA, well tuned",
+        "measured",
+    )
+    assert len(set(all_of_them.values())) == len(all_of_them)
+    fewer = colours("LTVA, well tuned", "impact absorber", "another")
+    assert {name: all_of_them[name] for name in fewer if name != "another"}.items() <= fewer.items()
+    assert len(set(fewer.values())) == 3
+    two = colours("impact absorber, 10 g", "impact absorber, 20 g")
+    assert two["impact absorber, 10 g"] == all_of_them["impact absorber"]
+    assert len(set(two.values())) == 2
+    assert len(colours(*map(str, range(20)))) == 20
