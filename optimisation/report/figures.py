@@ -73,9 +73,9 @@ def draw_charts(charts: Sequence[Chart]) -> Figure:
 
 def draw_chart(panel: Axes, chart: Chart) -> None:
     """Draw curves with their bands, and marked places."""
-    for number, given in zip(choose_colours(chart), chart.curves, strict=True):
+    for number, unsorted in zip(choose_colours(chart), chart.curves, strict=True):
         colour = CHART_COLOURS[number]
-        curve = given.in_order()
+        curve = unsorted.in_order()
         x, y, low, high = (
             np.array([np.nan if value is None else value for value in values])
             for values in (curve.x, curve.y, curve.low, curve.high)

@@ -380,8 +380,8 @@ def _figure(chart: Chart) -> Json:
     """Return a chart as figure.js draws it."""
     lines = list[Json]()
     areas = list[Json]()
-    for colour, given in zip(choose_colours(chart), chart.curves, strict=True):
-        curve = given.in_order()
+    for colour, unsorted in zip(choose_colours(chart), chart.curves, strict=True):
+        curve = unsorted.in_order()
         x, y, low, high = (
             [None if v is None or (log and v <= 0) else v for v in values]
             for values, log in (
