@@ -51,3 +51,9 @@ require_environment() {
     base="$(find_python)" || return
     "$base" "$root/scripts/lib/set_up.py" "$@" >&2
 }
+
+# run_sessions OPTION...: sessions of noxfile.py with the programs of the checkout's environment, in place of this process
+run_sessions() {
+    cd "$root"
+    exec "$python" -m nox "$@"
+}

@@ -1,7 +1,6 @@
 """Which files of tests run at every save, which together, and which start first: by the processor's time with compiled kernels
-(``scripts/test -n 0 --cpu FILE``)."""
+(``scripts/test -n 0 --cpu FILE``). Used by noxfile.py and conftest.py."""
 
-import sys
 from pathlib import Path
 
 
@@ -64,18 +63,10 @@ LEANING = _files(
 TESTS = Path(__file__).parents[1]
 
 
-def parts() -> list[str]:
-    """Whether kernels are compiled, and what pytest is told, a line for each of `PARTS` and for tests marked plain."""
-    plain = [
-        str(path)
-        for path in sorted(TESTS.glob("*/test_*.py"))
-        if "pytest.mark.plain" in path.read_text()
-    ]
+def plain_files() -> list[str]:
+    """Return the files with tests marked plain, relative to the tests' folder."""
     return [
-        *(f"NUMBA_DISABLE_JIT=0 --kernels=compiled {part}" for part in PARTS),
-        f"NUMBA_DISABLE_JIT=1 --kernels=plain {' '.join(plain)}",
+        path.relative_to(TESTS).as_posix()
+        for path in sorted(TESTS.glob("*/test_*.py"))
+        if "pytest.mark.plain" in path.read_text(encoding="utf-8")
     ]
-
-
-if __name__ == "__main__":
-    print("\n".join(LEANING if sys.argv[1:] == ["leaning"] else parts()))
