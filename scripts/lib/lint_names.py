@@ -18,7 +18,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 NOT_CONVERTED = Path(__file__).with_name("names_not_converted.toml")
 PACKAGES = ("impact_env", "optimisation")
-CHECKED = (*PACKAGES, "scripts/lib", "tests")  # folders whose names are checked
+CHECKED = (*PACKAGES, "scripts", "tests")  # folders whose names are checked
 # participles, adverbs, pronouns and metaphors: a name says what a quantity is, or what a function does
 WORDS = frozenset(
     [

@@ -279,7 +279,7 @@ FIRST_SEARCHED = 1000
 FIRST_JUDGED = 2_500_000
 CLAIRVOYANT = "clairvoyant oracle"
 ROBUST = "robust oracle"
-ROOM = "room"
+HEADROOM = "room"
 LEAST = 0.15
 SURE = 0.1
 
@@ -409,7 +409,7 @@ def rules(
     return chosen
 
 
-def room(oracle: Array, rule: Array, constant: Array) -> float:
+def headroom(oracle: Array, rule: Array, constant: Array) -> float:
     """Return the room above a rule, for scores (1, E)."""
     return float((oracle.mean() - rule.mean()) / (oracle.mean() - constant.mean()))
 
@@ -465,6 +465,9 @@ def add_agents(task: str, result: dict[str, Any], agents: Sequence[Any]) -> None
 def verdict(scores: Mapping[str, Array]) -> dict[str, Any]:
     """Return the room with its interval, and whether that admits a task."""
     compared = (scores[ROBUST], scores[EIGHT], scores[CONSTANT])
-    low, high = bootstrap_interval(room, *compared)
-    share = room(*compared)
-    return {ROOM: [share, float(low), float(high)], "admitted": bool(share >= LEAST and low > SURE)}
+    low, high = bootstrap_interval(headroom, *compared)
+    share = headroom(*compared)
+    return {
+        HEADROOM: [share, float(low), float(high)],
+        "admitted": bool(share >= LEAST and low > SURE),
+    }

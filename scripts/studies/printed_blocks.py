@@ -128,7 +128,8 @@ def find_differences(page: str, output: str, tolerance: float) -> Iterator[str]:
     A table may have other rows, as long as they have the form of those on the page: which gaps a
     search runs depends on the last bits of chaotic runs. Then its numbers are not compared.
     """
-    visible, result = _by_pattern(page), _by_pattern(output)
+    visible = _by_pattern(page)
+    result = _by_pattern(output)
     for pattern in [*visible, *result]:
         if pattern not in result:
             yield f"the page shows '{visible[pattern][0]}', which is not printed"

@@ -96,7 +96,8 @@ def plate(
     material: Point,
 ) -> ModalModel:
     """Return a plate held along x and y (`HELD`); sides and thickness in m; places of force, absorber and response as shares of the sides."""
-    (young, density), (force, absorber, response) = material, places
+    young, density = material
+    force, absorber, response = places
     mass, stiffness = _bending(held, sides, 0.3)
     rigidity = young * thickness**3 / (12 * (1 - 0.3**2))
     modes = lowest_modes(density * thickness * mass, rigidity * stiffness, MODES)

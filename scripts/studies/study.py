@@ -70,9 +70,9 @@ class Part(Generic[S]):
     however it ends. ``known`` are the values of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own.
 
     The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name, a
-    PNG where it has no ending, ``said`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
+    PNG where it has no ending, ``summary`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
 
-    ``told(settings)``: values on which all others depend. A part that has some goes on from its file whenever these are the same in it.
+    ``key_values(settings)``: values on which all others depend. A part that has some goes on from its file whenever these are the same in it.
     """
 
     name: str
@@ -84,9 +84,9 @@ class Part(Generic[S]):
     steps: Callable[[S, Json], int] | None = None
     tables: Callable[[Measurement], Iterable[CsvTable]] = lambda _: ()
     figures: Callable[[Measurement], Mapping[str, Saver]] = lambda _: {}
-    said: Callable[[Measurement], str] | None = None
+    summary: Callable[[Measurement], str] | None = None
     failures: Callable[[Measurement], Sequence[str]] = lambda _: ()
-    told: Callable[[S], Json] = lambda _: {}
+    key_values: Callable[[S], Json] = lambda _: {}
 
 
 def to_file_content(measured: Measurement) -> Json:
@@ -107,7 +107,7 @@ class Study(Generic[S]):
     """Parts by name; each has its own JSON file.
 
     ``notes(settings)`` is added to the conditions once a part is measured. A run goes on from an earlier one if the conditions named in ``same``
-    are the same. ``kept`` says what is left of a run that is stopped.
+    are the same. ``stopped_message`` says what is left of a run that is stopped.
 
     ``key(name, settings)``: all that a part's numbers depend on, as JSON has it; a file with another key is no earlier run of the part, which is
     measured anew. None: the conditions alone tell.
@@ -117,7 +117,7 @@ class Study(Generic[S]):
     notes: Callable[[S], Json] = lambda _: {}
     packages: tuple[str, ...] = PACKAGES
     same: tuple[str, ...] = ("processor", "versions", "quick")
-    kept: str = "the files hold what was finished."
+    stopped_message: str = "the files hold what was finished."
     key: Callable[[str, S], Json] | None = None
 
     def chosen(self, names: Sequence[str]) -> list[Part[S]]:
@@ -151,7 +151,7 @@ def paths_with_page(out: Path, names: Iterable[str]) -> OutputPaths:
     return OutputPaths(out, None if missing else page)
 
 
-def paths_beside_page(out: Path, name: str, data: Path | None = None) -> OutputPaths:
+def paths_next_to_page(out: Path, name: str, data: Path | None = None) -> OutputPaths:
     """Return the place of a study whose page NAME.md is in ``out``, and whose other files are there as well, or in ``data``."""
     return OutputPaths(data or out, out / f"{name}.md", DOCS / f"{name}.md")
 
@@ -178,7 +178,7 @@ def run(
 
     Exits with 1 if something failed, 2 with bad input, 130 if the run was stopped; each with one message.
     """
-    with plain_errors(f"Stopped early: {study.kept}"):
+    with plain_errors(f"Stopped early: {study.stopped_message}"):
         parts = study.chosen(only)
         if place.folder is not None:
             require_writable("--out", place.folder)
@@ -209,7 +209,7 @@ def run(
                     f"{part.name} is not complete: {measured.conditions['failure']}"
                 )
             if not redraw:
-                end_early(measured.complete, study.kept)
+                end_early(measured.complete, study.stopped_message)
     if failures:
         sys.exit(1)
 
@@ -247,7 +247,7 @@ def measure_or_resume(
     """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
     path = place.numbers(part.name)
     earlier = None
-    resume_values = part.told(settings)
+    resume_values = part.key_values(settings)
     if (resume or resume_values) and path is not None and path.exists():
         earlier = read_measurement(part, place, "--resume" if resume else "--out")
         if study.key is not None and earlier.conditions.get("key") != study.key(
@@ -333,7 +333,9 @@ def publish(
     """Write a part's CSV files, figures and sections of the page, and print the results and the names of all files ``written``."""
     sections = part.sections(measured)
     click.echo(
-        part.said(measured) if part.said else f"{part.title}\n\n" + "\n\n".join(sections.values())
+        part.summary(measured)
+        if part.summary
+        else f"{part.title}\n\n" + "\n\n".join(sections.values())
     )
     files = list(written)
     if place.folder is not None:
@@ -385,7 +387,7 @@ def make_rows_part(
     key: Callable[[Json], Any],
     text: Callable[[Measurement], str],
     marker: str = "",
-    told: Callable[[S], Json] = lambda _: {},
+    key_values: Callable[[S], Json] = lambda _: {},
     **others: Any,
 ) -> Part[S]:
     """Return a part whose values are what is ``told`` and rows by case, and whose one section is ``text`` unless ``others`` say otherwise."""
@@ -393,13 +395,13 @@ def make_rows_part(
 
     def measure(settings: S, earlier: Json) -> Steps:
         for values in measure_rows_by_case(cases(settings), key, earlier):
-            yield {**told(settings), **values}
+            yield {**key_values(settings), **values}
 
     usual: Json = {"markers": (marker,), "sections": lambda measured: {marker: text(measured)}}
     usual["steps"] = lambda settings, earlier: len(
         find_missing_cases(cases(settings), key, earlier)
     )
-    return Part(name, title, measure=measure, told=told, **usual | others)
+    return Part(name, title, measure=measure, key_values=key_values, **usual | others)
 
 
 def make_whole_part(
@@ -437,10 +439,10 @@ def make_table_study(
     name: str, title: str, measure: Callable[[S], Json], summarise: Callable[[Measurement], str]
 ) -> Study[S]:
     """Return the study whose table ``summarise`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
-    part = make_whole_part(name, title, measure, add_sources(summarise), name, said=summarise)
+    part = make_whole_part(name, title, measure, add_sources(summarise), name, summary=summarise)
     return Study(
         (part,),
-        kept="nothing is written.",
+        stopped_message="nothing is written.",
     )
 
 

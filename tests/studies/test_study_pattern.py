@@ -55,7 +55,7 @@ def part(name: str, with_message: bool = False) -> Part[Settings]:
         cases,
         operator.itemgetter("elements"),
         lambda measured: f"{len(measured.values['rows'])} rows. {sources(measured.conditions)}",
-        told=lambda settings: {"word": settings.word} if with_message else {},
+        key_values=lambda settings: {"word": settings.word} if with_message else {},
         tables=lambda measured: [
             CsvTable(
                 name,
@@ -74,7 +74,7 @@ STUDY: Study[Settings] = Study(
     (part("omega"), part("shape")),
     notes=lambda settings: {"word": settings.word},
     same=("versions", "word"),
-    kept="what is done is written.",
+    stopped_message="what is done is written.",
 )
 
 

@@ -35,7 +35,7 @@ RUN_IN = 40.0
 APART = 6.3
 STATIC = Beam().static_tip_stiffness
 BARE = Record(level=False)
-WATCHED = Record(
+RECORD = Record(
     level=False, events=True, series=True, energy=True
 )  # one set of observers, so that each kernel is compiled once
 
@@ -269,12 +269,12 @@ def number(value: float | None, digits: int = 2) -> str:
     return "" if value is None else f"{value:.{digits}g}"
 
 
-SHOWN_MODES = 10  # a page shows these alone, where they were measured; figures and files have all
+MODES_ON_PAGE = 10  # a page shows these alone, where they were measured; figures and files have all
 
 
 def select_page_rows(rows: list[Row]) -> list[Row]:
     """Return the rows that a page shows."""
-    return [row for row in rows if row["modes"] == SHOWN_MODES] or rows
+    return [row for row in rows if row["modes"] == MODES_ON_PAGE] or rows
 
 
 def named(row: Row) -> str:

@@ -71,10 +71,8 @@ class Mechanics(DenseMechanics):
         self.square = self.model.omega**2
         self.rate = 2 * self.model.damping_ratio * self.model.omega
         omegas = drive.schedule.omegas
-        self.start_omega, self.slope = (
-            float(omegas[0]),
-            float((omegas[1] - omegas[0]) / drive.schedule.times[1]),
-        )
+        self.start_omega = float(omegas[0])
+        self.slope = float((omegas[1] - omegas[0]) / drive.schedule.times[1])
         self.made: dict[str, Linear] = {}
 
     def of(self, regime: Regime) -> Linear:
@@ -174,11 +172,9 @@ def follow(
         state.nudge(contacts.regimes[0])
     balance = None
     if energy:  # work less losses less gain of stored energy, relative to the largest of them
-        before, after, (work, losses) = (
-            mechanics.stored(start),
-            mechanics.stored(state.x),
-            state.x[-2:],
-        )
+        before = mechanics.stored(start)
+        after = mechanics.stored(state.x)
+        work, losses = state.x[-2:]
         balance = float(
             abs(work - losses - after + before) / max(abs(work), abs(losses), before, after)
         )

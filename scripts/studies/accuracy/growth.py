@@ -16,7 +16,7 @@ from studies.accuracy.cases import (
     BARE,
     COLOURS,
     MARKERS,
-    WATCHED,
+    RECORD,
     AccuracyCase,
     AccuracySettings,
     Cases,
@@ -107,7 +107,7 @@ class _Continued:
             self.drive(section, periods),
             Exact(),
             initial=self.initial(state),
-            record=WATCHED,
+            record=RECORD,
         )
         return response.recorded.impacts.time[:FOLLOWED]
 

@@ -131,7 +131,7 @@ def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> 
     note = ""
     try:
         simulate(
-            it.scene, it.drive(0.01), method, initial=it.initial, record=shared.WATCHED
+            it.scene, it.drive(0.01), method, initial=it.initial, record=shared.RECORD
         )  # compile
         began = time.perf_counter()
         for each, true in starts:
@@ -140,7 +140,7 @@ def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> 
                 each.drive(true.periods),
                 method,
                 initial=each.initial,
-                record=shared.WATCHED,
+                record=shared.RECORD,
             )
             result.append(
                 _errors(
@@ -282,7 +282,7 @@ SCENES = (
     ("impact, e = 0.7, with friction", 10),
     ("compliant walls, stiff", 10),
 )
-SHOWN_STEPS = (20, 20000)
+STEPS_DRAWN = (20, 20000)
 
 
 def trajectory_table(rows: list[Row]) -> str:
@@ -302,7 +302,7 @@ def trajectory_table(rows: list[Row]) -> str:
         row
         for row in rows
         if row["setting"] is None
-        or (row["method"] in own and row["setting"] in SHOWN_STEPS)
+        or (row["method"] in own and row["setting"] in STEPS_DRAWN)
         or row["setting"] == tight.get(row["method"])
     ]
     header = (

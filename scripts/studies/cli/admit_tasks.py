@@ -23,7 +23,7 @@ from optimisation.report.figures import BLACK, BLUE, ORANGE, figure_of, write_fi
 from optimisation.rl.agents import FINAL, find_agents
 from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import CHOSEN, CONSTANT, EIGHT, TASKS, env_of, policies
-from studies.admission import EFFORTS, QUICK, ROOM, add_agents, admit, tried
+from studies.admission import EFFORTS, HEADROOM, QUICK, add_agents, admit, tried
 from studies.study import Array, Json
 
 NAMES = (
@@ -45,18 +45,18 @@ def rooms(result: Mapping[str, Json]) -> str:
         cells = []
         for label in columns:
             scores = np.array(one["scores"][label]) if label in one["scores"] else None
-            cells.append("-" if scores is None else told(scores))
-        share = "{:.2f} [{:.2f}, {:.2f}]".format(*one[ROOM]) if ROOM in one else "-"
+            cells.append("-" if scores is None else format_scores(scores))
+        share = "{:.2f} [{:.2f}, {:.2f}]".format(*one[HEADROOM]) if HEADROOM in one else "-"
         verdict = (
             ("admitted" if one["admitted"] else "no room shown")
-            if ROOM in one
+            if HEADROOM in one
             else "for comparison"
         )
         rows.append((f"`{name}`", *cells, share, verdict))
-    return markdown(("task", *columns, ROOM, "verdict"), rows)
+    return markdown(("task", *columns, HEADROOM, "verdict"), rows)
 
 
-def told(scores: Any) -> str:
+def format_scores(scores: Any) -> str:
     """Return the mean of scores (runs, seeds) with its interval, and how many runs there are if there are several."""
     low, high = bootstrap_interval(np.mean, scores)
     runs = f" ({len(scores)} runs)" if len(scores) > 1 else ""
@@ -72,7 +72,7 @@ def searches(result: Mapping[str, Json]) -> str:
         tried = ", ".join(f"{number:.3f}" for number in best["numbers"])
         spent = f"{effort['searched']} / {effort['judged']}"
         ahead = f"{effort['horizon']}, {effort['copies']}"
-        rows.append((f"`{name}`", best["family"], tried, spent, ahead if ROOM in one else "-"))
+        rows.append((f"`{name}`", best["family"], tried, spent, ahead if HEADROOM in one else "-"))
     return markdown(
         (
             "task",

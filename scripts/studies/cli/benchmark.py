@@ -132,7 +132,7 @@ def table(cases: Sequence[Json]) -> str:
     return format_table(columns, cases)
 
 
-def _said(measured: Measurement) -> str:
+def _summary(measured: Measurement) -> str:
     cases = measured.values["cases"]
     repeats = measured.values["repeats"]
     periods = cases[0]["pseudo_periods"]
@@ -150,7 +150,7 @@ STUDY: Study[TimingSettings] = make_table_study(
     NAME,
     "speed of the exact method",
     lambda settings: measure_all_cases(CASES, settings, measure),
-    _said,
+    _summary,
 )
 
 
@@ -190,7 +190,8 @@ def measure_record(
     case: tuple[str, SlidingAbsorber | None], settings: TimingSettings, advance: Advance
 ) -> Json:
     """Return times of a sample in us, and how far lsim's displacement is from the exact one's, relative to its largest."""
-    (name, absorber), samples = case, int(settings.periods)
+    name, absorber = case
+    samples = int(settings.periods)
     model = modal_model(Beam(modes=MODES))
     times = np.arange(samples + 1) / RATE
     values = FORCE * np.random.default_rng(0).standard_normal(len(times))
@@ -234,7 +235,7 @@ COLUMNS = {
 }
 
 
-def _record_said(measured: Measurement) -> str:
+def _record_summary(measured: Measurement) -> str:
     cases = measured.values["cases"]
     repeats = measured.values["repeats"]
     cells = [
@@ -258,7 +259,7 @@ RECORD_STUDY: Study[TimingSettings] = make_table_study(
     RECORD,
     "a sample of a record",
     lambda settings: measure_all_cases(list(RECORDED.items()), settings, measure_record),
-    _record_said,
+    _record_summary,
 )
 
 

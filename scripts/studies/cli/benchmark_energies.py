@@ -85,12 +85,12 @@ def measure(case: EnergyCase, settings: TimingSettings, advance: Advance) -> Jso
     scene = beam_scene(Beam(modes=case.modes), case.absorber)
     periods = settings.periods
     drive = make_sweep_up(scene, case.force, START, periods)
-    watched, bare = (
+    recorded, bare = (
         Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record())
     )
-    response = watched.run()
+    response = recorded.run()
     runs = {
-        "energies": lambda: watched.run().wall_time / periods,
+        "energies": lambda: recorded.run().wall_time / periods,
         "bare": lambda: bare.run().wall_time / periods,
     }
     times = summarise_times(time_in_turn(runs, settings.repeats, advance))
@@ -117,7 +117,7 @@ def table(cases: Sequence[Json]) -> str:
     return format_table(columns, cases)
 
 
-def _said(measured: Measurement) -> str:
+def _summary(measured: Measurement) -> str:
     cases = measured.values["cases"]
     repeats = measured.values["repeats"]
     periods = cases[0]["pseudo_periods"]
@@ -134,7 +134,7 @@ STUDY: Study[TimingSettings] = make_table_study(
     NAME,
     "price of an energy account",
     lambda settings: measure_all_cases(CASES, settings, measure),
-    _said,
+    _summary,
 )
 
 

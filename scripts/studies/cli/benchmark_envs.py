@@ -256,7 +256,7 @@ def _measure(seconds: float) -> Json:
     }
 
 
-def _said(measured: Measurement) -> str:
+def _summary(measured: Measurement) -> str:
     values = measured.values
     made = measured.conditions
     return (
@@ -268,7 +268,7 @@ def _said(measured: Measurement) -> str:
 
 
 # settings: length of a repeat in s
-STUDY = make_table_study(NAME, "speed of the environments", _measure, _said)
+STUDY = make_table_study(NAME, "speed of the environments", _measure, _summary)
 
 
 @command()

@@ -229,7 +229,7 @@ def measure(settings: ExplorerSettings) -> Json:
     return {"repeats": settings.repeats, "load": [load, os.getloadavg()[0]], "cases": rows}
 
 
-def said(result: Measurement) -> str:
+def make_summary(result: Measurement) -> str:
     """Return the table: medians, and in brackets the largest."""
     columns = {
         "modes, friction in N": "{modes}, {friction_limit:g}",
@@ -255,7 +255,7 @@ def said(result: Measurement) -> str:
     )
 
 
-STUDY = make_table_study(NAME, "explorer", measure, said)
+STUDY = make_table_study(NAME, "explorer", measure, make_summary)
 
 
 @command()

@@ -89,7 +89,7 @@ def first_orbit(case: Case) -> Orbit:
     return closed_form_orbits(case).orbits[0]
 
 
-def found(result: T | NoOrbit) -> T:
+def require_orbit(result: T | NoOrbit) -> T:
     """Return the orbit; raises ClickException with the reason if there is none."""
     if isinstance(result, NoOrbit):
         raise click.ClickException(result.reason)
@@ -104,7 +104,7 @@ def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable
     phases = [z[:n] + k * orbit.schedule.turn for k in range(repeated)]
     z = np.concatenate([*phases, *[z[n : n + m]] * repeated, z[n + m :]])
     start = z + MOVED * np.cos(np.arange(len(z)))
-    return lambda: found(solve(orbit.case, schedule, start))
+    return lambda: require_orbit(solve(orbit.case, schedule, start))
 
 
 def closed_form_line(modes: int, friction: float, repeats: int) -> Json:
@@ -139,7 +139,7 @@ def frictionless_branch(repeats: int) -> Json:
     def work() -> None:
         z = read_unknowns(first_orbit(case_at(3, 1.0, 3.0)).solution)
         for ratio in np.linspace(1.0, 1.06, BRANCH_POINTS):
-            solution = found(solve(case.changed(omega=float(ratio) * first), schedule, z))
+            solution = require_orbit(solve(case.changed(omega=float(ratio) * first), schedule, z))
             z = read_unknowns(solution)
             stability_of(motion_of(solution))
 
@@ -227,7 +227,7 @@ def shooting_line(what: str, orbit: Orbit, repeats: int) -> Json:
     start = state * (1 + 1e-5 * np.cos(np.arange(len(state))))
     schedule = orbit.schedule
     work = partial(shoot, orbit.case, phase, start, schedule.symmetric, schedule.period_multiple)
-    return timed(what, None, "ms", repeats, lambda: found(work()))
+    return timed(what, None, "ms", repeats, lambda: require_orbit(work()))
 
 
 def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Json:

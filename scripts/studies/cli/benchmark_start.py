@@ -180,12 +180,12 @@ def table(result: list[Json]) -> str:
     return format_table(columns, result)
 
 
-def _said(measured: Measurement) -> str:
+def _summary(measured: Measurement) -> str:
     cores = measured.values["cores"]
     return f"{table(measured.values['steps'])}\n\nOn {cores} core{'s' * (cores != 1)}; one run each; packages were downloaded."
 
 
-STUDY = make_table_study(NAME, "from nothing to the first figure", _measure, _said)
+STUDY = make_table_study(NAME, "from nothing to the first figure", _measure, _summary)
 
 
 @command()

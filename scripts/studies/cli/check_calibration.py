@@ -475,7 +475,7 @@ STUDY: Study[CalibrationSettings] = Study(
             cases=list_cases,
             key=lambda r: (r["rig"], r["kind"], r["number"]),
             text=write_table,
-            told=lambda settings: {
+            key_values=lambda settings: {
                 "first_runs": settings.first_runs,
                 "round_runs": settings.round_runs,
                 "rounds": settings.rounds,
@@ -484,10 +484,10 @@ STUDY: Study[CalibrationSettings] = Study(
             sections=lambda result: {
                 NAME: f"{write_table(result)}\n\n{sources(result.conditions)}"
             },
-            said=write_table,
+            summary=write_table,
         ),
     ),
-    kept="with --json the same command goes on from here.",
+    stopped_message="with --json the same command goes on from here.",
 )
 QUICK = CalibrationSettings(2, 0, 64, 48, 1, 40)
 

@@ -72,7 +72,7 @@ def level_of(lane: Lane) -> float:
 class BruteForce:
     """Levels by sweeps up and down with phases of its own; ``where``: threads and executor."""
 
-    found: Advice
+    advice: Advice
     generator: np.random.Generator
     where: dict[str, Any]
 
@@ -80,7 +80,7 @@ class BruteForce:
         self, absorbers: Sequence[SlidingAbsorber], factors: Sequence[float], runs: int
     ) -> Array:
         """Return the larger level of up and down in m, (absorbers, factors, runs); raises KeyboardInterrupt if it is stopped."""
-        check = self.found.check
+        check = self.advice.check
         omega = check.model.resonance_omega(check.resonance)
         low, high = check.limits
         schedules = [
@@ -239,17 +239,17 @@ STUDY: Study[GapSettings] = Study(
             },
             key=itemgetter("name", "resonance", "mass_ratio"),
             text=table,
-            told=lambda settings: {
+            key_values=lambda settings: {
                 "members": settings.members,
                 "step": settings.step,
                 "rate": settings.rate,
                 "judges": settings.judges,
             },
             sections=lambda result: {NAME: f"{table(result)}\n\n{sources(result.conditions)}"},
-            said=table,
+            summary=table,
         ),
     ),
-    kept="with --json the same command goes on from here.",
+    stopped_message="with --json the same command goes on from here.",
 )
 
 
@@ -275,23 +275,23 @@ def by_run_time(cases: Sequence[StructureCase]) -> tuple[StructureCase, ...]:
 @cluster_option
 @add_table_options(NAME, "docs/which_gap.md")
 def main(
-    quick: bool, cluster: str | None, target: Path | None, page: Path | None, **given: Any
+    quick: bool, cluster: str | None, target: Path | None, page: Path | None, **options: Any
 ) -> None:
     """Print, for thirty structures, what the answers of design_gap lose against a scan of gaps by brute force.
 
     The scan simulates levels at 0.9, 1 and 1.1 of the force with phases of its own; its best gaps and the answers are judged by fresh runs. Ctrl-C
     prints, and writes, what is finished; with --json the same command goes on from there.
     """
-    with plain_errors(), workers(given["threads"], cluster) as result:
-        given |= {
-            "members": given["members"] or MEMBERS,
-            "judges": given["judges"] or (QUICK_JUDGES if quick else JUDGES),
-            "threads": given["threads"] if result is None else None,
+    with plain_errors(), workers(options["threads"], cluster) as result:
+        options |= {
+            "members": options["members"] or MEMBERS,
+            "judges": options["judges"] or (QUICK_JUDGES if quick else JUDGES),
+            "threads": options["threads"] if result is None else None,
         }
         settings = GapSettings(
             tuple(CASES[k] for k in QUICK_CASES) if quick else by_run_time(CASES + HARD_CASES),
             step=QUICK_STEP if quick else STEP,
             executor=result,
-            **given,
+            **options,
         )
         run(STUDY, settings, make_table_paths(target, page))

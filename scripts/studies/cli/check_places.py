@@ -63,7 +63,8 @@ class Case:
 
 def panel_places() -> Places:
     """Return a simply supported plate with thirty places for absorbers, in five rows of six."""
-    force, level = (0.3, 0.35), (0.4, 0.6)
+    force = (0.3, 0.35)
+    level = (0.4, 0.6)
     points = [(x, y) for y in np.linspace(0.1, 0.9, 5) for x in np.linspace(0.1, 0.85, 6)]
     sides = (0.8, 0.5)
     models = [
@@ -121,7 +122,7 @@ class PlaceSettings(NamedTuple):
 class BruteForce:
     """Levels by sweeps up and down with phases of its own, over those without absorber; ``where``: threads and executor."""
 
-    found: PlaceAdvice
+    advice: PlaceAdvice
     generator: np.random.Generator
     where: dict[str, Any]
 
@@ -132,7 +133,7 @@ class BruteForce:
         runs: int,
     ) -> Array:
         """Return the largest level over that without absorber, of all resonances, (devices, factors, runs)."""
-        study = self.found.study
+        study = self.advice.study
         lanes = []
         for model, absorber in devices:
             scene = Scene(model, absorber)
@@ -273,7 +274,7 @@ STUDY: Study[PlaceSettings] = Study(
             },
             key=lambda r: (r["name"], *r["resonances"]),
             text=table,
-            told=lambda settings: {
+            key_values=lambda settings: {
                 "members": settings.members,
                 "step": settings.step,
                 "scanned": settings.scanned,
@@ -281,10 +282,10 @@ STUDY: Study[PlaceSettings] = Study(
                 "judges": settings.judges,
             },
             sections=lambda result: {NAME: f"{table(result)}\n\n{sources(result.conditions)}"},
-            said=table,
+            summary=table,
         ),
     ),
-    kept="with --json the same command goes on from here.",
+    stopped_message="with --json the same command goes on from here.",
 )
 QUICK_CASES = (5,)
 QUICK_STEP = 0.3
@@ -304,22 +305,22 @@ QUICK_MEMBERS = 1
 @cluster_option
 @add_table_options(NAME, "docs/which_place.md")
 def main(
-    quick: bool, cluster: str | None, target: Path | None, page: Path | None, **given: Any
+    quick: bool, cluster: str | None, target: Path | None, page: Path | None, **options: Any
 ) -> None:
     """Print, for four structures, what the place and gap of design_place lose against a scan of all places and gaps by brute force.
 
     The scan runs each place at gaps 10 % apart, its best again at 0.9, 1 and 1.1 of the forces; its best and the answer are judged by fresh runs.
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
     """
-    with plain_errors(), workers(given["threads"], cluster) as result:
-        given["judges"] = given["judges"] or (QUICK_JUDGES if quick else JUDGES)
+    with plain_errors(), workers(options["threads"], cluster) as result:
+        options["judges"] = options["judges"] or (QUICK_JUDGES if quick else JUDGES)
         if result is not None:
-            given["threads"] = None
+            options["threads"] = None
         settings = PlaceSettings(
             tuple(CASES[k] for k in QUICK_CASES) if quick else CASES,
             QUICK_MEMBERS if quick else MEMBERS,
             QUICK_STEP if quick else STEP,
             executor=result,
-            **given,
+            **options,
         )
         run(STUDY, settings, make_table_paths(target, page))

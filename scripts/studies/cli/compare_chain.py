@@ -35,7 +35,7 @@ from studies.study import (
     add_sources,
     make_rows_part,
     not_none,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -200,8 +200,8 @@ def time_peer(clearance: float, folder: Path, periods: int) -> float:
     numbers = (1, COUPLING, clearance, periods, COST_START)
     words = ["octave-cli", "--no-gui", str(COST_DRIVER), str(folder), *map(str, numbers)]
     text = subprocess.run(words, check=True, capture_output=True, text=True).stdout
-    found = re.search(r"cpu_s = ([0-9.]+)", text)
-    return 1e3 * float(not_none(found)[1]) / periods
+    match = re.search(r"cpu_s = ([0-9.]+)", text)
+    return 1e3 * float(not_none(match)[1]) / periods
 
 
 def time_exact(clearance: float, periods: int) -> float:
@@ -443,7 +443,7 @@ STUDY: Study[Settings] = Study(
             list_levels,
             lambda row: (row["wave_number"], row["clearance"]),
             add_sources(make_table),
-            told=lambda settings: {"periods": settings.periods},
+            key_values=lambda settings: {"periods": settings.periods},
             figures=lambda measured: {NAME: make_figure(measured)},
         ),
         make_rows_part(
@@ -454,7 +454,7 @@ STUDY: Study[Settings] = Study(
             },
             lambda row: row["number"],
             add_sources(make_example_table),
-            told=lambda settings: {"periods": settings.periods},
+            key_values=lambda settings: {"periods": settings.periods},
             figures=lambda measured: {RESPONSES: make_example_figure(measured)},
         ),
         make_rows_part(
@@ -463,7 +463,7 @@ STUDY: Study[Settings] = Study(
             list_curve,
             lambda row: (row["wave_number"], row["coupling"], row["clearance"]),
             add_sources(make_curve_table),
-            told=lambda settings: {"periods": settings.periods},
+            key_values=lambda settings: {"periods": settings.periods},
             figures=lambda measured: {CURVE: make_curve_figure(measured)},
         ),
         make_rows_part(
@@ -474,7 +474,7 @@ STUDY: Study[Settings] = Study(
             add_sources(make_cost_table),
         ),
     ),
-    kept="finished cases are in the files.",
+    stopped_message="finished cases are in the files.",
 )
 
 
@@ -518,4 +518,4 @@ def main(quick: bool, only: tuple[str, ...], peer: Path | None, redraw: bool, ou
         raise click.UsageError(f"--only {COST} needs --peer FOLDER, where the code CC is")
     if not only and peer is None and not redraw:
         only = (NAME, RESPONSES, CURVE)
-    run(STUDY, settings, paths_beside_page(out, PAGE, out / PAGE), only=only, redraw=redraw)
+    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), only=only, redraw=redraw)

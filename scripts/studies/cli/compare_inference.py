@@ -389,14 +389,18 @@ STUDY: Study[ComparisonSettings] = Study(
             cases=list_cases,
             key=lambda r: (r["method"], r["sweeps"], r["number"]),
             text=write_table,
-            told=lambda _: {"first_runs": FIRST_RUNS, "round_runs": ROUND_RUNS, "rounds": ROUNDS},
+            key_values=lambda _: {
+                "first_runs": FIRST_RUNS,
+                "round_runs": ROUND_RUNS,
+                "rounds": ROUNDS,
+            },
             sections=lambda result: {
                 NAME: f"{write_table(result)}\n\n{sources(result.conditions)}"
             },
-            said=write_table,
+            summary=write_table,
         ),
     ),
-    kept="with --json the same command goes on from here.",
+    stopped_message="with --json the same command goes on from here.",
 )
 QUICK = ComparisonSettings(1, (Setting(LIKELIHOOD, SWEEPS),))
 

@@ -44,7 +44,7 @@ from studies.study import Json, Study, add_table_options, make_table_paths, make
 from studies.timing import make_sweep_up, measure_median_time, time_call
 
 
-class Room(NamedTuple):
+class Buffers(NamedTuple):
     """A signal and a window to work on, and slots to advance (2, J)."""
 
     signal: Signal
@@ -53,14 +53,14 @@ class Room(NamedTuple):
     z: Any
 
 
-def make_room(slots: ModalSystem, omega: float, half: float) -> Room:
-    """Return room with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
+def make_buffers(slots: ModalSystem, omega: float, half: float) -> Buffers:
+    """Return buffers with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
     signal = new_signal(slots.rows.shape[1])
     forced = new_forced(slots, None)
     window = ForceWindow(0.0, half, omega, 0.0, 1.0, 0.0)
     solve_forced(slots, window, None, forced)
     signal.u[:] = 1e-3
-    return Room(signal, forced, window, np.full_like(signal.u, 1e-3))
+    return Buffers(signal, forced, window, np.full_like(signal.u, 1e-3))
 
 
 @jit
@@ -147,7 +147,7 @@ def measure(case: SpeedCase, periods: float) -> Json:
     events = response.steps / periods
     evaluations = response.evaluations / periods
     slots = rigid_regimes(scene, window)[0].system
-    workspace = make_room(slots, scene.model.resonance_omega(1), 0.5 * window)
+    workspace = make_buffers(slots, scene.model.resonance_omega(1), 0.5 * window)
     scan, turn = (
         nanoseconds(partial(repeat, CALLS, slots, workspace, level))
         for repeat in (repeat_scan, repeat_turn)

@@ -30,7 +30,7 @@ from studies.study import (
     add_sources,
     format_table,
     make_whole_part,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -88,7 +88,7 @@ def _gain(result: Json, digits: int = 3) -> str:
     return _over(result, result, digits, ("members_winner", "members_paper"))
 
 
-def _found_besides(result: Json) -> Iterator[str]:
+def _list_other_findings(result: Json) -> Iterator[str]:
     """Yield the notes on a winner besides its level: branches of its members, bounds that it lies at, its level with more modes."""
     for condition in result["conditions"]:
         for name, label in (("winner", "the found"), ("paper", "the paper's")):
@@ -108,11 +108,11 @@ def _found_besides(result: Json) -> Iterator[str]:
 
 
 def _besides(named: Mapping[str, Json]) -> str:
-    """Return a list of `_found_besides`, by name."""
+    """Return a list of `_list_other_findings`, by name."""
     lines = [
         f"- *{name}*: {'; '.join(remarks)}."
         for name, result in named.items()
-        if (remarks := list(_found_besides(result)))
+        if (remarks := list(_list_other_findings(result)))
     ]
     return "\n\n" + "\n".join(lines) if lines else ""
 
@@ -339,7 +339,8 @@ PARTS: dict[str, tuple[str, Callable[[FindingsSettings], Json], Callable[[Json],
 
 
 def _part(name: str) -> Part[FindingsSettings]:
-    marker, (title, compute, words) = f"{NAME}:{name}", PARTS[name]
+    marker = f"{NAME}:{name}"
+    title, compute, words = PARTS[name]
 
     def drawn(measured: Measurement) -> dict[str, Saver]:
         return {name: lambda path: FIGURES[name](path, measured.values)} if name in FIGURES else {}
@@ -355,7 +356,7 @@ STUDY: Study[FindingsSettings] = Study(
         "quick": options.quick,
         "seed": options.seed,
     },
-    kept="finished parts are written; the same command goes on from here.",
+    stopped_message="finished parts are written; the same command goes on from here.",
 )
 
 
@@ -413,4 +414,4 @@ def main(
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
         options = settings(quick, where, seed, out)
         require_writable("results", options.folder)
-        run(STUDY, options, paths_beside_page(out, NAME, out / NAME), only=parts, redraw=redraw)
+        run(STUDY, options, paths_next_to_page(out, NAME, out / NAME), only=parts, redraw=redraw)

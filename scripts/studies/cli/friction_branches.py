@@ -132,12 +132,12 @@ STUDY: Study[BranchSettings] = Study(
             },
             key=itemgetter("damping_ratio", "gap_over_rule"),
             text=add_sources(table),
-            told=lambda settings: {"members": settings.members},
+            key_values=lambda settings: {"members": settings.members},
             steps=None,
-            said=table,
+            summary=table,
         ),
     ),
-    kept="what was finished is shown, and with --json the same command goes on from there.",
+    stopped_message="what was finished is shown, and with --json the same command goes on from there.",
 )
 
 

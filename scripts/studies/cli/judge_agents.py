@@ -225,7 +225,8 @@ def main(
     require_writable("--out", out)
     if page is not None:
         require_markers(page, PAGE, (MARKER,))
-    scores, curves = (out / SCORES.name, out / CURVES.name)
+    scores = out / SCORES.name
+    curves = out / CURVES.name
     rows: list[AgentScores] = read_rows(scores, AgentScores)
     points: list[CurvePoint] = read_rows(curves, CurvePoint)
     for task in tasks or TASKS:

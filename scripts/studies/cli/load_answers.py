@@ -82,7 +82,7 @@ def orders(case: LoadCase, share: float) -> Loads:
 Variant = tuple[str, Scene]
 
 
-def _found(scene: Scene, drives: Sequence[Excitation]) -> Array:
+def _measure_levels(scene: Scene, drives: Sequence[Excitation]) -> Array:
     """Return the levels in both bands under each drive, (drives, 2)."""
     result = each_lane([Lane(scene, drive) for drive in drives], band_levels)
     if None in result:
@@ -94,8 +94,8 @@ def _row(
     case: LoadCase, group: str, variant: Variant, share: float, drives: Sequence[Excitation]
 ) -> Json:
     """Return the relative level in either band; without absorber the motion is linear, and the same for all members but for phases."""
-    free = _found(Scene(case.model), drives[:1])[0]
-    ratio = np.round(_found(variant[1], drives) / free, 4)
+    free = _measure_levels(Scene(case.model), drives[:1])[0]
+    ratio = np.round(_measure_levels(variant[1], drives) / free, 4)
     own = {"structure": case.name, "group": group, "variant": variant[0], "share": share}
     higher = ratio[:, 1].tolist() if share > 0 else None
     return own | {
@@ -411,7 +411,7 @@ PARTS: dict[
 
 
 def _part(name: str) -> Part[SpectrumSettings]:
-    title, rows_of, told_apart, values, words = PARTS[name]
+    title, rows_of, group_by, values, words = PARTS[name]
 
     def cases(settings: SpectrumSettings) -> dict[tuple[str, Any], Callable[[], list[Json]]]:
         return {
@@ -429,7 +429,7 @@ def _part(name: str) -> Part[SpectrumSettings]:
         name,
         title,
         cases,
-        itemgetter("structure", told_apart),
+        itemgetter("structure", group_by),
         add_sources(lambda result: words(result.values["rows"])),
         figures=figures,
     )

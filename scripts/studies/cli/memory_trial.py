@@ -26,7 +26,7 @@ from studies.study import (
     Study,
     add_sources,
     make_rows_part,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -163,10 +163,10 @@ STUDY: Study[Settings] = Study(
             list_cases,
             lambda row: (row["kind"], row["seed"]),
             add_sources(make_table),
-            told=describe_settings,
+            key_values=describe_settings,
         ),
     ),
-    kept="trained agents' scores are in the file.",
+    stopped_message="trained agents' scores are in the file.",
 )
 
 
@@ -201,4 +201,4 @@ def main(
     settings = (
         Settings(1, QUICK_STEPS, 16, chosen) if quick else Settings(seeds, steps, EPISODES, chosen)
     )
-    run(STUDY, settings, paths_beside_page(out, PAGE, out / PAGE), redraw=redraw)
+    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)

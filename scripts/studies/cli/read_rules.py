@@ -29,7 +29,7 @@ from studies.agent_rules import (
     read_rule,
 )
 
-SHOWN_STATES = {"ActiveFriction-v0": "place", "ActiveGap-v0": "slip", "Structures-v0": "place"}
+DRAWN_STATES = {"ActiveFriction-v0": "place", "ActiveGap-v0": "slip", "Structures-v0": "place"}
 EPISODES = 128  # of a picture
 ALGORITHM = "rpi"
 DPI = 90
@@ -38,7 +38,7 @@ DPI = 90
 def save_actions(path: Path, task: str, actors: dict[str, Any]) -> None:
     """Draw mean actions over phase and state: a column for each policy, a row for each range of the response size."""
     first = SEED_SPLITS["validation"][0]
-    state = SHOWN_STATES[task]
+    state = DRAWN_STATES[task]
     figure, panels = figure_of(
         3.1 * len(actors) + 1, 2.5 * (len(QUARTERS) - 1) + 0.4, len(QUARTERS) - 1, len(actors)
     )
@@ -71,7 +71,7 @@ def save_actions(path: Path, task: str, actors: dict[str, Any]) -> None:
     "--task",
     "tasks",
     multiple=True,
-    type=click.Choice(list(SHOWN_STATES)),
+    type=click.Choice(list(DRAWN_STATES)),
     help="May be repeated.  [default: all within a period]",
 )
 @click.option(
@@ -105,7 +105,7 @@ def main(
     known = dict(read_json(target)) if target is not None and target.exists() else {}
     effort = QUICK if quick else Effort()
     rows = []
-    for task in tasks or SHOWN_STATES:
+    for task in tasks or DRAWN_STATES:
         player = load_agent(task, ALGORITHM) if agent is None else load_agent(agent)
         if not redraw:
             total = effort.search.generations * effort.search.population

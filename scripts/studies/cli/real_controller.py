@@ -28,7 +28,7 @@ from studies.study import (
     Study,
     add_sources,
     make_rows_part,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -76,9 +76,9 @@ def list_policies(task: str, agents: tuple[Agent, ...]) -> dict[str, Any]:
     """Return the policies of a task: best constant, best rule, agents that ship, and those that are given."""
     rules = policies(task)
     own = [load_agent(task, algorithm) for algorithm in shipped().get(task, [])]
-    given = [agent for agent in agents if agent.env_id == env_of(task)]
+    chosen = [agent for agent in agents if agent.env_id == env_of(task)]
     return {CONSTANT: rules[CONSTANT], EIGHT: rules[EIGHT]} | {
-        name_agent(agent): agent for agent in (*own, *given)
+        name_agent(agent): agent for agent in (*own, *chosen)
     }
 
 
@@ -170,10 +170,10 @@ STUDY: Study[Settings] = Study(
             list_cases,
             lambda row: (row["task"], row["machine"]),
             add_sources(make_tables),
-            told=describe_settings,
+            key_values=describe_settings,
         ),
     ),
-    kept="finished machines are in the file.",
+    stopped_message="finished machines are in the file.",
 )
 
 
@@ -200,4 +200,4 @@ def main(quick: bool, redraw: bool, files: tuple[Path, ...], out: Path) -> None:
     with plain_errors():
         agents = tuple(load_agent(file) for file in files or sorted(folder.glob("*.npz")))
     settings = Settings(QUICK_EPISODES if quick else EPISODES, agents)
-    run(STUDY, settings, paths_beside_page(out, NAME, folder), redraw=redraw)
+    run(STUDY, settings, paths_next_to_page(out, NAME, folder), redraw=redraw)

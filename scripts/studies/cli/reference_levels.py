@@ -184,10 +184,8 @@ def table(levels: Sequence[Json]) -> str:
 
 def notes(levels: Sequence[Json], members: int) -> str:
     """Say how many levels are in their bands, how far off the others are, and how to read the table."""
-    inside, off = (
-        sum(level["inside"] for level in levels),
-        [abs(x) for level in levels if (x := level["deviation_percent"]) is not None],
-    )
+    inside = sum(level["inside"] for level in levels)
+    off = [abs(x) for level in levels if (x := level["deviation_percent"]) is not None]
     return (
         f"{inside} of {len(levels)} lie in the band. The medians differ from the earlier numbers by {np.median(off):.1f} % as a rule (median), "
         f"{max(off):.1f} % at most.\n"
@@ -220,13 +218,13 @@ def _measure(settings: ReferenceSettings) -> Json:
     }
 
 
-def _said(measured: Measurement) -> str:
+def _summary(measured: Measurement) -> str:
     levels = measured.values["levels"]
     past = measured.values["past_plateau_level_m"]
     return f"{table(levels)}\n\n{notes(levels, measured.values['members'])}\n\n{plateau_sentence(levels, past)}"
 
 
-STUDY = make_table_study(NAME, "levels beside earlier numbers", _measure, _said)
+STUDY = make_table_study(NAME, "levels beside earlier numbers", _measure, _summary)
 
 
 @command()

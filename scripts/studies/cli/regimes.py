@@ -51,7 +51,7 @@ from studies.study import (
     Saver,
     Study,
     make_rows_part,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -85,12 +85,12 @@ def hazard_of(stays: list[Row], first: float = np.inf, last: float = -np.inf) ->
     return hazard([row["at"] for row in earlier], rates)
 
 
-SHOWN = 8  # frequencies of a case's rates on the page
+RATES_ON_PAGE = 8  # frequencies of a case's rates on the page
 
 
 def stay_table(stays: list[Row]) -> str:
     """Return lines for some of the frequencies, evenly chosen; the CSV file has all."""
-    step = max(1, len(stays) // SHOWN)
+    step = max(1, len(stays) // RATES_ON_PAGE)
     lines = []
     for row in stays[::step]:
         rates = (
@@ -286,7 +286,7 @@ TIMES = ("stay_periods", "burn_in", "silence", "settle", "window")
 
 def place(out: Path, own: bool) -> OutputPaths:
     """Return where files go: the page into a folder, all else into its folder regimes; for a scene of the caller's all into the folder, no page."""
-    return OutputPaths(out) if own else paths_beside_page(out, NAME, out / NAME)
+    return OutputPaths(out) if own else paths_next_to_page(out, NAME, out / NAME)
 
 
 def _jump_words(rows: list[Row]) -> list[str]:
@@ -660,23 +660,23 @@ def _thinned(case: RegimeCase) -> RegimeCase:
     type=click.Path(path_type=Path),
     help=f"Folder.  [default: {OUT}; {QUICK_OUT} with --quick or a scene of your own]",
 )
-def main(**given: Any) -> None:
+def main(**options: Any) -> None:
     """Measure how long the regime of impacts lasts, predict the jump of sweeps from that, and classify stationary responses.
 
     Without options of a scene the cases of docs/regimes.md are computed and the page's tables and figures are written. With a scene of your own,
     jump.json.gz and kinds.json.gz, CSV files and figures go to --out. Ctrl-C keeps what is finished.
     """
-    small = is_own(given) or given["quick"]
+    small = is_own(options) or options["quick"]
     with (
         plain_errors(),
-        workers(given["threads"], None if given["redraw"] else given["cluster"]) as executor,
+        workers(options["threads"], None if options["redraw"] else options["cluster"]) as executor,
     ):
-        where = place(given["out"] or (QUICK_OUT if small else OUT), small)
+        where = place(options["out"] or (QUICK_OUT if small else OUT), small)
         run(
             STUDY,
-            chosen_settings(given, executor),
+            chosen_settings(options, executor),
             where,
-            only=given["only"],
-            redraw=given["redraw"],
-            resume=given["resume"],
+            only=options["only"],
+            redraw=options["redraw"],
+            resume=options["resume"],
         )

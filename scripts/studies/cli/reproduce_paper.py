@@ -39,7 +39,7 @@ from studies.study import run
     is_flag=True,
     help="Write figures, page and claims again from the numbers in the folder; nothing is computed.",
 )
-@click.option("--anew", is_flag=True, help="Compute finished figures again too.")
+@click.option("--anew", "recompute", is_flag=True, help="Compute finished figures again too.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -52,7 +52,7 @@ def main(
     threads: int | None,
     cluster: str | None,
     redraw: bool,
-    anew: bool,
+    recompute: bool,
     out: Path | None,
 ) -> None:
     """Compute the figures of the paper, judge its statements by them, and write both as a page with files.
@@ -66,7 +66,7 @@ def main(
     with plain_errors(), workers(threads, None if redraw else cluster) as executor:
         settings = PaperSettings(where.folder, quick, seed, threads, executor)
         try:
-            run(STUDY, settings, where, only=figures, redraw=redraw, resume=not anew)
+            run(STUDY, settings, where, only=figures, redraw=redraw, resume=not recompute)
         except SystemExit as stopped:  # Ctrl-C: what is finished is judged all the same
             ended = int(stopped.code or 0)
         run(CLAIMS, settings, where)

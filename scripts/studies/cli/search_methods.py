@@ -62,7 +62,7 @@ from studies.study import (
     Study,
     format_table,
     make_rows_part,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -144,7 +144,7 @@ class ComparisonSettings(NamedTuple):
     speed: float
 
     @property
-    def told(self) -> Json:
+    def key_values(self) -> Json:
         """What the numbers depend on, as the file holds it."""
         return {name: x for name, x in self._asdict().items() if name != "executor"} | {
             "problems": list(self.problems)
@@ -159,39 +159,39 @@ def batch_cost(settings: SearchSettings) -> float:
 def run_study(
     problem: Problem,
     settings: SearchSettings,
-    given: ComparisonSettings,
+    comparison: ComparisonSettings,
     sampler: Sampler | None = None,
 ) -> tuple[list[Evaluated], float]:
     """Search until the cost is reached; return the designs that can win, and the cost."""
     from optimisation.search.study import DesignStudy  # needs Optuna, which --help does not
 
     study = DesignStudy(problem, settings, sampler)
-    batches = max(1, round(given.cost / batch_cost(settings)))
-    if not study.run(1 + batches * settings.batch, given.executor):
+    batches = max(1, round(comparison.cost / batch_cost(settings)))
+    if not study.run(1 + batches * settings.batch, comparison.executor):
         raise KeyboardInterrupt
     return study.complete or study.evaluated, batches * batch_cost(settings)
 
 
 def search_screened(
-    sampler: str, batch: int, problem: Problem, given: ComparisonSettings
+    sampler: str, batch: int, problem: Problem, comparison: ComparisonSettings
 ) -> tuple[list[Evaluated], float]:
     """Search with successive halving of each batch."""
     settings = default_settings(problem, sampler, batch, problem.seed, from_scratch=True)
-    return run_study(problem, settings, given)
+    return run_study(problem, settings, comparison)
 
 
 def search_unscreened(
-    sampler: str, batch: int, problem: Problem, given: ComparisonSettings
+    sampler: str, batch: int, problem: Problem, comparison: ComparisonSettings
 ) -> tuple[list[Evaluated], float]:
     """Search with a few members for every design."""
     few = replace(problem, members=UNSCREENED_MEMBERS)
     settings = SearchSettings(
         sampler, batch, (Rung(UNSCREENED_MEMBERS),), problem.seed, from_scratch=True
     )
-    return run_study(few, settings, given)
+    return run_study(few, settings, comparison)
 
 
-def search_tpe(problem: Problem, given: ComparisonSettings) -> tuple[list[Evaluated], float]:
+def search_tpe(problem: Problem, comparison: ComparisonSettings) -> tuple[list[Evaluated], float]:
     """Search by Optuna's tree-structured Parzen estimator."""
     import optuna
 
@@ -204,11 +204,11 @@ def search_tpe(problem: Problem, given: ComparisonSettings) -> tuple[list[Evalua
     with quiet_optuna():
         tpe = optuna.samplers.TPESampler(multivariate=True, seed=problem.seed)
     sampler = OptunaSampler(len(problem.space.free), tpe, constraints=len(problem.constraints))
-    return run_study(few, settings, given, sampler)
+    return run_study(few, settings, comparison, sampler)
 
 
 def search_differential_evolution(
-    problem: Problem, given: ComparisonSettings
+    problem: Problem, comparison: ComparisonSettings
 ) -> tuple[list[Evaluated], float]:
     """Search by SciPy's differential evolution."""
     from optimisation.search.study import DesignStudy
@@ -220,10 +220,10 @@ def search_differential_evolution(
         RANDOM, population, (Rung(UNSCREENED_MEMBERS),), problem.seed, from_scratch=True
     )
     study = DesignStudy(few, settings)
-    batches = max(2, round(given.cost / batch_cost(settings)))
+    batches = max(2, round(comparison.cost / batch_cost(settings)))
 
     def costs(points: Array) -> Array:
-        return study.run_batch(points.T, given.executor).penalised
+        return study.run_batch(points.T, comparison.executor).penalised
 
     begin = scipy.stats.qmc.LatinHypercube(size, rng=problem.seed).random(population)
     scipy.optimize.differential_evolution(
@@ -241,11 +241,11 @@ def search_differential_evolution(
     return study.complete or study.evaluated, cost
 
 
-def search_model(problem: Problem, given: ComparisonSettings) -> tuple[list[Evaluated], float]:
+def search_model(problem: Problem, comparison: ComparisonSettings) -> tuple[list[Evaluated], float]:
     """Search with a Gaussian process that runs one member at a time."""
-    members = round(given.cost)
+    members = round(comparison.cost)
     _, ranked, finished = model_search(
-        problem, members, given.executor, problem.seed, from_scratch=True
+        problem, members, comparison.executor, problem.seed, from_scratch=True
     )
     if not finished:
         raise KeyboardInterrupt
@@ -263,37 +263,37 @@ METHODS: dict[str, tuple[str, Search]] = {
 }
 
 
-def make_problem(name: str, seed: int, given: ComparisonSettings) -> Problem:
+def make_problem(name: str, seed: int, comparison: ComparisonSettings) -> Problem:
     """Return a problem with the comparison's members and rate."""
-    problem = PROBLEMS[name](given.members, seed)
-    return replace(problem, rate=given.speed * problem.rate)
+    problem = PROBLEMS[name](comparison.members, seed)
+    return replace(problem, rate=comparison.speed * problem.rate)
 
 
-def judge_design(problem: Problem, design: Design, given: ComparisonSettings) -> Json:
+def judge_design(problem: Problem, design: Design, comparison: ComparisonSettings) -> Json:
     """Return a design on fresh members: its median ``level``, and the share by which it breaks a limit."""
-    fresh = problem.fresh_ensemble(given.judging, JUDGING_SET)
-    (found,) = judged(problem, [design], fresh, given.executor)
-    violation = max([0.0, *found.score.violations])
+    fresh = problem.fresh_ensemble(comparison.judging, JUDGING_SET)
+    (evaluated,) = judged(problem, [design], fresh, comparison.executor)
+    violation = max([0.0, *evaluated.score.violations])
     return {
-        "level": found.score.values[0],
+        "level": evaluated.score.values[0],
         "violation": violation,
         "values": dict(design.values),
     }
 
 
-def trial(name: str, method: str, seed: int, given: ComparisonSettings) -> list[Json]:
+def trial(name: str, method: str, seed: int, comparison: ComparisonSettings) -> list[Json]:
     """Return the one row of a search: its cost, what it ``found`` its winner's level to be, what the choice did, and the judged ``level``."""
-    problem = make_problem(name, seed, given)
+    problem = make_problem(name, seed, comparison)
     row: Json = {"problem": name, "method": method, "seed": seed}
     if method == RULE:
-        return [row | judge_design(problem, problem.space.default, given)]
-    candidates, cost = METHODS[method][1](problem, given)
+        return [row | judge_design(problem, problem.space.default, comparison)]
+    candidates, cost = METHODS[method][1](problem, comparison)
     finalists = best_candidates(problem, candidates, FINALISTS)
-    ranking = rank_on_fresh_members(problem, [e.design for e in finalists], given.executor)
+    ranking = rank_on_fresh_members(problem, [e.design for e in finalists], comparison.executor)
     first, chosen = next(iter(ranking.items()))
-    found = finalists[first]
-    own = {"cost": cost, "found": found.score.values[0], "chosen": chosen.score.values[0]}
-    return [row | own | judge_design(problem, found.design, given)]
+    winner = finalists[first]
+    own = {"cost": cost, "found": winner.score.values[0], "chosen": chosen.score.values[0]}
+    return [row | own | judge_design(problem, winner.design, comparison)]
 
 
 class Standing(NamedTuple):
@@ -316,10 +316,10 @@ class Standing(NamedTuple):
         if not self.ratios:
             return "-"
         middle = float(np.median(self.ratios))
-        found = scipy.stats.quantile_test(self.ratios, p=0.5).confidence_interval(0.95)
-        if not np.isfinite([found.low, found.high]).all():
+        interval = scipy.stats.quantile_test(self.ratios, p=0.5).confidence_interval(0.95)
+        if not np.isfinite([interval.low, interval.high]).all():
             return f"{middle:.3f}"
-        return f"{middle:.3f} ({found.low:.3f} to {found.high:.3f})"
+        return f"{middle:.3f} ({interval.low:.3f} to {interval.high:.3f})"
 
 
 def judged_level(row: Json) -> float:
@@ -330,7 +330,7 @@ def judged_level(row: Json) -> float:
 def standings(rows: Sequence[Json]) -> list[Standing]:
     """Return each method on each problem of the rows of `trial`, least median level first within a problem."""
     levels = {(r["problem"], r["method"], r["seed"]): judged_level(r) for r in rows}
-    found = []
+    summaries = []
     for name in dict.fromkeys(r["problem"] for r in rows):
         own = []
         for method in dict.fromkeys(r["method"] for r in rows):
@@ -339,8 +339,8 @@ def standings(rows: Sequence[Json]) -> list[Standing]:
             pairs = [(name, REFERENCE, k) for k in seeds]
             ratios = [x / levels[p] for x, p in zip(mine, pairs, strict=True) if p in levels]
             own.append(Standing(name, method, mine, ratios))
-        found += sorted((s for s in own if s.levels), key=lambda s: float(np.median(s.levels)))
-    return found
+        summaries += sorted((s for s in own if s.levels), key=lambda s: float(np.median(s.levels)))
+    return summaries
 
 
 def table(measured: Measurement) -> str:
@@ -369,7 +369,7 @@ def summary(measured: Measurement) -> str:
     """Return a line for each method over all problems: ratio to random search, mean rank, and what search and choice took its winner's level for."""
     rows = measured.values["rows"]
     every = standings(rows)
-    found: list[Json] = []
+    summaries: list[Json] = []
     for method in METHODS:
         own = [s for s in every if s.method == method]
         if not own:
@@ -385,7 +385,7 @@ def summary(measured: Measurement) -> str:
             for name in ("found", "chosen")
         }
         all_of_them = Standing("", method, [], ratios)
-        found.append(
+        summaries.append(
             {"label": LABELS[method], "ratio": all_of_them.over_random, "rank": np.mean(ranks)}
             | bias
         )
@@ -396,7 +396,7 @@ def summary(measured: Measurement) -> str:
         "level by the search, % off": "{found:+.1f}",
         "by the choice, % off": "{chosen:+.1f}",
     }
-    return format_table(columns, sorted(found, key=itemgetter("rank")))
+    return format_table(columns, sorted(summaries, key=itemgetter("rank")))
 
 
 NAME = "search_methods"
@@ -409,11 +409,11 @@ REFERENCE = "random"
 LABELS = {RULE: "the rule's design, no search"} | {name: own[0] for name, own in METHODS.items()}
 
 
-def trials(given: ComparisonSettings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
+def trials(comparison: ComparisonSettings) -> dict[tuple[str, str, int], Callable[[], list[Json]]]:
     """Return all searches, seed by seed, so that a run that is stopped has all methods."""
-    every = product(range(given.seeds), given.problems, [RULE, *METHODS])
+    every = product(range(comparison.seeds), comparison.problems, [RULE, *METHODS])
     return {
-        (name, method, seed): partial(trial, name, method, seed, given)
+        (name, method, seed): partial(trial, name, method, seed, comparison)
         for seed, name, method in every
     }
 
@@ -426,17 +426,17 @@ STUDY: Study[ComparisonSettings] = Study(
             cases=trials,
             key=itemgetter("problem", "method", "seed"),
             text=table,
-            told=lambda given: {"settings": given.told},
+            key_values=lambda comparison: {"settings": comparison.key_values},
             markers=(SECTION, OVERALL, MACHINE),
             sections=lambda measured: {
                 SECTION: table(measured),
                 OVERALL: summary(measured),
                 MACHINE: sources(measured.conditions),
             },
-            said=lambda measured: f"{table(measured)}\n\n{summary(measured)}",
+            summary=lambda measured: f"{table(measured)}\n\n{summary(measured)}",
         ),
     ),
-    kept="the same command goes on from here.",
+    stopped_message="the same command goes on from here.",
 )
 
 
@@ -481,10 +481,12 @@ def main(
     Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
-        given = ComparisonSettings(where, problem or tuple(PROBLEMS), **(QUICK if quick else FULL))
+        comparison = ComparisonSettings(
+            where, problem or tuple(PROBLEMS), **(QUICK if quick else FULL)
+        )
         run(
             STUDY,
-            given,
-            paths_beside_page(out or (QUICK_OUT if quick else OUT), NAME),
+            comparison,
+            paths_next_to_page(out or (QUICK_OUT if quick else OUT), NAME),
             redraw=redraw,
         )

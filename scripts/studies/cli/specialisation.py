@@ -46,7 +46,7 @@ class CodeClaim(NamedTuple):
     """A sentence and whether the numbers bear it out."""
 
     text: str
-    found: str
+    finding: str
     holds: bool
 
 
@@ -242,13 +242,13 @@ def _claims(every: list[CodeClaim]) -> str:
         (
             kind,
             f"holds in {number}",
-            next(c.found for c in every if c.holds and c.text.endswith(kind)),
+            next(c.finding for c in every if c.holds and c.text.endswith(kind)),
         )
         for kind, number in held.items()
     ]
     return markdown(
         ("claim", "scenes", "in the first"),
-        rows + [(claim.text, "DOES NOT HOLD", claim.found) for claim in every if not claim.holds],
+        rows + [(claim.text, "DOES NOT HOLD", claim.finding) for claim in every if not claim.holds],
     )
 
 
@@ -339,10 +339,11 @@ COLUMNS = (
 )
 
 
-def _said(measured: Measurement) -> str:
+def _list_claims(measured: Measurement) -> str:
     result = claims(measured.values)
     return "\n".join(
-        f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.found}" for claim in result
+        f"{'holds ' if claim.holds else 'BROKEN'}  {claim.text}: {claim.finding}"
+        for claim in result
     )
 
 
@@ -360,7 +361,7 @@ PART: Part[bool] = Part(
             [[entry[column] for column in COLUMNS] for entry in measured.values["own"].values()],
         )
     ],
-    said=_said,
+    summary=_list_claims,
     failures=lambda measured: [claim.text for claim in claims(measured.values) if not claim.holds],
 )
 # settings: whether it is a quick look

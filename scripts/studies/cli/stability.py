@@ -71,7 +71,7 @@ LONGEST_REASON = 150
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
-def said(measured: Measurement) -> str:
+def make_summary(measured: Measurement) -> str:
     """Return the printed text: the matrix, and all failures."""
     failed = list(failures(measured.values))
     return "\n".join(
@@ -565,7 +565,7 @@ PART: Part[StabilitySettings] = Part(
         )
     ],
     figures=lambda measured: {NAME: lambda path: save_figure(path, measured.values)},
-    said=said,
+    summary=make_summary,
     failures=lambda measured: list(failures(measured.values)),
 )
 STUDY: Study[StabilitySettings] = Study(

@@ -26,7 +26,7 @@ from studies.study import (
     Steps,
     Study,
     add_sources,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -34,7 +34,7 @@ NAME = "which_blades"
 DISKS = 200  # without absorbers, and with the best clearance of a layout
 SCAN_DISKS = 20  # with each clearance
 QUICK_DISKS = 4
-LEGEND_ROOM = 1.15  # of the largest level: space above it
+LEGEND_SPACE = 1.15  # of the largest level: space above it
 CLEARANCES = (0.2, 0.35, 0.6, 1.0)  # over the amplitude of the tuned disk without absorbers
 QUICK_CLEARANCES = (0.35, 0.8)
 
@@ -164,7 +164,7 @@ def make_figure(measured: Measurement) -> Saver:
             "level of the worst blade over that\nof the tuned disk without absorbers"
         )
         axes[1].set_ylabel("amplification factor")
-        axes[0].set_ylim(top=LEGEND_ROOM * axes[0].get_ylim()[1])
+        axes[0].set_ylim(top=LEGEND_SPACE * axes[0].get_ylim()[1])
         axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper left")
         figure.savefig(path, dpi=110)
         plt.close(figure)
@@ -179,10 +179,10 @@ PART: Part[Settings] = Part(
     steps=lambda settings, _: count_steps(settings),
     markers=(NAME,),
     sections=lambda measured: {NAME: add_sources(make_table)(measured)},
-    told=lambda settings: {"settings": list(settings[:2])},
+    key_values=lambda settings: {"settings": list(settings[:2])},
     figures=lambda measured: {NAME: make_figure(measured)},
 )
-STUDY: Study[Settings] = Study((PART,), kept="finished cases are in the file.")
+STUDY: Study[Settings] = Study((PART,), stopped_message="finished cases are in the file.")
 
 
 @command()
@@ -202,5 +202,5 @@ def main(quick: bool, redraw: bool, out: Path) -> None:
         if quick
         else Settings(DISKS, SCAN_DISKS, CLEARANCES)
     )
-    place: OutputPaths = paths_beside_page(out, NAME, out / NAME)
+    place: OutputPaths = paths_next_to_page(out, NAME, out / NAME)
     run(STUDY, settings, place, redraw=redraw)

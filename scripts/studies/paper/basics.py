@@ -560,7 +560,8 @@ def _runs(values: Json) -> list[Claim]:
         "cases": len(rows),
         "order": order,
     }
-    steps, (low, high) = values["step"], (100 * q for q in BAND)
+    steps = values["step"]
+    low, high = (100 * q for q in BAND)
     off = [100 * (row["moreau"][0] / row["exact"][0] - 1) for row in steps]
     cases = [
         judge_interval(
@@ -622,7 +623,8 @@ def difference(rows: Sequence[Json]) -> tuple[float, float, float]:
 
 def _damper(damper: Json) -> Claim:
     """Judge the change of the share of sweeps that jump, and of levels."""
-    (mean, low, high), levels = difference(damper["jumps"]), damper["levels"]
+    mean, low, high = difference(damper["jumps"])
+    levels = damper["levels"]
     cases = [judge_interval(low, high, -SAME, SAME)] + [
         judge_interval(row["low"], row["high"], *range_within(SAME)) for row in levels
     ]

@@ -83,7 +83,7 @@ def sizes(members: int, stiffnesses: int, forces: int) -> Size:
     )
 
 
-def _kept(curve: PerformanceCurve) -> Json:
+def _levels_to_json(curve: PerformanceCurve) -> Json:
     """Return the levels of a curve in m, (forces, members), the paper's own run first."""
     return {
         "force_n": curve.forces.tolist(),
@@ -101,7 +101,7 @@ def _over_stiffness(settings: PaperSettings, size: Size, kind: str, method: Meth
         for stiffness in (*chosen, *rigid)
     ]
     levels = [
-        _kept(curve)["level_m"][0]
+        _levels_to_json(curve)["level_m"][0]
         for curve in settings.curves(f"{LABEL}: {kind}", cases, members, method)
     ]
     return {
@@ -120,7 +120,7 @@ def _curves(settings: PaperSettings, size: Size, kind: str) -> Json:
     } | {"none": None}
     cases = [CurveCase(beam_scene(BEAM, own), force) for own in absorbers.values()]
     result = settings.curves(f"{LABEL}: curves, {kind}", cases, size.members)
-    return dict(zip(absorbers, map(_kept, result), strict=True))
+    return dict(zip(absorbers, map(_levels_to_json, result), strict=True))
 
 
 def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
@@ -283,7 +283,8 @@ def _claims(values: Json) -> list[Claim]:
     for name in ("rigid", "low", "high"):
         relative = np.array(curves[name]["level_m"]) / np.array(curves["none"]["level_m"])
         best[name] = np.array(curves[name]["force_n"])[np.argmin(relative, axis=0)]
-    (a, b), (c, d) = compute_band(best["high"]), compute_band(best["rigid"])
+    a, b = compute_band(best["high"])
+    c, d = compute_band(best["rigid"])
     close = abs(np.median(best["high"]) / np.median(best["rigid"]) - 1) < SAME
     for kind in text_values:
         exact, stepped = (

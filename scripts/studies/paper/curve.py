@@ -63,7 +63,8 @@ def make_both_sweeps(
     scene: Scene, resonance: int = 1
 ) -> tuple[FrequencySchedule, FrequencySchedule]:
     """Return the paper's sweeps up and down near a resonance."""
-    omega, (low, high) = scene.model.resonance_omega(resonance), PAPER_LIMITS
+    omega = scene.model.resonance_omega(resonance)
+    low, high = PAPER_LIMITS
     return linear_sweep(omega, low, high), linear_sweep(omega, high, low)
 
 

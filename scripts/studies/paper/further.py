@@ -475,10 +475,10 @@ def _judge_folds(rows: list[Json]) -> Claim:
 
 def _judge_basins(rows: list[Json]) -> Claim:
     """Judge the frequencies at which the sliding response competes by the interval of the share of modulated runs."""
-    beside = [row for row in rows if row["omega_ratio"] < 1]
+    below_resonance = [row for row in rows if row["omega_ratio"] < 1]
     cases = []
     texts = []
-    for row in beside:
+    for row in below_resonance:
         runs = sum(row["kinds"].values())
         ended = row["kinds"][MODULATED]
         wilson = binomtest(ended, runs).proportion_ci(method="wilson")

@@ -186,7 +186,8 @@ def _describe(values: Json) -> str:
     for name in FORCES:
         for method, label in (("exact", "exact orbits"), ("balance", "harmonic balance")):
             for curve in (curve for curve in values[name][method] if curve["peak"] is not None):
-                (at, peak), form = curve["peak"], "closed" if curve["closed"] else "open"
+                at, peak = curve["peak"]
+                form = "closed" if curve["closed"] else "open"
                 folds = ", ".join(f"{ratio:.5f}" for ratio, _ in curve["folds"])
                 lines.append(
                     (

@@ -236,7 +236,9 @@ def measure_drift(lane: Lane, method: Method) -> tuple[float, int]:
 
 def _drift(settings: PaperSettings, size: Size) -> Json:
     """Return drift (m) and impacts of all members, by each of the `METHODS`."""
-    own, (start, stop, rate), result = make_scene(), DRIFT, {}
+    own = make_scene()
+    start, stop, rate = DRIFT
+    result = {}
     phases = draw_members(size.sweeps, settings.seed, "phase")
     lanes = [
         Lane(own, drive)
@@ -429,7 +431,8 @@ def _shares(axes: Axes, values: Json) -> None:
             [row[column] for column in ("periods_per_percent", "share", "low", "high")]
             for row in values[f"jumps, {name}"]
         ]
-        (x, y, low, high), aside = np.array(rows).T, 1.04 ** (k - 1)
+        x, y, low, high = np.array(rows).T
+        aside = 1.04 ** (k - 1)
         axes.errorbar(
             aside * x,
             y,
@@ -536,10 +539,8 @@ def _claims(values: Json) -> list[Claim]:
         for row, height in zip(values["rates"], free, strict=True)
         if height < GAP and row["rate"]
     ]
-    stay, (begin, end) = (
-        min(1 / row["rate"] for row in below),
-        (below[k]["omega_ratio"] for k in (0, -1)),
-    )
+    stay = min(1 / row["rate"] for row in below)
+    begin, end = (below[k]["omega_ratio"] for k in (0, -1))
     middles = [float(np.median(row["level_m"])) for row in rows]
     slowness = [row["periods_per_percent"] for row in rows]
     visible = ", ".join(

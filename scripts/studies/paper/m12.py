@@ -207,7 +207,7 @@ def _describe(values: Json) -> str:
             ("resonance, concept", "best force, N", "over no absorber there", "at 3.5 N and 35 N"),
             rows,
         ),
-        _beside_limit(values, names),
+        _compare_with_limit(values, names),
         shorten_table(_limits_table(values)),
     ]
     return "\n\n".join(blocks)
@@ -229,7 +229,7 @@ def _limits_table(values: Json) -> CsvTable:
     )
 
 
-def _beside_limit(values: Json, names: list[str]) -> str:
+def _compare_with_limit(values: Json, names: list[str]) -> str:
     texts = []
     model = modal_model(Beam())
     for resonance, name in zip(RESONANCES, names, strict=True):

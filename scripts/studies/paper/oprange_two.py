@@ -107,7 +107,8 @@ def _sweeps(settings: PaperSettings, scene: Scene, force: float, members: int) -
 
 def _orbits(scene: Scene, force: float) -> Json:
     """Return the branches of symmetric orbits with two impacts a period, and the linear responses, between the sweeps' limits."""
-    reference, (low, high) = scene.model.resonance_omega(1), PAPER_LIMITS
+    reference = scene.model.resonance_omega(1)
+    low, high = PAPER_LIMITS
     linear = linear_curves(scene, force, reference, low, high)
     branches = [
         {
@@ -282,9 +283,9 @@ def _curves(axes: Axes, values: Json) -> None:
 def _draw_sweeps(axes: Axes, values: Json, name: str, style: LineStyle) -> None:
     for direction, shade in (("down", style.colour), ("up", FAINT)):
         own = values[f"sweeps, {name}"][direction]
-        ratio, (low, middle, high, nominal) = (
-            own["ratio"],
-            (MM * np.array(own[k]) for k in ("low", "median", "high", "nominal")),
+        ratio = own["ratio"]
+        low, middle, high, nominal = (
+            MM * np.array(own[k]) for k in ("low", "median", "high", "nominal")
         )
         axes.fill_between(ratio, low, high, color=shade, alpha=0.25, lw=0)
         draw_signal(

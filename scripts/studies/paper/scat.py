@@ -55,11 +55,9 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 def make_near_lanes(own: Scene, members: int, seed: int) -> list[Lane]:
     """Return each member's sweeps at 1.5 N, up and down, that end with the passage of omega_1."""
-    reference, (low, high), half = (
-        own.model.resonance_omega(1),
-        PAPER_LIMITS,
-        NEAR_PERIODS * PAPER_RATE / 100 / 100 / 2,
-    )
+    reference = own.model.resonance_omega(1)
+    low, high = PAPER_LIMITS
+    half = NEAR_PERIODS * PAPER_RATE / 100 / 100 / 2
     schedules = linear_sweep(reference, low, 1 + half), linear_sweep(reference, high, 1 - half)
     drawn = draw_members(members, seed)
     return [

@@ -185,7 +185,9 @@ class ParameterStudy:
     def draw(self, values: Json) -> Figure:
         """Draw level, shares and energy passed over what was changed, and below the energies over two pseudo periods at some of its values."""
         figure, grid = make_panels(2, 3, 5.5, "abdc e")
-        (level, share, passed), left, numbers = grid[0], grid[1, 2], find_points(values)
+        level, share, passed = grid[0]
+        left = grid[1, 2]
+        numbers = find_points(values)
         at = [self.scale * x for x in numbers]
         single = 100 * np.array([values[f"{x:g}"]["single"] for x in numbers])
         for axes, key, factor in (

@@ -57,11 +57,9 @@ def _of_scene(scene: Scene, settings: PaperSettings, size: Size) -> Json:
     """Return all levels: places are uniform in the cavity, first frequencies of sweeps uniform from the paper's limits to the resonance."""
     forces = size.forces
     number = size.members
-    members, generator, (low, high) = (
-        draw_members(number, settings.seed),
-        np.random.default_rng([settings.seed, 15]),
-        PAPER_LIMITS,
-    )
+    members = draw_members(number, settings.seed)
+    generator = np.random.default_rng([settings.seed, 15])
+    low, high = PAPER_LIMITS
     place = generator.uniform(-1, 1, number)
     first_up = generator.uniform(low, 1.0, number)
     first_down = generator.uniform(1.0, high, number)
@@ -130,7 +128,8 @@ def _describe(values: Json) -> str:
 def _claims(values: Json) -> list[Claim]:
     """Return whether the centred start is the conservative one."""
     ratios = _ratios(values, "position", 1)
-    (worst, *_), (top, name, force) = max(ratios), max(_ratios(values, "position", 2))
+    worst, *_ = max(ratios)
+    top, name, force = max(_ratios(values, "position", 2))
     middles = " to ".join("{:.2f} ({}, {:g} N)".format(*one) for one in (min(ratios), max(ratios)))
     verdict = (
         ClaimVerdict.HOLDS

@@ -53,7 +53,7 @@ from studies.study import (
     Part,
     Steps,
     Study,
-    paths_beside_page,
+    paths_next_to_page,
     read_measurement,
 )
 
@@ -121,7 +121,7 @@ VERDICT_COLOURS = {  # which differ in lightness, for print in grey
 
 def make_paths(out: Path) -> OutputPaths:
     """Return where files go: the page paper.md into a folder, all else into its folder paper."""
-    return paths_beside_page(out, NAME, out / NAME)
+    return paths_next_to_page(out, NAME, out / NAME)
 
 
 def find_sources(module: ModuleType, earlier: frozenset[str] = frozenset()) -> frozenset[str]:
@@ -328,7 +328,7 @@ STUDY: Study[PaperSettings] = Study(
     tuple(figure.part() for figure in FIGURES),
     key=make_key,
     same=(),
-    kept="finished figures are kept; the same command goes on from here.",
+    stopped_message="finished figures are kept; the same command goes on from here.",
 )
 CLAIMS: Study[PaperSettings] = Study(
     (make_claims_part(FIGURES),)

@@ -86,9 +86,11 @@ def measure(case: StabilityCase, method: str) -> Cell:
         response = _run(scene, drive, initial, MAKE[method](1), _samples(drive))
         _fill(cell, case, scene, drive, initial, response)
     except (ParameterError, IntegrationError) as error:
-        cell.verdict, cell.reason = REFUSED, f"{type(error).__name__}: {error}"
+        cell.verdict = REFUSED
+        cell.reason = f"{type(error).__name__}: {error}"
     except Exception as error:
-        cell.verdict, cell.reason = FAILED, f"not a clear refusal: {type(error).__name__}: {error}"
+        cell.verdict = FAILED
+        cell.reason = f"not a clear refusal: {type(error).__name__}: {error}"
     else:
         cell.verdict, cell.reason = _judge(cell, case)
     cell.memory_mb = 1e-6 * peak_memory()
@@ -133,11 +135,9 @@ def _fill(
     initial: InitialState,
     response: Response,
 ) -> None:
-    cell.impacts, cell.wall_s, cell.balance = (
-        response.impact_count,
-        response.wall_time,
-        response.recorded.energy.relative_error,
-    )
+    cell.impacts = response.impact_count
+    cell.wall_s = response.wall_time
+    cell.balance = response.recorded.energy.relative_error
     if isinstance(response.method, Moreau):
         cell.identity = _left_over(scene, initial, response)
     half = _run(

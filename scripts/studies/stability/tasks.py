@@ -130,7 +130,8 @@ def gather(outcomes: Sequence[PoolOutcome], order: Sequence[PoolTask]) -> Json:
     for outcome in sorted(
         outcomes, key=lambda outcome: place[outcome.task.function, outcome.task.arguments]
     ):
-        task, (section, _) = outcome.task, SECTIONS[outcome.task.function]
+        task = outcome.task
+        section, _ = SECTIONS[outcome.task.function]
         if outcome.value is not None:
             results[section].append(outcome.value)
         elif task.function is run_cell:
