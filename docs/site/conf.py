@@ -49,6 +49,7 @@ include_patterns = [
     "*.md",
     "docs/*.md",
     "docs/internals/*.md",
+    "docs/environments/*.md",
     "docs/site/*",
     "docs/notebooks/*.ipynb",
     "impact_env/kernels/README.md",
@@ -102,9 +103,11 @@ def toctrees() -> str:
 
 
 def add_toctrees(app: Any, name: str, source: list[str]) -> None:  # noqa: ARG001 - Sphinx's own signature
-    """Let the README be the first page, with the others beside it."""
+    """Append the contents to the first page, and the environments' pages to their overview."""
     if name == root_doc:
         source[0] += toctrees()
+    if name == "docs/environments":
+        source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\nenvironments/*\n```\n"
 
 
 def refer(app: Any, env: Any, node: Any, content: Any) -> nodes.reference | None:  # noqa: ARG001

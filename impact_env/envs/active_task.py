@@ -47,8 +47,13 @@ PLANTS = 16  # dampings that episodes draw from
 PERIODS_PER_LEVEL = (
     Feature("tip displacement", True, "displacement of the tip", LENGTH_UNIT),
     Feature("tip velocity", True, "velocity of the tip", "m/s / unit of velocity"),
-    Feature(DISTANCE.name, True, "absorber less tip", LENGTH_UNIT),
-    Feature(VELOCITY.name, True, "its rate", "m/s / unit of velocity"),
+    Feature(DISTANCE.name, True, "place of the absorber relative to the tip", LENGTH_UNIT),
+    Feature(
+        VELOCITY.name,
+        True,
+        "velocity of the absorber relative to the tip",
+        "m/s / unit of velocity",
+    ),
     IMPACTS,
     Feature("cosine of the force's phase", False, "cosine of the force's phase"),
     Feature("sine of the force's phase", False, "sine of the force's phase"),
@@ -87,7 +92,26 @@ def vary_damping(scenes: Sequence[Scene], error: Range) -> list[Scene]:
 
 @dataclass(frozen=True)
 class ActiveSettings:
-    """Arguments of control within a period; `ActiveFrictionEnv` describes them."""
+    """Arguments of the control within a period.
+
+    Parameters
+    ----------
+    frequency_ratio : float or pair
+        Frequency over the resonance, or a pair (low, high) from which each episode draws.
+    time_budget : float
+        Length of an episode in pseudo periods.
+    fatigue_exponent : float
+        Exponent of the displacement in the cost of fatigue.
+    price : float
+        Price of moving the action by 1, or the walls by one half-clearance of the scene.
+    friction_error : float or pair
+        Share by which the friction limit is above the limit that the control assumes (0.2: 20 % more), or a
+        pair (low, high) from which each episode draws.
+    damping_error : float or pair
+        The same of all damping ratios; a pair gives 16 values to draw from. The reference of the score has the
+        true damping.
+
+    """
 
     frequency_ratio: float | Range = (0.96, 1.02)
     time_budget: float = 40.0
@@ -328,7 +352,16 @@ class RawSensorsTask(ActiveFrictionTask):
 
 @dataclass(frozen=True)
 class WallActuator(GapRange):
-    """Arguments of walls that are moved: `GapRange`'s, speed in m a pseudo period, and lag in pseudo periods; `ActiveGapEnv` describes them."""
+    """Arguments of walls that move: those of `GapRange`, speed and lag.
+
+    Parameters
+    ----------
+    gap_speed : float
+        Largest change of the half-clearance in a pseudo period, in m.
+    gap_lag : float
+        Time constant of the walls in pseudo periods.
+
+    """
 
     gap_speed: float = 0.3e-3
     gap_lag: float = 0.1

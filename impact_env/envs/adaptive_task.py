@@ -42,7 +42,14 @@ WIDEST_GAPS = (1e-9, 1e9)  # of the range, in its unit
 
 @dataclass(frozen=True)
 class GapRange:
-    """Arguments of the choice of the gap during a passage; `SweepAndGapEnv` describes them."""
+    """Arguments of the choice of the gap.
+
+    Parameters
+    ----------
+    gap_limits : pair
+        Smallest and largest half-clearance in m.
+
+    """
 
     gap_limits: Range = (0.1e-3, 3e-3)
 
@@ -137,7 +144,16 @@ class SweepGapTask(ChosenGapTask, SweepTask):
 
 @dataclass(frozen=True)
 class FrictionRange:
-    """Arguments of the choice of the friction limit; `FrictionChoiceEnv` describes them."""
+    """Arguments of the choice of the friction limit.
+
+    Parameters
+    ----------
+    friction_range : pair
+        Smallest and largest friction limit, above 0, in units of m_a g0 omega^2 (mass of the absorber,
+        half-clearance, resonance; 0.72 N in the default scene). Friction of equal size in this unit has equal
+        effect on any structure.
+
+    """
 
     friction_range: Range = (0.02, 20.0)
 
@@ -236,7 +252,24 @@ GAP_OBJECTIVES = ("rms", "fatigue")
 
 @dataclass(frozen=True)
 class GapControl:
-    """Arguments of the choice of the gap; `GapChoiceEnv` describes them."""
+    """Arguments of the choice of the gap at one frequency.
+
+    Parameters
+    ----------
+    gap_limits : pair
+        Smallest and largest half-clearance in m.
+    hold : pair
+        Shortest and longest time for which a force lasts, in pseudo periods.
+    frequency_ratio : float or pair
+        Frequency over the resonance, or a pair (low, high) from which each episode draws.
+    time_budget : float
+        Length of an episode in pseudo periods, rounded up to whole intervals.
+    objective : str
+        ``"rms"`` or ``"fatigue"``.
+    fatigue_exponent : float
+        Exponent of the displacement with the objective ``"fatigue"``.
+
+    """
 
     gap_limits: Range = (0.1e-3, 3e-3)
     hold: Range = (100.0, 300.0)

@@ -50,31 +50,28 @@ FRICTION_SETTINGS = SEMI_ACTIVE | RANGE_SETTINGS | {"rate": 4.0, "level_unit": "
 
 @environment
 class PassiveEnv(TaskEnv):
-    """A passage through resonance without a choice.
+    """A passage through the resonance without a choice.
 
     ## Description
-    A passage through resonance at one rate: for benchmarks, for recordings, and as the yardstick of agents.
+    A passage through the resonance at one rate, for benchmarks, films and as a reference of agents.
 
     ## Action Space
-    ``Discrete(1)``: 0, go on.
+    ``Discrete(1)``: 0, continue.
 
     ## Observation Space
-    That of `SweepRateEnv`.
+    As in `SweepRateEnv`.
 
     ## Rewards
-    Those of `SweepRateEnv`; ``time_price`` is 0 unless given.
+    As in `SweepRateEnv`; the default ``time_price`` is 0.
 
     ## Starting State
-    That of `SweepRateEnv`.
+    As in `SweepRateEnv`.
 
     ## Episode End
     Terminated when the far frequency is reached.
 
     ## Arguments
-    - ``rate`` in % per 100 pseudo periods (default: what suits the damping of the resonance, `impact_env.drive.default_rate`; 1 for the paper's)
-    - ``limits`` (default 0.9 to 1.06) and ``interval`` (default 5)
-    - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent``: as in `SweepRateEnv`
-    - those of every environment: `impact_env.envs.settings.TaskSettings` describes scene, force, method, interval and observation
+    (arguments)
 
     ## Version History
     - v0: first version
@@ -87,58 +84,60 @@ class PassiveEnv(TaskEnv):
 
 @environment
 class SweepRateEnv(TaskEnv):
-    """How quickly to run through a resonance: the hard exploration task.
+    """Rate at which a machine passes a resonance: a hard exploration task.
 
     ## Description
-    A machine runs through a resonance of the beam, and the agent decides how quickly. Passing slowly catches the high response branch, passing very
-    slowly or very quickly may avoid it (paper, section 3.1). The fastest rate is limited, the time does not suffice to be very slow
-    everywhere, and it has a price. Exploration is hard: what pays is to be much slower in a tenth of the range, a little slower pays nowhere,
-    and one decision of up to 800 changes next to nothing. `SweepRateV1Env` is the same passage without these hurdles.
+    A machine passes a resonance of the beam, and the agent sets the rate. A slow passage catches
+    the high response branch; a very slow or a very fast one may avoid it (section 3.1 of the
+    paper). The fastest rate is limited, the time budget does not suffice to be very slow
+    everywhere, and time has a price. Exploration is hard: a much lower rate pays in a tenth of the
+    range, a slightly lower rate pays nowhere, and one decision of up to 800 has almost no effect.
+    `SweepRateV1Env` is the same passage without these obstacles.
 
     ## Action Space
-    A ``Box`` of one float32 number a in [-1, 1]: the sweep rate for the next control interval is ``slow * (fast/slow)**((a + 1)/2)`` in % of the
-    resonance frequency per 100 pseudo periods. With ``backward_rate`` above 0 the map is ``slow * (fast/slow)**a`` for a >= 0, and for a < 0
-    the frequency goes back at the rate ``backward_rate * |a|``, no further than to the start. Numbers outside are cut to [-1, 1].
+    A ``Box`` of one float32 number a in [-1, 1]: the rate for the next control interval is ``slow *
+    (fast/slow)**((a + 1)/2)`` of ``rates``, in % of the resonance frequency per 100 pseudo periods.
+    With ``backward_rate`` above 0 the rate is ``slow * (fast/slow)**a`` for a >= 0; for a < 0 the
+    frequency goes back at the rate ``backward_rate * |a|``, at most to the start. Values outside
+    are clipped.
 
     ## Observation Space
-    A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
+    A ``Box`` of 10 float32 numbers, clipped at +-100. The unit of displacement is the scene's
+    half-clearance (1 mm without walls).
 
     (features)
 
     ## Rewards
-    The sum of all rewards is the score: minus the paper's resonant response level of the whole passage (RMS over 10 pseudo periods to either side of
-    the maximum) relative to a reference, minus ``time_price`` for every 100 pseudo periods, and minus ``unfinished_price`` if the time budget is
-    spent before the far frequency is reached: not to pass is no way to pass quietly. Each interval's reward is its change of that. The
-    reference is the level of a beam without absorber under the same force in a sweep at the rate that suits its damping (1 % per 100 pseudo
-    periods for the paper's) over the same range in the same direction, from the closed form. With ``objective="fatigue"`` damage takes the
-    level's place: the sum over time of the tip's displacement to the power ``fatigue_exponent``, relative to that of the reference passage.
+    The sum of all rewards is the score: minus the paper's response level of the whole passage (RMS
+    over 10 pseudo periods to either side of the largest displacement) relative to a reference,
+    minus ``time_price`` for every 100 pseudo periods, minus ``unfinished_price`` if the time budget
+    is spent before the far frequency is reached. The reward of an interval is the change of this
+    score. The reference is the level of the beam without absorber under the same force, over the
+    same range in the same direction, at the rate that suits its damping (1 % per 100 pseudo periods
+    for the paper's beam), in closed form.
+
+    With ``objective="fatigue"`` damage replaces the level: the sum over time of the displacement to
+    the power ``fatigue_exponent``, relative to that of the reference.
+
+    With ``vector_reward=True`` the reward is minus the vector ``costs`` (4,) of info, as in
+    MO-Gymnasium (``reward_space``): rise of the relative level (or damage) in the interval; time
+    over the time budget; travel of the actuator (0 for a rate, half-clearances of the scene for
+    walls, and for friction the change of the action); impacts over the pseudo periods of a whole
+    interval.
 
     ## Starting State
-    At rest, the absorber in the middle of the cavity, the frequency at one end of ``limits``. The phase of the force is drawn, and the direction and
-    the force where the arguments say so.
+    At rest, with the absorber in the middle of the cavity and the frequency at one end of
+    ``limits``. The phase of the force is random, and so are direction and force where the arguments
+    have a range.
 
     ## Episode End
     Terminated when the far frequency is reached, truncated when the time budget is spent.
 
     ## Arguments
-    - ``direction``: "down" (default), "up" or "random"; ``limits`` (default 0.93 to 1.03): range of frequency ratios
-    - ``rates`` (default 0.05 to 4): slowest and fastest rate in % per 100 pseudo periods; ``backward_rate`` (default 0: never back)
-    - ``time_budget`` (default 4000) in pseudo periods, rounded up to whole intervals; ``time_price`` (default 0.002) per 100 pseudo periods;
-      ``unfinished_price`` (default 1)
-    - ``budget_end`` (default "truncated"; or "terminated"): what it is called when the time budget is spent
-    - ``frequency_origin`` (default "resonance"; or "middle" of ``limits``), ``frequency_unit`` (default 0.1): zero and unit of features 7 and 10
-    - ``level_unit`` of feature 9 (default "reference"; or "gap": half-clearances, which tell nothing of a force that is drawn)
-    - ``objective``: "level" or "fatigue"; ``fatigue_exponent``
-    - ``vector_reward`` (default False): minus the costs are the reward, in the form of MO-Gymnasium (``reward_space``). Info's ``costs`` (4,) has
-      what the last interval cost: rise of the relative level (or damage); time over the time budget; way of the actuator, 0 for a rate, in
-      half-clearances of the scene for walls, over the range of limits, which is 2 wide, for friction; impacts over the pseudo periods of a whole
-      interval
-    - those of every environment: `impact_env.envs.settings.TaskSettings` has scene, force, method, interval and observation; here ``modes`` 2 and
-      a friction limit of 0.025 N
-    - ``render_mode``: None, "rgb_array" or "human"
+    (arguments)
 
     ## Version History
-    - v0: first version, also named ``ImpactAbsorber/SweepRateHard-v0``: the task of exploration, which v1 does not replace
+    - v0: first version, also registered as ``ImpactAbsorber/SweepRateHard-v0``: the exploration task, which v1 does not replace
     """
 
     kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), HARD_SETTINGS, one_number_space)
@@ -146,47 +145,50 @@ class SweepRateEnv(TaskEnv):
 
 @environment
 class SweepRateV1Env(TaskEnv):
-    """How quickly to run through a resonance, and when to go back.
+    """Rate at which a machine passes a resonance, with the option to go back.
 
     ## Description
-    The passage of `SweepRateEnv`, set up so that what feedback is worth can be found. Below the resonance a response that still has impacts is on
-    the high branch and grows; where impacts stop, it has dropped to the low one and stays there. Whether and when it drops is chance, and
-    seldom outside of frequency ratios from about 0.965 to 0.98. Whoever looks can wait there, go back and try again, and hurry on once impacts
-    have stopped; a schedule over the frequency cannot. Decisions are fewer (an interval is 25 pseudo periods), the frequency is seen at the
-    scale on which it matters, going back is allowed, and the time suffices for several tries.
+    The passage of `SweepRateEnv` with settings that show what feedback is worth. Below the
+    resonance a response with impacts is on the high branch and grows. Where impacts stop, the
+    response has dropped to the low branch and stays there. The drop is random and rare outside
+    frequency ratios from about 0.965 to 0.98. A policy with feedback can wait there, go back and
+    try again, and hurry on once impacts have stopped; an open-loop schedule cannot. Decisions are
+    fewer (every 25 pseudo periods), frequencies are observed in the unit of the decisive range, and
+    the time budget suffices for several attempts.
 
     ## Action Space
-    A ``Box`` of one float32 number a in [-1, 1]: for a >= 0 the sweep rate for the next control interval is ``slow * (fast/slow)**a`` in % of the
-    resonance frequency per 100 pseudo periods, and for a < 0 the frequency goes back at the rate ``backward_rate * |a|``, no further than to the
-    start. Numbers outside are cut to [-1, 1].
+    A ``Box`` of one float32 number a in [-1, 1]: for a >= 0 the rate for the next control interval
+    is ``slow * (fast/slow)**a`` of ``rates``, in % of the resonance frequency per 100 pseudo
+    periods; for a < 0 the frequency goes back at the rate ``backward_rate * |a|``, at most to the
+    start. Values outside are clipped.
 
     ## Observation Space
-    A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
+    A ``Box`` of 10 float32 numbers, clipped at +-100. The unit of displacement is the scene's
+    half-clearance (1 mm without walls).
 
     (features)
 
     ## Rewards
-    Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber, minus a price of time, minus ``unfinished_price`` if
-    the time budget is spent before the far frequency is reached.
+    As in `SweepRateEnv`: minus the level relative to the beam without absorber, minus a price of
+    time, minus ``unfinished_price`` if the time budget is spent before the far frequency is
+    reached.
 
     ## Starting State
-    That of `SweepRateEnv`.
+    As in `SweepRateEnv`.
 
     ## Episode End
-    Terminated when the far frequency is reached, and when the time budget is spent: that is a failure which is observed beforehand and has its
-    price, not an interruption. With ``budget_end="truncated"`` the latter is a truncation.
+    Terminated when the far frequency is reached, and when the time budget is spent: this is a
+    failure with a price, which the observation announces. With ``budget_end="truncated"`` it is a
+    truncation.
 
     ## Arguments
-    All of `SweepRateEnv`, with these defaults:
+    ``ImpactAbsorber/SweepRateNoisy-v1`` has ``observation_noise`` 0.3.
+    ``ImpactAbsorber/SweepRateDelayed-v1`` has ``observation_delay`` 4, which is 100 pseudo periods.
 
-    - ``interval`` 25, ``time_budget`` 8000, ``backward_rate`` 4, ``budget_end`` "terminated"
-    - ``frequency_origin`` "middle" (of ``limits``; or "resonance"), ``frequency_unit`` 0.0125: zero and unit of the frequency's features
-
-    ``ImpactAbsorber/SweepRateNoisy-v1`` has ``observation_noise`` 0.3, ``ImpactAbsorber/SweepRateDelayed-v1`` has ``observation_delay`` 4 (100 pseudo
-    periods).
+    (arguments)
 
     ## Version History
-    - v1: interval, features, end of the budget, and going back; v0 (`SweepRateEnv`) stays as it was
+    - v1: longer interval, features in another unit, end of the budget is a termination, going back; v0 is `SweepRateEnv`
     """
 
     kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), RATE_V1, one_number_space)
@@ -194,49 +196,49 @@ class SweepRateV1Env(TaskEnv):
 
 @environment
 class SweepAndGapEnv(TaskEnv):
-    """How quickly to run through a resonance, and which clearance to give the cavity on the way.
+    """Rate of a passage through the resonance and gap of the absorber, under a random force.
 
     ## Description
-    A machine with an adaptive impact absorber runs down through a resonance under a force that nobody announces: it is drawn for each passage. The
-    absorber works where its clearance fits the force and the frequency, so the response has to be looked at while there is time. A clearance
-    that fits the middle of the forces serves few of them.
+    A machine with an adaptive impact absorber runs down through a resonance. The force is random
+    and not observed. The absorber works where its gap suits force and frequency, so the agent must
+    infer the force from the response in time. A gap for the middle of the force range suits few
+    forces.
 
     ## Action Space
-    A ``Box`` of two float32 numbers in [-1, 1]. The first is the rate, as in `SweepRateEnv`. The second, b, is the half-clearance for the next
-    control interval, ``low * (high/low)**((b + 1)/2)`` of ``gap_limits``. Numbers outside are cut to [-1, 1]. The walls never close onto the
-    absorber: a half-clearance below its distance from the middle is raised to that distance. Info's ``gap`` (m) says what was set,
-    ``gap_limited`` whether it was raised.
+    A ``Box`` of two float32 numbers in [-1, 1]. The first is the rate, as in `SweepRateEnv`. The
+    second, b, is the half-clearance for the next control interval, ``low * (high/low)**((b +
+    1)/2)`` of ``gap_limits``. Values outside are clipped. The walls never close onto the absorber:
+    a half-clearance below its distance from the middle is raised to that distance. Info has the
+    half-clearance as ``gap`` in m, and ``gap_limited`` where it was raised.
 
     ## Observation Space
-    A ``Box`` of 11 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm unless given). The force is not
-    among them; info's ``force`` has it.
+    A ``Box`` of 11 float32 numbers, clipped at +-100. The unit of displacement is the scene's
+    half-clearance (1 mm by default). The force is not observed; info has it as ``force``.
 
     (features)
 
     ## Rewards
-    Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber under the same force, minus a price of time, minus
-    ``unfinished_price`` if the time budget is spent before the far frequency is reached.
+    As in `SweepRateEnv`: minus the level relative to the beam without absorber under the same
+    force, minus a price of time, minus ``unfinished_price`` if the time budget is spent before the
+    far frequency is reached.
 
     ## Starting State
-    At rest, the absorber in the middle of the cavity, whose half-clearance is the scene's, the frequency at one end of ``limits``. Force and phase
-    are drawn.
+    At rest, with the absorber in the middle of the cavity, the half-clearance of the scene and the
+    frequency at one end of ``limits``. Force and phase are random.
 
     ## Episode End
-    Terminated when the far frequency is reached, and when the time budget is spent. With ``budget_end="truncated"`` the latter is a truncation.
+    Terminated when the far frequency is reached, and when the time budget is spent. With
+    ``budget_end="truncated"`` the latter is a truncation.
 
     ## Arguments
-    All of `SweepRateV1Env`, with these defaults, and one more:
-
-    - ``gap_limits`` (default 0.1 mm to 3 mm): half-clearances in m; ``level_unit`` (default "gap") of feature 9, or "reference"
-    - ``force`` (default 0.5 to 6) in N; ``absorber_options`` (default restitution 0.7, no friction), ``modes`` 3; ``interval`` 10,
-      ``time_budget`` 4000, ``backward_rate`` 0
-
     The absorber must be an impact absorber with rigid walls.
 
+    (arguments)
+
     ## Version History
-    - v1: the level is in half-clearances, and feature 5 is cut off at 4. It is v0 with ``level_unit="gap"`` and ``impacts_limit=4``
-    - v0: first version; its level is over that of the beam without absorber under the same force (``level_unit="reference"``), so that features 1, 2
-      and 9 together tell the force after one interval
+    - v1: the level is in half-clearances, and feature 5 is clipped at 4
+    - v0: first version, with ``level_unit="reference"`` and ``impacts_limit=100``: features 1, 2 and 9 together
+      reveal the force after one interval
     """
 
     kind = TaskSpec(
@@ -249,49 +251,49 @@ class SweepAndGapEnv(TaskEnv):
 
 @environment
 class FrictionChoiceEnv(TaskEnv):
-    """Which friction limit to give an absorber on the way through a resonance.
+    """Friction limit during a fast passage through the resonance, under a random force.
 
     ## Description
-    A machine with a semi-active impact absorber runs down through a resonance at one rate, under a force that nobody announces: it is drawn for
-    each passage. Friction serves in proportion to the force: too little of it and the absorber does not come to rest in the cavity, too much and
-    it moves with the beam. The response has to be looked at, and the limit set by it, before the resonance is reached.
+    A machine with a semi-active impact absorber runs down through a resonance at one rate. The
+    force is random and not observed. The best friction limit is proportional to the force: with
+    less the absorber does not come to rest in the cavity, with more it moves with the beam. The
+    agent must infer the force from the response before the resonance is reached.
 
     ## Action Space
-    A ``Box`` of one float32 number a in [-1, 1]: the friction limit mu f_N for the next control interval is ``low * (high/low)**((a + 1)/2)`` of
-    ``friction_range``, in units of m_a g0 omega^2 (absorber's mass, half-clearance, resonance): by this share friction counts on any structure.
-    Numbers outside are cut to [-1, 1]. A sliding absorber slides on with the new friction; one that moves with the beam begins to slide if its
-    inertia is more than the new limit holds. Info's ``friction_limit`` (N) says what was set.
+    A ``Box`` of one float32 number a in [-1, 1]: the friction limit mu f_N for the next control
+    interval is ``low * (high/low)**((a + 1)/2)`` of ``friction_range``, in units of m_a g0 omega^2
+    (mass of the absorber, half-clearance, resonance). Values outside are clipped. A sliding
+    absorber slides on with the new friction; one that moves with the beam begins to slide if its
+    inertia force exceeds the new limit. Info has the ``friction_limit`` in N.
 
     ## Observation Space
-    A ``Box`` of 11 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls). The force is not
-    among them; info's ``force`` has it.
+    A ``Box`` of 11 float32 numbers, clipped at +-100. The unit of displacement is the scene's
+    half-clearance (1 mm without walls). The force is not observed; info has it as ``force``.
 
     (features)
 
     ## Rewards
-    Those of `SweepRateEnv`: minus the level relative to that of the beam without absorber under the same force, minus a price of time.
+    As in `SweepRateEnv`: minus the level relative to the beam without absorber under the same
+    force, minus a price of time.
 
     ## Starting State
-    At rest, the absorber in the middle of the cavity, the frequency at one end of ``limits``. Force and phase are drawn. The friction shown is the
-    scene's; that of the first interval is chosen already.
+    At rest, with the absorber in the middle of the cavity and the frequency at one end of
+    ``limits``. Force and phase are random. The first observation has the friction limit of the
+    scene; the first action applies from the first interval.
 
     ## Episode End
     Terminated when the far frequency is reached.
 
     ## Arguments
-    - ``friction_range`` (default 0.02 to 20): lowest and highest friction limit in units of m_a g0 omega^2 (0.72 N in the default scene), above 0
-    - ``rate`` (default 4) in % per 100 pseudo periods; ``limits`` (default 0.93 to 1.03), ``interval`` (default 5)
-    - ``force`` (default 0.5 to 6) in N; ``absorber_options`` (default friction_limit 0.1 N, which is only the one shown at the start), ``modes`` 2
-    - ``level_unit`` (default "gap") of feature 9, or "reference"
-    - ``direction``, ``time_price``, ``objective``, ``fatigue_exponent`` and all arguments of scene, method, interval and observation: as in
-      `SweepRateEnv`
+    The absorber must have rigid friction: an impact absorber with rigid walls and a
+    ``friction_limit``, or a friction damper.
 
-    The absorber must have rigid friction: an impact absorber with rigid walls and a ``friction_limit``, or a friction damper.
+    (arguments)
 
     ## Version History
-    - v1: the level is in half-clearances, and feature 5 is cut off at 4. It is v0 with ``level_unit="gap"`` and ``impacts_limit=4``
-    - v0: first version; its level is over that of the beam without absorber under the same force (``level_unit="reference"``), so that features 1, 2
-      and 9 together tell the force after one interval
+    - v1: the level is in half-clearances, and feature 5 is clipped at 4
+    - v0: first version, with ``level_unit="reference"`` and ``impacts_limit=100``: features 1, 2 and 9 together
+      reveal the force after one interval
     """
 
     kind = TaskSpec(
@@ -304,51 +306,53 @@ class FrictionChoiceEnv(TaskEnv):
 
 @environment
 class GapChoiceEnv(TaskEnv):
-    """Which clearance to give the cavity under a force that changes.
+    """Gap of the absorber at one frequency, under a force that changes.
 
     ## Description
-    A machine runs at one frequency near a resonance (another one in each episode), and its force changes from time to time without notice. An
-    impact absorber works best where its clearance fits the force (paper, section 3.3), and the agent sets the clearance.
+    A machine runs at one frequency near a resonance, another one in each episode. Its force changes
+    from time to time and is not observed. An impact absorber works best where its gap suits the
+    force (section 3.3 of the paper), and the agent sets the gap.
 
     ## Action Space
-    A ``Box`` of one float32 number a in [-1, 1]: the half-clearance for the next control interval, from the low to the high one of ``gap_limits``.
-    Numbers outside are cut to [-1, 1]. The walls never close onto the absorber: a half-clearance below its distance from the middle is raised to
-    that distance, and a wall it rests on does not push it. Info's ``gap`` (m) says what was set, ``gap_limited`` whether it was raised.
+    A ``Box`` of one float32 number a in [-1, 1]: the half-clearance for the next control interval,
+    linear between the two of ``gap_limits``. Values outside are clipped. The walls never close onto
+    the absorber: a half-clearance below its distance from the middle is raised to that distance. A
+    wall at which the absorber rests does not push it. Info has the half-clearance as ``gap`` in m,
+    and ``gap_limited`` where it was raised.
 
     ## Observation Space
-    A ``Box`` of 10 float32 numbers, cut off at +-100. The unit of displacement is the scene's half-clearance (1 mm without walls).
+    A ``Box`` of 10 float32 numbers, clipped at +-100. The unit of displacement is the scene's
+    half-clearance (1 mm without walls).
 
     (features)
 
     ## Rewards
-    The sum of all rewards is the score: minus the mean over the intervals of the tip's RMS relative to the stationary RMS of a beam without absorber
-    under the same force at the same frequency. With ``objective="fatigue"`` it is the mean of the tip's displacement to the power
-    ``fatigue_exponent``, relative to the same of that stationary response.
+    The sum of all rewards is the score: minus the mean over the intervals of the tip's RMS relative
+    to the stationary RMS of the beam without absorber under that interval's force at the same
+    frequency. With ``objective="fatigue"`` it is minus the mean of the displacement to the power
+    ``fatigue_exponent``, relative to that of the stationary response.
+
+    With ``vector_reward=True`` the reward is minus the vector ``costs`` (4,) of info, as in
+    MO-Gymnasium (``reward_space``): relative RMS (or damage) over the number of intervals; time
+    over the time budget; travel of the walls in half-clearances; impacts over the pseudo periods of
+    a whole interval.
 
     ## Starting State
-    At rest, the absorber in the middle of the cavity, whose half-clearance is the scene's. The phase of the force, its schedule, and where a range is
-    given the frequency are drawn. The schedule is piecewise constant: forces from the range ``force``, each held for a time from the range ``hold``.
+    At rest, with the absorber in the middle of the cavity and the half-clearance of the scene.
+    Phase, frequency and the schedule of the force are random. The schedule is piecewise constant:
+    forces from the range ``force``, each for a time from the range ``hold``.
 
     ## Episode End
     Truncated when the time budget is spent.
 
     ## Arguments
-    - ``gap_limits`` (default 0.1 mm to 3 mm): half-clearances in m; ``hold`` (default 100 to 300): range of pseudo periods for which a force lasts
-    - ``frequency_ratio`` to the resonance, or a pair (low, high) from which each episode draws (default 0.97 to 1.01)
-    - ``time_budget`` (default 1000) in pseudo periods, rounded up to whole intervals
-    - ``objective``: "rms" or "fatigue"; ``fatigue_exponent``
-    - ``vector_reward`` (default False): minus the costs are the reward, in the form of MO-Gymnasium (``reward_space``). Info's ``costs`` (4,) has
-      what the last interval cost: relative RMS (or damage) over the number of intervals; time over the time budget; half-clearances that the
-      walls moved; impacts over the pseudo periods of a whole interval
-    - ``force`` (default 0.5 to 6): in N, or a pair (low, high) from which the schedule draws; ``absorber_options`` (default restitution 0.7)
-    - those of every environment: `impact_env.envs.settings.TaskSettings` describes scene, method, interval and observation
-    - ``render_mode``: None, "rgb_array" or "human"
-
     The absorber must be an impact absorber with rigid walls.
 
+    (arguments)
+
     ## Version History
-    - v1: feature 5 is cut off at 4 (``impacts_limit=4``); chatter reaches tens
-    - v0: first version
+    - v1: feature 5 is clipped at 4; chatter has tens
+    - v0: first version, with ``impacts_limit=100``
     """
 
     kind = TaskSpec(GapTask, (TaskSettings, GapControl), GAP_SETTINGS, one_number_space)

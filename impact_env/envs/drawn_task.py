@@ -61,7 +61,30 @@ def _span_within(
 
 @dataclass(frozen=True)
 class RandomisedSettings:
-    """Arguments of what is drawn for a passage; `PassageEnv` describes them."""
+    """Arguments of the random values of a passage.
+
+    Parameters
+    ----------
+    limits : pair
+        Lowest and highest frequency over the resonance.
+    start_spread : float
+        Largest distance of the start from the near end of ``limits``, as a frequency ratio.
+    sweep_rates : pair
+        Slowest and fastest rate in % per 100 pseudo periods.
+    gap_starts : pair
+        Smallest and largest half-clearance at the start in m.
+    damping : pair
+        Smallest and largest damping ratio of all modes.
+    restitution : pair
+        Smallest and largest coefficient of restitution.
+    scenes : int
+        Number of pairs of damping and restitution, spread evenly over their ranges.
+    price : float
+        Price of moving the walls by one half-clearance of the scene.
+    fatigue_exponent : float
+        Exponent of the displacement in the cost of fatigue.
+
+    """
 
     limits: Range = (0.93, 1.03)
     start_spread: float = 0.01
@@ -343,7 +366,18 @@ def rescale_model(model: ModalModel, standard: ModalModel) -> ModalModel:
 
 @dataclass(frozen=True)
 class StructurePool:
-    """Arguments of the choice of structures; `StructuresEnv` describes them."""
+    """Arguments of the choice of structures.
+
+    Parameters
+    ----------
+    split : str
+        ``"train"``, ``"validation"`` or ``"test"``.
+    structures : int
+        Number of structures from which episodes draw.
+    observe_structure : bool
+        Whether the last three features are observed.
+
+    """
 
     split: str = "train"
     structures: int = 24

@@ -17,7 +17,7 @@ FEW_IMPACTS = 4.0  # the same of feature 5 in newer tasks, so that chatter stays
 class Feature:
     """One number of an observation; ``measured`` ones come from sensors and get noise and delay, the others are known to the machine's control.
 
-    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables (`shells.add_feature_table`), where braces stand for arguments.
+    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables (`shells.list_features`), where braces stand for arguments.
     """
 
     name: str
@@ -42,32 +42,42 @@ TIP_QUADRATURE = Feature(
     LENGTH_UNIT,
 )
 DISTANCE = Feature(
-    "absorber's place in the cavity", True, "absorber less tip at the interval's end", LENGTH_UNIT
+    "absorber's place in the cavity",
+    True,
+    "place of the absorber relative to the tip at the end of the interval",
+    LENGTH_UNIT,
 )
-VELOCITY = Feature("absorber's velocity in the cavity", True, "its rate", PER_VELOCITY)
+VELOCITY = Feature(
+    "absorber's velocity in the cavity",
+    True,
+    "velocity of the absorber relative to the tip",
+    PER_VELOCITY,
+)
 IMPACTS = Feature(
     "impacts per pseudo period", True, "impacts in the last interval", "per pseudo period / 2{few}"
 )
 SHARE = Feature(
     "absorber's share of the energy",
     True,
-    "absorber's kinetic energy over that of beam and absorber",
+    "share of the absorber's kinetic energy in the energy of beam and absorber",
 )
 FREQUENCY = Feature(
-    "frequency", False, "frequency ratio to the resonance, less {origin}", "1 / {scale}"
+    "frequency", False, "frequency ratio to the resonance, minus {origin}", "1 / {scale}"
 )
-TIME_LEFT = Feature("time left", False, "share of the time budget that is left")
+TIME_LEFT = Feature("time left", False, "remaining share of the time budget")
 LEVEL_FEATURE = Feature("level", True, "response level so far", "m / {level}")
 RMS = Feature(
     "RMS of the last interval", True, "RMS of the tip over the last interval", LENGTH_UNIT
 )
-DISTANCE_TO_END = Feature("way left", False, "far frequency less present one", "ratio / {scale}")
+DISTANCE_TO_END = Feature(
+    "way left", False, "far frequency minus present frequency", "ratio / {scale}"
+)
 GAP_IN_USE = Feature("half-clearance in use", False, "half-clearance in use", OF_SCENE)
 FRICTION_IN_USE = Feature(
     "friction limit in use",
     False,
     "friction limit in use",
-    "its place in the range, as the action has it",
+    "place in the range, from -1 to 1",
 )
 STATE = (
     TIP_IN_PHASE,

@@ -184,32 +184,66 @@ def _record(text: str) -> Samples:
 
 @dataclass(frozen=True)
 class TaskSettings:
-    """Arguments that all environments share.
+    """Arguments that all environments have: scene, force, method, interval, sensors and actuator.
 
-    - ``absorber``: one of `impact_env.laws.CONCEPTS`, "impact" by default; ``absorber_options``: its values in SI units, by their plain names
-      there: ``mass_ratio``, ``gap``, ``restitution``, ``friction_limit``, ...
-    - ``modes`` of the beam (default 3); ``beam``: other values of `impact_env.Beam`, by name
-    - ``structure``: the name of a file that describes a structure, in place of ``beam`` and ``modes`` (docs/your_structure.md)
-    - ``whole_scene``: a whole scene in place of the lines above, as an `impact_env.Scene` or in plain form (docs/scenes.md): any structure
-    - ``resonance`` (default 1): the one that is meant, counted from 1; its period is the pseudo period
-    - ``force`` (default 1.5): amplitude in N, or a pair (low, high) from which each episode draws
-    - ``moves_base`` (default False): ``force`` is the amplitude of the base's acceleration in m/s^2 instead, and all displacements are relative to
-      the base; ``load`` (default None): a disturbance beside it, a load of the kind ``random`` or ``samples`` as a table (docs/loads.md), that
-      repeats; each episode draws where in it it begins. Scores and references do not know of it. Both want the exact method and rigid contact
-    - ``method``: "exact" (default), "moreau" or "runge-kutta", the latter two with ``steps_per_period``
-    - ``interval`` (default 5): control interval in pseudo periods; ``samples_per_period`` (default 32): samples of the tip for level and amplitudes
-    - ``observation_noise`` (default 0): standard deviation of what is added to each scaled feature that is measured (1 to 6 and 9);
-      ``observation_delay`` (default 0): their delay in intervals; ``observation_drift`` (default 0): standard deviation of what a bias of each of
-      them, 0 at the start of an episode, changes by in an interval
-    - ``action_delay`` (default 0): intervals until an action has an effect; at the start of an episode the actuator stays where the scene has it, in
-      the middle of its range for actions that the scene does not know. ``action_levels`` (default None): number of equidistant values from -1 to 1
-      that each number of an action is rounded to, 2 or more
-    - ``impacts_limit`` (default 100): feature 5 is cut off there; chatter reaches tens
-    - ``raw_state`` (default False): put the state into info: modal displacements, absorber displacement, modal velocities, absorber velocity
-    - ``threads`` (default: all cores): of the vector environment; the numbers do not depend on it
+    Defaults are those of this class; an environment that has others lists them. A wrong value raises
+    `impact_env.ParameterError` with the argument's name.
 
-    Defaults are those of this class; an environment with others says so. Bad values raise `impact_env.ParameterError` that names the argument,
-    a step before a reset or after the end raises `gymnasium.error.ResetNeeded`.
+    Parameters
+    ----------
+    absorber : str
+        Kind of absorber, one of `impact_env.laws.CONCEPTS`.
+    absorber_options : dict
+        Parameters of the absorber in SI units: ``mass_ratio``, ``gap``, ``restitution``,
+        ``friction_limit`` and the others of its kind.
+    modes : int
+        Number of modes of the beam.
+    beam : dict
+        Other parameters of `impact_env.Beam`, by name.
+    resonance : int
+        Number of the resonance, from 1. Its period is the pseudo period.
+    force : float or pair
+        Force amplitude in N, or a pair (low, high) from which each episode draws.
+    method : str
+        ``"exact"``, ``"moreau"`` or ``"runge-kutta"``.
+    steps_per_period : int or None
+        Time steps in a period, for ``"moreau"`` and ``"runge-kutta"``.
+    interval : float
+        Control interval in pseudo periods.
+    samples_per_period : int
+        Samples of the tip in a pseudo period, for level and amplitudes.
+    observation_noise : float
+        Standard deviation of the noise of each measured, scaled feature.
+    observation_delay : int
+        Delay of the measured features in intervals.
+    observation_drift : float
+        Standard deviation of the change of a bias of each measured feature in an interval; the bias is 0 at
+        the start of an episode.
+    action_delay : int
+        Intervals until an action has an effect. Until then the actuator has the value of the scene, or the
+        middle of its range where the scene has none.
+    action_levels : int or None
+        Number of equidistant values from -1 to 1 to which an action is rounded, 2 or more.
+    impacts_limit : float
+        Upper limit of feature 5, the impacts in a pseudo period; chatter has tens.
+    raw_state : bool
+        Whether info has the ``state``: modal displacements, absorber displacement, modal velocities and
+        absorber velocity.
+    threads : int or None
+        Threads of a vector environment, by default all cores. Numbers do not depend on it.
+    whole_scene : Scene, dict or None
+        A scene in place of absorber, modes and beam: an `impact_env.Scene` or its plain form
+        (docs/scenes.md).
+    structure : str or None
+        File of a structure in place of beam and modes (docs/your_structure.md).
+    load : dict or None
+        Disturbance in addition to the force: a load of the kind ``random`` or ``samples`` (docs/loads.md). It
+        repeats, and each episode draws its start. Scores and references exclude it. It needs the exact method
+        and rigid contact.
+    moves_base : bool
+        Whether ``force`` is the amplitude of the base's acceleration in m/s^2; displacements are then
+        relative to the base. It needs the exact method and rigid contact.
+
     """
 
     absorber: str = "impact"

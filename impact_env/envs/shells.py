@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.envs.arguments import list_own_arguments
 from impact_env.envs.observation import FEATURE_LIMIT, FEW_IMPACTS
 from impact_env.envs.settings import SCENE_PARTS
 from impact_env.envs.task import Task
@@ -157,27 +158,39 @@ def make_screen(env: Any, is_reset: bool, maker: str) -> Any:
     return env._screen
 
 
-def add_feature_table(env: Any) -> None:
-    """Put the features of its task in the place of (features) into the docstring of an environment, as a table."""
-    kind: TaskSpec = env.kind
-    defaults = {
-        field.name: field.default for group in kind.groups for field in fields(group)
-    } | dict(kind.defaults)
-    from_middle = defaults.get("frequency_origin") == "middle"
+def list_features(kind: TaskSpec) -> list[tuple[str, str]]:
+    """Return what the features of a task are, and their units, for the defaults of its arguments."""
+    values = {field.name: field.default for group in kind.groups for field in fields(group)}
+    values |= kind.defaults
+    from_middle = values.get("frequency_origin") == "middle"
+    limited = values["impacts_limit"] == FEW_IMPACTS
     words = {
-        "few": f", cut off at {FEW_IMPACTS:g}" if defaults["impacts_limit"] == FEW_IMPACTS else "",
+        "few": f", clipped at {FEW_IMPACTS:g}" if limited else "",
         "origin": "the middle of ``limits``" if from_middle else "1",
         "scale": "``frequency_unit``" if from_middle else kind.task.frequency_unit,
         "level": "half-clearance of the scene"
-        if defaults.get("level_unit") == "gap"
+        if values.get("level_unit") == "gap"
         else "reference level",
     }
-    rows = [
-        f"| {k} | {feature.what} | {feature.unit} |".format(**words)
-        for k, feature in enumerate(kind.task.features, 1)
+    return [
+        (feature.what.format(**words), feature.unit.format(**words))
+        for feature in kind.task.features
     ]
+
+
+def add_tables(env: Any) -> None:
+    """Replace (features) and (arguments) in the docstring of an environment by a table and a list."""
+    kind: TaskSpec = env.kind
+    rows = [f"| {k} | {what} | {unit} |" for k, (what, unit) in enumerate(list_features(kind), 1)]
     table = "\n".join(("| # | what | unit and scale |", "| --- | --- | --- |", *rows))
-    env.__doc__ = cleandoc(env.__doc__ or "").replace("(features)", table)
+    own, other = list_own_arguments(kind.groups, kind.defaults)
+    lines = [f"- ``{one.name}`` (default {one.default}): {one.meaning}" for one in own]
+    lines += [f"- ``{one.name}`` (here {one.default})" for one in other]
+    lines.append(
+        "- those of all environments: `impact_env.envs.settings.TaskSettings`, ``render_mode``, ``vector_reward``"
+    )
+    text = cleandoc(env.__doc__ or "")
+    env.__doc__ = text.replace("(features)", table).replace("(arguments)", "\n".join(lines))
 
 
 class TaskEnv(gymnasium.Env[Observation, Any]):

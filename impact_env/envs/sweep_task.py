@@ -41,7 +41,39 @@ def speeds(name: str, value: Any, limits: Range) -> Range:
 
 @dataclass(frozen=True)
 class PassageSettings:
-    """Arguments of a passage; `SweepRateEnv` describes them."""
+    """Arguments of a passage.
+
+    Parameters
+    ----------
+    direction : str
+        ``"down"``, ``"up"`` or ``"random"``.
+    limits : pair
+        Lowest and highest frequency over the resonance.
+    rates : pair
+        Slowest and fastest rate in % per 100 pseudo periods.
+    backward_rate : float
+        Rate of going back in % per 100 pseudo periods; 0: never back.
+    time_budget : float
+        Longest time of an episode in pseudo periods, rounded up to whole intervals.
+    time_price : float
+        Price of 100 pseudo periods.
+    unfinished_price : float
+        Price of a passage that does not reach the far frequency.
+    objective : str
+        ``"level"`` or ``"fatigue"``.
+    fatigue_exponent : float
+        Exponent of the displacement with the objective ``"fatigue"``.
+    budget_end : str
+        Whether an episode whose time budget is spent is ``"truncated"`` or ``"terminated"``.
+    frequency_origin : str
+        Zero of the observed frequency: ``"resonance"`` or ``"middle"`` (of ``limits``).
+    frequency_unit : float
+        Unit of features 7 and 10, as a frequency ratio.
+    level_unit : str
+        Unit of feature 9: ``"reference"`` (level without absorber) or ``"gap"`` (half-clearance, from which a
+        random force cannot be inferred).
+
+    """
 
     direction: str = "down"
     limits: Range = PAPER_LIMITS
@@ -227,7 +259,27 @@ class SweepTask(Task):
 
 @dataclass(frozen=True)
 class OneRateSettings:
-    """Arguments of a passage at one rate in % per 100 pseudo periods; `PassiveEnv` describes them."""
+    """Arguments of a passage at one rate; those of `PassageSettings` where the names are equal.
+
+    Parameters
+    ----------
+    rate : float or None
+        Rate in % per 100 pseudo periods. By default it suits the damping of the resonance
+        (`impact_env.drive.default_rate`; 1 for the paper's beam).
+    direction : str
+        ``"down"``, ``"up"`` or ``"random"``.
+    limits : pair
+        Lowest and highest frequency over the resonance.
+    time_price : float
+        Price of 100 pseudo periods.
+    objective : str
+        ``"level"`` or ``"fatigue"``.
+    level_unit : str
+        Unit of feature 9: ``"reference"`` (level without absorber) or ``"gap"`` (half-clearance).
+    fatigue_exponent : float
+        Exponent of the displacement with the objective ``"fatigue"``.
+
+    """
 
     rate: float | None = None
     direction: str = PassageSettings.direction

@@ -13,7 +13,7 @@ from impact_env.envs.shells import (
     Observation,
     TaskEnv,
     TaskSpec,
-    add_feature_table,
+    add_tables,
     check_actions,
     check_options,
     check_render_mode,
@@ -307,8 +307,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
 
 def environment(single: type[TaskEnv]) -> type[TaskEnv]:
-    """Complete an environment: the table of features in its docstring and, beside it in its module, its native vector, named after it."""
-    add_feature_table(single)
+    """Complete an environment: features and arguments in its docstring, and its native vector, named after it, in its module."""
+    add_tables(single)
     name = single.__name__.replace("Env", "VectorEnv")
     text = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
     vector = type(

@@ -340,6 +340,8 @@ reproduce check-places --quick
     --judges 0 -> 0 is not
 reproduce manifold-gaps
     --page none.md -> none.md
+reproduce environment-pages
+    --measure=3 -> does not take a value
 reproduce command-table
     --page nowhere/a.md -> --page = 'nowhere/a.md' is not allowed: a file in a folder that exists
 reproduce compare-chain

@@ -20,6 +20,7 @@ TOLERANCES = {"structure": 2e-3, "periodic orbits": 1e-6}
 # after impacts another processor or library gives other last bits, and levels of single runs are
 # random: tests of physics judge them
 CHAOTIC_TOL = 0.35
+ENVIRONMENT_PAGES = sorted((ROOT / "docs" / "environments").glob("*.md"))
 PAGES = {
     "README.md": 2,
     "docs/tutorial.md": 5,
@@ -36,6 +37,7 @@ PAGES = {
     "docs/which_place.md": 1,
     "docs/environments.md": 1,
     "docs/tasks.md": 1,
+    **{f"docs/environments/{page.name}": 1 for page in ENVIRONMENT_PAGES},
 }
 
 

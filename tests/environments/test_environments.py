@@ -33,6 +33,7 @@ from places import fresh
 
 from impact_env import Beam, ParameterError, Scene, impact_absorber, modal_model
 from impact_env.envs import ENVIRONMENTS, drawing, register_environments
+from impact_env.envs.arguments import read_parameters
 from impact_env.envs.settings import TaskSettings
 from impact_env.modes import mode_shapes
 
@@ -116,29 +117,14 @@ def test_docstring_has_gymnasiums_sections_and_all_arguments(name: str) -> None:
     ):
         assert f"## {section}" in text
     if name != PASSIVE:  # and of the suite's names: those with noise and delay are arguments of v1
-        assert (
-            len(env.task.features)
-            == sum(line.strip().startswith("| ") for line in text.splitlines()) - 2
-        )
-    described = {
-        type(own).__name__: type(own).__doc__ or ""
-        for own in (make(other).unwrapped for other in ENVIRONMENTS)
-    }
-    described["TaskSettings"] = TaskSettings.__doc__ or ""
-    referred = [text]
-    read = set[str]()
-    while referred:  # an argument stands here, or in a docstring that this one refers to
-        read.add(referred.pop())
-        sections = {
-            name
-            for one in read
-            for name in re.findall(r"`(?:[\w.]+\.)?(\w+Env|TaskSettings)`", one)
-        }
-        referred = [own for own in (described[name] for name in sections) if own not in read]
-    arguments = {field.name for group in type(env).kind.groups for field in fields(group)}
-    assert not {
-        argument for argument in arguments if not any(f"``{argument}``" in one for one in read)
-    }
+        rows = re.findall(r"^\| \d+ \|", text, re.MULTILINE)
+        assert len(rows) == len(env.task.features)
+    shared = read_parameters(TaskSettings)
+    for group in type(env).kind.groups:
+        meanings = read_parameters(group)
+        for argument in (field.name for field in fields(group)):
+            assert meanings[argument]
+            assert argument in shared or f"- ``{argument}`` (default" in text
 
 
 def test_frames_show_the_motion() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
+from impact_env.envs import ENVIRONMENTS
 from impact_env.laws import CONCEPTS
 from optimisation.cli.group import file_of, modules
 from optimisation.cli.names import REPRODUCE
@@ -14,7 +15,14 @@ from studies.cli import command_table
 
 KERNELS = ROOT / "impact_env" / "kernels"
 DOCS = [*sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "internals").glob("*.md"))]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS, KERNELS / "README.md"]
+ENVIRONMENT_PAGES = sorted((ROOT / "docs" / "environments").glob("*.md"))
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *DOCS,
+    *ENVIRONMENT_PAGES,
+    KERNELS / "README.md",
+]
 TYPED = (
     "README.md",
     "docs/sweep.md",
@@ -29,7 +37,7 @@ MARKED = {
     "docs/methods.md": ["benchmark", "levels"],
     "docs/internals/cost.md": ["cost"],
     "docs/method.md": ["benchmark_energies"],
-    "docs/environments.md": ["speeds"],
+    "docs/environments.md": ["speeds", "arguments"],
     "docs/which_gap.md": ["tunings"],
     "docs/loads.md": ["loads_both", "loads_gravity", "loads_start"],
 }
@@ -151,3 +159,21 @@ def test_the_page_of_commands_has_the_commands_of_today() -> None:
     assert f"<!-- {command_table.NAME} -->\n{command_table.make_tables()}\n" in text
     shipped = [name for name in modules() if not name.startswith(REPRODUCE)]
     assert set(re.findall(r"^\| `([^`]+)`", text, re.MULTILINE)) == set(shipped)
+
+
+def test_every_environment_has_a_page_of_today() -> None:
+    """After a change `reproduce environment-pages` writes them again."""
+    pytest.importorskip("gymnasium")
+    from studies.cli import environment_pages
+
+    pages = environment_pages.EXAMPLES
+    names = [name for page in pages for name in environment_pages.list_names(page)]
+    assert {environment_pages.PREFIX + name for name in names} == set(ENVIRONMENTS)
+    assert {page.stem for page in ENVIRONMENT_PAGES} == set(pages)
+    measured = environment_pages.read_measured()
+    for page in ENVIRONMENT_PAGES:
+        written = page.read_text(encoding="utf-8")
+        assert written == environment_pages.make_page(page.stem, measured[page.stem])
+    overview = (ROOT / "docs" / "environments.md").read_text(encoding="utf-8")
+    assert environment_pages.make_shared_table() in overview
+    assert {f"environments/{page}.md" for page in pages} <= set(LINK.findall(overview))

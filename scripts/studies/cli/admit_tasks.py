@@ -2,9 +2,7 @@
 
 # needs: env, optimise
 
-import inspect
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,10 +29,6 @@ NAMES = (
     "SweepRateHard-v0",
 )
 PICTURES = "tasks"  # folder beside the page
-# of random actions; percentiles
-LANES = 64
-STEPS = 200
-SPAN = (1, 99)
 
 
 def rooms(result: Mapping[str, Json]) -> str:
@@ -83,49 +77,6 @@ def searches(result: Mapping[str, Json]) -> str:
         ),
         rows,
     )
-
-
-def parts(kind: type) -> dict[str, str]:
-    """Return the sections of an environment's docstring by heading; the text before the first is under an empty one."""
-    pieces = re.split(r"^## (.*)$", inspect.getdoc(kind) or "", flags=re.MULTILINE)
-    return {"": pieces[0].strip()} | {
-        heading: text.strip() for heading, text in zip(pieces[1::2], pieces[2::2], strict=True)
-    }
-
-
-def described(names: Sequence[str] = NAMES) -> str:
-    """Return a section for each environment, with the ranges of its features under random actions."""
-    return "\n\n".join(section(f"ImpactAbsorber/{name}") for name in names)
-
-
-def section(name: str) -> str:
-    """Return the section of one environment."""
-    with optional():
-        import gymnasium
-    env: Any = gymnasium.make_vec(name, num_envs=LANES)
-    generator = np.random.default_rng(0)
-    observations = [env.reset(seed=0)[0]]
-    observations += [
-        env.step(generator.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0]
-        for _ in range(STEPS)
-    ]
-    low, high = np.percentile(np.concatenate(observations), SPAN, axis=0)
-    text = parts(type(gymnasium.make(name).unwrapped))
-    lines = [
-        line for line in text["Observation Space"].splitlines() if re.match(r"\| \d+ \|", line)
-    ]
-    rows = [
-        [*(cell.strip() for cell in line.strip("| ").split("|")), f"{a:.2g} to {b:.2g}"]
-        for line, a, b in zip(lines, low, high, strict=True)
-    ]
-    table = markdown(
-        ("#", "feature", "unit and scale", f"{SPAN[0]} to {SPAN[1]} % under random actions"), rows
-    )
-    flat = {heading: re.sub(r"\s*\n\s*", " ", own) for heading, own in text.items()}
-    head = f"## {name.split('/')[1]}\n\n{flat['']} {flat['Description']}\n\n**Action.** {flat['Action Space']}"
-    short = name.split("/")[1]
-    picture = f"![An episode of {short}: what is observed, what is done, and the level]({PICTURES}/{short}.png)"
-    return f"{head}\n\n{table}\n\n**Score.** {flat['Rewards']}\n\n{picture}"
 
 
 # Pictures: an episode of a task with what is observed, what is done, and what comes of it.
@@ -248,7 +199,7 @@ def save_picture(path: Path, task: str) -> None:
 
 NUMBERS = DOCS / "tasks.json.gz"
 PAGE = DOCS / "tasks.md"
-MARKERS = ("admission", "rules", "tasks")
+MARKERS = ("admission", "rules")
 
 
 def known(file: Path) -> dict[str, Json]:
@@ -293,7 +244,7 @@ def known(file: Path) -> dict[str, Json]:
 @click.option(
     "--page",
     type=click.Path(path_type=Path),
-    help=f"Write tables, sections and pictures of all tasks, as in docs/{PAGE.name}.",
+    help=f"Write tables and pictures of all tasks, as in docs/{PAGE.name}.",
 )
 @click.option(
     "--rules",
@@ -337,5 +288,5 @@ def main(
         fill(
             page,
             PAGE,
-            {"admission": rooms(result), "rules": searches(result), "tasks": described()},
+            {"admission": rooms(result), "rules": searches(result)},
         )
