@@ -23,6 +23,9 @@ from choice import LEANING, PARTS, plain_files  # type: ignore[import-not-found]
 # programs are those beside the Python that runs nox, unless a session has an environment of its own
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 
+# tests start a hundred processes: each would compile the sources to bytecode again, in half a second
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 nox.needs_version = ">=2026.4"
 nox.options.envdir = ".venv-check"
 nox.options.default_venv_backend = "venv"

@@ -80,7 +80,6 @@ def written(folder: Path, absorber: str, load: str, base: bool = False) -> list[
     ]
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("case", GOLDEN)
 def test_golden_cases_from_files(case: str, tmp_path: Path) -> None:
     absorber, load, golden = GOLDEN[case]

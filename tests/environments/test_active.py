@@ -378,7 +378,6 @@ def test_mass_gap_and_time_are_the_units_of_friction() -> None:
 # A base that moves in the place of the force, with a disturbance beside it.
 
 
-@pytest.mark.plain
 def test_without_absorber_the_base_is_answered_in_closed_form() -> None:
     """RMS of the last period, of an absorber that weighs nothing; a disturbance changes it."""
     model = modal_model(Beam(modes=2, damping_ratio=0.1))

@@ -131,7 +131,6 @@ def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(
     )
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize(("damping", "periods"), [(0.0095, 24.01), (0.007, 42.01)])
 def test_the_damage_of_a_reference_has_all_its_samples(damping: float, periods: float) -> None:
     """The rates of these dampings give intervals that are no whole number of samples by themselves."""
@@ -146,7 +145,6 @@ def test_the_damage_of_a_reference_has_all_its_samples(damping: float, periods: 
     assert damage == pytest.approx(np.sum(np.abs(tip / 1e-3) ** 4), rel=1e-9)
 
 
-@pytest.mark.plain
 def test_a_reference_at_an_undamped_resonance_is_refused() -> None:
     model = modal_model(Beam(modes=2, damping_ratio=0.0))
     with pytest.raises(ParameterError, match=r"omega = 252\.3.* rad/s off the undamped resonances"):
@@ -222,7 +220,6 @@ def test_gap_score_is_the_mean_relative_response() -> None:
     assert len(forces) > 2
 
 
-@pytest.mark.plain
 def test_the_gaps_score_is_relative_to_the_place_where_the_level_is_read() -> None:
     options = {"frequency_ratio": 0.99, "absorber_options": IMPACTS["absorber_options"]}
     env = gymnasium.make(

@@ -211,7 +211,6 @@ def test_contacts_hold_at_every_sample(make: object, modes: int) -> None:
     assert not wrong, f"{len(wrong)} faults:\n" + "\n".join(wrong)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("make", [one_absorber, damper, two_absorbers])
 def test_between_impacts_a_sliding_absorber_turns_where_a_reversal_is_listed_and_nowhere_else(
     make: object,

@@ -91,7 +91,6 @@ def test_bouncing_between_fixed_walls(restitution: float) -> None:
     )
 
 
-@pytest.mark.plain
 def test_a_free_absorber_falls_by_its_weight() -> None:
     absorber = SlidingAbsorber(1.0, RigidWalls(1.0, 0.7), gravity=9.81)
     response = run(Scene(steady_base(), absorber), still(0.1), initial=InitialState())
@@ -309,7 +308,6 @@ def test_friction_on_a_slowly_shaken_base() -> None:
     assert phases.end[0] == pytest.approx(np.arcsin(limit / shake) / omega, rel=1e-8)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("roundings", [-8, 0, 8])
 @pytest.mark.parametrize("angle", [0.0, 0.188])
 def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(
@@ -554,7 +552,6 @@ def stick_and_slip(sliding: float, static: float, until: float) -> tuple[list[fl
     return begins, ends
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize(
     ("sliding", "ratio"), [(1.2, 1.0), (1.2, 1.5), (1.0, 1.0), (1.0, 1.7), (0.5, 3.0), (0.5, 3.2)]
 )
@@ -576,7 +573,6 @@ def test_static_friction_holds_up_to_its_own_limit(sliding: float, ratio: float)
     np.testing.assert_allclose(response.phases.end, ends, atol=1e-9)
 
 
-@pytest.mark.plain
 def test_a_static_limit_above_the_joint_force_holds_as_long_as_glue() -> None:
     """A joint force that sliding friction alone could not carry: with static friction above it the absorber never moves."""
     drive = drive_of(1.0, 0.98, periods=2.0)
@@ -591,7 +587,6 @@ def test_a_static_limit_above_the_joint_force_holds_as_long_as_glue() -> None:
     np.testing.assert_allclose(held.end_state[:2], glued.end_state[:2], atol=1e-9 * scale)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("restitution", [1.0, 0.8, 0.3, 0.01])
 def test_walls_with_a_damper_give_back_their_restitution(restitution: float) -> None:
     """Two free bodies: the velocity after contact, what it lasts (half a damped period), the impulse and the loss are closed forms."""
@@ -622,7 +617,6 @@ def test_walls_with_a_damper_give_back_their_restitution(restitution: float) -> 
     assert response.energy.impact_loss == pytest.approx(lost, rel=1e-7, abs=1e-12)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("friction", [None, ElasticCoulombFriction(0.2, 3e4)])
 def test_walls_with_a_damper_against_small_steps(friction: ElasticCoulombFriction | None) -> None:
     """Two modes under a force, by DOP853 in steps far shorter than a contact (own equations of motion)."""
@@ -681,7 +675,6 @@ def test_losses_of_damped_contacts_are_listed_without_an_energy_account() -> Non
     np.testing.assert_array_equal(alone.impacts.energy_lost, run(scene, drive).impacts.energy_lost)
 
 
-@pytest.mark.plain
 def test_a_slider_that_holds_is_a_spring_about_the_place_where_it_began() -> None:
     """Elastic friction that never slips moves as a tuned absorber without damper does, shifted by its start (forces ten digits apart)."""
     stiffness = 3e4
@@ -698,7 +691,6 @@ def test_a_slider_that_holds_is_a_spring_about_the_place_where_it_began() -> Non
     np.testing.assert_allclose(shifted[:3], tuned.end_state[:3], atol=1e-10 * scale)
 
 
-@pytest.mark.plain
 def test_a_slider_holds_again_where_its_spring_carries_the_limit() -> None:
     """On a base at rest: sliding ends at rest, then the body swings about the place where the slider stays (closed form)."""
     limit = 0.02

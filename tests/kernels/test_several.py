@@ -196,7 +196,6 @@ def test_an_impact_keeps_momentum_and_obeys_restitution() -> None:
     check(response, 1e-10)
 
 
-@pytest.mark.plain
 def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_once() -> None:
     """The other one is on its wall and about to leave it: without the hit it would be beyond the wall for a microsecond."""
     scene = beam_scene(
@@ -221,7 +220,6 @@ def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_on
     )
 
 
-@pytest.mark.plain
 def test_bounces_die_out_while_another_absorber_sticks() -> None:
     """Each impact tears the stuck one loose, and its friction takes energy out, so that even restitution 1 comes to rest on a wall."""
     scene = beam_scene(
@@ -257,7 +255,6 @@ def test_equal_absorbers_at_one_place_break_loose_at_once() -> None:
         assert quantity[0] == pytest.approx(quantity[1], rel=1e-6)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize(("share", "sticks"), [(1.001, True), (0.999, False)])
 def test_the_modes_damping_counts_where_absorbers_begin_to_stick(
     share: float, sticks: bool
@@ -522,7 +519,6 @@ def test_equal_sectors_under_equal_forces_move_alike() -> None:
     np.testing.assert_allclose(sectors, sectors[0], rtol=1e-9)
 
 
-@pytest.mark.plain
 def test_places_for_regimes_are_filled_again_without_a_trace(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -537,7 +533,6 @@ def test_places_for_regimes_are_filled_again_without_a_trace(
     np.testing.assert_array_equal(few.energy.modal_loss, every.energy.modal_loss)
 
 
-@pytest.mark.plain
 def test_a_regime_that_cannot_be_made_ends_the_run_in_words(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -562,7 +557,6 @@ def test_joint_forces_that_meet_no_conditions_end_the_run(monkeypatch: pytest.Mo
         simulate(scene, drive_of(force, ratio, periods=periods))
 
 
-@pytest.mark.plain
 def test_a_response_says_which_impacts_of_two_absorbers_are_at_one_instant() -> None:
     """Two that are alike at one place hit together, and are taken in their order; with another gap they hit one after the other."""
     start = InitialState(absorber_velocity=(0.1, 0.1))

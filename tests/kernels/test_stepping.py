@@ -389,7 +389,6 @@ def test_an_absorber_that_holds_the_tip_still_is_refused(method: Method) -> None
     assert 8.3e5 * model.beam_mass * np.sum(model.tip_shape**2) == pytest.approx(1e7, rel=0.01)
 
 
-@pytest.mark.plain
 def test_friction_of_moreau_s_scheme_brakes_by_its_limit() -> None:
     """A body of 1 kg on a base at rest loses the limit times the time of its velocity: exactly, since the scheme is exact for constant forces."""
     limit = 0.02
@@ -405,7 +404,6 @@ def test_friction_of_moreau_s_scheme_brakes_by_its_limit() -> None:
     )
 
 
-@pytest.mark.plain
 def test_an_impact_of_moreau_s_scheme_has_the_restitution_of_its_wall() -> None:
     """A body of 1 kg on a base at rest turns at a wall with a share of its velocity and loses the rest of its energy."""
     response = run(
@@ -419,7 +417,6 @@ def test_an_impact_of_moreau_s_scheme_has_the_restitution_of_its_wall() -> None:
     assert response.energy.impact_loss == pytest.approx((1 - 0.7**2) * 0.05**2 / 2, rel=1e-9)
 
 
-@pytest.mark.plain
 def test_friction_of_runge_kutta_s_scheme_brakes_by_its_limit() -> None:
     """The same with a slider so stiff that its spring hardly counts: closed form with it."""
     limit = 0.02
@@ -439,7 +436,6 @@ def test_friction_of_runge_kutta_s_scheme_brakes_by_its_limit() -> None:
     assert response.end_state[3] == pytest.approx(left, rel=1e-6)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("depth", [0.1, 0.01])
 def test_a_wall_that_is_touched_within_a_step_only_is_listed(side: float, depth: float) -> None:
@@ -466,7 +462,6 @@ def test_a_wall_that_is_touched_within_a_step_only_is_listed(side: float, depth:
     assert np.sign(impacts.relative_velocity[0]) in (-side, 0)
 
 
-@pytest.mark.plain
 def test_a_step_too_long_for_a_nonlinear_spring_where_it_is_ends_the_run() -> None:
     """Four steps in a period of the tangent stiffness 3 k y^2, as of a mode, at the largest stretch of a run with short steps."""
     sink = NonlinearSink(1e9, 0.02, 0.0)

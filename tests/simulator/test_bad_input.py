@@ -388,13 +388,9 @@ OWN: dict[str, dict[str, Any]] = {
     "run_lanes": {"lanes": [Lane(handed_in.SCENE, handed_in.DRIVE)]},
 }
 DEAR = ("performance_curve", "run_lanes")
-RARE = ("SlidingAbsorber", "StuckAbsorber", "SeveralAbsorbers")  # kinds of scenes of their own
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.plain) if name in RARE else name for name in PUBLIC],
-)
+@pytest.mark.parametrize("name", PUBLIC)
 def test_whatever_is_handed_in_is_refused_by_name_or_right(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of numpy, where numbers are extreme

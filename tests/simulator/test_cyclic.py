@@ -102,7 +102,6 @@ def test_mistuning_is_drawn_by_its_seed() -> None:
     assert abs(np.corrcoef(gaps, disks[0].mistuning.factors("frequency", 200)[:100])[0, 1]) < 0.3
 
 
-@pytest.mark.plain
 def test_forces_at_several_places_add_up_with_their_phases() -> None:
     """The stationary motion of the beam alone is the sum of receptances."""
     model = modal_model(Beam(modes=2, damping_ratio=0.3))
@@ -121,7 +120,6 @@ def test_forces_at_several_places_add_up_with_their_phases() -> None:
     np.testing.assert_allclose(tip, wanted, atol=3e-5 * abs(2.0 * total))
 
 
-@pytest.mark.plain
 def test_a_wave_that_travels_turns_the_motion_with_it() -> None:
     """A ring with impacts and friction: the force a k-th of a turn later gives the same motion, one sector on."""
     disk = ring_of_masses(3, 0.05, HERTZ, 0.01)
@@ -366,7 +364,6 @@ def test_one_sector_is_the_beam_with_one_mode() -> None:
     assert response.level.value == pytest.approx(wanted.level.value, rel=1e-9)
 
 
-@pytest.mark.plain
 def test_the_work_of_a_travelling_wave_is_what_the_disk_loses_and_stores() -> None:
     """The work is also the integral of forces times velocities over dense samples of the motion."""
     disk = ring_of_masses(3, 0.05, HERTZ, 0.01)

@@ -463,7 +463,6 @@ TONES = [
 ORDERS = [{"amplitude_n": 1.0, "order": 1.0}, {"amplitude_n": 1.0, "order": 2.0}]
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize(
     "load",
     [

@@ -125,7 +125,6 @@ def test_an_absorber_that_rounding_put_beyond_its_wall_is_put_on_it() -> None:
         assert state.vector(scene)[n] == 1e-4
 
 
-@pytest.mark.plain
 def test_parts_that_were_not_recorded_are_refused_with_the_record_that_has_them() -> None:
     scene = beam_scene(Beam(modes=2), impact_absorber())
     drive = Drive(1.0, linear_sweep(scene.model.resonance_omega(1), 1.0, 1.0005))
