@@ -340,13 +340,6 @@ class ControlledRuns:
         self._check()
         self.wall_time = time.perf_counter() - began
 
-    def _require_samples(self) -> None:
-        """Raise ParameterError where a lane's force is too fast for the samples of the level."""
-        acts = (self.orders["force"] != 0) & ~self.idle
-        highest = np.maximum(self.orders["omega_start"], self.orders["omega_stop"])
-        ratio = highest[acts].max(initial=0.0) * self._period / (2 * np.pi)
-        require_samples(self._samples_per_period, float(ratio))
-
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
         """Advance the lanes of stretches, rows [low, high), with so many threads."""
         if self._compiled:
@@ -363,7 +356,10 @@ class ControlledRuns:
         if differs:
             self._refuse_orders()
         if highest > self._highest:
-            self._require_samples()
+            acts = (self.orders["force"] != 0) & ~self.idle
+            fastest = np.maximum(self.orders["omega_start"], self.orders["omega_stop"])
+            ratio = fastest[acts].max(initial=0.0) * self._period / (2 * np.pi)
+            require_samples(self._samples_per_period, float(ratio))
         return bool(rests)
 
     def _refuse_orders(self) -> None:

@@ -88,15 +88,10 @@ class Law:
                 None,
                 "given: it has no default",
             )
-        with arguments_called(self.plain_names):
+        with arguments_called({key.attribute: name for name, key in self.keys.items()}):
             return self.of(
                 **{key.attribute: values[name] for name, key in self.keys.items() if name in values}
             )
-
-    @property
-    def plain_names(self) -> dict[str, str]:
-        """Plain names by the attributes that they stand for."""
-        return {key.attribute: name for name, key in self.keys.items()}
 
 
 GAP_KEY = Key("gap", "Clearance to either wall", "m")

@@ -77,11 +77,6 @@ def read_level(
     return ResponseLevel(float(value), at, ratio, float(largest))
 
 
-def _name_load(load: Load) -> str:
-    """Return what a load is in words, also of a class that is derived from one of the library's."""
-    return next(words for kind, words in LOAD_NAMES.items() if isinstance(load, kind))
-
-
 def require_sampling(
     scene: Scene, drive: Excitation, samples_per_period: int, start: Array
 ) -> None:
@@ -126,8 +121,9 @@ def require_spectrum(
         return
     highest = float(omega[np.flatnonzero(above > SHARE_ABOVE * above[0])[-1]])
     needed = LEAST_SAMPLES_PER_CYCLE * highest / reference * (1 - 1e-9)
+    words = next(words for kind, words in LOAD_NAMES.items() if isinstance(load, kind))
     allowed = (
-        f"{int(np.ceil(needed))} or more for the level under {_name_load(load)}: "
+        f"{int(np.ceil(needed))} or more for the level under {words}: "
         f"{100 * SHARE_ABOVE:g} % of the displacement's mean square lies at {highest / (2 * np.pi):.4g} Hz or above, "
         f"and needs {LEAST_SAMPLES_PER_CYCLE} samples a cycle"
     )

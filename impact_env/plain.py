@@ -40,7 +40,6 @@ from impact_env.plain_files import (
     Codec,
     Keys,
     dataclass_codec,
-    optional_codec,
     read_plain,
     require_keys,
 )
@@ -234,12 +233,6 @@ def _read_disk_absorbers(path: str, plain: Any, number: int) -> tuple[SlidingAbs
     return tuple(every) if len(every) == number else tuple(every) * number
 
 
-def _write_disk_absorbers(absorbers: tuple[SlidingAbsorber, ...]) -> Plain:
-    if len(set(absorbers)) == 1:
-        return _write_single_absorber(absorbers[0])
-    return {"kind": SEVERAL_KEY, "absorbers": [_write_single_absorber(one) for one in absorbers]}
-
-
 ABSORBER_KINDS = tuple(name for name in CONCEPTS if name != "none")
 ABSORBER_CODEC = Codec(_read_absorber, _write_absorber)
 
@@ -284,7 +277,7 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
         except ParameterError as error:
             raise error.at_key("scene", {}) from error
     table, numbers = resolve_absorber_places(plain, "scene.")
-    absorber = optional_codec(ABSORBER_CODEC).read("scene.absorber", table)
+    absorber = None if table is None else ABSORBER_CODEC.read("scene.absorber", table)
     structure, forces = read_structure(plain, folder or Path(), "scene.")
     try:
         placed = structure
@@ -344,8 +337,13 @@ def to_disk(plain: Mapping[str, Any], folder: Path | None = None) -> BladedDisk 
 def from_disk(disk: BladedDisk) -> Plain:
     """Return a bladed disk's plain form, with the matrices of a sector: `to_disk` gives the same disk back, bit for bit."""
     disk = instance("disk", disk, BladedDisk)
-    absorber = {"absorber": _write_disk_absorbers(disk.absorbers)} if disk.absorbers else {}
-    return {"cyclic": disk_codec_for(Path()).write(disk), **absorber}
+    plain: Plain = {"cyclic": disk_codec_for(Path()).write(disk)}
+    absorbers = [_write_single_absorber(one) for one in disk.absorbers]
+    if len(set(disk.absorbers)) == 1:
+        plain["absorber"] = absorbers[0]
+    elif absorbers:
+        plain["absorber"] = {"kind": SEVERAL_KEY, "absorbers": absorbers}
+    return plain
 
 
 NEEDED_BEAM_KEYS = (

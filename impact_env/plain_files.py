@@ -230,8 +230,3 @@ def list_codec(make: Callable[..., Any], keys: Keys) -> Codec:
         return tuple(one.read(f"{path}[{i}]", part) for i, part in enumerate(plain))
 
     return Codec(read, lambda values: [one.write(value) for value in values])
-
-
-def optional_codec(sort: Codec) -> Codec:
-    """Return a sort that may also be None, for what is absent."""
-    return Codec(lambda path, plain: None if plain is None else sort.read(path, plain), sort.write)

@@ -341,11 +341,14 @@ def build_set_regime(
     rows = _rows(model, modes, which, masses, shapes, layout.size, moves)
     guard, push, s = (np.abs(rows[:, row] + 1j * rows[:, row + 1]) for row in (GUARD, RELATIVE, S))
     rate = guard[:-1] * s[:-1]
+    # displacement (n + 1, n) in m/N of each place under a constant force on each absorber and its reaction on the beam
+    tip, rest = (rows[:, row] + 1j * rows[:, row + 1] for row in (TIP, REST))
+    static = np.ascontiguousarray(np.real(tip @ rest[:-1].T))
     return (
         rows,
         *slot_tables(modes.values, layout.size, layout.reach, layout.speed),
         *_maps(modes, which, shapes, layout.size),
-        _bent(rows),
+        static,
         _compliance(masses, shapes, which),
         rate @ push[:-1].T,
         (rate * s[:-1]) @ push[:-1].T,
@@ -402,12 +405,6 @@ class RegimePlaces:
         """Raise what has gone wrong while a regime was made, if anything has."""
         if self._error is not None:
             raise self._error
-
-
-def _bent(rows: Real) -> Real:
-    """Return the displacement (n + 1, n) of each place under a unit constant force on each absorber, and so against the beam, in m/N."""
-    tip, rest = (rows[:, row] + 1j * rows[:, row + 1] for row in (TIP, REST))
-    return np.ascontiguousarray(np.real(tip @ rest[:-1].T))
 
 
 def _compliance(masses: Real, shapes: Real, joined: list[int]) -> Real:

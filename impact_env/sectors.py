@@ -15,7 +15,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.drive import Drive, Excitation
-from impact_env.kernels.motion.level import LevelObserver, new_level, push_samples
+from impact_env.kernels.motion.level import new_level, push_samples
 from impact_env.level import HALF_WINDOW_PERIODS, read_level
 from impact_env.loads import Loads
 from impact_env.methods import Method
@@ -506,7 +506,8 @@ def simulate_sectors(
         skip = int(first > 0)  # the first sample is the last one of the part before
         values = part.recorded.history.modal_displacement[skip:] @ shapes.T
         for sector, level in enumerate(levels):
-            _push_all(level, values[:, sector])
+            block = np.ascontiguousarray(values[:, sector])
+            push_samples(level._replace(block=block), 0, len(block))
         if sums is not None:
             sums.add(part, start, first + skip, values, skip)
         impacts += part.impact_count
@@ -519,9 +520,3 @@ def simulate_sectors(
     return SectorResponse(
         SectorLevels(*columns), None if sums is None else sums.finish(drive), state, impacts
     )
-
-
-def _push_all(level: LevelObserver, values: Array) -> None:
-    """Push samples (S,) in m of one place."""
-    block = np.ascontiguousarray(values)
-    push_samples(level._replace(block=block), 0, len(block))

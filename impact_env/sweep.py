@@ -269,20 +269,13 @@ def run_in_thread(work: Callable[[], T], counters: Counters, end: float, progres
     return running.result()
 
 
-def needs_energy(scene: Scene, record: Record) -> bool:
-    """Return whether impacts are listed whose loss only the energies know: those on compliant walls with a damper."""
-    walls = getattr(scene.absorber, "walls", None)
-    return record.events and isinstance(walls, CompliantWalls) and walls.restitution < 1
-
-
 def _balanced(scene: Scene, record: Record) -> bool:
     """Return whether a run takes the kernel with energies, which also checks searches; all else is recorded by one kernel."""
-    return record.energy or record.check or needs_energy(scene, record)
-
-
-def _sample_count(drive: Excitation, interval: float) -> int:
-    """Return the number of samples of a whole run, one each ``interval`` (s) from 0 to its end."""
-    return int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
+    if record.energy or record.check:
+        return True
+    # an impact on a compliant wall with a damper: only the energies know its loss
+    walls = getattr(scene.absorber, "walls", None)
+    return record.events and isinstance(walls, CompliantWalls) and walls.restitution < 1
 
 
 def _first_sample(time: Array, interval: float, *, after: bool = False) -> NDArray[np.int64]:
@@ -299,7 +292,7 @@ def _first_sample(time: Array, interval: float, *, after: bool = False) -> NDArr
 
 def _series_range(drive: Excitation, record: Record, interval: float) -> tuple[int, int]:
     """Return the first sample of the series and their number, 0 where none is recorded."""
-    every = _sample_count(drive, interval)
+    every = int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
     if not isinstance(record.series, Window):
         return 0, every if record.series else 0
     ends = np.array([record.series.start, record.series.end])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impact_env.drive import Drive, Excitation, FrequencySchedule, default_rate, linear_sweep
+from impact_env.drive import Excitation, FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import (
     Executor,
     Lane,
@@ -192,8 +192,3 @@ def force_of(disk: BladedDisk, force: float | None) -> float:
     amplitude = disk.amplitude if force is None else force
     require(amplitude is not None, "force", None, "given in N, or amplitude_n in the file")
     return positive("force", amplitude)
-
-
-def disk_drive(disk: BladedDisk, force: float | None, schedule: FrequencySchedule) -> Drive:
-    """Return the force of `force_of` over a schedule."""
-    return Drive(force_of(disk, force), schedule)

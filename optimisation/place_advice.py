@@ -263,10 +263,6 @@ class PlaceAdvice:
         """Return the sweeps of a device near a resonance."""
         return self.study.case(self.places.model_at(device.place), device.absorber, resonance)
 
-    def structure_with(self, device: PlacedDevice) -> Structure:
-        """Return the structure with a device's place as that of the absorber."""
-        return self.places.structure_at(device.place)
-
 
 def probability_lower(first: Prediction, second: Prediction) -> float:
     """Return the probability that a further run of the first design has a lower value than one of the second.

@@ -295,7 +295,12 @@ def map_places(places: Places, forces: Mapping[int, float], mass_ratio: float) -
     (40, 4.47)
 
     """
-    forces = _checked_forces(places.model, forces)
+    table = table_of(finite)("forces", forces)
+    require(len(table) > 0, "forces", dict(table), "at least one resonance with its force in N")
+    forces = {
+        places.model.check_resonance(resonance): usable_force("force", force)
+        for resonance, force in table.items()
+    }
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * places.model.beam_mass
     parts = [
         _map_chunk(places.model, places.shapes[start : start + PLACES_A_CHUNK], mass, forces)
@@ -305,12 +310,6 @@ def map_places(places: Places, forces: Mapping[int, float], mass_ratio: float) -
         np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)
     )
     return PlaceMap(mass_ratio, forces, reach, rule, gap, share, limit)
-
-
-def _checked_forces(model: ModalModel, forces: Mapping[int, float]) -> dict[int, float]:
-    table = table_of(finite)("forces", forces)
-    require(len(table) > 0, "forces", dict(table), "at least one resonance with its force in N")
-    return {model.check_resonance(r): usable_force("force", force) for r, force in table.items()}
 
 
 def _map_chunk(

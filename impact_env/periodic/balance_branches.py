@@ -285,11 +285,3 @@ def _trace_branch(
         250 * spent / len(branch),
         "" if branch.closed else branch.message,
     )
-
-
-def list_settings(
-    harmonics: Iterable[int], weights: Iterable[float], growing: bool
-) -> list[tuple[int, float]]:
-    """Return all pairs; ``growing``: the weights are those at 20 harmonics and grow with the square of their number."""
-    rows = [(h, w * (h / 20) ** 2 if growing else w) for h in harmonics for w in weights]
-    return [(h, float(np.round(w, 6))) for h, w in rows]

@@ -310,17 +310,13 @@ class BifurcationCurve(Scheduled):
         for event, (kind, solution) in zip(self.branch.located, self.places(), strict=True):
             if kind == KINK:
                 continue
-            touches = kind in (GRAZING, GRAZING_FOLD, DOUBLE_GRAZING)
-            nearby = self._on_clear_side(event) if touches else solution
-            orbits.append((kind, self._confirmed(motion_of(nearby))))
+            motion = motion_of(solution)
+            if kind in (GRAZING, GRAZING_FOLD, DOUBLE_GRAZING):
+                sides = [k for k in (event.after, event.after + 1) if k < len(self.branch)]
+                motions = (motion_of(self.solution(k)) for k in sides)
+                motion = max(motions, key=lambda motion: motion.clearance)
+            orbits.append((kind, self._confirmed(motion)))
         return tuple(orbits)
-
-    def _on_clear_side(self, event: SpecialPoint) -> Solution:
-        """Return the neighbouring point of the curve at which the absorber stays clear of the wall that it touches at a place located."""
-        sides = [k for k in (event.after, event.after + 1) if k < len(self.branch)]
-        return max(
-            (self.solution(k) for k in sides), key=lambda solution: motion_of(solution).clearance
-        )
 
     def _confirmed(self, motion: Motion) -> Orbit | NoOrbit:
         """Return the orbit at a point of the curve, or why there is none; two multipliers that meet at 1 or -1 have the root of their rounding."""

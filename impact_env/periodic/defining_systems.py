@@ -117,10 +117,14 @@ class GrazingSystem(DefiningSystem):
     touch: float = 0.0
 
     def last_condition(self, x: Array) -> tuple[float, Array]:
-        """See `DefiningSystem`: the distance from the wall, over the gap."""
+        """See `DefiningSystem`: the distance from the wall, over the gap; NaN where no velocity turns between impacts."""
 
         def distance(at: Array) -> float:
-            return clearance_at(self.solution(at), self.touch)
+            solution = self.solution(at)
+            phases, distances = turns_after_first(solution)
+            if len(phases) == 0:
+                return np.nan
+            return float(distances[nearest_turn(phases, self.touch, solution.schedule.turn)])
 
         return distance(x), self.gradient(distance, x)
 
@@ -158,14 +162,3 @@ def nearest_turn(phases: Array, touch: float, span: float) -> int:
     """Return which of the phases (K,) lies nearest to ``touch`` in a span (rad) that comes again."""
     late = np.abs(phases - touch) % span
     return int(np.argmin(np.minimum(late, span - late)))
-
-
-def clearance_at(solution: Solution, touch: float) -> float:
-    """Return the distance from a wall over the gap where the relative velocity turns next to ``touch`` (rad after the first event).
-
-    NaN where it does not turn between impacts.
-    """
-    phases, distances = turns_after_first(solution)
-    if len(phases) == 0:
-        return np.nan
-    return float(distances[nearest_turn(phases, touch, solution.schedule.turn)])

@@ -388,7 +388,8 @@ def hybrid_branch(
             "an isolated orbit: no absorber that touches nothing and no slider that never slips, "
             f"whose places are free ({error})"
         )
-        raise describe_error("orbit", plain_place(orbit), allowed) from error
+        place = f"{orbit.case.force:g} N and {orbit.case.omega_ratio:.6g} of the first resonance"
+        raise describe_error("orbit", f"that at {place}", allowed) from error
     confirmed: list[LocatedOrbit] = []
     refused: list[tuple[str, str]] = []
     for event, condition in zip(branch.located, located, strict=True):
@@ -401,11 +402,6 @@ def hybrid_branch(
         else:
             refused.append((event.kind, result))
     return HybridBranch(orbit.case, branch, conditions, tuple(confirmed), tuple(refused))
-
-
-def plain_place(orbit: HybridOrbit) -> str:
-    """Return force and frequency of an orbit in words."""
-    return f"that at {orbit.case.force:g} N and {orbit.case.omega_ratio:.6g} of the first resonance"
 
 
 def _follow_one_way(

@@ -56,17 +56,9 @@ def split_line(file: Path, row: int, line: str, separator: str | None) -> list[s
         ) from error
 
 
-def _find_separator(line: str) -> str | None:
-    return next((mark for mark in (";", "\t", ",") if mark in line), None)
-
-
-def _is_numeric(line: str) -> bool:
-    return NUMERIC_LINE.fullmatch(line) is not None
-
-
 def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> TextTable:
     """Return header and separator of a table; raises ParameterError for what stands before the numbers and is no header."""
-    first = next((k for k, line in enumerate(lines) if _is_numeric(line)), None)
+    first = next((k for k, line in enumerate(lines) if NUMERIC_LINE.fullmatch(line)), None)
     if first is None:
         filled = [k for k, line in enumerate(lines) if line.strip()]
         if len(filled) > 1 and re.search(r"\d", lines[filled[-1]]):
@@ -78,7 +70,8 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
             f"{file.name}: rows of numbers = 0 is not allowed: {EXAMPLE_HEADER}, and two samples or more"
         )
     match = SEPARATOR_LINE.fullmatch(lines[0].strip())
-    separator = match[1] if match else _find_separator(lines[first])
+    marks = (mark for mark in (";", "\t", ",") if mark in lines[first])
+    separator = match[1] if match else next(marks, None)
     if separator is None and len(lines[first].split()) == 1:
         separator = ","
     rows = [

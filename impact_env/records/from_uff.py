@@ -78,11 +78,6 @@ class UnitSystem:
     force: float
     name: str
 
-    @property
-    def is_si(self) -> bool:
-        """Return whether these are metre and newton."""
-        return self.length == self.force == 1
-
 
 def _require_whole(file: Path) -> None:
     """Raise ParameterError unless every dataset of a file that begins also ends."""
@@ -208,7 +203,7 @@ def _values_unit(
     by_label = None if label is None else find_unit(label)
     if by_system is None:
         named = by_label is not None or options.unit is not None
-        ok = system is None or system.is_si or named
+        ok = system is None or system.length == system.force == 1 or named
         require(
             ok,
             f"{where}: ordinate",

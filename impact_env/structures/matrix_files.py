@@ -42,11 +42,6 @@ class MatrixFile:
     held: tuple[int, ...] = ()
 
 
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return f"{type(error).__name__}{': ' + lines[0] if lines else ''}"
-
-
 def _read_npz(path: Path, letter: str) -> MatrixFile:
     """Return a sparse matrix that SciPy saved, or the array named after the matrix, or the only one."""
     with zipfile.ZipFile(path) as archive:
@@ -244,9 +239,9 @@ def read_matrix(path: Path, name: str, letter: str) -> MatrixFile:
     except MissingExtraError:
         raise
     except Exception as error:  # of damaged files NumPy, SciPy and zipfile raise many kinds
-        raise describe_error(
-            name, str(path), f"a matrix that can be read ({_first_line(error)})"
-        ) from error
+        lines = str(error).strip().splitlines()
+        reason = ": ".join([type(error).__name__, *lines[:1]])
+        raise describe_error(name, str(path), f"a matrix that can be read ({reason})") from error
 
 
 def with_freedoms(name: str, file: MatrixFile, freedoms: Freedoms | None) -> MatrixFile:

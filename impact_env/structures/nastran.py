@@ -90,7 +90,10 @@ def read_modes(
 
     """
     result = _load(path, "file", ".op2")
-    cases = {_case(key): table for key, table in result.eigenvectors.items()}
+    cases = {
+        int(key[0] if isinstance(key, tuple) else key): table
+        for key, table in result.eigenvectors.items()
+    }
     some = ", ".join(map(str, sorted(cases))) or "none"
     if subcase is None:
         require(
@@ -131,10 +134,6 @@ def read_modes(
         shape = np.einsum("nij,ni->nj", turned, local) / np.sqrt(masses[number] * units.mass)
         modes.append(MeasuredMode(np.sqrt(value) / units.time, None, nodes, shape, True, number))
     return without_repeats(path, sorted(modes, key=lambda mode: mode.omega))
-
-
-def _case(key: Any) -> int:
-    return int(key[0] if isinstance(key, tuple) else key)
 
 
 def _modal_masses(path: Path, result: Any, table: Any) -> dict[int, float]:

@@ -339,7 +339,7 @@ def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
         lines = [k for k, text in enumerate(part.lines) if text.strip()]
         for line in lines if part.kind == 15 else lines[::2]:
             if part.kind == 15:
-                label, definition, displacement = _node_15(part, line)
+                label, definition, displacement, _ = part.whole(line, 4)
                 point = _point_15(part, line)
             else:
                 label, definition, displacement, _ = part.whole(line, 4, 3)
@@ -348,11 +348,6 @@ def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
             if result.setdefault(label, node) != node:
                 raise part.refuse(line, f"node {label} once, or each time with the same numbers")
     return result
-
-
-def _node_15(part: Dataset, line: int) -> tuple[int, int, int]:
-    label, definition, displacement, _ = part.whole(line, 4)
-    return label, definition, displacement
 
 
 def _point_15(part: Dataset, line: int) -> list[float]:

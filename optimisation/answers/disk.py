@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from impact_env.drive import Excitation, FrequencySchedule
+from impact_env.drive import Drive, Excitation, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, LaneProgress
 from impact_env.methods import Exact, Method
 from impact_env.parameters import require
@@ -25,10 +25,10 @@ from optimisation.disk_levels import (
 from optimisation.disks import (
     WINDOWS,
     DiskRun,
-    disk_drive,
     disk_schedule,
     draw_disk_runs,
     find_excited_resonance,
+    force_of,
     run_disks,
 )
 from optimisation.report import disk_report
@@ -168,7 +168,7 @@ def sweep_disk(
     resonance = find_excited_resonance(disk) if resonance is None else resonance
     if drive is None:
         sweep = disk_schedule(disk, resonance) if schedule is None else schedule
-        drive = disk_drive(disk, force, sweep)
+        drive = Drive(force_of(disk, force), sweep)
     first = DiskRun(disk, drive, steady_start, WINDOWS, method, most_events)
     allowed = "False here: it needs a harmonic load, damping at its frequency and no gravity"
     lane = Lane(disk.scene(), drive, steady_start)

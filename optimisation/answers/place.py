@@ -63,7 +63,7 @@ class PlaceAnswer(CompleteAnswer):
         best = self.advice.recommended
         if best is None:
             return None
-        return device_scene(self.advice.structure_with(best), best.absorber)
+        return device_scene(self.advice.places.structure_at(best.place), best.absorber)
 
     def worst_run(self) -> WorstRun | None:
         """Return the recorded run of the recommended device with the highest level, near its worst resonance; None without a device."""

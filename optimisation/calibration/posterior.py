@@ -73,11 +73,6 @@ class Posterior:
         }
 
 
-def is_posterior(content: object) -> bool:
-    """Return whether the content of a JSON file is a posterior."""
-    return isinstance(content, Mapping) and content.get("format") == FORMAT
-
-
 def read_posterior(path: Path, option: str = "--uncertain") -> Posterior:
     """Return the posterior of a file that `calibrate` has written.
 
@@ -89,7 +84,7 @@ def read_posterior(path: Path, option: str = "--uncertain") -> Posterior:
     except (OSError, ValueError) as error:
         reason = find_unreadable(path) or error
         raise ParameterError(f"{option} = {path} is not allowed: {allowed} ({reason})") from error
-    if not is_posterior(content):
+    if not (isinstance(content, Mapping) and content.get("format") == FORMAT):
         raise ParameterError(f"{option} = {path} is not allowed: {allowed}")
     return from_plain(content, f"{option} {path.name}")
 

@@ -28,9 +28,9 @@ from optimisation.calibration.measurement import (
 )
 from optimisation.calibration.parameters import require_impact_absorber, scene_with
 from optimisation.calibration.summaries import (
+    LEVEL,
     RecordSummary,
     Statistic,
-    name_levels,
     plan_record_summary,
     summarise_levels,
 )
@@ -170,7 +170,10 @@ class MeasurementSimulator:
         self.model = model
         self.resonance = resonance
         if isinstance(measurement, LevelMeasurement):
-            self.statistics: tuple[Statistic, ...] = name_levels(measurement)
+            self.statistics: tuple[Statistic, ...] = tuple(
+                Statistic(measurement.name, LEVEL, float(force), "N", "m")
+                for force in measurement.forces
+            )
             self.observed = summarise_levels(measurement.levels)
             return
         self.summary = plan_record_summary(measurement, model, resonance)

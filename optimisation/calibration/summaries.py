@@ -17,7 +17,6 @@ from impact_env.modes import ModalModel
 from optimisation.calibration.measurement import (
     ACCELERATION,
     RESPONSE_UNITS,
-    LevelMeasurement,
     RecordMeasurement,
 )
 
@@ -176,13 +175,6 @@ def _name_statistics(summary: RecordSummary) -> tuple[Statistic, ...]:
 def summarise_levels(levels: Array) -> Array:
     """Return the statistics (F,) of levels (F, R): the mean of their logarithms over the repeats."""
     return np.asarray(np.mean(np.log(levels), axis=1))
-
-
-def name_levels(measurement: LevelMeasurement) -> tuple[Statistic, ...]:
-    """Return the statistics of levels over the force."""
-    return tuple(
-        Statistic(measurement.name, LEVEL, float(force), "N", "m") for force in measurement.forces
-    )
 
 
 def list_groups(statistics: Sequence[Statistic]) -> tuple[tuple[str, str], ...]:

@@ -31,7 +31,6 @@ from optimisation.cli.options import (
     join_words,
     list_specs,
     make_options,
-    make_parameters,
     rename_older,
 )
 from optimisation.files import (
@@ -387,7 +386,7 @@ def command(
         return TableCommand(
             function.__name__,
             callback=called,
-            params=make_parameters(group),
+            params=[spec.make_parameter(name) for name, spec in list_specs(group).items()],
             help=function.__doc__,
             epilog=epilog,
             examples=examples,

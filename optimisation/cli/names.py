@@ -102,15 +102,14 @@ def list_commands() -> dict[str, Path]:
     return shipped | list_studies()
 
 
-def list_short_names() -> dict[str, str]:
-    """Return the names of the studies by the words that go without ``reproduce``: those of the module, with underscores or dashes."""
-    studies = {file.stem: name for name, file in list_studies().items()}
-    return studies | {stem.replace("_", "-"): name for stem, name in studies.items()}
-
-
 def list_other_names() -> dict[str, str]:
-    """Return the names of now by the other names of commands: of the version before, and short ones of studies."""
-    return OLDER_NAMES | list_short_names()
+    """Return the names of now by the other names of commands.
+
+    These are the names of the version before, and those of studies without ``reproduce``, with underscores or dashes.
+    """
+    studies = {file.stem: name for name, file in list_studies().items()}
+    dashed = {stem.replace("_", "-"): name for stem, name in studies.items()}
+    return OLDER_NAMES | studies | dashed
 
 
 def name_of(name: str) -> str:

@@ -585,11 +585,6 @@ def list_specs(group: type) -> dict[str, OptionSpec]:
     return specs
 
 
-def make_parameters(group: type) -> list[click.Parameter]:
-    """Return the options of a dataclass as click has them."""
-    return [spec.make_parameter(name) for name, spec in list_specs(group).items()]
-
-
 def name_parameter(args: Sequence[str], usual: str | None = None) -> list[str]:
     """Return arguments with --over PARAMETER LOW HIGH in place of the older --along or --with PARAMETER and --over LOW HIGH.
 

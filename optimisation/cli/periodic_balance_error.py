@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, count, positive, require
@@ -14,7 +15,6 @@ from impact_env.periodic.balance_branches import (
     ReferenceOrbit,
     balance_rows,
     exact_orbit,
-    list_settings,
 )
 from impact_env.periodic.case import Case
 from optimisation.cli.common import (
@@ -163,7 +163,11 @@ def computed(options: BalanceOptions) -> tuple[ReferenceOrbit, list[BalanceRow],
     exact = exact_orbit(case, low, high)
     rows = []
     complete = True
-    settings = list_settings(harmonics, weights, options.growing)
+    settings = [
+        (h, float(np.round(weight * (h / 20) ** 2 if options.growing else weight, 6)))
+        for h in harmonics
+        for weight in weights
+    ]
     try:
         with Bar(total=len(settings), desc="harmonic balance", bar_format=BAR, leave=False) as bar:
             for row in balance_rows(exact, low, high, settings, options.branches):

@@ -124,17 +124,12 @@ class Work:
         gap = self.gap()
         if gap is not None and (rule := self.rule(1.0)) is not None and 0 < rule < np.inf:
             return gap / rule
-        usual = self.default_force
+        usual = next(
+            control.value for control in controls(self.own) if control.name == self.values.load
+        )
         return usual * 10 ** round(
             np.log10(self.intensity / usual)
         )  # decades: it stays while the marked intensity moves
-
-    @cached_property
-    def default_force(self) -> float:
-        """Return the intensity at which the page begins."""
-        return next(
-            control.value for control in controls(self.own) if control.name == self.values.load
-        )
 
     def rule(self, intensity: float) -> float | None:
         """Return the gap in m from which a search would begin, None where the rule says nothing."""
@@ -179,7 +174,14 @@ class Work:
     @cached_property
     def free_scene(self) -> Scene:
         """The scene without absorber."""
-        return Scene(_at_level(self.model))
+        # no absorber needs the place at its absorber, so levels are read there and stream
+        at_level = replace(
+            self.model,
+            tip_shape=self.model.level_shape,
+            absorber_shapes=None,
+            response_shape=None,
+        )
+        return Scene(at_level)
 
     def case(self) -> CurveCase:
         """Return the curve's case."""
@@ -683,8 +685,3 @@ class Work:
             if curve is not None:
                 levels |= {"ratio": rounded(curve.ratio), name: rounded(curve.level)}
         return levels
-
-
-def _at_level(model: ModalModel) -> ModalModel:
-    """Return the model for a scene without absorber, whose place then is free: where the level is read, so that levels stream."""
-    return replace(model, tip_shape=model.level_shape, absorber_shapes=None, response_shape=None)

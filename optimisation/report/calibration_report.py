@@ -57,11 +57,6 @@ def parameter_texts(inference: Inference) -> list[tuple[str, str, str, str]]:
     return lines
 
 
-def prior_ratios(inference: Inference) -> Array:
-    """Return the deviation of each parameter's posterior over that of its prior, in shares of the prior, (P,)."""
-    return np.asarray(np.std(inference.shares, axis=0) / np.sqrt(1 / 12))
-
-
 def correlation_lines(inference: Inference) -> list[str]:
     """Return a line for each pair of parameters that is strongly correlated."""
     lines = []
@@ -129,7 +124,7 @@ def list_warnings(inference: Inference, check: PredictiveCheck) -> list[str]:
         lines.append(
             "the last two rounds differ by more than their scatter: more rounds may move the intervals"
         )
-    ratios = prior_ratios(inference)
+    ratios = np.std(inference.shares, axis=0) / np.sqrt(1 / 12)  # deviation over that of the prior
     median = np.median(inference.shares, axis=0)
     for k, prior in enumerate(inference.priors):
         if ratios[k] > NOT_IDENTIFIED:

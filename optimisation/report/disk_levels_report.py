@@ -177,7 +177,7 @@ def gap_groups(choice: DiskGapChoice) -> tuple[Group, ...]:
     tolerance = 100 * choice.tolerance
     worst = choice.samples.worst(step, choice.tolerance)
     measured = (
-        Row(f"median of {count_disks(len(levels))}", MM * median, "mm RMS"),
+        Row(f"median of {len(levels)} disk{'s' * (len(levels) != 1)}", MM * median, "mm RMS"),
         Row("90 % of disks", interval_words(levels) or None),
         Row(f"at most, {tolerance:g} % more or less force", MM * worst, "mm"),
         Row("of no absorbers", 100 * median / without, "%"),
@@ -193,11 +193,6 @@ def gap_groups(choice: DiskGapChoice) -> tuple[Group, ...]:
         ("Level of the worst sector", measured),
         ("Disk", disk_rows(choice.case)),
     )
-
-
-def count_disks(number: int) -> str:
-    """Return a number of disks in words."""
-    return f"{number} disk{'s' * (number != 1)}"
 
 
 def disk_rows(case: DiskCase) -> tuple[Row, ...]:

@@ -107,11 +107,6 @@ def _ratio(answer: Answer) -> str:
     return f"{answer.frequency_ratio:.4g} of the resonance"
 
 
-def is_read_at_end(advice: Advice, answer: Answer) -> bool:
-    """Return whether a level was read at an end of the sweeps."""
-    return is_at_end(answer.frequency_ratio, advice.check.limits, advice.check.rate)
-
-
 def device(answer: Answer, mass: float) -> str:
     """Return the device to build in words, mass in kg."""
     friction = (
@@ -242,7 +237,7 @@ def warnings(advice: Advice) -> list[str]:
         check.without.median[0]
     )
     best = advice.recommended
-    read_at_end = best is not None and is_read_at_end(advice, best)
+    read_at_end = best is not None and is_at_end(best.frequency_ratio, check.limits, check.rate)
     conditions = {
         f"the level was read at an end of the sweeps, {_ratio(best) if best else ''}: a resonance beside this one, or an absorber too heavy for the "
         "range, decides": read_at_end,
