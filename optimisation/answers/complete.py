@@ -53,7 +53,9 @@ class CompleteAnswer(ABC):
 
     def to_json(self) -> Json:
         """Return the content of summary.json: plain data in SI units."""
-        return self.report.numbers
+        numbers = self.report.numbers
+        assert isinstance(numbers, dict)
+        return numbers
 
     def to_markdown(self) -> str:
         """Return text and card as Markdown."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from impact_env.drive import Drive, Excitation, FrequencySchedule
@@ -33,7 +32,6 @@ from optimisation.disks import (
 )
 from optimisation.report import disk_report
 from optimisation.report.disk_levels_report import make_comparison_report, make_gap_report
-from optimisation.report.figures import write_figure
 from optimisation.report.report import Report
 
 
@@ -93,11 +91,8 @@ class DiskSweep(CompleteAnswer):
             text=[[*self._title, *lines], [disk_report.sector_table(self.responses, absorbers)]],
             numbers=numbers,
             figures={"sectors.png": partial(disk_report.draw_disk_sweep, title, self.responses)},
+            resolution=130,
         )
-
-    def save_figure(self, path: Path) -> None:
-        """Draw the figure and save it."""
-        write_figure(self.plot(), path, 130)
 
 
 def sweep_disk(

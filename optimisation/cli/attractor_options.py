@@ -85,8 +85,3 @@ def values_of(name_of_option: str, over: Range, points: int, case: Case) -> NDAr
     for value in (low, high):
         change_parameter(case, name, value)
     return np.linspace(low, high, count("--points", points, 2))
-
-
-def ratio_text(case: Case) -> str:
-    """Return where a case is, in words."""
-    return f"{case.force:g} N at {case.omega_ratio:.6g} of the first resonance"

@@ -43,6 +43,7 @@ from optimisation.files import (
 )
 from optimisation.machine import conditions, sources
 from optimisation.page import fill, require_markers
+from optimisation.report.report import Report, list_named_files, render_text
 
 if TYPE_CHECKING:
     from optimisation.answers.complete import CompleteAnswer
@@ -165,6 +166,14 @@ class AnswerFiles:
         if self.device is not None and (scene := answer.device_scene()) is not None:
             files += write_files({self.device: scene})
         return files
+
+
+def write_report(report: Report, options: Any) -> None:
+    """Print a report, and write its numbers, table and figure where --json, --csv and --plot say, as far as a command has them."""
+    if report.text:
+        click.echo(render_text(report))
+    targets = (getattr(options, name, None) for name in ("json", "csv", "plot"))
+    name_files(write_files(list_named_files(report, *targets)))
 
 
 threads_option = TABLE["threads"]

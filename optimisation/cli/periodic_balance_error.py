@@ -2,15 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import click
 import numpy as np
 
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, count, positive, require
 from impact_env.periodic.balance_branches import (
-    BALANCE_COLUMNS,
     BalanceRow,
     ReferenceOrbit,
     balance_rows,
@@ -21,15 +18,13 @@ from optimisation.cli.common import (
     check_targets,
     command,
     end_early,
-    name_files,
     numbers,
     plain_errors,
+    write_report,
 )
 from optimisation.cli.options import OptionSpec, option, switch
-from optimisation.files import write_files
-from optimisation.page import markdown
 from optimisation.progress import BAR, Bar
-from optimisation.report.periodic_figures import save_balance
+from optimisation.report.balance_report import make_balance_report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,56 +81,6 @@ class BalanceOptions:
     plot: Path | None = option("plot", help="Draw errors and times over harmonics")
 
 
-def format_value(value: Any, scale: float, digits: int) -> str:
-    """Return a value times ``scale`` with so many digits, and nothing for None."""
-    return "" if value is None else f"{scale * value:.{digits}f}"
-
-
-def text(exact: ReferenceOrbit, rows: list[BalanceRow]) -> str:
-    """Return the exact orbit in words, and a table with a line for each setting of harmonic balance."""
-    header = (
-        "harmonics",
-        "weight",
-        "error, %",
-        "first fold",
-        "last fold",
-        "peak error, %",
-        "CPU s, 250 points",
-        "ended",
-    )
-    lines = []
-    for row in rows:
-        located = [
-            format_value(row.first_fold_ratio, 1, 6),
-            format_value(row.last_fold_ratio, 1, 6),
-        ]
-        last = [
-            format_value(row.peak_error, 100, 2),
-            format_value(row.cpu_seconds_per_250_points, 1, 2),
-            "closed" if row.closed else row.reason,
-        ]
-        lines.append(
-            [
-                str(row.harmonics),
-                f"{row.weight:g}",
-                format_value(row.tip_max_error, 100, 2),
-                *located,
-                *last,
-            ]
-        )
-    case = exact.case
-    peak = exact.curve.peak
-    folds = sorted(fold.omega_ratio for fold in exact.curve.folds)
-    notes = [
-        f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: {1e3 * exact.motion.tip_max:.4f} mm."
-    ]
-    if peak is not None and folds:
-        notes.append(
-            f"Its branch: folds at {folds[0]:.6f} and {folds[-1]:.6f}, peak {1e3 * peak.tip_max:.4f} mm at {peak.omega_ratio:.4f}."
-        )
-    return "\n".join([*notes, "", markdown(header, lines)])
-
-
 def computed(options: BalanceOptions) -> tuple[ReferenceOrbit, list[BalanceRow], bool]:
     """Do what the options ask for; False: ended by Ctrl-C."""
     orders, weights = (
@@ -190,16 +135,5 @@ def main(options: BalanceOptions) -> None:
     with plain_errors():
         check_targets(vars(options))
         exact, rows, complete = computed(options)
-        plain = [row.to_plain() for row in rows]
-        contents = {
-            options.json: {"complete": complete, "rows": plain},
-            options.csv: (
-                BALANCE_COLUMNS,
-                [["" if v is None else v for v in row.values()] for row in plain],
-            ),
-            options.plot: lambda path: save_balance(path, exact, rows, options.growing),
-        }
-        click.echo(text(exact, rows))
-        files = write_files(contents)
-    name_files(files)
+        write_report(make_balance_report(exact, rows, options.growing, complete), options)
     end_early(complete)

@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import click
 
 from impact_env.parameters import count, non_negative, positive
 from impact_env.periodic.basins import (
     BURN_IN,
     FRACTION_STARTS,
     MATCH_TOL,
-    AttractorMap,
     BasinPoint,
     attractor_map,
     basin_fractions,
@@ -22,104 +18,12 @@ from optimisation.cli.attractor_options import (
     AttractorOptions,
     Range,
     range_option,
-    ratio_text,
     values_of,
 )
 from optimisation.cli.options import number, option, switch
 from optimisation.cli.scene_options import is_option_set
-from optimisation.files import write_files
-from optimisation.page import markdown
 from optimisation.progress import runs_bar
-from optimisation.report.attractor_figures import map_class, save_attractor_map, save_basins
-
-LEAST_EXITS = 10  # runs captured after the burn-in, from which on a lifetime is printed
-BASIN_COLUMNS = (
-    "parameter",
-    "value",
-    "runs",
-    "attractor",
-    "ended",
-    "share",
-    "low",
-    "high",
-    "stable",
-    "kind",
-    "period",
-    "symmetric",
-    "level_m",
-    "impacts_per_period",
-    "offset_over_gap",
-    "exponent_per_period",
-    "exponent_low",
-    "exponent_high",
-    "rotation_number",
-)
-
-
-def basin_rows(points: list[BasinPoint]) -> list[list[Any]]:
-    """Return the values of `BASIN_COLUMNS`, a row for each attractor at each point."""
-    rows = []
-    for point in points:
-        own = {"parameter": point.parameter, "value": point.value, "runs": point.runs}
-        for attractor in point.attractors:
-            plain = own | attractor.to_plain()
-            rows.append([plain[name] for name in BASIN_COLUMNS])
-    return rows
-
-
-def basin_table(points: list[BasinPoint]) -> str:
-    """Return a line for each attractor at each point."""
-    parameter = points[0].parameter
-    rows = []
-    for point in points:
-        for attractor in point.attractors:
-            motion = attractor.motion
-            share = attractor.share
-            details = ""
-            if motion.exponent is not None:
-                details = f"exponent {motion.exponent.value:.3f} ({motion.exponent.low:.3f} to {motion.exponent.high:.3f})"
-            if motion.rotation is not None and motion.exponent and not motion.exponent.chaotic:
-                details += f", rotation {motion.rotation.value:.5f}"
-            rows.append(
-                (
-                    *(() if parameter is None else (f"{point.value:.6g}",)),
-                    str(attractor.label),
-                    motion.name,
-                    f"{100 * share.value:.0f}",
-                    f"{100 * share.low:.0f} to {100 * share.high:.0f}",
-                    f"{1e3 * motion.level:.4f}",
-                    f"{motion.impacts_per_period:.3f}",
-                    details,
-                )
-            )
-    header = ("attractor", "motion", "share, %", "95 %", "level, mm", "impacts/period", "")
-    return markdown(header if parameter is None else (parameter, *header), rows)
-
-
-def lifetime_lines(points: list[BasinPoint]) -> list[str]:
-    """Return a line for each point at which several runs left a transient after the burn-in."""
-    lines = []
-    for point in points:
-        life = point.lifetimes
-        if life.ended < LEAST_EXITS:
-            continue
-        low, high = life.interval
-        place = "" if point.value is None else f"{point.parameter} {point.value:.6g}: "
-        uneven = "" if life.constant > 0.05 else "; the rate is not constant"
-        lines.append(
-            f"{place}mean lifetime beyond {life.burn_in:g} periods {life.mean:.0f} periods ({low:.0f} to {high:.0f}), "
-            f"{life.ended} runs captured, {life.censored} not{uneven}"
-        )
-    return lines
-
-
-def map_text(result: AttractorMap) -> str:
-    """Return how many points of a map have each kind of motion."""
-    counted: dict[str, int] = {}
-    for _, _, motion in result.cells():
-        counted[map_class(motion)] = counted.get(map_class(motion), 0) + 1
-    rows = [(name, str(number)) for name, number in sorted(counted.items(), key=lambda x: -x[1])]
-    return markdown(("motion", "points"), rows)
+from optimisation.report.attractor_report import make_basin_report, make_map_report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,22 +136,7 @@ def shares(options: BasinOptions, case: Case) -> bool:
             progress=progress,
         ):
             points.append(point)  # noqa: PERF402 - an interrupt leaves those that are finished
-    if points:
-        click.echo(f"{points[0].runs} random initial states, {ratio_text(points[0].case)}\n")
-        click.echo(basin_table(points))
-        for line in lifetime_lines(points):
-            click.echo(f"\n{line}")
-    files = write_files(
-        {
-            options.json: {
-                "complete": complete[0],
-                "points": [point.to_plain() for point in points],
-            },
-            options.csv: (list(BASIN_COLUMNS), basin_rows(points)),
-        }
-        | ({options.plot: lambda path: save_basins(path, points)} if points else {})
-    )
-    common.name_files(files)
+    common.write_report(make_basin_report(points, complete[0]), options)
     return complete[0]
 
 
@@ -269,16 +158,5 @@ def mapped(options: BasinOptions, case: Case) -> bool:
             threads=options.threads,
             progress=show,
         )
-    click.echo(map_text(result))
-    cells = result.to_plain()["cells"]
-    names = [name for name in cells[0] if name != "state"] if cells else []
-    rows = [[cell[name] for name in names] for cell in cells]
-    files = write_files(
-        {
-            options.json: result.to_plain(),
-            options.csv: (names, rows),
-            options.plot: lambda path: save_attractor_map(path, result),
-        }
-    )
-    common.name_files(files)
+    common.write_report(make_map_report(result), options)
     return result.complete

@@ -10,16 +10,14 @@ import click
 from impact_env.drive import default_rate
 from impact_env.ensemble import Executor
 from impact_env.parameters import CompliantWalls, RigidWalls, positive, require
-from impact_env.periodic.bifurcations import PERIOD_DOUBLING, SYMMETRY_BREAKING, TORUS
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
-from impact_env.periodic.orbit_table import ORBIT_COLUMNS, branch_rows
 from impact_env.periodic.overview import (
     Overview,
     OverviewOptions,
     compute_overview,
     require_sliding,
 )
-from impact_env.periodic.stationary import QUANTILES, StationaryRuns
+from impact_env.periodic.stationary import StationaryRuns
 from impact_env.plain import from_scene
 from optimisation.checkpoint import Checkpoint
 from optimisation.cli import common
@@ -34,10 +32,8 @@ from optimisation.cli.scene_options import (
     warn_of_nodes,
 )
 from optimisation.executors import workers
-from optimisation.files import write_files
-from optimisation.page import markdown
 from optimisation.progress import Bar
-from optimisation.report.periodic_figures import save_figure
+from optimisation.report.response_report import make_response_report
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 EXACT = "exact"
@@ -257,82 +253,6 @@ def stationary_runs(
     )
 
 
-def text(result: Overview) -> str:
-    """Return a table of the curves, and what was refused."""
-    rows = []
-    notes = []
-    for k, curve in enumerate(result.curves, 1):
-        peak = curve.peak
-        folds = ", ".join(
-            f"{fold.omega_ratio:.9g}"
-            for fold in sorted(curve.folds, key=lambda point: point.omega_ratio)
-        )
-        stable = "" if curve.stable is None else f"{100 * curve.stable.mean():.0f}"
-        where = (
-            ["", ""] if peak is None else [f"{1e3 * peak.tip_max:.4f}", f"{peak.omega_ratio:.4f}"]
-        )
-        rows.append(
-            [
-                str(k),
-                curve.method,
-                "closed" if curve.closed else "open",
-                str(len(curve.tip_max)),
-                *where,
-                folds,
-                stable,
-            ]
-        )
-        notes += [f"Curve {k}: {curve.message}." if not curve.closed else ""]
-        if curve.refused:
-            reason, most = max(curve.refused, key=lambda pair: pair[1])
-            total = sum(points for _, points in curve.refused)
-            more = "" if total == most else f", and {len(curve.refused) - 1} more reasons"
-            notes.append(f"Curve {k}: {total} points are no orbit: {reason}{more}.")
-        rows[-1] += [str(curve.period), "symmetric" if curve.symmetric else "a pair"]
-        marks = sorted(
-            (mark.omega_ratio, mark.kind)
-            for mark in curve.located
-            if mark.kind in (TORUS, PERIOD_DOUBLING, SYMMETRY_BREAKING)
-        )
-        rows[-1].append(", ".join(f"{kind} {ratio:.6g}" for ratio, kind in marks))
-    header = (
-        "curve",
-        "method",
-        "",
-        "points",
-        "peak, mm",
-        "at",
-        "folds",
-        "stable, %",
-        "period",
-        "",
-        "bifurcates at",
-    )
-    blocks = [
-        str(result.scene) + f", {result.force:g} N",
-        "",
-        markdown(header, rows),
-        "",
-        *[note for note in notes if note],
-    ]
-    if result.stationary:
-        rows = [
-            [
-                f"{at.omega_ratio:.5f}",
-                *(f"{1e3 * tip:.4f}" for tip in at.tip_max),
-                f"{at.impacts:.2f}",
-            ]
-            for at in result.stationary
-        ]
-        blocks += [
-            "",
-            markdown(
-                ("runs at", *(f"{100 * q:g} %, mm" for q in QUANTILES), "impacts a period"), rows
-            ),
-        ]
-    return "\n".join(blocks)
-
-
 @common.command(
     BranchOptions,
     examples=(
@@ -353,14 +273,5 @@ def main(options: BranchOptions) -> None:
         if options.force is None and options.structure is None:
             options = replace(options, force=FORCE)
         result = computed(options, executor)
-        rows = (ORBIT_COLUMNS, branch_rows(curve.to_plain() for curve in result.curves))
-        click.echo(text(result))
-        files = write_files(
-            {
-                options.json: result.to_plain(),
-                options.csv: rows,
-                options.plot: lambda path: save_figure(path, result),
-            }
-        )
-    common.name_files(files)
+        common.write_report(make_response_report(result), options)
     common.end_early(result.complete)

@@ -10,8 +10,8 @@ from optimisation.cli.common import (
     check_targets,
     command,
     end_early,
-    name_files,
     plain_errors,
+    write_report,
 )
 from optimisation.cli.options import OptionSpec, name_parameter, option
 from optimisation.cli.periodic_orbits import (
@@ -21,7 +21,6 @@ from optimisation.cli.periodic_orbits import (
     OrbitOptions,
     run,
 )
-from optimisation.files import write_files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +73,7 @@ def main(options: CurveOptions) -> None:
     with plain_errors():
         check_targets(vars(options), ".json", ".gz")
         case = {one.name: getattr(options, one.name) for one in fields(CaseOptions)}
-        text, files, complete = run(
+        report, complete = run(
             OrbitOptions(
                 **case,
                 curve=options.kind,
@@ -85,6 +84,5 @@ def main(options: CurveOptions) -> None:
                 json=options.json,
             )
         )
-        click.echo(text)
-        name_files(write_files(files))
+        write_report(report, options)
     end_early(complete, "what was finished is shown.")

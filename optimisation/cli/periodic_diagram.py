@@ -1,6 +1,5 @@
 """Bifurcation diagrams by runs, with exact branches."""
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,10 +7,8 @@ import click
 
 from impact_env.parameters import count
 from impact_env.periodic.diagrams import (
-    DIAGRAM_COLUMNS,
     DIRECTIONS,
     FOLLOWED,
-    RANDOM,
     BranchPoints,
     Diagram,
     DiagramPoint,
@@ -27,44 +24,8 @@ from optimisation.cli.attractor_options import (
     values_of,
 )
 from optimisation.cli.options import OptionSpec, number, option, switch
-from optimisation.files import write_files
-from optimisation.page import markdown
 from optimisation.progress import stages_bar
-from optimisation.report.attractor_figures import QUANTITY_LABELS, save_diagram
-
-
-def diagram_table(points: list[DiagramPoint]) -> str:
-    """Return a line for each stretch of neighbouring points with one kind of motion."""
-    rows: list[list[str]] = []
-    random = [point for point in points if point.direction == RANDOM]
-    points = [point for point in points if point.direction != RANDOM]
-    start: DiagramPoint | None = None
-    number = 0
-    for k, point in enumerate(points):
-        if start is None:
-            start = point
-            number = 0
-        number += 1
-        following = points[k + 1] if k + 1 < len(points) else None
-        if (
-            following is None
-            or following.direction != point.direction
-            or following.motion.name != point.motion.name
-        ):
-            rows.append(
-                [
-                    point.direction,
-                    f"{start.value:.6g}",
-                    f"{point.value:.6g}",
-                    point.motion.name,
-                    str(number),
-                ]
-            )
-            start = None
-    for name, number in Counter(point.motion.name for point in random).items():
-        values = [point.value for point in random if point.motion.name == name]
-        rows.append([RANDOM, f"{min(values):.6g}", f"{max(values):.6g}", name, str(number)])
-    return markdown(("direction", "from", "to", "motion", "points"), rows)
+from optimisation.report.attractor_report import QUANTITY_LABELS, make_diagram_report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,22 +134,7 @@ def main(options: DiagramOptions) -> None:
                     progress=lambda number: show(f"branch {len(branches) + 1}, points", number, 0),
                 ):
                     branches.append(branch)  # noqa: PERF402 - as above
-        result = Diagram(case, parameter, tuple(points), tuple(branches))
-        click.echo(diagram_table(points))
-        if branches:
-            kinds = Counter(
-                f"period {branch.multiple}{', symmetric' if branch.symmetric else ''}"
-                for branch in branches
-            )
-            words = "; ".join(f"{number} of {name}" for name, number in kinds.items())
-            click.echo(f"\n{len(branches)} exact branches: {words}")
-        rows = [row for point in points for row in point.rows()]
-        files = write_files(
-            {
-                options.json: result.to_plain() | {"complete": complete[0]},
-                options.csv: (list(DIAGRAM_COLUMNS), rows),
-                options.plot: lambda path: save_diagram(path, result, options.quantity),
-            }
-        )
-    common.name_files(files)
+        diagram = Diagram(case, parameter, tuple(points), tuple(branches))
+        report = make_diagram_report(diagram, options.quantity, complete[0])
+        common.write_report(report, options)
     common.end_early(complete[0])

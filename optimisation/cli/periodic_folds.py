@@ -3,18 +3,15 @@
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import click
-
 from optimisation.cli.common import (
     check_targets,
     command,
     end_early,
-    name_files,
     plain_errors,
+    write_report,
 )
 from optimisation.cli.options import option, switch
 from optimisation.cli.periodic_orbits import CaseOptions, OrbitOptions, run
-from optimisation.files import write_files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +34,7 @@ def main(options: FoldOptions) -> None:
     with plain_errors():
         check_targets(vars(options), ".json", ".gz")
         case = {one.name: getattr(options, one.name) for one in fields(CaseOptions)}
-        text, files, complete = run(
+        report, complete = run(
             OrbitOptions(
                 **case,
                 folds=not options.thresholds,
@@ -46,6 +43,5 @@ def main(options: FoldOptions) -> None:
                 json=options.json,
             )
         )
-        click.echo(text)
-        name_files(write_files(files))
+        write_report(report, options)
     end_early(complete, "what was finished is shown.")

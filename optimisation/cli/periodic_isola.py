@@ -4,11 +4,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
 from impact_env.periodic.case import case_of
-from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaCell, IsolaMap, isola_map
-from impact_env.periodic.orbit_table import ORBIT_COLUMNS, isola_rows
+from impact_env.periodic.isolas import IsolaMap, isola_map
 from impact_env.periodic.validation import validation_alongside
 from impact_env.plain import from_scene
 from optimisation.checkpoint import Checkpoint
@@ -21,10 +18,8 @@ from optimisation.cli.scene_options import (
     option_name,
     refuse_parts,
 )
-from optimisation.files import write_files
-from optimisation.page import markdown
 from optimisation.progress import counting_bar
-from optimisation.report.periodic_figures import save_isolas
+from optimisation.report.isola_report import make_isola_report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,27 +32,6 @@ class IsolaOptions(SceneOptions, MapOptions):
     json: Path | None = option("json", help="Write fold force, thresholds and map")
     csv: Path | None = option("csv", help="Write a row for each birth and merger", usual=True)
     plot: Path | None = option("plot")
-
-
-def table(cells: tuple[IsolaCell, ...]) -> str:
-    """Return a line for each birth and merger."""
-    rows = [
-        [str(n), f"{e:g}", f"{limit:g}", str(kind), f"{force:.6f}", f"{ratio:.6f}", str(orbit)]
-        for cell in cells
-        for n, e, limit, kind, force, ratio, orbit in cell.rows()
-    ]
-    return markdown(
-        (
-            "modes",
-            "restitution",
-            "friction limit, N",
-            "kind",
-            "force, N",
-            "omega/omega_1",
-            "confirmed orbit",
-        ),
-        rows,
-    )
 
 
 def computed(options: IsolaOptions) -> IsolaMap:
@@ -108,18 +82,5 @@ def main(options: IsolaOptions) -> None:
         common.check_targets(vars(options))
         refuse_parts(options)
         isola_map = computed(options)
-        cells = (isola_map.own, *isola_map.cells)
-        levels = (
-            dict(zip(ISOLA_COLUMNS, row, strict=True)) for cell in cells for row in cell.rows()
-        )
-        rows = (ORBIT_COLUMNS, isola_rows(levels))
-        click.echo(table(cells))
-        files = write_files(
-            {
-                options.json: isola_map.to_plain(),
-                options.csv: rows,
-                options.plot: lambda path: save_isolas(path, isola_map),
-            }
-        )
-    common.name_files(files)
+        common.write_report(make_isola_report(isola_map), options)
     common.end_early(isola_map.complete)

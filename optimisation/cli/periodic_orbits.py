@@ -22,7 +22,7 @@ from impact_env.parameters import (
 )
 from impact_env.periodic.basins import DEFAULT_RUNS, find_basins
 from impact_env.periodic.bifurcation_curves import CURVE_KINDS, bifurcation_curves
-from impact_env.periodic.branch import FOLD, INTERRUPTED
+from impact_env.periodic.branch import INTERRUPTED
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.hybrid_branches import HybridBranch, hybrid_branch, orbit_at
@@ -31,23 +31,15 @@ from impact_env.periodic.hybrid_orbit import (
     HybridOrbit,
     NoHybridOrbit,
     find_hybrid_orbits,
-    plain_hybrid_orbit,
 )
 from impact_env.periodic.isolas import find_folds, find_thresholds
 from impact_env.periodic.offspring import all_orbits_over, descendants
-from impact_env.periodic.orbit import Orbit, plain_orbit
 from impact_env.periodic.orbit_branches import (
     OrbitBranch,
     lies_on,
     list_places,
     orbit_branch,
     orbit_branches,
-)
-from impact_env.periodic.orbit_table import (
-    ORBIT_COLUMNS,
-    bifurcation_rows,
-    branch_rows,
-    orbit_rows,
 )
 from impact_env.periodic.response_curve import ResponseCurve, orbit_curve
 from impact_env.periodic.survey import (
@@ -67,9 +59,9 @@ from optimisation.cli.common import (
     check_targets,
     command,
     end_early,
-    name_files,
     plain_errors,
     stop_on_interrupt,
+    write_report,
 )
 from optimisation.cli.options import OptionSpec, name_parameter, option, switch
 from optimisation.cli.scene_options import (
@@ -79,10 +71,18 @@ from optimisation.cli.scene_options import (
     read_source_model,
     values_of,
 )
-from optimisation.files import write_files
-from optimisation.page import markdown
 from optimisation.progress import stages_bar
-from optimisation.report import periodic_figures as report
+from optimisation.report.orbit_report import (
+    CurveParameter,
+    count_reasons,
+    make_branch_report,
+    make_curve_report,
+    make_fold_report,
+    make_hybrid_report,
+    make_orbit_report,
+    make_threshold_report,
+)
+from optimisation.report.report import Report
 
 FORCE = 1.5  # N, the paper's moderate level of excitation
 FORCE_TEXT = f"{FORCE}, with --structure or --scene by the design rule"
@@ -112,14 +112,14 @@ OPTIONS_OF_FILE = (
     "restitution",
     "friction_limit",
 )  # what a scene's file says
-UNITS = {  # of each of these: its name in files, in figures, and the figure's unit
-    "force": ("force_N", "force in N", 1.0),
-    "gap": ("gap_m", "gap in mm", 1e3),
-    "restitution": ("restitution", "restitution", 1.0),
-    "friction-limit": ("friction_limit_N", "friction limit in N", 1.0),
-    "mass-ratio": ("mass_ratio", "mass ratio", 1.0),
-    "damping": ("damping_ratio", "damping ratio of the first mode", 1.0),
-    "position": ("absorber_position", "place of the absorber over the length", 1.0),
+CURVE_PARAMETERS = {
+    "force": CurveParameter("force_N", "force in N"),
+    "gap": CurveParameter("gap_m", "gap in mm", 1e3),
+    "restitution": CurveParameter("restitution", "restitution"),
+    "friction-limit": CurveParameter("friction_limit_N", "friction limit in N"),
+    "mass-ratio": CurveParameter("mass_ratio", "mass ratio"),
+    "damping": CurveParameter("damping_ratio", "damping ratio of the first mode"),
+    "position": CurveParameter("absorber_position", "place of the absorber over the length"),
 }
 ShowProgress = Callable[[str, int, int], None]
 Array = NDArray[np.float64]
@@ -316,38 +316,6 @@ def along(case: Case, options: OrbitOptions, show: ShowProgress) -> Iterator[Res
         yield orbit_curve(branch, 1.0)
 
 
-def _renamed(plain: Any, key: str) -> Any:
-    """Return a curve's plain form with its parameter by name in place of the frequency; its orbits have both."""
-    if isinstance(plain, list):
-        return [_renamed(value, key) for value in plain]
-    if not isinstance(plain, dict):
-        return plain
-    return {
-        key if name == "omega_ratio" else name: value if name == "orbits" else _renamed(value, key)
-        for name, value in plain.items()
-    }
-
-
-def along_text(curves: list[ResponseCurve], name: str) -> str:
-    """Return a line for each branch over a parameter."""
-    rows = []
-    for number, curve in enumerate(curves, 1):
-        places = ", ".join(
-            f"{mark.kind} {mark.omega_ratio:.6g}"
-            + ("" if mark.criticality is None else f" ({mark.criticality})")
-            for mark in sorted(curve.located, key=lambda mark: mark.omega_ratio)
-        )
-        peak = (
-            ""
-            if curve.peak is None
-            else f"{1e3 * curve.peak.tip_max:.4f} at {curve.peak.omega_ratio:.5g}"
-        )
-        ends = f"{curve.omega_ratio.min():.5g} to {curve.omega_ratio.max():.5g}"
-        stable = "" if curve.stable is None else f"{100 * curve.stable.mean():.0f}"
-        rows.append((str(number), str(len(curve.tip_max)), ends, peak, stable, places))
-    return markdown(("branch", "points", name, "peak, mm", "stable, %", "located"), rows)
-
-
 def two_parameters(
     case: Case, options: OrbitOptions, show: ShowProgress, complete: list[bool]
 ) -> Iterator[dict[str, Any]]:
@@ -385,38 +353,21 @@ def two_parameters(
 
 
 class OrbitResults(NamedTuple):
-    """What a call prints, its ``files`` by their paths as `write_files` takes them, and whether the work came to its end."""
+    """What a call prints and writes, and whether the work came to its end."""
 
-    text: str
-    files: dict[Any, object]
+    report: Report
     complete: bool
-
-
-def orbit_files(options: OrbitOptions, plain: list[dict[str, Any]]) -> dict[Any, object]:
-    """Return the files of orbits, folds, births or mergers in their plain forms."""
-    return {options.json: plain, options.csv: (ORBIT_COLUMNS, orbit_rows(plain))}
-
-
-def branch_files(options: OrbitOptions, plain: list[dict[str, Any]], key: str) -> dict[Any, object]:
-    """Return the files of branches in their plain forms; ``key``: name of their parameter."""
-    return {options.json: plain, options.csv: (ORBIT_COLUMNS, branch_rows(plain, key))}
 
 
 def bifurcations(case: Case, options: OrbitOptions) -> OrbitResults:
     """Return the curves of bifurcations over two parameters."""
     complete = [True]
-    key, words, scale = UNITS[options.parameter]
+    parameter = CURVE_PARAMETERS[options.parameter]
     with stages_bar("orbits", leave=False) as show:
         curves = list(two_parameters(case, options, show, complete))
     force = "" if options.parameter == "force" else f", {case.force:g} N"
-    files = {
-        options.json: curves,
-        options.csv: (ORBIT_COLUMNS, bifurcation_rows(curves, key)),
-        options.plot: lambda path: report.save_curves(
-            path, curves, f"{case.scene}{force}", words, scale
-        ),
-    }
-    return OrbitResults(report.curve_text(curves, words, scale), files, complete[0])
+    report = make_curve_report(curves, f"{case.scene}{force}", parameter)
+    return OrbitResults(report, complete[0])
 
 
 def check(options: OrbitOptions) -> OrbitOptions:
@@ -559,30 +510,17 @@ def hybrid_orbits(case: HybridCase, options: OrbitOptions) -> OrbitResults:
                 branches.append(follow_hybrid_branch(orbit, options, show))
     orbits = [result for result in results if isinstance(result, HybridOrbit)]
     refused = [result.reason for result in results if isinstance(result, NoHybridOrbit)]
-    notes = report.reasons(refused, "runs lead to")
+    notes = count_reasons(refused, "runs lead to")
     if not options.along:
-        stable = sum(orbit.stable for orbit in orbits)
-        lines = [
-            report.hybrid_table(orbits),
-            "",
-            f"{len(orbits)} orbits, {stable} of them stable.",
-            *notes,
-        ]
-        plain = [plain_hybrid_orbit(orbit) for orbit in orbits]
-        return OrbitResults("\n".join(lines), orbit_files(options, plain), complete[0])
+        return OrbitResults(make_hybrid_report(orbits, notes), complete[0])
     over_force = options.along == "force"
     key = "force_N" if over_force else "omega_ratio"
     reference = 1.0 if over_force else float(case.scene.model.omega[0])
     curves = [branch.curve(reference) for branch in branches]
-    plain = [
-        {"omega_ratio": options.frequency, **_renamed(curve.to_plain(), key)}
-        if over_force
-        else curve.to_plain()
-        for curve in curves
-    ]
     ends = [f"Branch {number}: {curve.message}." for number, curve in enumerate(curves, 1)]
-    text = "\n".join([along_text(curves, key), "", *ends, *notes])
-    return OrbitResults(text, branch_files(options, plain, key), complete[0])
+    shared = {"omega_ratio": options.frequency} if over_force else {}
+    report = make_branch_report(curves, key, shared, [*ends, *notes])
+    return OrbitResults(report, complete[0])
 
 
 def follow_hybrid_branch(
@@ -656,66 +594,19 @@ def compute_results(case: Case, options: OrbitOptions) -> OrbitResults:
     if options.curve:
         return bifurcations(case, options)
     if options.thresholds:
-        levels = find_thresholds(case, low, high)
-        plain = [
-            {
-                "kind": level.kind,
-                "force_N": level.force,
-                "omega_ratio": level.omega_ratio,
-                "tip_max_m": level.orbit.motion.tip_max,
-                "orbit": plain_orbit(level.orbit),
-            }
-            for level in levels
-            if isinstance(level.orbit, Orbit)
-        ]
-        return OrbitResults(report.threshold_text(levels), orbit_files(options, plain), True)
+        return OrbitResults(make_threshold_report(find_thresholds(case, low, high)), True)
     if options.folds:
-        located = find_folds(case, low, high)
-        pairs = [(fold, fold.orbit) for fold in located if isinstance(fold.orbit, Orbit)]
-        plain = [
-            {
-                "kind": FOLD,
-                "omega_ratio": fold.omega_ratio,
-                "force_N": fold.force,
-                "tip_max_m": orbit.motion.tip_max,
-                "orbit": plain_orbit(orbit),
-            }
-            for fold, orbit in pairs
-        ]
-        return OrbitResults(report.fold_text(located), orbit_files(options, plain), True)
+        return OrbitResults(make_fold_report(find_folds(case, low, high)), True)
     if options.along is not None:
         with stages_bar("orbits", leave=False) as show:
             curves = list(along(case, options, show))
-        key = UNITS[options.parameter][0]
-        plain = [
-            {"omega_ratio": options.frequency, **_renamed(curve.to_plain(), key)}
-            for curve in curves
-        ]
-        return OrbitResults(along_text(curves, key), branch_files(options, plain, key), True)
+        shared = {"omega_ratio": options.frequency}
+        key = CURVE_PARAMETERS[options.parameter].key
+        return OrbitResults(make_branch_report(curves, key, shared), True)
     complete = [True]
     with stages_bar("orbits", leave=False) as show:
         searches = listed(case, options, show, complete)
-    orbits = [orbit for group in searches for orbit in group.orbits]
-    notes = report.refusals(
-        [orbit for group in searches for orbit in group.refused], "solutions or runs are"
-    )
-    stable = sum(orbit.stability.stable for orbit in orbits)
-    lines = [
-        report.orbit_table(searches),
-        "",
-        f"{len(orbits)} orbits, {stable} of them stable.",
-        *report.basin_lines(searches),
-        *notes,
-    ]
-    plain = [
-        {
-            **plain_orbit(orbit),
-            "basin": None if group.basins is None else group.basins.to_plain(orbit),
-        }
-        for group in searches
-        for orbit in group.orbits
-    ]
-    return OrbitResults("\n".join(lines), orbit_files(options, plain), complete[0])
+    return OrbitResults(make_orbit_report(searches), complete[0])
 
 
 @command(
@@ -744,7 +635,6 @@ def main(options: OrbitOptions) -> None:
     --over.
     """
     with plain_errors():
-        text, files, complete = run(options)
-        click.echo(text)
-        name_files(write_files(files))
+        report, complete = run(options)
+        write_report(report, options)
     end_early(complete, "what was finished is shown.")

@@ -2,86 +2,18 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 
 from impact_env.parameters import count
-from impact_env.periodic.attractors import SettledMotion, settle_runs
+from impact_env.periodic.attractors import settle_runs
 from impact_env.periodic.basins import START_REACH, draw_start
 from optimisation.cli import common
-from optimisation.cli.attractor_options import AttractorOptions, ratio_text
+from optimisation.cli.attractor_options import AttractorOptions
 from optimisation.cli.options import OptionSpec, option
-from optimisation.files import write_files
-from optimisation.page import markdown
 from optimisation.progress import runs_bar
-from optimisation.report.attractor_figures import save_section
-
-SECTION_COLUMNS = ("run", "section", "number", "phase_rad", "relative_m", "velocity_m_s", "wall")
-
-
-def section_table(motions: list[SettledMotion]) -> str:
-    """Return a line for each run."""
-    rows = []
-    for number, motion in enumerate(motions, 1):
-        exponent = motion.exponent
-        rotation = motion.rotation
-        rows.append(
-            (
-                str(number),
-                motion.name,
-                f"{1e3 * motion.level:.4f}",
-                f"{motion.impacts_per_period:.3f}",
-                ""
-                if exponent is None
-                else f"{exponent.value:.4f} ({exponent.low:.4f} to {exponent.high:.4f})",
-                "" if rotation is None else f"{rotation.value:.7f}",
-                "" if rotation is None else f"{rotation.change:.1e}",
-            )
-        )
-    header = (
-        "run",
-        "motion",
-        "level, mm",
-        "impacts/period",
-        "exponent per period (95 %)",
-        "rotation number",
-        "change from half to half",
-    )
-    return markdown(header, rows)
-
-
-def section_rows(motions: list[SettledMotion]) -> list[list[Any]]:
-    """Return the values of `SECTION_COLUMNS`: the states at phase 0, then the impacts, of each run."""
-    rows: list[list[Any]] = []
-    for number, motion in enumerate(motions, 1):
-        section = motion.section
-        n = motion.case.model.modes
-        shape = motion.case.model.tip_shape
-        states = section.states
-        relative = states[:, n] - states[:, :n] @ shape
-        velocity = states[:, -1] - states[:, n + 1 : -1] @ shape
-        rows += [
-            [number, "stroboscopic", k, 0.0, float(relative[k]), float(velocity[k]), None]
-            for k in range(len(states))
-        ]
-        impacts = zip(section.impact_phase, section.impact_velocity, section.wall, strict=True)
-        for k, (phase, speed, wall) in enumerate(impacts):
-            place = float(wall) * motion.case.gap
-            rows.append([number, "impact", k, float(phase), place, float(speed), int(wall)])
-    return rows
-
-
-def plain_section(motion: SettledMotion) -> dict[str, Any]:
-    """Return a run's numbers and its sections; keys with their units."""
-    section = motion.section
-    return motion.to_plain() | {
-        "states": section.states.tolist(),
-        "impact_phase_rad": section.impact_phase.tolist(),
-        "impact_velocity_m_s": section.impact_velocity.tolist(),
-        "impact_wall": section.wall.tolist(),
-    }
+from optimisation.report.attractor_report import make_section_report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,21 +71,5 @@ def main(options: SectionOptions) -> None:
             result = settle_runs(begin, settling, threads=options.threads, progress=show)
         motions = [motion for motion in result if motion is not None]
         complete = len(motions) == len(result)
-        if motions:
-            click.echo(f"{ratio_text(case)}\n\n{section_table(motions)}")
-        files = write_files(
-            {
-                options.json: {
-                    "complete": complete,
-                    "runs": [plain_section(motion) for motion in motions],
-                },
-                options.csv: (list(SECTION_COLUMNS), section_rows(motions)),
-            }
-            | (
-                {options.plot: lambda path: save_section(path, motions, options.section)}
-                if motions
-                else {}
-            )
-        )
-    common.name_files(files)
+        common.write_report(make_section_report(motions, options.section, complete), options)
     common.end_early(complete)

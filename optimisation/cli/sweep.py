@@ -1,10 +1,8 @@
 """One sweep through a resonance: level and impacts."""
 
-import json
 import statistics
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,7 +19,7 @@ from impact_env.drive import (
     linear_sweep,
 )
 from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_lane, run_lanes
-from impact_env.laws import CONCEPTS, describe_absorber
+from impact_env.laws import CONCEPTS
 from impact_env.methods import PAPER_STEPS, Exact, Method
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
 from impact_env.plain import find_force_amplitude
@@ -46,18 +44,12 @@ from optimisation.disks import find_disk_range, find_excited_resonance, force_of
 from optimisation.duration import announce_duration
 from optimisation.executors import workers
 from optimisation.extremes import sweep_ratio
-from optimisation.files import STANDARD_OUTPUT, replacing, write_files, write_json
+from optimisation.files import write_files
 from optimisation.machine import Timed
 from optimisation.measures import SAMPLES, check_size, stress_shape
 from optimisation.progress import Bar
-from optimisation.report.sweep_report import (
-    Result,
-    contract,
-    describe_run,
-    describe_start,
-    save_figure,
-    summary,
-)
+from optimisation.report.report import Report, list_named_files, render_text
+from optimisation.report.sweep_report import SweepResult, make_sweep_report
 from optimisation.signals import SignalOptions
 from optimisation.sweep_range import find_sweep_range
 
@@ -266,11 +258,12 @@ def recorded(lane: Lane, method: Method, record: Record, most_events: int | None
 def compute(
     options: SweepOptions,
     scene: Scene,
+    beam: Beam | None,
     drives: list[Excitation],
     method: Method,
     executor: Executor | None,
     drawn: Sequence[Scene] = (),
-) -> Result:
+) -> SweepResult:
     """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for.
 
     ``drawn``: scenes of the members after the first; empty: all have the same.
@@ -313,7 +306,16 @@ def compute(
             wall_time = run_in_thread(
                 lambda: integration_time(scene, drives[0], method, most_events), bar
             )
-    return Result(response, others, wall_time, steady=steady, drawn=bool(drawn), band=band)
+    return SweepResult(
+        response,
+        others,
+        options.resonance,
+        beam,
+        wall_time,
+        steady=steady,
+        drawn=bool(drawn),
+        band=band,
+    )
 
 
 def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
@@ -351,27 +353,10 @@ def measured(
     return [one for one in measures if one is not None]
 
 
-def write(result: Result, options: SweepOptions, beam: Beam | None) -> None:
-    """Write the files asked for: all of them or none."""
-    with ExitStack() as files:
-        if options.json is STANDARD_OUTPUT:
-            write_json(STANDARD_OUTPUT, contract(result, beam))
-        elif options.json is not None:
-            text = json.dumps(contract(result, beam), indent=1, allow_nan=False)
-            files.enter_context(replacing(options.json.resolve())).write_text(text + "\n")
-        if options.plot is not None:
-            absorbers = describe_absorber(result.response.scene.absorber).split(
-                "; "
-            )  # a line for each of several
-            run = describe_run(result.response, options.resonance, describe_start(result))
-            title = "\n".join([*absorbers, run])
-            save_figure(
-                files.enter_context(replacing(options.plot.resolve())),
-                title,
-                result.response,
-                options.resonance,
-                result.band,
-            )
+def print_and_write(report: Report, options: SweepOptions) -> None:
+    """Print a report, and write its numbers and figure; files are not named, unlike those of commands that choose their names."""
+    click.echo(render_text(report))
+    write_files(list_named_files(report, options.json, plot=options.plot))
 
 
 def run(options: SweepOptions) -> None:
@@ -426,7 +411,7 @@ def run(options: SweepOptions) -> None:
             scene, first.amplitude, options.resonance, schedule.periods, len(drives), None
         )
     with workers(None, options.cluster) as executor:
-        result = compute(options, scene, drives, method, executor, drawn)
+        result = compute(options, scene, beam, drives, method, executor, drawn)
         result = replace(result, measures=measured(options, scene, beam, drives, executor))
     low, high = (float(end) for end in sorted((schedule.omegas / schedule.reference)[[0, -1]]))
     if options.load is None and low != high:  # at a constant frequency nothing is swept
@@ -435,8 +420,7 @@ def run(options: SweepOptions) -> None:
             scene.model, rate, options.resonance, (low, high), options.initial_state == STEADY
         )
         result = replace(result, sweep_ratio=ratio)
-    click.echo(summary(result, options.resonance))
-    write(result, options, beam)
+    print_and_write(make_sweep_report(result), options)
 
 
 NOT_OF_DISKS = ("energy", "time", "measures", "absolute", "uncertain")
@@ -487,8 +471,7 @@ def run_disk(options: SweepOptions, disk: BladedDisk) -> None:
             watch=show,
             executor=executor,
         )
-    click.echo(str(answer))
-    write_files({options.json: answer.to_json(), options.plot: answer.save_figure})
+    print_and_write(answer.report, options)
 
 
 def refuse_runs(options: SweepOptions) -> None:

@@ -82,8 +82,8 @@ class Column:
     ----------
     key : str
         Name in CSV and JSON; empty for a column of the text alone.
-    heading : str
-        Name in text and Markdown; empty for a column of CSV and JSON alone.
+    heading : str, optional
+        Name in text and Markdown, which may be empty; None for a column of CSV and JSON alone.
     show : str or callable
         Text of a cell: pattern of the value times ``scale``, or a function of the row's values by their keys.
     scale : float
@@ -94,7 +94,7 @@ class Column:
     """
 
     key: str = ""
-    heading: str = ""
+    heading: str | None = None
     show: str | Callable[[Record], str] = "{:.4g}"
     scale: float = 1.0
     unknown: str = "-"
@@ -148,9 +148,9 @@ class Table:
 
     def to_text(self) -> str:
         """Return the columns with a heading as an aligned Markdown table."""
-        columns = [column for column in self.columns if column.heading]
+        columns = [column for column in self.columns if column.heading is not None]
         cells = [[column.cell(record) for column in columns] for record in self.records()]
-        return markdown([column.heading for column in columns], cells)
+        return markdown([column.heading or "" for column in columns], cells)
 
 
 @dataclass(frozen=True)
@@ -231,14 +231,16 @@ class Report:
         The answer in a sentence, with which the card begins.
     text : sequence of blocks
         Lines and tables that are printed, a blank line between blocks.
-    numbers : dict
-        Content of summary.json.
+    numbers : dict or list
+        Content of summary.json, or of the file of --json.
     tables : dict
         Tables by the names of their CSV files.
     data : dict
         Further JSON files by their names.
     figures : dict
         Functions that draw, by the names of their files; the first is the answer's figure.
+    resolution : float
+        Dots an inch of figures.
     groups : tuple
         Rows of the card under their headings; without them there is no card.
     charts : tuple of Chart
@@ -253,10 +255,11 @@ class Report:
     title: str
     verdict: str = ""
     text: Sequence[Block] = ()
-    numbers: Json = field(default_factory=dict)
+    numbers: Json | list[Json] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
     data: Mapping[str, Json] = field(default_factory=dict)
     figures: Mapping[str, Draw] = field(default_factory=dict)
+    resolution: float = 160
     groups: tuple[Group, ...] = ()
     charts: tuple[Chart, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -356,18 +359,33 @@ def list_files(report: Report, folder: Path) -> dict[Path | None, object]:
         contents[folder / "summary.json"] = report.numbers
     contents |= {folder / name: content for name, content in report.data.items()}
     for name, draw in report.figures.items():
-        contents[folder / name] = partial(write_drawing, draw=draw)
+        contents[folder / name] = partial(write_drawing, draw=draw, dpi=report.resolution)
     if report.groups:
         contents[folder / "card.html"] = partial(write_html, report=report)
         contents[folder / "card.json"] = render_card_json(report)
     return contents
 
 
-def write_drawing(path: Path, draw: Draw) -> None:
+def list_named_files(
+    report: Report, json: Path | None, csv: Path | None = None, plot: Path | None = None
+) -> dict[Path | None, object]:
+    """Return the numbers, the first table and the first figure of a report by the paths that options name, for `optimisation.files.write_files`.
+
+    A path of None is not wanted; neither is written what the report does not have.
+    """
+    contents: dict[Path | None, object] = {json: report.numbers}
+    for table in list(report.tables.values())[:1]:
+        contents[csv] = table.to_csv()
+    for draw in list(report.figures.values())[:1]:
+        contents[plot] = partial(write_drawing, draw=draw, dpi=report.resolution)
+    return contents
+
+
+def write_drawing(path: Path, draw: Draw, dpi: float = 160) -> None:
     """Draw a figure into a file; the ending of ``path`` chooses the format."""
     from optimisation.report.figures import write_figure
 
-    write_figure(draw(), path)
+    write_figure(draw(), path, dpi)
 
 
 def write_html(path: Path, report: Report) -> None:

@@ -1,9 +1,9 @@
-"""The JSON file, the printed summary and the figure of the command `sweep`."""
+"""One sweep as a report: the lines that are printed, the content of the JSON file, and the figure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,21 +20,48 @@ from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
 from optimisation.calibration.drawn_scenes import LevelBand
 from optimisation.extremes import LEAST_RATIO
-from optimisation.report.figures import MM, figure_of, write_figure
+from optimisation.report.figures import MM, figure_of
+from optimisation.report.report import Report
 from optimisation.statistics import prediction_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
-class Result:
-    """The recorded run of member 0, levels of the members after it (None: there are none), and the time of one bare integration in s, if measured.
+class SweepResult:
+    """The recorded run of member 0, and what was measured besides.
 
-    ``sweep_ratio``: level of such sweeps without absorber over the stationary one; None at a constant frequency. ``measures`` of each member, as
-    `optimisation.signals` has them, None unless asked for. ``steady``: runs start from the steady state of the linear structure, not from rest.
-    ``drawn``: members after the first have parameters of a posterior's draws; ``band``: their levels over the frequency, None where nothing is swept.
+    Attributes
+    ----------
+    response : Response
+        Run of member 0.
+    others : LaneLevels, optional
+        Levels of the members after it; None: there are none.
+    resonance : int
+        Resonance that the sweep passes, from 1.
+    beam : Beam, optional
+        The structure where it is one.
+    wall_time : float, optional
+        Time of an integration alone in s.
+    sweep_ratio : float, optional
+        Level of such sweeps without absorber over the stationary one; None at a constant frequency.
+    measures : list of dict, optional
+        Measures of each member, as `optimisation.signals` has them.
+    steady : bool
+        Whether runs start from the steady state of the linear structure, not from rest.
+    drawn : bool
+        Whether members after the first have parameters of a posterior's draws.
+    band : LevelBand, optional
+        Their levels over the frequency; None where nothing is swept.
+
     """
 
     response: Response
     others: LaneLevels | None
+    resonance: int
+    beam: Beam | None = None
     wall_time: float | None = None
     sweep_ratio: float | None = None
     measures: list[dict[str, Any]] | None = None
@@ -59,8 +86,23 @@ class Result:
         ]
 
 
-def contract(result: Result, beam: Beam | None) -> dict[str, object]:
-    """Return the content of the JSON file; the scene is written with its ``beam``, or with its modes if that is None."""
+def make_sweep_report(result: SweepResult) -> Report:
+    """Return what `sweep` prints and writes; its figure needs the history."""
+    response = result.response
+    absorbers = describe_absorber(response.scene.absorber)
+    run = describe_run(response, result.resonance, describe_start(result))
+    title = "\n".join([*absorbers.split("; "), run])  # a line for each of several absorbers
+    return Report(
+        title="Sweep",
+        text=[[absorbers, run, *number_lines(result), *end_warning(result)]],
+        numbers=sweep_numbers(result),
+        figures={"sweep.png": partial(draw_sweep, title, response, result.resonance, result.band)},
+        resolution=130,
+    )
+
+
+def sweep_numbers(result: SweepResult) -> dict[str, Any]:
+    """Return the content of the JSON file; the scene is written with its beam, or with its modes where it is none."""
     response = result.response
     level = require_recorded("level", response.level)
     impacts = require_recorded("impacts", response.impacts)
@@ -81,7 +123,7 @@ def contract(result: Result, beam: Beam | None) -> dict[str, object]:
         **({} if result.wall_time is None else {"wall_s": result.wall_time}),
         **({} if result.measures is None else {"measures": result.measures}),
         "omega_rad_s": response.scene.model.omega.tolist(),
-        "scene": from_scene(response.scene, beam),
+        "scene": from_scene(response.scene, result.beam),
     }
 
 
@@ -100,7 +142,7 @@ STARTED = 0.05  # of a sweep from rest: a level that is read there is that of th
 START_WORDS = {False: "rest", True: "steady state"}
 
 
-def describe_start(result: Result) -> str:
+def describe_start(result: SweepResult) -> str:
     """Return where the runs start, in words; nothing beside a start of the loads' own."""
     loads = result.response.drive
     if not result.steady and isinstance(loads, Loads) and loads.start != LOAD_STARTS[0]:
@@ -108,7 +150,7 @@ def describe_start(result: Result) -> str:
     return f", from {'the ' if result.steady else ''}{START_WORDS[result.steady]}"
 
 
-def find_end(result: Result) -> str | None:
+def find_end(result: SweepResult) -> str | None:
     """Return which end of a swept run the level of the first member was read at, "start" or "end"; None inside, and where nothing is swept."""
     response = result.response
     schedule = response.drive.schedule
@@ -123,7 +165,7 @@ def find_end(result: Result) -> str | None:
     return "end" if time >= total - near else None
 
 
-def end_warning(result: Result) -> list[str]:
+def end_warning(result: SweepResult) -> list[str]:
     """Return the warning about a level that was read at an end of the sweep; none inside."""
     end = find_end(result)
     if end is None:
@@ -152,8 +194,8 @@ def describe_run(response: Response, resonance: int, start: str = "") -> str:
     return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods{start}, {describe_modes(modes)}, {response.method}"
 
 
-def summary(result: Result, resonance: int) -> str:
-    """Return the lines that are printed."""
+def number_lines(result: SweepResult) -> list[str]:
+    """Return lines with levels, impacts, energies and what else was measured."""
     response = result.response
     levels = 1e3 * np.array(result.levels)
     ratios = result.ratios
@@ -235,15 +277,7 @@ def summary(result: Result, resonance: int) -> str:
                 f"without absorber, at {rate:.3g} % per 100 pseudo periods{fast}",
             )
         )
-    lines = [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
-    run = describe_run(response, resonance, describe_start(result))
-    return "\n".join(
-        [describe_absorber(response.scene.absorber), run, *lines, *end_warning(result)]
-    )
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    return [f"  {name:<26}{value:>12}   {note}".rstrip() for name, value, note in rows]
 
 
 Array = NDArray[np.float64]
@@ -284,10 +318,10 @@ class _Axis:
         )
 
 
-def save_figure(
-    path: Path, title: str, response: Response, resonance: int, band: LevelBand | None = None
-) -> None:
-    """Draw a response that has its level, events and history recorded, and its energies if it has them; save it.
+def draw_sweep(
+    title: str, response: Response, resonance: int, band: LevelBand | None = None
+) -> Figure:
+    """Draw a response that has its level, events and history recorded, and its energies if it has them.
 
     ``band``: levels of scenes with drawn parameters, over the frequency.
     """
@@ -320,7 +354,7 @@ def save_figure(
             )
         )
         ax.set_xlabel(axis.label)
-    write_figure(figure, path, 130)
+    return figure
 
 
 def _bins(history: History, response: Response) -> list[Array]:

@@ -19,7 +19,7 @@ from impact_env.periodic.response_curve import CurvePoint
 from impact_env.plain import to_scene
 from optimisation.cli import periodic_orbits as orbits
 from optimisation.cli.group import imported
-from optimisation.report.periodic_figures import thin_marks
+from optimisation.report.response_report import thin_marks
 
 KEYS = {
     "omega_ratio",

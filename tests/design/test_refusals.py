@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,7 +42,7 @@ from optimisation.measures import STROKE, impact_measures, of_motion
 from optimisation.mounting import scene_on
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
-from optimisation.report.sweep_report import Result, contract, save_figure, summary
+from optimisation.report.sweep_report import SweepResult, draw_sweep, number_lines, sweep_numbers
 from optimisation.report.tuning_report import tuning_table
 from optimisation.search.settings import Rung, SearchSettings, default_settings
 from optimisation.signals import SignalOptions, signal_measures
@@ -242,9 +241,9 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     (lambda: impact_measures(response()), "impacts = None is not allowed: recorded: simulate(..."),
     (lambda: of_motion(STROKE, response()), "history = None"),
     (lambda: signal_measures(response(), SignalOptions(8, False, None)), "history = None"),
-    (lambda: save_figure(Path("no.png"), "", response(), 1), "history = None"),
-    (lambda: summary(Result(replace(response(), level=None), None), 1), "level = None"),
-    (lambda: contract(Result(response(), None), None), "impacts = None"),
+    (lambda: draw_sweep("", response(), 1), "history = None"),
+    (lambda: number_lines(SweepResult(replace(response(), level=None), None, 1)), "level = None"),
+    (lambda: sweep_numbers(SweepResult(response(), None, 1)), "impacts = None"),
     (lambda: cut_window(Scene(TWO), response(), 250.0), "history = None"),
 ]
 
