@@ -1,4 +1,4 @@
-"""Absorbers by rules: a friction damper's limit in closed form, from the energy of one cycle; gap and friction of an impact absorber.
+"""Absorbers by rules, and the best of others: a friction damper's limit from the energy of one cycle, gap and friction of an impact absorber.
 
 A mass m_a slides on a tip that moves with amplitude q at Omega. It is driven by the friction alone, whose first harmonic is F = 4 mu f_N/pi, so
 its own amplitude is F/(m_a Omega^2) at right angles to the sliding, which therefore has the amplitude X with X^2 + (F/(m_a Omega^2))^2 = q^2. The
@@ -9,25 +9,38 @@ moves with the tip. With one mode (damping ratio D, shapes phi_t at the tip and 
 
 In an impact absorber friction counts by its ratio to m_a g0 omega^2 (scaling law: mass, gap and time are the units). The paper's 0.1 N with 2 % of
 the beam's mass and 1 mm is 0.139 of m_a g0 omega_1^2, and the same share on another structure is the same absorber.
+
+Absorbers of other kinds with the same mass are judged by one criterion: the larger response level of a sweep up and one down over the same range
+of frequencies.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
+from impact_env.curve import CurveCase, performance_curves
+from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
+    Absorber,
     Beam,
+    ParameterError,
     RigidWalls,
     SlidingAbsorber,
+    TunedAbsorber,
+    friction_damper,
     impact_absorber,
     instance,
     positive,
     require,
 )
-from optimisation.bounds import design_gap, gap_unit
-from optimisation.extremes import usable_mass_ratio
+from impact_env.scene import Scene
+from optimisation.bounds import design_gap, free_amplitude, gap_unit
+from optimisation.sweep_range import usable_mass_ratio
+from optimisation.tuned import smallest_amplitude
 
 PAPER_FRICTION = 0.1  # mu f_N in N of the paper's best impact absorber (section 6)
 RESTITUTION = 0.7  # of the paper's best absorber
@@ -116,3 +129,98 @@ def rigid_walls(absorber: SlidingAbsorber) -> RigidWalls:
         )
         raise AssertionError
     return absorber.walls
+
+
+DAMPER_STEP = float(np.log(2.2))  # of ln friction limit
+
+
+@dataclass(frozen=True)
+class Baselines:
+    """Levels in m (RMS) with other absorbers of the same mass, from sweeps over the same range; NaN where an absorber does nothing.
+
+    ``tuned``: the tuned absorber with the smallest largest amplitude in the range. ``damper``: the best of the friction dampers that were simulated,
+    with its limit ``damper_limit`` in N.
+    """
+
+    tuned: float
+    damper: float
+    damper_limit: float
+    tuned_absorber: TunedAbsorber | None = None
+
+
+def simulate_baselines(
+    model: ModalModel,
+    mass_ratio: float,
+    condition: tuple[float, int],
+    sweep_range: tuple[float, float],
+    rate: float,
+    executor: Executor,
+) -> Baselines:
+    """Return the levels of other absorbers of a mass; ``condition``: force in N and resonance. Raises KeyboardInterrupt if it is stopped.
+
+    All of them are swept over one range, in units of the resonance, at one rate in % per 100 pseudo periods.
+    """
+    force, resonance = condition
+
+    def level(absorber: Absorber) -> float:
+        case = CurveCase(
+            Scene(model, absorber),
+            np.array([force]),
+            resonance,
+            sweep_range,
+            rate,
+            steady_start=True,
+        )
+        (curve,) = performance_curves([case], 1, executor=executor)
+        if not curve.complete:
+            raise KeyboardInterrupt
+        return float(curve.median[0])
+
+    tuned = None
+    tuned_level = float("nan")
+    try:
+        tuned = smallest_amplitude(model, mass_ratio, resonance, *sweep_range)
+        tuned_level = level(tuned)
+    except (
+        ParameterError
+    ):  # nothing can be tuned where the resonance's mode does not move the place
+        pass
+
+    limit, damper_level = find_best_damper(
+        lambda limit: level(friction_damper(limit, mass_ratio)),
+        estimate_damper(model, mass_ratio * model.beam_mass, force, resonance),
+    )
+    return Baselines(tuned_level, damper_level, limit, tuned)
+
+
+def estimate_damper(model: ModalModel, mass: float, force: float, resonance: int) -> float:
+    """Return a friction limit in N from which to search a damper's: by the energy of a cycle, or by the free amplitude where that says nothing."""
+    try:
+        return best_friction(model, mass, force, resonance)[0]
+    except ParameterError:
+        free = free_amplitude(model, mass, force, resonance)
+        return 0.2 * mass * model.resonance_omega(resonance) ** 2 * free
+
+
+def find_best_damper(level: Callable[[float], float], estimate: float) -> tuple[float, float]:
+    """Return (friction limit, level) of the best of four dampers: the estimate, one to either side, and one by the parabola through them.
+
+    ``level``: of a limit in N. Where the best of three is the weakest or the strongest, the fourth goes on outwards.
+    """
+    if not (np.isfinite(estimate) and estimate > 0):
+        return float("nan"), float("nan")
+    shifts = [-DAMPER_STEP, 0.0, DAMPER_STEP]
+    levels = [level(estimate * float(np.exp(shift))) for shift in shifts]
+    best = int(np.argmin(levels))
+    if best == 1:
+        left, middle, right = np.log(levels)
+        curvature = left - 2 * middle + right
+        fourth = DAMPER_STEP * (left - right) / (2 * curvature) if curvature > 0 else 0.0
+        if abs(fourth) < 0.05:  # the estimate is the best already
+            fourth = 0.3
+    else:
+        fourth = 2 * shifts[best]
+    shifts.append(float(fourth))
+    levels.append(level(estimate * float(np.exp(fourth))))
+    best = int(np.argmin(levels))
+    return estimate * float(np.exp(shifts[best])), levels[best]

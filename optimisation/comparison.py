@@ -41,10 +41,14 @@ from impact_env.parameters import (
     require,
 )
 from impact_env.scene import Scene
-from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_friction
-from optimisation.baselines import estimate_damper, find_best_damper
+from optimisation.absorber_rules import (
+    RESTITUTION,
+    estimate_damper,
+    find_best_damper,
+    rigid_walls,
+    scaled_friction,
+)
 from optimisation.bounds import design_force, design_gap, reach, resonance_limit
-from optimisation.extremes import stationary_level, usable_force, usable_mass_ratio, usable_rate
 from optimisation.load_cases import (
     AppliedLoads,
     Reading,
@@ -56,7 +60,13 @@ from optimisation.load_cases import (
 from optimisation.measures import check_size, free_size
 from optimisation.mounting import model_with_absorber_at
 from optimisation.signals import edges_of
-from optimisation.sweep_range import find_sweep_range
+from optimisation.sweep_range import (
+    find_sweep_range,
+    stationary_level,
+    usable_force,
+    usable_mass_ratio,
+    usable_rate,
+)
 from optimisation.tuned import HIGH, LOW, minimax, smallest_amplitude
 from optimisation.tuned.under_loads import MeanRatio, mean_ratio, tuned_for
 

@@ -1,4 +1,7 @@
-"""Output files, written whole or not at all."""
+"""Files that commands write, whole or not at all: CSV, JSON, and pages whose tables stand between markers.
+
+The text of a page is written by hand, its tables by a command. A marker is a line ``<!-- NAME -->``, its end ``<!-- /NAME -->``.
+"""
 
 import csv
 import gzip
@@ -12,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, TextIO
 
-from impact_env.parameters import require
+from impact_env.parameters import ParameterError, require
 from impact_env.plain_files import replacing as replacing
 
 STANDARD_OUTPUT = Path("standard output.json")  # this object itself stands for it; see `json_to`
@@ -115,3 +118,77 @@ def read_json(path: Path) -> Any:
         return json.loads(gzip.decompress(content) if path.suffix == ".gz" else content)
     except (EOFError, zlib.error) as error:
         raise ValueError(f"{path.name} is not whole: {error}") from error
+
+
+ROOT = Path(__file__).resolve().parents[1]  # the checkout, if there is one
+DOCS = (
+    ROOT / "docs"
+)  # the pages with their text: where a page is written anew, it starts from the one here
+
+
+def published(docs: Path, results: Path) -> Path:
+    """Return where a whole study is written by default: into the checkout's docs, or where there is no checkout among other results."""
+    return docs if (ROOT / "pyproject.toml").is_file() else results
+
+
+def _markers(name: str) -> tuple[str, str]:
+    return f"<!-- {name} -->", f"<!-- /{name} -->"
+
+
+def has_markers(text: str, name: str) -> bool:
+    """Return whether a text has the markers of a section, once and in order."""
+    start, end = _markers(name)
+    return text.count(start) == 1 == text.count(end) and text.index(start) < text.index(end)
+
+
+def require_markers(path: Path, template: Path, names: Iterable[str]) -> str:
+    """Return the text of the page that `fill` starts from; raises ParameterError unless it has the markers of each section, once and in order."""
+    source = path if path.exists() else template
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ParameterError(
+            f"{source} is not allowed: a page that can be read ({error})"
+        ) from error
+    for name in names:
+        if not has_markers(text, name):
+            start, end = _markers(name)
+            raise ParameterError(
+                f"{source} is not allowed: a page with one pair of markers {start} and {end}"
+            )
+    return text
+
+
+def fill(path: Path, template: Path, sections: Mapping[str, str]) -> None:
+    """Write ``template`` (or ``path`` itself where it exists) to ``path`` with the text between the markers of each section replaced.
+
+    Raises ParameterError, before anything is written, if a marker is missing.
+    """
+    text = require_markers(path, template, sections)
+    for name, body in sections.items():
+        start, end = _markers(name)
+        head, rest = text.split(start)
+        text = head + start + "\n" + body.strip("\n") + "\n" + end + rest.split(end)[1]
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return an aligned Markdown table; the first column is flush left, the others flush right."""
+    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
+
+    def line(cells: Sequence[str]) -> str:
+        first, *others = (
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        )
+        return "| " + " | ".join([first, *others]) + " |"
+
+    rule = (
+        "| "
+        + " | ".join(
+            "-" * width if i == 0 else "-" * (width - 1) + ":" for i, width in enumerate(widths)
+        )
+        + " |"
+    )
+    return "\n".join([line(header), rule, *map(line, rows)])

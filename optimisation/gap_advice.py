@@ -28,7 +28,6 @@ from impact_env.parameters import (
 )
 from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.bounds import free_amplitude, resonance_limit, share_reached
-from optimisation.extremes import LEAST_RATIO, stationary_level, usable_force
 from optimisation.gap_search import (
     CHECK_MEMBERS,
     NARROWEST,
@@ -52,7 +51,12 @@ from optimisation.load_cases import (
     swept_force,
 )
 from optimisation.statistics import Prediction, predict
-from optimisation.sweep_range import find_reading_ratios
+from optimisation.sweep_range import (
+    LEAST_RATIO,
+    find_reading_ratios,
+    stationary_level,
+    usable_force,
+)
 
 Array = NDArray[np.float64]
 MEMBERS = 3

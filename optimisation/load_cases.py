@@ -44,10 +44,9 @@ from impact_env.solvers import check_load
 from impact_env.sweep import simulate
 from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_gap, reach
-from optimisation.extremes import usable_force, usable_rate
 from optimisation.measures import DECAY, LEVEL, START, free_size, measure_of, measured, record_of
 from optimisation.signals import band_levels, edges_of
-from optimisation.sweep_range import find_sweep_range, is_at_end
+from optimisation.sweep_range import find_sweep_range, is_at_end, usable_force, usable_rate
 
 Array = NDArray[np.float64]
 

@@ -37,7 +37,6 @@ from impact_env.parameters import (
     within,
     word_of,
 )
-from optimisation.extremes import usable_force
 from optimisation.measures import (
     ACCELERATION,
     DAMAGE,
@@ -53,6 +52,7 @@ from optimisation.measures import (
     measure_of,
 )
 from optimisation.space import MASS_RATIO, Design
+from optimisation.sweep_range import usable_force
 
 Array = NDArray[np.float64]
 WORST = "worst"

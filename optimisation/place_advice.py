@@ -37,7 +37,6 @@ from impact_env.scene import Scene
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_friction
 from optimisation.bounds import design_gap, gap_unit, reach, resonance_limit
 from optimisation.contact import YieldLimit
-from optimisation.extremes import usable_gap, usable_mass_ratio, usable_rate
 from optimisation.gap_advice import (
     MEMBERS,
     MOST_TOLERANCE,
@@ -69,7 +68,13 @@ from optimisation.place_map import (
     shortlist,
 )
 from optimisation.statistics import Prediction, predict
-from optimisation.sweep_range import find_common_range, find_reading_ratios
+from optimisation.sweep_range import (
+    find_common_range,
+    find_reading_ratios,
+    usable_gap,
+    usable_mass_ratio,
+    usable_rate,
+)
 from optimisation.tolerances import SURE as SURE
 
 Array = NDArray[np.float64]

@@ -32,9 +32,9 @@ from impact_env.plain_structures import read_structure_nodes, read_structure_sha
 from impact_env.structures.matrix_files import FREEDOM_NAMES, read_coordinates
 from impact_env.structures.universal import require_global_directions
 from optimisation.bounds import NEAR
-from optimisation.extremes import LEAST_GAP, usable_force, usable_mass_ratio
 from optimisation.gap_advice import expected_factor
 from optimisation.mounting import model_with_absorber_at, with_response_point
+from optimisation.sweep_range import LEAST_GAP, usable_force, usable_mass_ratio
 
 Array = NDArray[np.float64]
 BEAM_PLACES = 40  # evenly over a beam's length

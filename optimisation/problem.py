@@ -34,7 +34,6 @@ from impact_env.parameters import (
 from impact_env.scene import Scene
 from impact_env.solvers import check_load, kernel_key
 from optimisation.bounds import design_force
-from optimisation.extremes import sweep_ratio, usable_rate
 from optimisation.measures import (
     DAMAGE,
     DECAY,
@@ -64,6 +63,7 @@ from optimisation.space import (
     parts_of,
 )
 from optimisation.statistics import standard_error
+from optimisation.sweep_range import sweep_ratio, usable_rate
 from optimisation.tuned import require_wide_range
 from optimisation.uncertain import (
     FORCE,
@@ -292,7 +292,7 @@ class Problem:
         return default_rate(self.model, [condition.resonance for condition in self.conditions])
 
     def sweep_ratio(self, condition: Condition) -> float:
-        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.extremes`; NaN of loads."""
+        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.sweep_range`; NaN of loads."""
         if condition.loads is not None:
             return math.nan
         return sweep_ratio(self.model, self.rate, condition.resonance, condition.limits)

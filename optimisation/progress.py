@@ -1,12 +1,21 @@
-"""Progress of the commands: bars on a terminal, and lines where there is none."""
+"""How long the runs of a command will take, by a short run before they begin, and how far they are: bars on a terminal, or lines."""
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from typing import Any
 
+import click
 from tqdm import tqdm
+
+from impact_env.drive import Drive, constant_frequency
+from impact_env.ensemble import Lane, available_cores
+from impact_env.loads import Loads
+from impact_env.scene import Scene
+from impact_env.sweep import simulate
+from optimisation.measures import measured
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}, {remaining} left]"
 UNIT_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} left]{postfix}"
@@ -77,3 +86,90 @@ def sweeps_bar(
 def runs_bar(label: str) -> AbstractContextManager[Callable[[int, int], None]]:
     """Give a `counting_bar` of runs that leaves no trace."""
     return counting_bar(label, "runs", leave=False)
+
+
+LONG_S = 20.0  # from here on a command says how long it will take
+PROBE_PERIODS = 50.0  # of a run that is timed: milliseconds
+COARSER = 10.0  # times the rate: of the answer that comes first where a command takes long
+COARSE_PERIODS = 200.0  # of a sweep, at least, for such an answer
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRuns:
+    """A ``number`` of runs of a scene: sweeps near a resonance under about one ``force`` in N, of so many pseudo ``periods`` each."""
+
+    scene: Scene
+    force: float
+    resonance: int
+    periods: float
+    number: float
+
+
+def seconds_per_period(scene: Scene, force: float, resonance: int) -> float:
+    """Return the time in s that a pseudo period takes under a force in N at a resonance, without compilation: the shorter of two runs."""
+    schedule = constant_frequency(scene.model.resonance_omega(resonance), 1.0, PROBE_PERIODS)
+    return min(simulate(scene, Drive(force, schedule)).wall_time for _ in "12") / PROBE_PERIODS
+
+
+def duration_in_words(seconds: float) -> str:
+    """Return a time in s, min, h or days with two digits."""
+    for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * size:
+            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
+    return f"{float(f'{seconds:.2g}'):g} s"
+
+
+def announce_duration(
+    scene: Scene, force: float, resonance: int, periods: float, runs: int, threads: int | None
+) -> float:
+    """Return about how long so many runs take in s, and print it on standard error where it is long; ``periods``: pseudo periods of a run."""
+    return announce_runs([PlannedRuns(scene, force, resonance, periods, runs)], threads)
+
+
+def announce_runs(
+    planned: Sequence[PlannedRuns], threads: int | None, how: str = "A higher --rate takes less."
+) -> float:
+    """Return about how long runs take in s, and print it on standard error where it is long; ``how`` it takes less, in words.
+
+    The run that is timed has fewer impacts than a whole sweep may have: within a factor of about three.
+    """
+    number = sum(one.number for one in planned)
+    cores = max(1.0, min(threads or available_cores(), number))
+    seconds = sum(
+        one.number * one.periods * seconds_per_period(one.scene, one.force, one.resonance)
+        for one in planned
+    )
+    periods = max((one.periods for one in planned), default=0.0)
+    _announce(seconds / cores, round(number), f" of up to {periods:,.0f} pseudo periods", how)
+    return seconds / cores
+
+
+def announce_load_runs(scene: Scene, loads: Loads, runs: int, threads: int | None) -> float:
+    """Return about how long ``runs`` of a scene under loads take in s, and print it on standard error where it is long: one of them is timed."""
+    lane = Lane(scene, loads, steady_start=True)
+    started = time.perf_counter()
+    measured(lane)
+    seconds = time.perf_counter() - started
+    if seconds > 1.0:  # it may have been the compilation
+        started = time.perf_counter()
+        measured(lane)
+        seconds = time.perf_counter() - started
+    total = runs * seconds / max(1, min(threads or available_cores(), runs))
+    _announce(total, runs, f" of {loads.parts[0].duration:.4g} s", "Fewer --members take less.")
+    return total
+
+
+def _announce(seconds: float, number: int, size: str, how: str) -> None:
+    """Print a duration on standard error where it is long."""
+    if seconds <= LONG_S:
+        return
+    runs = f"{number:,} runs" if number > 1 else "one run"
+    click.echo(
+        f"About {duration_in_words(seconds)}, within a factor of three: {runs}{size}. {how}",
+        err=True,
+    )
+
+
+def announce_coarse(words: str) -> None:
+    """Print the answer that fast runs give before the others begin, on standard error."""
+    click.echo(f"Coarse answer, of single runs {COARSER:g} times as fast: {words}", err=True)

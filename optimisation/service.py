@@ -20,7 +20,7 @@ from impact_env.modes import Structure, modal_model
 from impact_env.parameters import count
 from impact_env.results import Record
 from impact_env.sweep import simulate
-from optimisation.baselines import Baselines, simulate_baselines
+from optimisation.absorber_rules import Baselines, simulate_baselines
 from optimisation.gap_advice import Advice, Answer
 from optimisation.insight import REPORT_SEEDS, levels, over_force
 from optimisation.measures import (

@@ -51,8 +51,8 @@ from impact_env.parameters import (
 from impact_env.scene import Scene
 from optimisation.absorber_rules import PAPER_FRICTION, scaled_friction
 from optimisation.bounds import free_amplitude, gap_unit
-from optimisation.extremes import usable_mass_ratio
 from optimisation.mounting import model_with_absorber_at, scene_on
+from optimisation.sweep_range import usable_mass_ratio
 
 IMPACT = "impact"
 FRICTION = "friction"

@@ -26,7 +26,6 @@ from impact_env.parameters import (
 )
 from impact_env.plain import from_scene
 from impact_env.scene import Scene
-from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
 from optimisation.calibration.admission import require_plausible
 from optimisation.calibration.alternatives import list_alternatives
 from optimisation.calibration.inference import (
@@ -53,7 +52,7 @@ from optimisation.calibration.simulation import Simulator
 from optimisation.checkpoint import Checkpoint
 from optimisation.mounting import model_with_absorber_at
 from optimisation.report.calibration_report import list_warnings, make_report
-from optimisation.report.report import Report
+from optimisation.report.report import CompleteAnswer, Json, Report, Stages, silent_stages
 
 Array = NDArray[np.float64]
 NEVER = "never"

@@ -13,7 +13,6 @@ from impact_env.modes import Structure
 from impact_env.parameters import Beam, instance, require
 from impact_env.scene import Scene
 from optimisation import comparison as concepts
-from optimisation.answers.complete import CompleteAnswer
 from optimisation.comparison import (
     IMPACT,
     LTVA_PAPER_WIDE,
@@ -32,7 +31,7 @@ from optimisation.frequency_levels import (
 from optimisation.load_cases import AppliedLoads
 from optimisation.mounting import model_with_absorber_at
 from optimisation.report.comparison_report import make_load_report, make_report
-from optimisation.report.report import Report
+from optimisation.report.report import CompleteAnswer, Report
 from optimisation.service import ImpactLoads, impact_loads
 
 WITH_LOADS = ("mass_ratio", "gap", "forces", "members", "seed")  # options of `compare`

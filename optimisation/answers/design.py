@@ -9,8 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from impact_env.ensemble import Executor, Lane, LaneProgress, Threads, run_lanes
-from optimisation.answers.complete import CompleteAnswer, silent_stages
-from optimisation.baselines import Baselines, simulate_baselines
+from optimisation.absorber_rules import Baselines, simulate_baselines
 from optimisation.frequency_levels import (
     NO_ABSORBER,
     ResonanceCurves,
@@ -30,7 +29,7 @@ from optimisation.insight import (
 )
 from optimisation.objectives import Condition
 from optimisation.report.design_report import make_report
-from optimisation.report.report import Report
+from optimisation.report.report import CompleteAnswer, Report, silent_stages
 from optimisation.search.judge import SearchResult
 from optimisation.search.settings import FAST
 from optimisation.service import DRAWS, FEW, service

@@ -14,7 +14,6 @@ from impact_env.plain import from_disk
 from impact_env.sectors import SectorResponse
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import Watcher
-from optimisation.answers.complete import CompleteAnswer, Json
 from optimisation.disk_levels import (
     DiskComparisonLevels,
     DiskGapChoice,
@@ -32,7 +31,7 @@ from optimisation.disks import (
 )
 from optimisation.report import disk_report
 from optimisation.report.disk_levels_report import make_comparison_report, make_gap_report
-from optimisation.report.report import Report
+from optimisation.report.report import CompleteAnswer, Json, Report
 
 
 @dataclass(frozen=True, eq=False)

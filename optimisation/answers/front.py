@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from optimisation.answers.complete import CompleteAnswer
 from optimisation.report.front_report import make_report
-from optimisation.report.report import Report
+from optimisation.report.report import CompleteAnswer, Report
 from optimisation.search.pareto import Front
 
 

@@ -26,10 +26,8 @@ from impact_env.parameters import (
     require,
 )
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_absorber
-from optimisation.answers.complete import CompleteAnswer, Json, Stages, silent_stages
 from optimisation.calibration.posterior import Posterior, read_posterior
 from optimisation.contact import MaterialPair, check_contact
-from optimisation.extremes import usable_force
 from optimisation.frequency_levels import (
     NO_ABSORBER,
     RECOMMENDED,
@@ -58,9 +56,19 @@ from optimisation.report.precision_report import (
     tolerance_lines,
     tolerance_rows,
 )
-from optimisation.report.report import Chart, Draw, Group, Report
+from optimisation.report.report import (
+    Chart,
+    CompleteAnswer,
+    Draw,
+    Group,
+    Json,
+    Report,
+    Stages,
+    silent_stages,
+)
 from optimisation.service import ServiceLoads, change_with_modes, service_loads, uncertain_levels
 from optimisation.sobol import Sensitivity, device_box, device_sensitivity
+from optimisation.sweep_range import usable_force
 from optimisation.tolerances import (
     DRAWS_ALONE,
     DRAWS_CHECKED,

@@ -8,8 +8,7 @@ from typing import Any
 
 from impact_env.ensemble import Executor, Threads
 from impact_env.modes import Structure
-from optimisation.answers.complete import CompleteAnswer, Json
-from optimisation.baselines import simulate_baselines
+from optimisation.absorber_rules import simulate_baselines
 from optimisation.contact import MaterialPair
 from optimisation.frequency_levels import (
     NO_ABSORBER,
@@ -24,7 +23,7 @@ from optimisation.mounting import device_scene
 from optimisation.place_advice import PlaceAdvice, advise_place
 from optimisation.place_map import find_places
 from optimisation.report.place_report import PlaceService, make_report
-from optimisation.report.report import Report
+from optimisation.report.report import CompleteAnswer, Json, Report
 from optimisation.service import impact_loads
 
 

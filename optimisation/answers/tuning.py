@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from impact_env.loads import Loads
 from impact_env.modes import Structure
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, instance
-from optimisation.answers.complete import CompleteAnswer
 from optimisation.mounting import model_with_absorber_at
 from optimisation.report.comparison_report import make_tuned_report
-from optimisation.report.report import Report
+from optimisation.report.report import CompleteAnswer, Report
 from optimisation.report.tuning_report import Tuning, TuningTable, make_report, tuning_table
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.under_loads import TunedUnder, tuned_under

@@ -36,17 +36,18 @@ from optimisation.cli.options import (
 from optimisation.files import (
     HISTORY_FORMATS,
     STANDARD_OUTPUT,
+    fill,
     is_writable,
     json_to,
+    require_markers,
     require_writable,
     write_files,
 )
 from optimisation.machine import conditions, sources
-from optimisation.page import fill, require_markers
 from optimisation.report.report import Report, list_named_files, render_text
 
 if TYPE_CHECKING:
-    from optimisation.answers.complete import CompleteAnswer
+    from optimisation.report.report import CompleteAnswer
 
 INTERRUPTED = 130  # the shell's exit code after Ctrl-C
 

@@ -42,23 +42,23 @@ from optimisation.comparison import (
     compare,
     compare_loads,
 )
-from optimisation.duration import (
+from optimisation.executors import executor as executor_on
+from optimisation.executors import workers
+from optimisation.load_cases import AppliedLoads
+from optimisation.machine import installed, peak_memory
+from optimisation.measures import design_gap_for
+from optimisation.mounting import model_with_absorber_at
+from optimisation.progress import (
     COARSER,
     LONG_S,
     PlannedRuns,
     announce_coarse,
     announce_load_runs,
     announce_runs,
+    stages_bar,
+    sweeps_bar,
 )
-from optimisation.executors import executor as executor_on
-from optimisation.executors import workers
-from optimisation.extremes import usable_mass_ratio
-from optimisation.load_cases import AppliedLoads
-from optimisation.machine import installed, peak_memory
-from optimisation.measures import design_gap_for
-from optimisation.mounting import model_with_absorber_at
-from optimisation.progress import stages_bar, sweeps_bar
-from optimisation.sweep_range import find_sweep_range
+from optimisation.sweep_range import find_sweep_range, usable_mass_ratio
 
 QUICK_FORCES = 10
 QUICK_MEMBERS = 2

@@ -21,7 +21,6 @@ from impact_env.parameters import (
 )
 from impact_env.scene import Scene
 from optimisation.absorber_rules import rigid_walls, scaled_absorber
-from optimisation.answers.complete import Stages
 from optimisation.answers.gap import (
     SOBOL_SAMPLES,
     TOLERANCE_DRAWS,
@@ -36,17 +35,8 @@ from optimisation.cli import common, disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.options import number, option, switch
 from optimisation.contact import check_contact
-from optimisation.duration import (
-    COARSE_PERIODS,
-    COARSER,
-    LONG_S,
-    announce_coarse,
-    announce_duration,
-    announce_load_runs,
-)
 from optimisation.executors import executor as executor_on
 from optimisation.executors import workers
-from optimisation.extremes import usable_force, usable_gap, usable_rate
 from optimisation.gap_advice import (
     CANDIDATES,
     MEMBERS,
@@ -59,8 +49,18 @@ from optimisation.gap_advice import (
 from optimisation.gap_search import CHECK_MEMBERS, PAIRS
 from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
-from optimisation.progress import runs_bar, sweeps_bar
-from optimisation.sweep_range import find_sweep_range
+from optimisation.progress import (
+    COARSE_PERIODS,
+    COARSER,
+    LONG_S,
+    announce_coarse,
+    announce_duration,
+    announce_load_runs,
+    runs_bar,
+    sweeps_bar,
+)
+from optimisation.report.report import Stages
+from optimisation.sweep_range import find_sweep_range, usable_force, usable_gap, usable_rate
 from optimisation.tolerances import (
     DRAWS_ALONE,
     DRAWS_CHECKED,

@@ -28,9 +28,7 @@ from optimisation.cli.common import (
 )
 from optimisation.cli.options import option
 from optimisation.comparison import RESONANCES
-from optimisation.duration import COARSER, LONG_S, PlannedRuns, announce_coarse, announce_runs
 from optimisation.executors import workers
-from optimisation.extremes import usable_rate
 from optimisation.files import write_files
 from optimisation.frequency_levels import (
     NO_ABSORBER,
@@ -39,11 +37,18 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import GapCheck, check_gap
-from optimisation.progress import runs_bar
+from optimisation.progress import (
+    COARSER,
+    LONG_S,
+    PlannedRuns,
+    announce_coarse,
+    announce_runs,
+    runs_bar,
+)
 from optimisation.report.figures import draw_charts
 from optimisation.report.frequency_report import frequency_charts
 from optimisation.report.report import Column, Record, Table, write_drawing
-from optimisation.sweep_range import find_reading_ratios, find_sweep_range, is_at_end
+from optimisation.sweep_range import find_reading_ratios, find_sweep_range, is_at_end, usable_rate
 
 MARKER = "masses"
 RATIOS = (0.01, 0.02, 0.05, 0.1)

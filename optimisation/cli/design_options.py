@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.ensemble import available_cores
+from impact_env.ensemble import Executor, available_cores
 from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
@@ -27,7 +27,15 @@ from optimisation.comparison import RESONANCES
 from optimisation.machine import conditions, peak_memory
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
-from optimisation.problem import Problem
+from optimisation.problem import Problem, evaluate
+from optimisation.progress import (
+    COARSER,
+    LONG_S,
+    PlannedRuns,
+    announce_coarse,
+    announce_load_runs,
+    announce_runs,
+)
 from optimisation.space import (
     DEFAULT_FREE,
     FRICTION_LIMIT,
@@ -332,3 +340,52 @@ def conditions_of(options: StudyOptions) -> dict[str, object]:
 def journal_of(options: StudyOptions, folder: Path) -> Path:
     """Return the file named by --study, or the folder's own: a quick look has one for itself, as it is another study."""
     return options.study or folder / ("quick.journal" if options.quick else "study.journal")
+
+
+LESS = "--quick, fewer --designs or --members take less."
+
+
+def announce_search(
+    problem: Problem,
+    designs: float,
+    threads: int | None,
+    cluster: str | None,
+    executor: Executor,
+) -> None:
+    """Print how long a search takes where it is long, and the value of the rule's design by single fast runs.
+
+    ``designs``: how many are run with all members at the problem's rate. Workers of a cluster are not timed.
+    """
+    if cluster is not None:
+        return
+    rule = problem.space.default
+    chunks = problem.chunks(rule, problem.ensemble[:1], problem.rate)
+    if problem.under_loads:
+        lane = chunks[0].lanes[0]
+        number = round(designs * problem.members * len(problem.conditions))
+        seconds = announce_load_runs(lane.scene, lane.drive, number, threads)
+        rate = problem.rate
+    else:
+        planned = [
+            PlannedRuns(
+                chunk.lanes[0].scene,
+                condition.force,
+                condition.resonance,
+                chunk.lanes[0].drive.schedule.periods,
+                2 * designs * problem.members,
+            )
+            for condition, chunk in zip(problem.conditions, chunks, strict=True)
+        ]
+        seconds = announce_runs(planned, threads, LESS)
+        rate = COARSER * problem.rate
+    if seconds <= LONG_S:
+        return
+    few = problem.ensemble[:1]
+    ((_, measured),) = evaluate(problem, [rule], few, rate, executor)
+    score = problem.score(rule, measured, few, rate)
+    if not score.failed:
+        values = "; ".join(
+            f"{objective.label} {value:.3g}"
+            for objective, value in zip(problem.objectives, score.values, strict=True)
+        )
+        announce_coarse(f"the design rule's device has {values}.")

@@ -10,6 +10,7 @@ import click
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
 from optimisation.answers.front import FrontAnswer
+from optimisation.checkpoint import check_study_file
 from optimisation.cli import design_options as design
 from optimisation.cli.common import (
     AnswerFiles,
@@ -19,14 +20,13 @@ from optimisation.cli.common import (
     name_files,
     plain_errors,
 )
+from optimisation.cli.design_options import announce_search
 from optimisation.cli.options import OptionSpec, at_least, number, option
 from optimisation.cli.scene_options import SummaryOptions, is_option_set, refuse_with_load
-from optimisation.cli.search_duration import announce_search
 from optimisation.executors import executor as executor_on
 from optimisation.objectives import Objective
 from optimisation.problem import Problem
 from optimisation.search import pareto as fronts
-from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import CMA, SAMPLERS, default_settings
 from optimisation.space import FRICTION_LIMIT, GAP, IMPACT
 

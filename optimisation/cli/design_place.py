@@ -10,9 +10,7 @@ from optimisation.answers.place import complete_place_answer
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.options import option
-from optimisation.duration import LONG_S, duration_in_words, seconds_per_period
 from optimisation.executors import executor as executor_on
-from optimisation.extremes import usable_force
 from optimisation.gap_advice import MEMBERS, TOLERANCE
 from optimisation.place_advice import (
     MASS_RATIOS,
@@ -22,7 +20,8 @@ from optimisation.place_advice import (
     advise_place,
 )
 from optimisation.place_map import BEAM_PLACES, find_places
-from optimisation.progress import sweeps_bar
+from optimisation.progress import LONG_S, duration_in_words, seconds_per_period, sweeps_bar
+from optimisation.sweep_range import usable_force
 
 QUICK_TRIAL_PLACES = 3  # places of each mass
 QUICK_MEMBERS = 1

@@ -18,6 +18,7 @@ from optimisation.answers.design import (
     run_around_winner,
     run_baselines,
 )
+from optimisation.checkpoint import check_study_file
 from optimisation.cli import design_options as design
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
@@ -28,8 +29,8 @@ from optimisation.cli.common import (
     name_files,
     plain_errors,
 )
+from optimisation.cli.design_options import announce_search
 from optimisation.cli.options import OptionSpec, at_least, number, option, switch
-from optimisation.cli.search_duration import announce_search
 from optimisation.executors import executor as executor_on
 from optimisation.files import require_writable
 from optimisation.frequency_levels import ResonanceCurves, WorstRun
@@ -38,7 +39,6 @@ from optimisation.problem import Problem
 from optimisation.progress import runs_bar
 from optimisation.search.find import BARS, SearchOptions, find
 from optimisation.search.judge import AUDITED, SearchResult
-from optimisation.search.run_cache import check_study_file
 from optimisation.search.settings import GP, SAMPLERS, SCIPY, default_settings
 from optimisation.search.smooth import MEMBERS as SMOOTH_MEMBERS
 from optimisation.space import IMPACT, VARIABLES

@@ -17,9 +17,8 @@ from optimisation.disk_levels import (
     count_gap_runs,
     disk_case,
 )
-from optimisation.duration import PlannedRuns, announce_runs
 from optimisation.executors import executor as executor_on
-from optimisation.progress import sweeps_bar
+from optimisation.progress import PlannedRuns, announce_runs, sweeps_bar
 
 if TYPE_CHECKING:
     from optimisation.cli.compare import CompareOptions

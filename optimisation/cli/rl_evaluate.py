@@ -15,9 +15,8 @@ from impact_env.extras import DISTRIBUTION
 from impact_env.parameters import require
 from optimisation.cli.common import check_target, check_targets, command, plain_errors
 from optimisation.cli.options import OptionSpec, at_least, option
-from optimisation.files import write_csv, write_files
+from optimisation.files import DOCS, ROOT, fill, markdown, require_markers, write_csv, write_files
 from optimisation.machine import installed
-from optimisation.page import DOCS, ROOT, fill, markdown, require_markers
 from optimisation.progress import Bar
 from optimisation.rl.agents import Agent, load_agent, shipped
 from optimisation.rl.families import RandomPolicy

@@ -54,9 +54,9 @@ from optimisation.cli.options import (
     option_values,
 )
 from optimisation.contact import ALLOWED, YIELD_PRESSURE, YieldLimit, check_contact
-from optimisation.extremes import usable_mass_ratio
 from optimisation.gap_advice import Limits
 from optimisation.mounting import model_with_absorber_at
+from optimisation.sweep_range import usable_mass_ratio
 from optimisation.tuned import minimax
 
 structure_option = TABLE["structure"]

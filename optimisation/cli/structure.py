@@ -22,9 +22,8 @@ from optimisation.cli.common import (
 )
 from optimisation.cli.options import FILE, OptionSpec, file_spec, option
 from optimisation.cli.scene_options import read_structure
-from optimisation.files import write_files
+from optimisation.files import markdown, write_files
 from optimisation.mounting import model_with_absorber_at
-from optimisation.page import markdown
 from optimisation.report.figures import save_structure
 from optimisation.report.report import Column, Table
 

@@ -41,17 +41,15 @@ from optimisation.cli.common import (
 )
 from optimisation.cli.options import FIGURES, OptionSpec, number, option, option_values, switch
 from optimisation.disks import find_disk_range, find_excited_resonance, force_of
-from optimisation.duration import announce_duration
 from optimisation.executors import workers
-from optimisation.extremes import sweep_ratio
 from optimisation.files import write_files
 from optimisation.machine import Timed
 from optimisation.measures import SAMPLES, check_size, stress_shape
-from optimisation.progress import Bar
+from optimisation.progress import Bar, announce_duration
 from optimisation.report.report import Report, list_named_files, render_text
 from optimisation.report.sweep_report import SweepResult, make_sweep_report
 from optimisation.signals import SignalOptions
-from optimisation.sweep_range import find_sweep_range
+from optimisation.sweep_range import find_sweep_range, sweep_ratio
 
 FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 REST = "rest"

@@ -25,7 +25,6 @@ from optimisation.comparison import (
     LoadComparison,
     ResonanceComparison,
 )
-from optimisation.extremes import LEAST_RATIO
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
 from optimisation.load_cases import Reading
@@ -54,7 +53,7 @@ from optimisation.report.report import (
 )
 from optimisation.service import EFFECTIVE_RATIO, ImpactLoads, contiguous_range
 from optimisation.statistics import prediction_band, prediction_interval
-from optimisation.sweep_range import find_reading_ratios, is_at_end, reading_in_words
+from optimisation.sweep_range import LEAST_RATIO, find_reading_ratios, is_at_end, reading_in_words
 from optimisation.tuned.under_loads import TunedUnder
 
 Array = NDArray[np.float64]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimisation.bounds import reduction_share
-from optimisation.extremes import LEAST_RATIO
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
 from optimisation.insight import Levels, stationary_limit
@@ -57,7 +56,7 @@ from optimisation.search.settings import Evaluated
 from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
 from optimisation.space import MASS_RATIO, VARIABLES, parts_of
 from optimisation.statistics import COVERED, PREDICTED, Branches, Gain, branches
-from optimisation.sweep_range import is_at_end, reading_in_words
+from optimisation.sweep_range import LEAST_RATIO, is_at_end, reading_in_words
 
 MM = 1e3
 WINNER = "winner"

@@ -12,7 +12,6 @@ import numpy as np
 from impact_env.modes import ModalModel
 from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.contact import estimate, meeting_mass, reaches_beyond
-from optimisation.extremes import LEAST_RATIO
 from optimisation.files import numbers
 from optimisation.gap_advice import Advice, Answer
 from optimisation.report.figures import (
@@ -43,7 +42,7 @@ from optimisation.report.report import (
     show_span,
 )
 from optimisation.service import UNCERTAIN_DRAWS, ServiceLoads
-from optimisation.sweep_range import is_at_end
+from optimisation.sweep_range import LEAST_RATIO, is_at_end
 from optimisation.uncertain import Distribution, plain
 
 if TYPE_CHECKING:

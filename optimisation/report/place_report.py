@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from impact_env.modes import mode_shapes
 from impact_env.parameters import Beam
-from optimisation.baselines import Baselines
+from optimisation.absorber_rules import Baselines
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
 from optimisation.place_advice import (

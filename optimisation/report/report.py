@@ -1,7 +1,7 @@
 """An answer's content, `Report`, and its forms: text, JSON, CSV, Markdown, figures, and an HTML page, the card, with curves.
 
-The HTML requests nothing: its policy forbids it. Its curves are drawn by the script of the explorer's page, which it contains
-with uPlot, and printed as vectors.
+`CompleteAnswer` offers these forms to Python. The HTML requests nothing: its policy forbids it. Its curves are drawn by the script of the
+explorer's page, which it contains with uPlot, and printed as vectors.
 """
 
 from __future__ import annotations
@@ -10,23 +10,28 @@ import html
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from optimisation.files import replacing
-from optimisation.page import markdown
+from impact_env.ensemble import LaneProgress
+from impact_env.parameters import ParameterError
+from optimisation.files import markdown, replacing, require_writable, write_files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from impact_env.modes import ModalModel
     from impact_env.parameters import SlidingAbsorber
-    from optimisation.baselines import Baselines
+    from optimisation.absorber_rules import Baselines
+    from optimisation.frequency_levels import WorstRun
     from optimisation.service import ImpactLoads
+
 
 Json = dict[str, Any]
 Record = Mapping[str, Any]
@@ -511,3 +516,69 @@ def with_band(
 def between(low: float, high: float) -> str:
     """Return a range of forces in words."""
     return "at no force that is known" if math.isnan(low) else f"{low:.3g} to {high:.3g} N"
+
+
+# what is run and the number of runs, about; gives the progress of these runs
+Stages = Callable[[str, int], AbstractContextManager[LaneProgress | None]]
+
+
+@contextmanager
+def silent_stages(_label: str, _runs: int) -> Iterator[LaneProgress | None]:
+    """Give no progress."""
+    yield None
+
+
+class CompleteAnswer(ABC):
+    """An answer; `report` has its content, from which all forms are rendered."""
+
+    @abstractmethod
+    def make_report(self) -> Report:
+        """Return the content of the answer."""
+
+    @cached_property
+    def report(self) -> Report:
+        """The content of the answer: text, numbers, tables, figures and card."""
+        return self.make_report()
+
+    def __str__(self) -> str:
+        """Return what the command prints."""
+        return render_text(self.report)
+
+    def to_json(self) -> Json:
+        """Return the content of summary.json: plain data in SI units."""
+        numbers = self.report.numbers
+        assert isinstance(numbers, dict)
+        return numbers
+
+    def to_markdown(self) -> str:
+        """Return text and card as Markdown."""
+        return render_markdown(self.report)
+
+    def to_html(self) -> str:
+        """Return the card as one HTML page with curves, which requests nothing; raises ParameterError without a card."""
+        if not self.report.groups:
+            raise ParameterError("this answer has no card: it was left out, or does not exist here")
+        return render_html(self.report)
+
+    def plot(self) -> Figure:
+        """Return the answer's first figure, of matplotlib; raises ParameterError where nothing was run that could be drawn."""
+        for draw in self.report.figures.values():
+            return draw()
+        raise ParameterError("this answer has no figure: nothing was run that could be drawn")
+
+    def worst_run(self) -> WorstRun | None:
+        """Return the recorded run of the answer's device with the highest level; None where there is none."""
+        return None
+
+    def device_scene(self) -> Json | None:
+        """Return structure and recommended device as plain data, which other commands read by --scene; None without a device."""
+        return None
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Write summary, tables, figures and card into a folder, which is made if need be; return their paths.
+
+        Raises ParameterError if nothing can be written there.
+        """
+        folder = Path(folder)
+        require_writable("folder", folder)
+        return write_files(list_files(self.report, folder))

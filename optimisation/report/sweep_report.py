@@ -19,10 +19,10 @@ from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbs
 from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
 from optimisation.calibration.drawn_scenes import LevelBand
-from optimisation.extremes import LEAST_RATIO
 from optimisation.report.figures import MM, figure_of
 from optimisation.report.report import Report
 from optimisation.statistics import prediction_interval
+from optimisation.sweep_range import LEAST_RATIO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

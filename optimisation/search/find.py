@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from impact_env.ensemble import Executor, Threads
+from optimisation.checkpoint import RunCache, open_run_cache
 from optimisation.machine import SEARCHING, source_hash
 from optimisation.problem import Problem
 from optimisation.progress import Bar, runs_bar
@@ -32,7 +33,6 @@ from optimisation.search.judge import (
     verdict,
     with_repaired,
 )
-from optimisation.search.run_cache import RunCache, open_run_cache
 from optimisation.search.settings import (
     GP,
     NSGA2,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor, Members
 from impact_env.parameters import count, require
-from optimisation.baselines import Baselines
+from optimisation.absorber_rules import Baselines
 from optimisation.files import number
 from optimisation.insight import Levels, Sensitivity
 from optimisation.measures import LEVEL, LEVEL_RATIO

@@ -1,7 +1,7 @@
 """A study: batches of designs that a sampler proposes, run in one call each, and told in the order of their numbers.
 
 Nothing is told before the whole batch has been run, so that a proposal depends on whole batches only. A study lives in memory: a study that was
-stopped is replayed from its seed with the runs that a file holds (`optimisation.search.run_cache`), and so equals one that was never interrupted.
+stopped is replayed from its seed with the runs that a file holds (`optimisation.checkpoint`), and so equals one that was never interrupted.
 """
 
 import math

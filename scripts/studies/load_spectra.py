@@ -16,9 +16,9 @@ from impact_env.loads import Loads, Random, Shock
 from impact_env.parameters import Absorber, Beam, impact_absorber
 from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_force
+from optimisation.files import markdown
 from optimisation.load_cases import runs_of
 from optimisation.measures import SAMPLES
-from optimisation.page import markdown
 from optimisation.tuned.under_loads import expected_rms, tuned_for
 from studies.study import Array, Json
 

@@ -13,7 +13,7 @@ from typing import Any
 from click.testing import CliRunner
 
 from optimisation.cli.names import find_command, imported
-from optimisation.page import ROOT
+from optimisation.files import ROOT
 
 EXAMPLES = Path("docs", "examples")
 # a command or Python code and what it prints: all of it, or, where words stand behind ```text, the

@@ -26,9 +26,19 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.options import Command
-from optimisation.files import read_json, replacing, require_writable, write_csv, write_json
+from optimisation.files import (
+    DOCS,
+    fill,
+    has_markers,
+    markdown,
+    read_json,
+    replacing,
+    require_markers,
+    require_writable,
+    write_csv,
+    write_json,
+)
 from optimisation.machine import PACKAGES, conditions, sources
-from optimisation.page import DOCS, fill, has_markers, markdown, require_markers
 from optimisation.progress import BAR, Bar
 
 Json = dict[str, Any]

@@ -15,10 +15,10 @@ from impact_env.modes import modal_model
 from impact_env.parameters import Beam, ParameterError
 from impact_env.plain import load_structure
 from impact_env.plain_loads import read_loads
-from optimisation.answers.complete import CompleteAnswer
 from optimisation.answers.gap import GapAnswer
 from optimisation.answers.tuning import TuningAnswer
 from optimisation.gap_advice import Limits
+from optimisation.report.report import CompleteAnswer
 from optimisation.search.find import find
 from optimisation.tuned import den_hartog
 from optimisation.tuned.under_loads import TunedUnder

@@ -14,8 +14,7 @@ from design_studies import search_swept
 from impact_env import Beam, ModalModel, ParameterError, SlidingAbsorber, modal_model
 from impact_env.curve import performance_curve
 from impact_env.scene import Scene
-from optimisation.absorber_rules import scaled_absorber, scaled_friction
-from optimisation.baselines import find_best_damper
+from optimisation.absorber_rules import find_best_damper, scaled_absorber, scaled_friction
 from optimisation.bounds import free_amplitude
 from optimisation.contact import estimate, speed_for_pressure
 from optimisation.gap_advice import Advice, Limits

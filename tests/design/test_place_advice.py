@@ -24,7 +24,6 @@ from impact_env.plain_files import read_plain
 from impact_env.steady_start import find_steady_start
 from optimisation.bounds import design_gap, reach, resonance_limit
 from optimisation.contact import YieldLimit
-from optimisation.extremes import stationary_level
 from optimisation.frequency_levels import find_worst_run
 from optimisation.gap_advice import Limits
 from optimisation.mounting import model_with_absorber_at
@@ -39,6 +38,7 @@ from optimisation.place_advice import (
 from optimisation.place_map import expected_gap_and_share, find_places, map_places, shortlist
 from optimisation.report.place_report import place_with
 from optimisation.statistics import Prediction
+from optimisation.sweep_range import stationary_level
 from studies.cli import check_places
 
 SMALL = Beam(modes=2)

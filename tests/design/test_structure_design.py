@@ -24,11 +24,11 @@ from impact_env.steady_start import find_steady_start
 from impact_env.sweep import simulate
 from optimisation.bounds import design_force, near_range, resonance_limit
 from optimisation.cli import structure
-from optimisation.extremes import stationary_level, sweep_ratio
 from optimisation.mounting import detuned, model_with_absorber_at
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.space import design_space
+from optimisation.sweep_range import stationary_level, sweep_ratio
 from optimisation.tuned import den_hartog, minimax, peak
 
 LENGTH = 1.2

@@ -14,13 +14,12 @@ from places import ROOT, fresh
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.checkpoint import Checkpoint
+from optimisation.checkpoint import Checkpoint, key_of, open_run_cache
 from optimisation.machine import source_hash
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.find import SearchOptions, find, identity, searched
 from optimisation.search.judge import SearchResult
-from optimisation.search.run_cache import key_of, open_run_cache
 from optimisation.search.settings import Rung, SearchSettings
 from optimisation.search.study import DesignStudy
 from optimisation.space import design_space
@@ -226,7 +225,7 @@ def test_changed_sources_are_another_study(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.same_bits
 def test_key_is_the_same_in_another_process_and_differs_with_all_that_a_run_is_made_of() -> None:
-    code = "from design_studies import problem; from optimisation.search.run_cache import key_of\n"
+    code = "from design_studies import problem; from optimisation.checkpoint import key_of\n"
     code += "g = problem(); print(*map(key_of, g.chunks(g.space.default, g.ensemble, g.rate)))"
     other_process = fresh("-c", code, PYTHONHASHSEED=7).stdout.split()
     tested = problem()

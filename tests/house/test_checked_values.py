@@ -8,8 +8,8 @@ from types import ModuleType
 import pytest
 
 from impact_env import checks
-from optimisation import extremes
-from optimisation.page import ROOT
+from optimisation import sweep_range
+from optimisation.files import ROOT
 
 
 def returning_checks(module: ModuleType, prefix: str = "") -> frozenset[str]:
@@ -24,7 +24,7 @@ def returning_checks(module: ModuleType, prefix: str = "") -> frozenset[str]:
     )
 
 
-CHECKS = returning_checks(checks) | returning_checks(extremes, "usable_")
+CHECKS = returning_checks(checks) | returning_checks(sweep_range, "usable_")
 CHECKS |= {"check_resonance", "check_restitution", "frequency_range", "gap_factors", "span"}
 CHECKS |= {"known", "speeds"}  # of the environments' settings
 CHECKS -= {"text"}  # drawing libraries have methods of that name

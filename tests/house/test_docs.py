@@ -10,7 +10,7 @@ from impact_env.envs import ENVIRONMENTS
 from impact_env.laws import CONCEPTS
 from optimisation.cli.group import file_of, modules
 from optimisation.cli.names import REPRODUCE
-from optimisation.page import has_markers
+from optimisation.files import has_markers
 from studies.cli import command_table
 
 KERNELS = ROOT / "impact_env" / "kernels"

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
+from optimisation.files import ROOT
 from optimisation.machine import SEARCHING, source_hash
-from optimisation.page import ROOT
 
 
 @pytest.fixture

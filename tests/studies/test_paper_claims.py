@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import Beam, impact_absorber
 from impact_env.scene import beam_scene
-from optimisation.page import DOCS
+from optimisation.files import DOCS
 from studies.paper import basics, further, jump, modulation, smr
 from studies.paper.basics import compute_beam_numbers, compute_linear_numbers, compute_tuned_numbers
 from studies.paper.claim import REASONS, STATED, Claim, ClaimVerdict, judge_cases

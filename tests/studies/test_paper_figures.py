@@ -22,8 +22,7 @@ from impact_env.parameters import Beam, friction_damper, impact_absorber
 from impact_env.periodic.residence import Approach, hold
 from impact_env.scene import InitialState, Scene, beam_scene
 from impact_env.sweep import simulate
-from optimisation.files import read_json
-from optimisation.page import DOCS
+from optimisation.files import DOCS, read_json
 from studies.paper import basics, claim, conv, high_low, jump, m12, oprange, scat, second_mode, smr
 from studies.paper.account import simulate_window
 from studies.paper.claim import ClaimVerdict, judge_interval, judge_values

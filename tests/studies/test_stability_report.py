@@ -12,8 +12,7 @@ from commands import call
 
 from impact_env import Beam, modal_model
 from optimisation import executors, machine
-from optimisation.files import write_json
-from optimisation.page import DOCS
+from optimisation.files import DOCS, write_json
 from studies.cli import stability
 from studies.stability import cases, cells, checks, eigen, limits, tasks
 from studies.stability import soak as soaks

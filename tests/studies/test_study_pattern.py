@@ -15,9 +15,8 @@ from click.testing import CliRunner, Result
 
 import impact_env
 from impact_env import Beam, IntegrationError, modal_model
-from optimisation.files import read_json
+from optimisation.files import has_markers, read_json
 from optimisation.machine import sources
-from optimisation.page import has_markers
 from studies import study as pattern
 from studies.study import CsvTable, OutputPaths, Part, Study, make_rows_part
 

@@ -105,7 +105,6 @@ from optimisation.bounds import (
 )
 from optimisation.comparison import force_grid
 from optimisation.contact import estimate, material, meeting_mass
-from optimisation.extremes import stationary_level, sweep_ratio, usable_force, usable_mass_ratio
 from optimisation.gap_advice import gap_factors
 from optimisation.insight import neighbourhood, over_force, with_gaps
 from optimisation.mounting import detuned, model_with_absorber_at
@@ -113,6 +112,7 @@ from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.search.settings import Rung, SearchSettings
 from optimisation.space import Design, DesignSpace, Units, Variable, design_space
+from optimisation.sweep_range import stationary_level, sweep_ratio, usable_force, usable_mass_ratio
 from optimisation.tuned import peaks
 from optimisation.uncertain import spreads
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from impact_env import Beam, beam_scene
 from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import Lane, MemberKind, Members, draw_members, run_lanes
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.accuracy.cases import AccuracySettings, Cases, Row, kind_named, unique
 from studies.study import Array
 

@@ -17,7 +17,7 @@ from impact_env import Beam, Scene, beam_scene, linear_sweep, simulate
 from impact_env.ensemble import Members, draw_members
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
-from optimisation.page import markdown
+from optimisation.files import markdown
 from optimisation.report.figures import force_axis
 from studies.accuracy import cases as shared
 from studies.accuracy.cases import AccuracySettings, Cases, Row, SceneGroup

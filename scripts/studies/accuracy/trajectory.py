@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from impact_env import Drive, IntegrationError, simulate
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.accuracy import cases as shared
 from studies.accuracy.cases import AccuracyCase, AccuracySettings, Cases, Row, SceneGroup
 from studies.accuracy.event_driven import PeerFailedError, PeerRun, follow, scipy_integrator

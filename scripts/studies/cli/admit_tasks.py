@@ -14,8 +14,7 @@ from impact_env.envs.evaluation import bootstrap_interval
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import check_target, command
-from optimisation.files import read_json, write_json
-from optimisation.page import DOCS, fill, markdown, require_markers
+from optimisation.files import DOCS, fill, markdown, read_json, require_markers, write_json
 from optimisation.progress import Bar
 from optimisation.report.figures import BLACK, BLUE, ORANGE, figure_of, write_figure
 from optimisation.rl.agents import FINAL, find_agents

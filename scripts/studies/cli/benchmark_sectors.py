@@ -11,7 +11,7 @@ from impact_env import Drive, FrequencySchedule, Record, impact_absorber, simula
 from impact_env.scene import Scene
 from impact_env.structures.cyclic import ring_of_masses
 from optimisation.cli.common import command
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.study import Json, Study, add_table_options, make_table_paths, make_table_study, run
 
 NAME = "benchmark_sectors"

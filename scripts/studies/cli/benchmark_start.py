@@ -17,7 +17,7 @@ import click
 from impact_env.ensemble import available_cores
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import command
-from optimisation.page import ROOT
+from optimisation.files import ROOT
 from optimisation.progress import Bar
 from studies.study import (
     Json,

@@ -8,7 +8,7 @@ from impact_env.parameters import require
 from optimisation.cli.common import command, plain_errors
 from optimisation.cli.group import file_of, summary_of
 from optimisation.cli.names import HEADINGS, OLDER_NAMES, list_needs
-from optimisation.page import DOCS, fill
+from optimisation.files import DOCS, fill
 
 NAME = "command_table"
 PAGE = DOCS / "commands.md"

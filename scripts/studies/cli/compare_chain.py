@@ -15,7 +15,7 @@ import numpy as np
 
 from impact_env.sectors import participation_ratio
 from optimisation.cli.common import command
-from optimisation.page import DOCS, markdown
+from optimisation.files import DOCS, markdown
 from studies.blades.chain import (
     PERIODS,
     SAMPLES_PER_PERIOD,

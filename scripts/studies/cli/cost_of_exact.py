@@ -36,8 +36,8 @@ from impact_env.kernels.motion.search_block import (
 from impact_env.methods import Exact
 from impact_env.solvers import WINDOW_PERIODS, rigid_regimes
 from optimisation.cli.common import command
+from optimisation.files import markdown
 from optimisation.machine import Timed
-from optimisation.page import markdown
 from optimisation.progress import Bar
 from studies.cli.benchmark import CASES, START, SpeedCase
 from studies.study import Json, Study, add_table_options, make_table_paths, make_table_study, run

@@ -11,7 +11,7 @@ import click
 from matplotlib.figure import Figure
 
 from optimisation.cli.common import command
-from optimisation.page import published
+from optimisation.files import published
 from optimisation.report.figures import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import FULL, QUICK, AccuracySettings, Row, made_with

@@ -14,9 +14,8 @@ from impact_env.ensemble import Executor
 from optimisation.cli.common import cluster_option, command, plain_errors
 from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import executor
-from optimisation.files import require_writable
+from optimisation.files import markdown, published, require_writable
 from optimisation.machine import peak_memory
-from optimisation.page import markdown, published
 from optimisation.statistics import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES

@@ -19,8 +19,15 @@ from impact_env.envs.evaluation import (
 )
 from impact_env.parameters import ParameterError, require
 from optimisation.cli.common import check_target, command
-from optimisation.files import read_json, require_writable, write_csv
-from optimisation.page import DOCS, fill, markdown, require_markers
+from optimisation.files import (
+    DOCS,
+    fill,
+    markdown,
+    read_json,
+    require_markers,
+    require_writable,
+    write_csv,
+)
 from optimisation.progress import Bar
 from optimisation.report.figures import (
     BLACK,

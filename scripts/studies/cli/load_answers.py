@@ -27,7 +27,7 @@ from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law, imp
 from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_gap
 from optimisation.cli.common import command
-from optimisation.page import DOCS, markdown, published
+from optimisation.files import DOCS, markdown, published
 from optimisation.signals import band_levels
 from studies import load_spectra as spectra
 from studies.load_spectra import (

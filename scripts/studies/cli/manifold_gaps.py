@@ -13,8 +13,8 @@ from impact_env.periodic.case import case_of
 from impact_env.periodic.slow_manifold import manifold_gap
 from optimisation.absorber_rules import scaled_absorber
 from optimisation.cli.common import check_page, command, fill_page, page_option, plain_errors
+from optimisation.files import ROOT, markdown
 from optimisation.gap_advice import expected_factor
-from optimisation.page import ROOT, markdown
 from studies.structures import CASES, HARD_CASES
 
 SCAN = ROOT / "docs" / "which_gap.md"

@@ -19,7 +19,7 @@ from impact_env.envs.evaluation import (
 )
 from impact_env.extras import optional
 from optimisation.cli.common import command
-from optimisation.page import DOCS, markdown
+from optimisation.files import DOCS, markdown
 from studies.study import (
     Json,
     Measurement,

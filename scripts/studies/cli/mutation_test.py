@@ -21,7 +21,7 @@ import click
 from impact_env.kernels.compiling.cache import cache_folder
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import check_page, command, fill_page, page_option, plain_errors
-from optimisation.page import ROOT
+from optimisation.files import ROOT
 from studies.study import format_table
 
 FAULTS = ROOT / "tests" / "mutations.toml"

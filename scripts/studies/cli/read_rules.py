@@ -11,8 +11,7 @@ import numpy as np
 
 from impact_env.envs.evaluation import SEED_SPLITS, bootstrap_interval
 from optimisation.cli.common import check_target, command
-from optimisation.files import read_json, write_json
-from optimisation.page import DOCS, markdown
+from optimisation.files import DOCS, markdown, read_json, write_json
 from optimisation.progress import Bar
 from optimisation.report.figures import figure_of, write_figure
 from optimisation.rl.agents import load_agent

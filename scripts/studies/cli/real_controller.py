@@ -19,7 +19,7 @@ from impact_env.envs.evaluation import (
     play,
 )
 from optimisation.cli.common import command, plain_errors
-from optimisation.page import DOCS, markdown
+from optimisation.files import DOCS, markdown
 from optimisation.rl.agents import Agent, load_agent, shipped
 from optimisation.rl.rules import CONSTANT, EIGHT, env_of, policies
 from studies.study import (

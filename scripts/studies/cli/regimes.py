@@ -24,8 +24,8 @@ from optimisation.cli.scene_options import (
     structure_option,
 )
 from optimisation.executors import workers
+from optimisation.files import markdown, published
 from optimisation.machine import sources
-from optimisation.page import markdown, published
 from optimisation.report.figures import figure_of, write_figure
 from studies.regimes.measured import (
     RESPONSE,

@@ -25,9 +25,9 @@ from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.cli.common import cluster_option, command, plain_errors
 from optimisation.executors import executor
+from optimisation.files import DOCS, published
 from optimisation.machine import sources
 from optimisation.objectives import Condition, Constraint
-from optimisation.page import DOCS, published
 from optimisation.problem import Problem
 from optimisation.search.gaussian_process import model_search
 from optimisation.search.judge import (

@@ -15,8 +15,8 @@ import click
 
 from impact_env.sweep import IntegrationError
 from optimisation.cli.common import command
+from optimisation.files import DOCS, markdown, published
 from optimisation.machine import sources
-from optimisation.page import DOCS, markdown, published
 from studies.study import (
     CsvTable,
     Json,

@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from optimisation.cli.common import command
-from optimisation.page import DOCS, markdown
+from optimisation.files import DOCS, markdown
 from studies.blades.mistuned import (
     BARE,
     LAYOUTS,

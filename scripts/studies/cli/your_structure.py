@@ -13,9 +13,8 @@ import click
 
 from impact_env.parameters import ParameterError
 from optimisation.cli.common import command, plain_errors
-from optimisation.files import replacing
+from optimisation.files import ROOT, fill, has_markers, replacing
 from optimisation.machine import conditions, sources
-from optimisation.page import ROOT, fill, has_markers
 from optimisation.progress import BAR, Bar
 from studies.printed_blocks import find_blocks, run_source, select_paragraphs, write_files
 

@@ -29,8 +29,8 @@ from impact_env.periodic.harmonic_balance import PAPER_DAMPER
 from impact_env.periodic.residence import Approach, passage_schedule
 from impact_env.results import DEFAULT_SAMPLES, Record
 from optimisation.bounds import design_force
-from optimisation.extremes import sweep_ratio
-from optimisation.page import markdown
+from optimisation.files import markdown
+from optimisation.sweep_range import sweep_ratio
 from optimisation.tuned import (
     PAPER,
     den_hartog,

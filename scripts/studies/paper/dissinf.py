@@ -12,7 +12,7 @@ from impact_env import Moreau, Scene, beam_scene
 from impact_env.curve import BAND, quantiles
 from impact_env.ensemble import draw_members
 from impact_env.parameters import Absorber, Beam, RigidWalls, friction_damper, impact_absorber
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.paper import curve as performance
 from studies.paper.claim import (
     LITTLE,

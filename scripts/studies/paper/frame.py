@@ -19,8 +19,8 @@ from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
 from impact_env.ensemble import Executor, Lane, each_lane
 from impact_env.methods import Method
 from impact_env.periodic.residence import drop_unfinished
+from optimisation.files import markdown
 from optimisation.machine import sources
-from optimisation.page import markdown
 from optimisation.progress import sweeps_bar
 from optimisation.report.figures import write_figure
 from studies.paper.claim import Claim, compute_bands

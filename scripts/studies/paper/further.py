@@ -30,7 +30,7 @@ from impact_env.frequency import tip_response
 from impact_env.periodic.orbit import unpacked
 from impact_env.periodic.overview import exact_curves
 from impact_env.periodic.stationary import ResponseKind, classify_run
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.paper import high_low, jump
 from studies.paper.claim import (
     LITTLE,

@@ -25,7 +25,7 @@ from impact_env.periodic.harmonic_balance import PAPER_DAMPER
 from impact_env.periodic.isolas import find_thresholds
 from impact_env.periodic.residence import Approach, hold
 from impact_env.periodic.stationary import ResponseKind, Stationary, classify_run
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.paper.branches import HARMONICS, compute_balance, compute_responses, draw_responses
 from studies.paper.claim import (
     INFINITY,

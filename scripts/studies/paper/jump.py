@@ -33,7 +33,7 @@ from impact_env.periodic.residence import (
     stays,
 )
 from impact_env.results import DEFAULT_SAMPLES, Record
-from optimisation.page import markdown
+from optimisation.files import markdown
 from optimisation.progress import sweeps_bar
 from studies.paper.branches import compute_responses, draw_responses
 from studies.paper.claim import (

@@ -24,7 +24,7 @@ from optimisation.comparison import (
     concepts,
     force_grid,
 )
-from optimisation.page import markdown
+from optimisation.files import markdown
 from optimisation.report.design_figures import ORDINALS
 from optimisation.tuned import highest_amplitude
 from studies.paper.claim import (

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_env import Beam, CurveCase, beam_scene, impact_absorber
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.paper.claim import (
     SAME,
     Claim,

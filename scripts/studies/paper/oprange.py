@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from impact_env import Beam, Moreau, StuckAbsorber, beam_scene, impact_absorber
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.paper.claim import Claim, format_spread, make_claim
 from studies.paper.curve import (
     LevelCurve,

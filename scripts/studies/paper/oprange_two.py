@@ -16,7 +16,7 @@ from impact_env.curve import BAND, quantiles
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import draw_members
 from impact_env.periodic.overview import exact_curves, linear_curves
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.paper import curve as performance
 from studies.paper.branches import draw_linear
 from studies.paper.claim import Claim, format_spread, make_claim

@@ -26,7 +26,7 @@ from impact_env.methods import Exact, Method, Moreau
 from impact_env.periodic.stationary import modulation_depth
 from impact_env.phase_lag import phase_lag
 from impact_env.results import DEFAULT_SAMPLES
-from optimisation.page import markdown
+from optimisation.files import markdown
 from studies.paper.claim import (
     LEFT,
     Claim,
