@@ -39,7 +39,7 @@ MARKED = {
     "docs/method.md": ["benchmark_energies"],
     "docs/environments.md": ["speeds", "arguments"],
     "docs/which_gap.md": ["tunings"],
-    "docs/loads.md": ["loads_both", "loads_gravity", "loads_start"],
+    "docs/load_findings.md": ["loads_both", "loads_gravity", "loads_start"],
 }
 
 

@@ -117,7 +117,7 @@ def test_shocks_are_printed_and_drawn(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_the_command_from_runs_to_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     smaller(load_answers, monkeypatch, FACTORS=(0.8,), CASES={"cantilever": CASE})
-    page = tmp_path / "loads.md"
+    page = tmp_path / "load_findings.md"
     page.write_text(
         "".join(
             f"<!-- {part.name} -->\n<!-- /{part.name} -->\n" for part in load_answers.STUDY.parts

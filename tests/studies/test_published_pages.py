@@ -41,7 +41,7 @@ PUBLISHED: tuple[tuple[Study[Any], str, str], ...] = (
     (stability.STUDY, "methods.md", "methods"),
     (findings.STUDY, "findings.md", "findings"),
     (friction_branches.STUDY, "findings.md", "findings/friction_branches.json"),
-    (load_answers.STUDY, "loads.md", "."),
+    (load_answers.STUDY, "load_findings.md", "."),
     (memory_trial.STUDY, "real_controller.md", "real_controller"),
     (real_controller.STUDY, "real_controller.md", "real_controller"),
     (regimes.STUDY, "regimes.md", "regimes"),

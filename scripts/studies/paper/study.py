@@ -303,7 +303,7 @@ def format_summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
 
 
 def format_reasons(claims: Sequence[Claim]) -> str:
-    """Return the claims that do not simply hold by their kind of cause, those that do not hold first."""
+    """Return the claims that do not hold by their kind of cause, and folded those that hold within spread."""
     left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
     blocks = []
     for key, text in REASONS.items():
@@ -313,7 +313,14 @@ def format_reasons(claims: Sequence[Claim]) -> str:
         )
         if own:
             name, _, rest = text.partition(". ")
-            blocks.append(f"### {name}\n\n{rest}\n\n" + "\n".join(map(_format_left, own)))
+            lines = [(claim.verdict is ClaimVerdict.NOT, _format_left(claim)) for claim in own]
+            parts = [f"### {name}", rest]
+            if failed := "\n".join(line for does_not, line in lines if does_not):
+                parts.append(failed)
+            if spread := [line for does_not, line in lines if not does_not]:
+                title = f"Within spread ({len(spread)})"
+                parts.append(format_details(title, "\n".join(spread)))
+            blocks.append("\n\n".join(parts))
     return "\n\n".join(blocks)
 
 
