@@ -47,7 +47,7 @@ PLACES_A_CHUNK = 250  # places at a time
 GAP_SPAN = (0.4, 1.6)
 GAP_POINTS = 41
 # The level at the best gap of one resonance is about 1/(1 + SHARE_SLOPE reach) of that without absorber: a fit to the simulated structures of
-# docs/which_gap.md, from 0.8 to 1.3 times their levels.
+# docs/gap_method.md, from 0.8 to 1.3 times their levels.
 SHARE_SLOPE = 0.9
 CLIFF = 2.5  # exponent of the level over a gap that is too narrow
 NODAL = ("universal", "nastran", "ansys", "matrices")  # tables of files with shapes at all nodes

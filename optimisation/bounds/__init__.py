@@ -413,7 +413,7 @@ def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 
 def expected_factor(reach: float, damping: float) -> float:
     """Return the best gap over the rule's that simulations let expect, for free amplitude over the rule's gap and the resonance's damping ratio.
 
-    A fit, not a theory (docs/which_gap.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and above 1.2, times
+    A fit, not a theory (docs/gap_method.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and above 1.2, times
     (0.005/damping)^0.2 for a damping from 0.5 % down to 0.15 %.
     """
     if reach > LARGE_REACH:

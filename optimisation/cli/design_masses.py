@@ -83,7 +83,7 @@ class MassesOptions(scenes.DeviceOptions):
     plot: Path | None = option(
         "plot", help="Draw the level over the frequency with each mass at its best gap"
     )
-    page: Path | None = option(page_spec(MARKER, "docs/which_gap.md"))
+    page: Path | None = option(page_spec(MARKER, "docs/gap_method.md"))
 
     def arguments(self, executor: Executor | None) -> dict[str, Any]:
         """Return the arguments of `check_gap`."""

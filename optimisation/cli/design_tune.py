@@ -54,7 +54,7 @@ class TuneOptions(scenes.SummaryOptions, scenes.AbsorberOptions, scenes.BeamOpti
         more="They take a second for the first resonance and a minute for higher ones.",
     )
     out: Path = option("out", default=Path("results/design_tune"))
-    page: Path | None = option(page_spec(MARKER, "docs/which_gap.md"))
+    page: Path | None = option(page_spec(MARKER, "docs/gap_method.md"))
 
 
 def show_proofs(tunings: list[Tuning]) -> Iterable[Tuning]:

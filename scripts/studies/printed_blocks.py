@@ -17,7 +17,7 @@ from optimisation.files import ROOT
 
 EXAMPLES = Path("docs", "examples")
 # a command or Python code and what it prints: all of it, or, where words stand behind ```text, the
-# paragraphs that begin with one of them; several are separated by semicolons
+# paragraphs that begin with one of them, or the lines after "="; several are separated by semicolons
 BLOCK = re.compile(
     r"```(?P<language>sh|python)\n(?P<source>(?:(?!```).*\n)+?)```\n\n"
     r"```text(?P<starts>[^\n]*)\n(?P<printed>(?:(?!```).*\n)*?)```\n"
@@ -94,11 +94,22 @@ def run_source(language: str, source: str, names: dict[str, Any] | None = None) 
 
 
 def select_paragraphs(text: str, starts: tuple[str, ...]) -> str:
-    """Return the paragraphs of an output that begin with one of ``starts``, or all of them if there are none."""
+    """Return the paragraphs of an output that begin with one of ``starts``, or all of them if there are none.
+
+    Of a paragraph with lines that begin with a word after "=", such as "=Level", only these lines are returned.
+    """
     whole = "\n".join(line.rstrip() for line in text.strip().splitlines())
     if not starts:
         return whole
-    return "\n\n".join(part for part in whole.split("\n\n") if part.startswith(starts))
+    of_lines = tuple(start.removeprefix("=") for start in starts if start.startswith("="))
+    parts = []
+    for part in whole.split("\n\n"):
+        lines = [line for line in part.splitlines() if of_lines and line.startswith(of_lines)]
+        if part.startswith(tuple(start for start in starts if not start.startswith("="))):
+            parts.append(part)
+        elif lines:
+            parts.append("\n".join(lines))
+    return "\n\n".join(parts)
 
 
 def _pattern(line: str) -> str:

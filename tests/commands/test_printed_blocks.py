@@ -132,3 +132,5 @@ def test_a_block_of_a_page_is_read_with_the_files_it_needs(tmp_path: Path) -> No
     assert (tmp_path / "beam.toml").read_text() == "[beam]\nmodes = 2\n"
     assert (tmp_path / "docs" / "examples" / "arm.toml").is_file()
     assert select_paragraphs("mass 2 kg\n\nelse\n\nShapes", command.starts) == "mass 2 kg\n\nShapes"
+    output = "Answer\n  level 1 mm\n  of 3\n\nDevice\n  gap 2 mm"
+    assert select_paragraphs(output, ("=  level", "Device")) == "  level 1 mm\n\nDevice\n  gap 2 mm"

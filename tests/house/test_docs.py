@@ -38,7 +38,7 @@ MARKED = {
     "docs/internals/cost.md": ["cost"],
     "docs/method.md": ["benchmark_energies"],
     "docs/environments.md": ["speeds", "arguments"],
-    "docs/which_gap.md": ["tunings"],
+    "docs/gap_method.md": ["tunings"],
     "docs/load_findings.md": ["loads_both", "loads_gravity", "loads_start"],
 }
 

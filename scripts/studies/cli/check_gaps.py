@@ -273,7 +273,7 @@ def by_run_time(cases: Sequence[StructureCase]) -> tuple[StructureCase, ...]:
 @rate_option
 @threads_option
 @cluster_option
-@add_table_options(NAME, "docs/which_gap.md")
+@add_table_options(NAME, "docs/gap_method.md")
 def main(
     quick: bool, cluster: str | None, target: Path | None, page: Path | None, **options: Any
 ) -> None:

@@ -1,7 +1,7 @@
 """Print what friction does to the paper's impact absorber: levels and branches of the members, with 1, 0.5 and 0.2 % damping.
 
 On the paper's beam at 3.5 N near the first resonance, the paper's absorber otherwise; with less damping also a gap 1.4 times the rule's, where the
-rule's is too narrow (docs/which_gap.md). Levels are those of fresh members, relative to no absorber.
+rule's is too narrow (docs/gap_method.md). Levels are those of fresh members, relative to no absorber.
 """
 
 from functools import partial

@@ -1,4 +1,4 @@
-"""Compare the gap of the slow invariant manifold with the best gaps that scans found, on the structures of docs/which_gap.md."""
+"""Compare the gap of the slow invariant manifold with the best gaps that scans found, on the structures of docs/gap_method.md."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +17,7 @@ from optimisation.files import ROOT, markdown
 from optimisation.gap_advice import expected_factor
 from studies.structures import CASES, HARD_CASES
 
-SCAN = ROOT / "docs" / "which_gap.md"
+SCAN = ROOT / "docs" / "gap_method.md"
 FORCE = 1.0  # N; gap and friction are in proportion to it
 MARKER = "manifold_gaps"
 
