@@ -1,9 +1,9 @@
 """The main study: absorber concepts compared over the force, near two resonances (paper, section 6 and its last figure).
 
-All concepts have the same mass. The impact absorber and the friction damper have the paper's parameters, the linear tuned absorber
-(LTVA) has them too and stands beside a well-tuned one, since the paper's is mistuned (see `optimisation.tuned`). A well-tuned LTVA
-splits the resonance into two peaks that lie outside the paper's sweep, so both LTVAs are also swept over the wide range in which
-they are tuned: only there is the comparison a fair one.
+All concepts have the same mass. The impact absorber and the friction damper have the paper's parameters, the tuned absorber (the
+paper's LTVA) has them too and is compared with a well-tuned one, since the paper's is mistuned (see `optimisation.tuned`). A
+well-tuned absorber splits the resonance into two peaks that lie outside the paper's sweep, so both are also swept over the wide
+range for which they are tuned.
 
 Under other loads each concept is at its own best for the loads as they are: the tuned absorber by a simplex search
 (`optimisation.tuned.under_loads`), the impact absorber's gap and the friction damper's limit on a grid and between its points. They make smallest
@@ -102,7 +102,7 @@ LTVA_TUNED_WIDE = "ltva_tuned_wide"
 
 
 def concepts(model: ModalModel) -> tuple[Concept, ...]:
-    """Return the concepts with the paper's parameters; the well-tuned LTVA is tuned to the first resonance of ``model``."""
+    """Return the concepts with the paper's parameters; the well-tuned absorber is tuned to the first resonance of ``model``."""
     paper = TunedAbsorber()
     tuned = minimax(model)
     return (
@@ -111,10 +111,10 @@ def concepts(model: ModalModel) -> tuple[Concept, ...]:
             IMPACT, "impact absorber", impact_absorber(restitution=RESTITUTION, friction_limit=0.1)
         ),
         Concept(FRICTION, "friction damper", friction_damper()),
-        Concept(LTVA_PAPER, "LTVA, paper's values", paper),
-        Concept(LTVA_TUNED, "LTVA, well tuned", tuned),
-        Concept(LTVA_PAPER_WIDE, f"LTVA, paper's values, {WIDE}", paper, WIDE_LIMITS),
-        Concept(LTVA_TUNED_WIDE, f"LTVA, well tuned, {WIDE}", tuned, WIDE_LIMITS),
+        Concept(LTVA_PAPER, "tuned absorber, paper's values", paper),
+        Concept(LTVA_TUNED, "tuned absorber, well tuned", tuned),
+        Concept(LTVA_PAPER_WIDE, f"tuned absorber, paper's values, {WIDE}", paper, WIDE_LIMITS),
+        Concept(LTVA_TUNED_WIDE, f"tuned absorber, well tuned, {WIDE}", tuned, WIDE_LIMITS),
     )
 
 
@@ -129,7 +129,7 @@ def scaled_concepts(
     """Return the concepts for any structure: what the paper chose for its beam, by the rules behind it, for a ``force`` (N) near a ``resonance``.
 
     The friction of the impact absorber follows the scaling law; the damper is the best of those that are simulated (`find_best_damper`), by the
-    function ``damper_level`` of a damper in m; the LTVA is tuned to the resonance. All have the mass ratio, and the impact absorber has the ``gap``
+    function ``damper_level`` of a damper in m; the tuned absorber is tuned to the resonance. All have the mass ratio, and the impact absorber has the ``gap``
     in m.
     """
     mass = mass_ratio * model.beam_mass
@@ -145,7 +145,7 @@ def scaled_concepts(
         Concept(NONE, "no absorber", None),
         Concept(IMPACT, "impact absorber", absorber),
         Concept(FRICTION, "friction damper", damper),
-        Concept(LTVA_TUNED, f"LTVA, tuned to resonance {resonance}", tuned),
+        Concept(LTVA_TUNED, f"tuned absorber, for resonance {resonance}", tuned),
     )
 
 

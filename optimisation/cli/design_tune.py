@@ -71,7 +71,7 @@ def report_failure(line: str) -> None:
     TuneOptions, examples=("design tune --quick", "design tune --resonance 2 --mass-ratio 0.05")
 )
 def main(options: TuneOptions) -> None:
-    """Tune the linear absorber (LTVA) of a given mass to a resonance of the paper's beam, or another structure.
+    """Tune the linear absorber of a given mass to a resonance of the paper's beam, or another structure.
 
     Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
 

@@ -41,9 +41,7 @@ ABSORBER_COLOURS = {
     "no absorber": 3,
     "impact absorber": 0,
     "friction damper": 1,
-    "LTVA, paper": 4,
     "tuned absorber, paper": 4,
-    "LTVA": 2,
     "tuned absorber": 2,
 }
 MARKED = 60  # points: a curve of fewer has marks

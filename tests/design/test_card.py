@@ -297,12 +297,12 @@ def test_an_absorber_has_one_colour_in_every_chart() -> None:
         "no absorber",
         "impact absorber",
         "friction damper",
-        "LTVA, paper's values",
-        "LTVA, well tuned",
+        "tuned absorber, paper's values",
+        "tuned absorber, well tuned",
         "measured",
     )
     assert len(set(all_of_them.values())) == len(all_of_them)
-    fewer = colours("LTVA, well tuned", "impact absorber", "another")
+    fewer = colours("tuned absorber, well tuned", "impact absorber", "another")
     assert {name: all_of_them[name] for name in fewer if name != "another"}.items() <= fewer.items()
     assert len(set(fewer.values())) == 3
     two = colours("impact absorber, 10 g", "impact absorber, 20 g")
