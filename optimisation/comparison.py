@@ -129,8 +129,8 @@ def scaled_concepts(
     """Return the concepts for any structure: what the paper chose for its beam, by the rules behind it, for a ``force`` (N) near a ``resonance``.
 
     The friction of the impact absorber follows the scaling law; the damper is the best of those that are simulated (`find_best_damper`), by the
-    function ``damper_level`` of a damper in m; the tuned absorber is tuned to the resonance. All have the mass ratio, and the impact absorber has the ``gap``
-    in m.
+    function ``damper_level`` of a damper in m; the tuned absorber is tuned to the resonance. All have the mass ratio, the
+    impact absorber has the ``gap`` in m.
     """
     mass = mass_ratio * model.beam_mass
     absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap), mass_ratio)

@@ -627,7 +627,7 @@ def force_by_rule(options: SceneOptions, model: ModalModel) -> float:
 
 
 def by_rule(kind: str, options: SceneOptions, model: ModalModel) -> dict[str, Any]:
-    """Return the defaults for another structure than the paper's: the gap by the design rule, the tuned absorber, the damper by the energy of a cycle.
+    """Return the defaults for another structure than the paper's: the gap by the design rule, tuned absorber, damper by the energy of a cycle.
 
     Without a force the gap is the library's, for which `force_by_rule` gives the force.
     """

@@ -22,7 +22,7 @@ from studies.printed_blocks import run_source
 
 FOLDER = DOCS / "environments"
 OVERVIEW = DOCS / "environments.md"
-BOARD = DOCS / "leaderboard.csv"
+LEADERBOARD = DOCS / "leaderboard.csv"
 MEASURED = FOLDER / "measured.json"  # by page: ranges of the features, and what the example prints
 ARGUMENTS = "arguments"  # markers in the overview
 PREFIX = "ImpactAbsorber/"
@@ -161,7 +161,7 @@ def make_feature_table(observation: str, ranges: list[str]) -> str:
 
 def make_scores(names: list[str]) -> str:
     """Return the table of scores from the leaderboard, empty for an environment without."""
-    with BOARD.open(encoding="utf-8", newline="") as file:
+    with LEADERBOARD.open(encoding="utf-8", newline="") as file:
         entries = [row for row in csv.DictReader(file) if row["task"] in names]
     rows = [
         (

@@ -479,7 +479,7 @@ def main(
     resume: bool,
     out: Path | None,
 ) -> None:
-    """Measure what is left of level, RMS or decay time with impact absorbers on two beams, and write tables and figures into docs/load_findings.md."""
+    """Measure what is left of level, RMS or decay time with impact absorbers on two beams, and write them into docs/load_findings.md."""
     folder = out or (QUICK_OUT if quick else published(DOCS, QUICK_OUT))
     settings = SpectrumSettings(members or (QUICK_MEMBERS if quick else MEMBERS), quick)
     run(
