@@ -185,7 +185,10 @@ class _Player:
 
 @dataclass(frozen=True)
 class EpisodeScores:
-    """What came of one episode for each seed: ``scores`` (E,), sums of the rewards, and ``steps`` (E,), control intervals."""
+    """What came of one episode for each seed: ``scores`` (E,), sums of the rewards, and ``steps`` (E,), control intervals.
+
+    With ``vector_reward=True`` the scores are sums of reward vectors (E, costs).
+    """
 
     scores: Array
     steps: NDArray[np.int64]
@@ -212,7 +215,8 @@ def play(
         observations, _ = env.reset(seed=list(seeds))
         player = _Player(policy, env.action_space.shape)
         over = np.zeros(len(seeds), dtype=np.bool_)
-        scores = np.zeros(len(seeds))
+        reward_space = env.unwrapped.reward_space
+        scores = np.zeros((len(seeds), *(() if reward_space is None else reward_space.shape)))
         steps = np.zeros(len(seeds), dtype=np.int64)
         while not over.all():
             observations, rewards, terminated, truncated, _ = env.step(player.act(observations))

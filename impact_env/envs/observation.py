@@ -157,6 +157,12 @@ class Sensors:
             return bias
         return np.asarray(bias + self.noise * generator.standard_normal(len(bias)))
 
+    def copy_from(self, source: "Sensors", times: int) -> None:
+        """Take over the delayed observations and biases of other sensors, of each lane ``times`` times."""
+        self._past = np.repeat(source._past, times, axis=1)
+        self._at = source._at
+        self._bias = np.repeat(source._bias, times, axis=0)
+
     def snapshot(self) -> tuple[Array, int, Array]:
         """Return the delayed observations and the biases."""
         return self._past.copy(), self._at, self._bias.copy()

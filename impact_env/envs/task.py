@@ -110,11 +110,11 @@ class Task(ABC):
     def copy_from(self, source: "Task", times: int = 1) -> None:
         """Go on from the episodes of another task with the same settings, each of which is taken ``times`` times, one after the other.
 
-        The actuator's delays are copied; the sensors' delays and noise are not. Raises ParameterError unless this task has ``times`` as many lanes as
-        ``source``.
+        What sensors and actuator delay is copied, too. Raises ParameterError unless this task has ``times`` as many lanes as ``source``.
         """
         self.runs.copy_from(source.runs, times)
         self.actuator.copy_from(source.actuator, times)
+        self.sensors.copy_from(source.sensors, times)
         for name, values in vars(source).items():
             if (
                 isinstance(values, np.ndarray)

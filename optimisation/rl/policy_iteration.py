@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from impact_env.envs.task import Task
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
-from impact_env.parameters import require
 from optimisation.rl.agents import Agent, actor_of
 
 with optional():
@@ -65,13 +64,6 @@ def add_errors(task: Task, copies: int, generator: np.random.Generator) -> None:
     if record is not None:
         places = generator.integers(len(record.values) - 1, size=groups)
         task.runs.orders["place"] = np.repeat(places, copies)
-
-
-def require_copies(task: Task) -> None:
-    """Raise ParameterError if the lanes of a task cannot be copied: sensors with noise or delay start again in a copy."""
-    for name in ("observation_noise", "observation_delay"):
-        value = getattr(task.settings, name)
-        require(value == 0, name, value, "0 for rollout policy iteration: copies have no past")
 
 
 def score_candidates(
@@ -143,6 +135,8 @@ class RolloutPolicyIteration(PPO):  # type: ignore[misc]
             self._trial_env = gymnasium.make_vec(lanes.spec.id, **arguments)
             self._trial_env.reset(seed=0)
         task: Task = self._trial_env.unwrapped.task
+        task.sensors.noise = 0.0  # of the trials alone: without it they differ by the actions
+        task.sensors.drift = 0.0
         return task
 
     def collect_rollouts(

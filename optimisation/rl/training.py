@@ -49,7 +49,6 @@ from optimisation.rl.models import (
     make_model,
     save_checkpoint,
 )
-from optimisation.rl.policy_iteration import require_copies
 from optimisation.rl.starts import apply_start, describe_start
 
 with optional():
@@ -109,8 +108,6 @@ class Job:
             if not isinstance(env, TaskVectorEnv):
                 allowed = "one of the environments of impact_env"
                 raise describe_error("env_id", self.env_id, allowed)
-            if self.algorithm == "rpi":
-                require_copies(env.task)
             environment = env.task.describe()
         finally:
             env.close()

@@ -190,6 +190,11 @@ class RuledLanes:
     family: Family
     numbers: Array
 
+    def act(self, observations: Observations) -> Array:
+        """Return the actions (L, A) of the rule."""
+        rows = np.broadcast_to(self.numbers, (len(observations), len(self.numbers)))
+        return np.clip(self.family.act(rows, observations), -1, 1).reshape(len(observations), -1)
+
     def step(
         self, observations: Observations, constants: Array, takes: Mask, over: Mask
     ) -> tuple[Observations, Array, Mask]:
@@ -197,9 +202,7 @@ class RuledLanes:
 
         Return observations, rewards (L,), and the mask of the lanes whose episode is over.
         """
-        rows = np.broadcast_to(self.numbers, (len(observations), len(self.numbers)))
-        ruled = np.clip(self.family.act(rows, observations), -1, 1).reshape(len(observations), -1)
-        actions = np.where(takes[:, None], constants, ruled).astype(np.float32)
+        actions = np.where(takes[:, None], constants, self.act(observations)).astype(np.float32)
         rewards, terminated, truncated = self.task.step(actions, over if over.any() else None)
         return self.task.observe([]), rewards, over | terminated | truncated
 
@@ -227,8 +230,12 @@ def plan(
     rule: tuple[Family, Array],
     planner: Planner,
     advance: Progress | None = None,
+    record: Callable[[Observations, Array], None] | None = None,
 ) -> Array:
-    """Return the scores (E,) of a planner over a rule without memory, on the seeds of the environment ``name``, which has neither noise nor delay."""
+    """Return the scores (E,) of a planner over a rule without memory, on the seeds of the environment ``name``, which has neither noise nor delay.
+
+    ``record`` is called before each step with the observations (L, features) of the episodes that are not over and the planner's actions (L, A).
+    """
     with optional():
         import gymnasium
     trials = planner.trials
@@ -264,6 +271,9 @@ def plan(
                 gained += rewards
             means = gained.reshape(lanes, len(trials), planner.copies).mean(axis=2)
             best = np.argmax(means, axis=1)
+            if record is not None:
+                chosen = np.where((best > 0)[:, None], constants[best], own.act(observations))
+                record(observations[~over], chosen[~over])
             observations, rewards, over = own.step(observations, constants[best], best > 0, over)
             scores += rewards
             if advance is not None:

@@ -371,13 +371,13 @@ def measure_rows_by_case(
 ) -> Steps:
     """Yield {"rows": ...} after each case: a function that measures its rows, by what ``key`` returns of them. Cases that are known are left out.
 
-    Rows stand in the order of the cases, whatever the order in which they were measured.
+    Rows stand in the order of the cases, whatever the order in which they were measured, behind those of an earlier run's other cases.
     """
     places = {name: place for place, name in enumerate(cases)}
     rows: list[Json] = list(earlier.get("rows", ()))
     for name in find_missing_cases(cases, key, earlier):
         rows = sorted(
-            rows + cases[name](), key=lambda row: places[key(row)]
+            rows + cases[name](), key=lambda row: places.get(key(row), -1)
         )  # stable: a case's rows keep their order
         yield {"rows": rows}
 

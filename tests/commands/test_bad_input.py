@@ -314,6 +314,10 @@ reproduce real-controller
     --agent file -> agent = 'file' is not allowed: a file that train wrote
 reproduce memory-trial
     --seeds 0 -> 0 is not
+reproduce compare-training
+    --method PPO2 -> 'PPO2' is not one of
+reproduce constrain-training
+    --steps 0 -> 0 is not
 reproduce read-rules
     --agent good.toml -> agent = 'good.toml' is not allowed
     --json a.txt -> --json = a.txt is not allowed

@@ -53,8 +53,16 @@ def test_a_rule_of_four_is_one_of_eight_and_rules_are_even(family: Any) -> None:
 
 @pytest.mark.parametrize(
     ("name", "arguments"),
-    [(STRUCTURES, {"structures": 24}), (STRUCTURES, {"structures": 5}), (LIMITED, {})],
-    ids=["structures", "as many structures as lanes", "passage"],
+    [
+        (STRUCTURES, {"structures": 24}),
+        (STRUCTURES, {"structures": 5}),
+        (LIMITED, {}),
+        (
+            ACTIVE_FRICTION,
+            {"observation_delay": 3, "action_delay": 2, "friction_error": (-0.2, 0.2)},
+        ),
+    ],
+    ids=["structures", "as many structures as lanes", "passage", "delays"],
 )
 def test_copies_do_what_the_lane_does(name: str, arguments: dict[str, Any]) -> None:
     few, many = (gymnasium.make_vec(name, num_envs=lanes, **arguments) for lanes in (5, 15))

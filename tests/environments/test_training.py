@@ -629,11 +629,13 @@ def test_candidates_are_the_mean_and_one_in_each_part_of_the_reach() -> None:
         np.testing.assert_array_equal(parts.astype(int), range(4))
 
 
-def test_a_trial_scores_a_candidate_as_the_single_environment_does() -> None:
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_trial_scores_a_candidate_as_the_single_environment_does(delay: int) -> None:
     """Some intervals with the candidate, then the agent, from where the lane is; the lane itself stays there."""
     agent = load_agent("ActiveFriction-v0")
     actions = np.array([[0.3], [-0.8]], np.float32)
-    lanes, trials = (gymnasium.make_vec(FRICTION, num_envs=n).unwrapped for n in (2, 4))
+    late = {"observation_delay": delay, "action_delay": delay}
+    lanes, trials = (gymnasium.make_vec(FRICTION, num_envs=n, **late).unwrapped for n in (2, 4))
     lanes.reset(seed=5)
     trials.reset(seed=0)
     for _ in range(3):
@@ -643,7 +645,7 @@ def test_a_trial_scores_a_candidate_as_the_single_environment_does() -> None:
     scores = score_candidates(trials.task, candidates, agent, 2, horizon=6, gamma=0.9)
     for lane in range(2):
         for number in range(2):
-            env = gymnasium.make(FRICTION)
+            env = gymnasium.make(FRICTION, **late)
             env.reset(seed=5 + lane)
             for _ in range(3):
                 env.step(actions[lane])
@@ -660,7 +662,19 @@ def test_a_trial_scores_a_candidate_as_the_single_environment_does() -> None:
             )  # digits of matrix products
 
 
-def test_errors_are_those_of_a_group_and_lanes_with_noise_are_refused() -> None:
+def test_trials_have_the_delays_of_the_lanes_and_no_noise() -> None:
+    job = small_iteration(steps=800, legs=1)
+    arguments = {"observation_noise": 0.3, "observation_delay": 1, "observation_drift": 0.1}
+    env = make_lanes(job.env_id, job.hyperparameters, arguments, 1)
+    model: Any = make_model(job.hyperparameters, env, 0)
+    model.learn(1)
+    sensors = model._trial_env.unwrapped.task.sensors
+    assert (sensors.noise, sensors.drift, sensors.delay) == (0.0, 0.0, 1)
+    assert env.task_lanes.task.sensors.noise == 0.3
+    assert all(np.isfinite(part).all() for part in model.memory[0])
+
+
+def test_errors_are_those_of_a_group() -> None:
     load = {"kind": "random", "spectrum": [[20.0, 0.05], [60.0, 0.05]], "duration_s": 2.0}
     env = gymnasium.make_vec(FRICTION, num_envs=6, load={**load, "seed": 4}).unwrapped
     env.reset(seed=0)
@@ -674,9 +688,6 @@ def test_errors_are_those_of_a_group_and_lanes_with_noise_are_refused() -> None:
         assert values[0] != values[3]
     assert np.all((np.abs(shares) >= 0.002) & (np.abs(shares) <= 0.01))
     assert np.all((np.abs(turned) >= 0.02) & (np.abs(turned) <= 0.1))
-    noisy = replace(small_iteration(), arguments={"observation_noise": 0.3})
-    with pytest.raises(ParameterError, match=r"observation_noise = 0\.3 is not allowed: 0 for"):
-        noisy.describe()
 
 
 def test_the_actor_moves_to_the_best_action() -> None:

@@ -236,3 +236,10 @@ def test_numbers_and_table_alone(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "numbers.json").read_text())["complete"] is True
     assert {file.name for file in tmp_path.iterdir()} == {"numbers.json", "page.md"}
     assert "6 rows." in (tmp_path / "page.md").read_text()
+
+
+def test_a_run_of_some_cases_keeps_the_rows_of_the_others() -> None:
+    earlier = {"rows": [{"case": name, "n": n} for name in "ab" for n in (0, 1)]}
+    cases = {name: (lambda name=name: [{"case": name, "n": 0}]) for name in "dcb"}
+    *_, last = pattern.measure_rows_by_case(cases, operator.itemgetter("case"), earlier)
+    assert [row["case"] for row in last["rows"]] == ["a", "a", "d", "c", "b", "b"]

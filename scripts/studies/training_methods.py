@@ -1,0 +1,75 @@
+"""Methods of training that are compared: algorithms with settings, scales of the tasks, and the effort of a training."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+ITERATION = "rpi"
+PLANNER = "planner"
+REPLAYED = ("sac", "tqc", "crossq")  # algorithms that learn from stored experience
+PERIOD = 4  # control intervals of a reward that is spread
+
+
+@dataclass(frozen=True)
+class TaskScales:
+    """What training on a task depends on: discount, factor of the rewards, intervals of a lane in a round of PPO, actions of the planner."""
+
+    gamma: float
+    reward_scale: float
+    round: int
+    candidates: Sequence[Sequence[float]]
+
+
+_POINTS = np.linspace(-1, 1, 5).tolist()
+SCALES = {
+    "ActiveGap-v0": TaskScales(0.98, 50.0, 80, [(a,) for a in _POINTS]),
+    "Passage-v0": TaskScales(0.999, 10.0, 60, [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]),
+}
+
+
+@dataclass(frozen=True)
+class TrainingMethod:
+    """An algorithm and how it differs from its usual settings.
+
+    ``gamma``: discount, None for the task's. ``frames``: observations on which the network acts. ``rounds``: length of PPO's rounds over the
+    usual one. ``period``: intervals over which a reward is spread. ``horizon`` of the trials of rollout policy iteration, in intervals.
+    """
+
+    algorithm: str
+    gamma: float | None = None
+    frames: int = 1
+    hidden: tuple[int, ...] = (64, 64)
+    rounds: int = 1
+    period: int = 1
+    horizon: int = 12
+    lanes: int = 128
+
+
+_PPO = TrainingMethod("ppo")
+METHODS: dict[str, TrainingMethod] = {
+    "PPO": _PPO,
+    "PPO, discount 0.99": replace(_PPO, gamma=0.99),
+    "PPO, discount 0.995": replace(_PPO, gamma=0.995),
+    "PPO, rounds four times as long": replace(_PPO, rounds=4),
+    "PPO, last 4 observations": replace(_PPO, frames=4),
+    "PPO, 256 x 256": replace(_PPO, hidden=(256, 256)),
+    "PPO, rewards over 4 intervals": replace(_PPO, period=PERIOD),
+    "recurrent PPO": TrainingMethod("rppo"),
+    "SAC, 256 lanes": TrainingMethod("sac", lanes=256),
+    "TQC, 256 lanes": TrainingMethod("tqc", lanes=256),
+    "CrossQ, 256 lanes": TrainingMethod("crossq", lanes=256),
+    "policy iteration over 12 intervals": TrainingMethod(ITERATION),
+    "policy iteration over 30 intervals": TrainingMethod(ITERATION, horizon=30),
+    "imitation of the robust planner": TrainingMethod(PLANNER),
+}
+
+
+@dataclass(frozen=True)
+class TrainingEffort:
+    """CPU time of a training, the number of its evaluations, episodes of each, and the steps after which one is made in addition."""
+
+    seconds: float = 150.0
+    evaluations: int = 6
+    episodes: int = 256
+    steps: int = 100_000
