@@ -475,7 +475,7 @@ def test_the_command_trains_reports_and_ships(tmp_path: Path) -> None:
 def test_the_command_goes_on_after_kill_9(tmp_path: Path) -> None:
     """The same command finishes what was killed as an undisturbed one would have."""
     file = tmp_path / "small.yaml"
-    file.write_text(json.dumps({GAP: {"ppo": {**SMALL["ppo"], "steps": 2560, "legs": 10}}}))
+    file.write_text(json.dumps({GAP: {"ppo": {**SMALL["ppo"], "steps": 1536, "legs": 6}}}))
     words = [
         word for name, value in SHORT.items() for word in ("--argument", name, json.dumps(value))
     ]
@@ -513,8 +513,8 @@ def test_the_command_goes_on_after_kill_9(tmp_path: Path) -> None:
         time.sleep(0.01)
     process.kill()
     process.wait()
-    assert 2 <= len(read_evaluations(killed)) < 10
-    subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL, timeout=240)
+    assert 2 <= len(read_evaluations(killed)) < 6
+    assert train_command(*options, "--out", tmp_path / "killed").exit_code == 0
     assert train_command(*options, "--out", tmp_path / "undisturbed").exit_code == 0
     assert read_evaluations(killed) == read_evaluations(undisturbed)
 

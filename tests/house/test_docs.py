@@ -102,6 +102,7 @@ def test_the_map_of_the_kernels_names_every_file_and_real_functions() -> None:
         assert {f"{folder}/{module}.py" for folder, module in needed} <= known, name
 
 
+@pytest.mark.slow
 def test_python_examples_have_the_types_that_strict_checking_wants(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

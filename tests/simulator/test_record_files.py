@@ -752,7 +752,7 @@ def test_characters_changed_anywhere_in_headers_end_in_one_line_or_a_record(tmp_
     }
     refused = []
     for name, content in whole.items():
-        for k in range(0, min(len(content), 900), 11):
+        for k in range(0, min(len(content), 900), 19):
             for other in (b"9", b"x", b" ", b"\xff", b"\0", b'"'):
                 changed = content[:k] + other + content[k + 1 :]
                 more = "scale = 1.0\nunit = 'g'" if name != "a.uff" else ""
@@ -760,5 +760,5 @@ def test_characters_changed_anywhere_in_headers_end_in_one_line_or_a_record(tmp_
                     record(tmp_path, changed, name, more)
                 except ParameterError as error:
                     refused.append(str(error))
-    assert len(refused) > 300
+    assert len(refused) > 170
     assert all(re.fullmatch(r"load[.:].*", line) for line in refused)
