@@ -171,7 +171,7 @@ def answer(advice: Advice) -> list[str]:
         f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended{single}'}."
     )
     lines.append(
-        f"Free amplitude over the rule's gap: {check.reach:.3g}. Friction goes with the gap and the first frequency: docs/which_gap.md."
+        f"Free amplitude over the rule's gap: {check.reach:.3g}. The friction limit follows the gap by the scaling law: docs/which_gap.md."
     )
     lines += _limit_lines(advice)
     lines += _tried(advice.tried)
@@ -223,7 +223,7 @@ def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
             else ""
         )
         lines.append(
-            f"Lowest level of a look over the first, and its gap, {name.replace('_', ' ')} {words}.{softer}"
+            f"Lowest level of a coarse search over that of the first value, and its gap, {name.replace('_', ' ')} {words}.{softer}"
         )
     return lines
 
