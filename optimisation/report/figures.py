@@ -1,4 +1,4 @@
-"""The style of all figures, how they are written (format by the ending, PNG with a palette), and the picture of a structure.
+"""The style of all figures, and how they are written: format by the ending, PNG with a palette.
 
 matplotlib, which is slow to import, is imported when something is drawn.
 """
@@ -12,10 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impact_env.modes import Structure, mode_shapes
-from impact_env.parameters import Beam
 from optimisation.files import replacing
-from optimisation.mounting import model_with_absorber_at, with_response_point
 from optimisation.report.report import MARKED, choose_colours
 
 if TYPE_CHECKING:
@@ -164,37 +161,3 @@ def few_colours(image: Image.Image) -> Image.Image:
     return image.convert("RGB").quantize(
         COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
     )
-
-
-MOST = 6
-POINTS = 201
-PLACES = (("force", ORANGE, "v", 7), ("absorber", BLUE, "s", 9), ("response", "#F0E442", "o", 5))
-
-
-def save_structure(path: Path, structure: Structure) -> None:
-    """Draw a structure: a beam over its length, modes at their places alone as points; the ending of ``path`` chooses the format."""
-    model = model_with_absorber_at(structure)
-    drawn = min(model.modes, MOST)
-    figure, panels = figure_of(8, 1.0 + 1.1 * drawn, drawn, sharex=True)
-    panels = np.ravel(panels)
-    shapes = (model.one_phase_force_shape, model.tip_shape, model.level_shape)
-    beam = with_response_point(structure) if isinstance(structure, Beam) else None
-    for k, panel in enumerate(panels):
-        panel.axhline(0, color="0.8", lw=0.8)
-        if isinstance(beam, Beam):
-            at = np.linspace(0, 1, POINTS)
-            panel.plot(at, mode_shapes(beam, at)[:, k], color="0.35")
-            places = [beam.force_position, beam.absorber_position, beam.response_position]
-        else:
-            places = [0.0, 1.0, 2.0]
-        for place, shape, (name, colour, mark, size) in zip(places, shapes, PLACES, strict=True):
-            panel.plot([place], [shape[k]], mark, color=colour, label=name, ms=size)
-        words = f"mode {k + 1}, {model.omega[k] / (2 * np.pi):.4g} Hz, damping {100 * model.damping_ratio[k]:.3g} %"
-        panel.set_title(words, fontsize=9, loc="left")
-    panels[0].legend(ncols=3, fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1, 1))
-    if isinstance(beam, Beam):
-        panels[-1].set_xlabel("place over the length")
-    else:
-        panels[-1].set_xticks([0, 1, 2], [name for name, *_ in PLACES])
-    figure.supylabel("shape in 1/sqrt(kg)", fontsize=9)
-    write_figure(figure, path)
