@@ -45,7 +45,10 @@ def find_sweep_range(
 
     modal_mass_ratio = mass * float(model.tip_shape[resonance - 1]) ** 2
     first, second = split_frequencies(modal_mass_ratio)
-    lower, upper = np.sqrt(neighbouring_ratios(model, omega_r))
+    # half-way to the neighbouring resonances, 0 and infinity where there is none
+    ratios = model.omega / omega_r
+    lower = np.sqrt(np.max(ratios[ratios < 1 - 1e-9], initial=0.0))
+    upper = np.sqrt(np.min(ratios[ratios > 1 + 1e-9], initial=np.inf))
     low = min(low, max((1 - MARGIN) * first, float(lower), LOWEST))
     high = max(high, min((1 + MARGIN) * second, float(upper)))
     return low, high
@@ -68,14 +71,6 @@ def split_frequencies(modal_mass_ratio: float) -> tuple[float, float]:
     half = (1 + (1 + modal_mass_ratio) * square) / 2
     second = half + np.sqrt(half**2 - square)
     return float(np.sqrt(square / second)), float(np.sqrt(second))
-
-
-def neighbouring_ratios(model: ModalModel, omega_r: float) -> tuple[float, float]:
-    """Return the next lower and next higher natural frequency over omega_r; 0 and infinity where there is none."""
-    ratios = model.omega / omega_r
-    lower = ratios[ratios < 1 - 1e-9]
-    upper = ratios[ratios > 1 + 1e-9]
-    return float(np.max(lower, initial=0.0)), float(np.min(upper, initial=np.inf))
 
 
 def find_reading_ratios(curve: PerformanceCurve) -> NDArray[np.float64]:

@@ -85,20 +85,15 @@ def rotation_number(points: Array, most_circles: int = MOST_CIRCLES) -> Rotation
         if rotation is None:
             return None
         value, change = rotation
-        locked = _locked_denominator(value, most_circles // circles)
+        # the least denominator of a fraction that the rotation number is equal to
+        denominators = range(1, most_circles // circles + 1)
+        errors = ((d, abs(value * d - round(value * d))) for d in denominators)
+        locked = next((d for d, error in errors if error < LOCKED_TOL * d), None)
         if locked == 1 or (locked is not None and circles * locked > most_circles):
             return None
         if locked is None:
             return RotationNumber(value, change, circles)
         circles *= locked
-    return None
-
-
-def _locked_denominator(value: float, most: int) -> int | None:
-    """Return the least denominator of a fraction that a rotation number is equal to, None if there is none."""
-    for denominator in range(1, most + 1):
-        if abs(value * denominator - round(value * denominator)) < LOCKED_TOL * denominator:
-            return denominator
     return None
 
 

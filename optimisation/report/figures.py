@@ -100,18 +100,14 @@ def draw_chart(panel: Axes, chart: Chart) -> None:
         panel.set_yscale("log")
         force_axis(panel.yaxis)
     else:
-        panel.set_ylim(min(0.0, panel.get_ylim()[0] if has_negative(chart) else 0.0), None)
+        values = (value for curve in chart.curves for value in (*curve.y, *curve.low))
+        negative = any(value is not None and value < 0 for value in values)
+        panel.set_ylim(min(0.0, panel.get_ylim()[0] if negative else 0.0), None)
     panel.set_xlabel(chart.x)
     panel.set_ylabel(chart.y)
     panel.set_title(chart.title, fontsize=10)
     draw_grid(panel)
     panel.legend(fontsize=8.5, framealpha=0.95)
-
-
-def has_negative(chart: Chart) -> bool:
-    """Return whether a curve of a chart goes below zero."""
-    values = (value for curve in chart.curves for value in (*curve.y, *curve.low))
-    return any(value is not None and value < 0 for value in values)
 
 
 def force_axis(axis: Any, subs: tuple[float, ...] = (1, 2, 5)) -> None:

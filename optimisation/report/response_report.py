@@ -188,12 +188,13 @@ def draw_response(overview: Overview) -> Figure:
     tops = [curve.peak.tip_max for curve in overview.curves if curve.peak is not None]
     tops += [float(np.max(sweep.tip_max)) for sweep in overview.sweeps]
     tops += [float(np.max(at.tip_max)) for at in overview.stationary]
+    absorber = overview.scene.absorber
+    walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
+    if isinstance(walls, RigidWalls | CompliantWalls):
+        tops.append(walls.gap)
     axes.set(
         xlim=(low, high),
-        ylim=(
-            0,
-            1.15 * MM * max([*tops, _gap(overview)], default=float(np.max(overview.linear.alone))),
-        ),
+        ylim=(0, 1.15 * MM * max(tops, default=float(np.max(overview.linear.alone)))),
     )
     _draw_marks(axes, overview.curves)
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
@@ -201,12 +202,6 @@ def draw_response(overview: Overview) -> Figure:
     axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
     draw_grid(axes)
     return figure
-
-
-def _gap(overview: Overview) -> float:
-    absorber = overview.scene.absorber
-    walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
-    return walls.gap if isinstance(walls, RigidWalls | CompliantWalls) else 0.0
 
 
 def _sweeps(axes: Axes, overview: Overview) -> None:

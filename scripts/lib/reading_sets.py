@@ -229,10 +229,15 @@ def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
             yield node
 
 
-def small_functions_used_once(package: str) -> list[str]:
-    """Return the functions of a package with a name of their own, at most `SHORT` lines and one place that names them."""
+def small_functions_used_once(package: str) -> dict[str, bool]:
+    """Return the functions of a package with a name of their own, at most `SHORT` lines and one place that names them.
+
+    Each has whether that place calls it. A function that is a value there, a property, or one whose results are kept cannot be written
+    where it is used.
+    """
     definitions: Counter[str] = Counter()
     uses: Counter[str] = Counter()
+    called: set[str] = set()
     short: dict[str, str] = {}
     for file in (file for folder in SOURCES for file in files_of(folder)):
         tree = ast.parse(file.read_text(encoding="utf-8"))
@@ -241,16 +246,21 @@ def small_functions_used_once(package: str) -> list[str]:
                 uses[node.id] += 1
             elif isinstance(node, ast.Attribute):
                 uses[node.attr] += 1
+            elif isinstance(node, ast.Call):
+                called.add(getattr(node.func, "id", getattr(node.func, "attr", "")))
         for function in _functions(tree):
             definitions[function.name] += 1
             body = function.body[bool(ast.get_docstring(function)) :]
-            if body and file.is_relative_to(ROOT / package):
+            cached = any("cache" in ast.unparse(one) for one in function.decorator_list)
+            if body and not cached and file.is_relative_to(ROOT / package):
                 length = (body[-1].end_lineno or 0) - body[0].lineno + 1
                 if length <= SHORT:
                     short[function.name] = f"{file.relative_to(ROOT)} {function.name}"
-    return sorted(
-        place for name, place in short.items() if definitions[name] == 1 and uses[name] == 1
-    )
+    return {
+        place: name in called
+        for name, place in sorted(short.items(), key=lambda pair: pair[1])
+        if definitions[name] == 1 and uses[name] == 1
+    }
 
 
 def main() -> None:
@@ -285,9 +295,18 @@ def main() -> None:
         )
     for package in PACKAGES:
         small = small_functions_used_once(package)
-        print(f"Functions of at most {SHORT} lines used once in {package}: {len(small)}")
+        count = sum(small.values())
+        print(
+            f"Functions of at most {SHORT} lines used once in {package}: {len(small)}, {count} of them by a call"
+        )
         if options.names:
-            print("".join(f"         {name}\n" for name in small), end="")
+            print(
+                "".join(
+                    f"         {name}{'' if call else ' (a value)'}\n"
+                    for name, call in small.items()
+                ),
+                end="",
+            )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from design_studies import search_swept
 from drawing import bands, line
+from matplotlib.figure import Figure
+from PIL import Image
 
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
@@ -25,6 +27,7 @@ from optimisation.report.report import (
     Table,
     choose_colours,
     list_files,
+    list_named_files,
     render_card_json,
     render_card_text,
     render_html,
@@ -135,6 +138,36 @@ def test_a_table_says_the_same_in_every_form(tmp_path: Path) -> None:
     assert whole.startswith("# Two devices\n\ntwo of them:\n\n| gap, mm")
     for words in ("## Device", "| mass      |            0.01235 kg |", "- take care"):
         assert words in whole
+
+
+def test_options_name_the_files_of_a_report(tmp_path: Path) -> None:
+    first = Table.of_values(("a", "b"), [(1, 0.1), (2, None), (3, np.nan)])
+    report = Report(
+        title="Lists",
+        numbers=[{"a": 1}, {"a": 2}],
+        tables={"first.csv": first, "second.csv": Table.of_values(("c",), [])},
+        figures={"first.png": lambda: Figure(figsize=(3, 2)), "second.png": Figure},
+        resolution=50,
+    )
+    files = [tmp_path / name for name in ("n.json", "t.csv", "f.png")]
+    assert write_files(list_named_files(report, *files)) == files
+    assert json.loads(files[0].read_text()) == [{"a": 1}, {"a": 2}]
+    assert files[1].read_text() == "a,b\n1,0.1\n2,\n3,\n"
+    assert Image.open(files[2]).size == (150, 100)
+    # what no option names is not written, nor what the report does not have
+    assert write_files(list_named_files(report, None, plot=files[2])) == files[2:]
+    assert write_files(list_named_files(Report(title="Nothing"), *files)) == files[:1]
+
+
+def test_a_heading_may_be_empty_and_a_column_without_one_is_not_printed() -> None:
+    columns = (Column("name", "name", "{}"), Column("hidden"), Column("closed", "", "{}"))
+    table = Table(columns, [("first", 0.5, "open")])
+    assert table.to_text().splitlines() == [
+        "| name  |      |",
+        "| ----- | ---: |",
+        "| first | open |",
+    ]
+    assert table.records() == [{"name": "first", "hidden": 0.5, "closed": "open"}]
 
 
 def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
