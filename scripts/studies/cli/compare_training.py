@@ -11,14 +11,14 @@ from typing import NamedTuple
 import click
 
 from optimisation.cli.common import command
-from optimisation.page import DOCS, markdown
+from optimisation.files import DOCS, markdown
 from studies.study import (
     Json,
     Measurement,
     Study,
     add_sources,
     make_rows_part,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 from studies.training_methods import METHODS, SCALES, TrainingEffort
@@ -105,10 +105,10 @@ STUDY: Study[Settings] = Study(
             list_cases,
             lambda row: (row["task"], row["method"], row["seed"]),
             add_sources(make_table),
-            told=describe_settings,
+            key_values=describe_settings,
         ),
     ),
-    kept="finished trainings are in the file.",
+    stopped_message="finished trainings are in the file.",
 )
 
 
@@ -152,4 +152,4 @@ def main(
     """Train by each method for the same CPU time and compare with the rule of eight; a run that was stopped goes on when it is called again."""
     effort = QUICK if quick else TrainingEffort()
     settings = Settings(tasks or tuple(SCALES), methods or tuple(METHODS), seeds, effort)
-    run(STUDY, settings, paths_beside_page(out, PAGE, out / PAGE), redraw=redraw)
+    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)

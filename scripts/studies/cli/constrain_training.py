@@ -14,7 +14,7 @@ import numpy as np
 from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, bootstrap_interval
 from impact_env.extras import optional
 from optimisation.cli.common import command
-from optimisation.page import DOCS, markdown
+from optimisation.files import DOCS, markdown
 from optimisation.report.figures import (
     BLACK,
     BLUE,
@@ -31,7 +31,7 @@ from studies.study import (
     Study,
     add_sources,
     make_rows_part,
-    paths_beside_page,
+    paths_next_to_page,
     run,
 )
 
@@ -263,7 +263,7 @@ STUDY: Study[Settings] = Study(
             list_cases,
             lambda row: (row["task"], row["kind"], row["value"]),
             make_limit_table,
-            told=describe_settings,
+            key_values=describe_settings,
             markers=(NAME, FRONT),
             sections=lambda measured: {
                 NAME: make_limit_table(measured),
@@ -272,7 +272,7 @@ STUDY: Study[Settings] = Study(
             figures=lambda measured: {NAME: partial(save_front, measured=measured)},
         ),
     ),
-    kept="trained agents' scores are in the file.",
+    stopped_message="trained agents' scores are in the file.",
 )
 
 
@@ -293,4 +293,4 @@ STUDY: Study[Settings] = Study(
 def main(quick: bool, redraw: bool, steps: int, front: bool, out: Path) -> None:
     """Train agents with limits of a cost and score them on test seeds; a run that was stopped goes on when it is called again."""
     settings = Settings(QUICK_STEPS, 16, front) if quick else Settings(steps, EPISODES, front)
-    run(STUDY, settings, paths_beside_page(out, PAGE, out / PAGE), redraw=redraw)
+    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)
