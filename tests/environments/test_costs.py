@@ -1,5 +1,6 @@
 """Training with vectors of costs: weighted sums, a multiplier that keeps a limit, and MO-Gymnasium's tools on the same rewards."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -100,23 +101,25 @@ def test_a_training_moves_the_multiplier_after_each_round() -> None:
     lanes.close()
 
 
-def test_the_tables_have_limits_and_weights() -> None:
+def test_the_tables_have_limits_and_weights(tmp_path: Path) -> None:
     rows = [
-        {"task": "ActiveGap-v0", "kind": kind, "value": value, "multiplier": multiplier}
+        {"task": "ActiveFriction-v0", "kind": kind, "value": value, "multiplier": multiplier}
         | {"scores": [-0.4, -0.2], "costs": [0.1, 0.1]}
         for kind, value, multiplier in (
             (EIGHT, None, None),
-            (study.LIMITED, 0.12, 0.5),
+            (study.LIMITED, 0.14, 0.5),
             (study.LINEAR, 2.0, None),
         )
     ]
     measured = Measurement({"rows": rows, "settings": {"steps": 10, "episodes": 2}})
     limits = study.make_limit_table(measured)
-    assert limits.count("`ActiveGap-v0`") == 2
-    assert "contact force: 0.12 force amplitude" in limits
+    assert limits.count("`ActiveFriction-v0`") == 2
+    assert "way of the actuator: 0.14 half range" in limits
     front = study.make_front_table(measured)
-    assert "weight of the contact force" in front
+    assert "weight of the way of the actuator" in front
     assert front.count("-0.300") == 1
+    study.save_front(tmp_path / "front.png", measured)
+    assert (tmp_path / "front.png").stat().st_size > 1000
 
 
 @pytest.mark.filterwarnings("ignore:.*is different from the unwrapped")

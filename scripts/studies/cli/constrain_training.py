@@ -18,7 +18,7 @@ from optimisation.files import DOCS, markdown
 from optimisation.report.figures import (
     BLACK,
     BLUE,
-    GREY,
+    GREEN,
     ORANGE,
     draw_grid,
     figure_of,
@@ -44,7 +44,7 @@ ROUND = 80  # intervals of a lane
 REWARD_SCALE = 50.0
 INTERVALS = 160  # of an episode
 MULTIPLIER_SEEDS = range(900_000, 900_064)  # of training
-STEPS = 600_000
+STEPS = 1_200_000
 QUICK_STEPS = 20_480
 UNLIMITED = "PPO"
 LIMITED = "PPO with a limit"
@@ -58,14 +58,13 @@ class CostLimits(NamedTuple):
     name: str
     unit: str
     limits: tuple[float, ...]
-    weights: tuple[float, ...] = ()
+    weights: tuple[float, ...]
 
 
 COSTS = {
-    "ActiveGap-v0": CostLimits(
-        4, "contact force", "force amplitude", (0.14, 0.12, 0.10), (0.0, 1.0, 2.0, 4.0, 8.0)
-    ),
-    "ActiveFriction-v0": CostLimits(3, "way of the actuator", "half range", (0.30, 0.14)),
+    "ActiveFriction-v0": CostLimits(
+        3, "way of the actuator", "half range an interval", (0.30, 0.14), (0.05, 0.15, 0.4)
+    )
 }
 
 
@@ -220,15 +219,15 @@ def make_front_table(measured: Measurement) -> str:
         for row in rows
     ]
     names = {row["task"]: COSTS[row["task"]] for row in rows}
-    (cost,) = names.values() or (COSTS["ActiveGap-v0"],)
+    (cost,) = names.values() or tuple(COSTS.values())
     head = ("task", f"weight of the {cost.name}", "mean score", f"{cost.name} ({cost.unit})")
     return markdown(head, lines)
 
 
 def save_front(path: Path, measured: Measurement) -> None:
     """Draw score over the cost in a panel for each task: rule, agents without and with limits, and the front of the weights."""
-    figure, panels = figure_of(9.6, 3.8, 1, len(COSTS))
-    styles = {EIGHT: (BLACK, "s"), UNLIMITED: (GREY, "o"), LIMITED: (ORANGE, "^")}
+    figure, panels = figure_of(5.6 * len(COSTS), 3.8, 1, len(COSTS))
+    styles = {EIGHT: (BLACK, "s"), UNLIMITED: (GREEN, "o"), LIMITED: (ORANGE, "^")}
     for panel, (task, cost) in zip(np.ravel(panels), COSTS.items(), strict=True):
         rows = [row for row in measured.values["rows"] if row["task"] == task]
         for kind, (colour, mark) in styles.items():
@@ -240,7 +239,9 @@ def save_front(path: Path, measured: Measurement) -> None:
                 if kind == LIMITED:
                     panel.axvline(row["value"], color=colour, lw=0.8, ls=":")
         front = sorted(
-            (np.mean(row["costs"]), np.mean(row["scores"])) for row in rows if row["kind"] == LINEAR
+            (np.mean(row["costs"]), np.mean(row["scores"]))
+            for row in rows
+            if row["kind"] in (LINEAR, UNLIMITED)
         )
         if front:
             panel.plot(*np.array(front).T, "-x", color=BLUE, label="weights, MO-Gymnasium")
