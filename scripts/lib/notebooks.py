@@ -47,11 +47,24 @@ def tidy(notebook: Any) -> Any:
             part.metadata.pop(name, None)
     for cell in notebook.cells:
         if cell.cell_type == "code":
-            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
+            cell.outputs = merge_streams(cell.outputs)
             for output in cell.outputs:
                 if "image/png" in output.get("data", {}):
                     output.data["image/png"] = small(output.data["image/png"])
     return notebook
+
+
+def merge_streams(outputs: list[Any]) -> list[Any]:
+    """Return outputs without stderr, with one text for printed lines that arrived in several parts."""
+    merged: list[Any] = []
+    for output in outputs:
+        if output.get("name") == "stderr":
+            continue
+        if merged and output.output_type == merged[-1].output_type == "stream":
+            merged[-1].text += output.text
+        else:
+            merged.append(output)
+    return merged
 
 
 def small(image: str) -> str:
