@@ -22,11 +22,12 @@ from impact_env.parameters import (
     instance,
     keep_checked,
     one_of,
+    positive,
     require,
 )
 from impact_env.plain import from_scene
 from impact_env.scene import Scene
-from optimisation.calibration.admission import require_plausible
+from optimisation.calibration.admission import require_plausible, require_reachable_gap
 from optimisation.calibration.alternatives import list_alternatives
 from optimisation.calibration.inference import (
     FIRST_RUNS,
@@ -44,7 +45,13 @@ from optimisation.calibration.measurement import (
     read_measurements,
     require_moving,
 )
-from optimisation.calibration.parameters import Prior, PriorInput, read_priors, scene_with
+from optimisation.calibration.parameters import (
+    Prior,
+    PriorInput,
+    read_priors,
+    require_impact_absorber,
+    scene_with,
+)
 from optimisation.calibration.plan import FACTORS, MeasurementPlan, plan_measurement
 from optimisation.calibration.posterior import Posterior
 from optimisation.calibration.predictive import REPLICATES, PredictiveCheck, check_posterior
@@ -321,6 +328,8 @@ def calibrate(
     require(len(every) > 0, "measurements", every, "one or more")
     require_moving(every)
     alternatives = one_of("alternatives", alternatives, ALTERNATIVES)
+    for factor in plan or ():
+        positive("plan", factor)
     absorber = instance("absorber", absorber, SlidingAbsorber)
     runs = CalibrationRuns() if runs is None else runs
     seed = count("seed", seed, 0)
@@ -331,6 +340,10 @@ def calibrate(
     if linear is not None:
         scene = linear.apply(scene, resonance)
     priors = read_priors(free, scene, resonance)
+    middle = {one.name: float(one.at(np.array([0.5]))[0]) for one in priors}
+    walls = require_impact_absorber(scene_with(scene, middle, resonance)).walls
+    assert walls is not None
+    require_reachable_gap(every, scene, walls.gap, resonance)
     simulator = Simulator(structure, scene, every, resonance, threads)
     checkpoint = Checkpoint() if checkpoint is None else checkpoint
 

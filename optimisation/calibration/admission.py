@@ -15,8 +15,9 @@ from impact_env.parameters import ParameterError, require
 from impact_env.results import Record, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
-from optimisation.calibration.linear_fit import excited_band
+from optimisation.calibration.linear_fit import excited_band, require_excited
 from optimisation.calibration.measurement import (
+    MOVING,
     RESPONSE_UNITS,
     DecayMeasurement,
     LevelMeasurement,
@@ -31,6 +32,9 @@ NODE_SHARE = 0.02  # of a mode's largest deflection: a place with less is at its
 LEAST_RATIO = 1 / 50  # of a response's root mean square over that of the structure alone
 MOST_RATIO = 20.0
 SPECTRUM_BANDS = 30
+LEAST_PERIODS = 10.0  # of the resonance, that a sweep to a level lasts
+LEAST_GAP = 1 / 500  # of the largest motion of the structure alone at the absorber
+MOST_GAP = 20.0
 EXCHANGED = -0.4  # correlation of measured and predicted response over load, below which the two records are exchanged
 
 
@@ -98,12 +102,16 @@ def require_plausible_record(
 ) -> None:
     """Raise ParameterError for load and response that are exchanged, and a response far from that of the structure alone."""
     name = f"measurement {measurement.name}"
+    own = model.resonance_omega(resonance) / (2 * np.pi)
+    band = excited_band(measurement.load.values, measurement.rate)
+    require_excited(measurement.name, band, own, resonance)
     agreement, ratio = compare_with_linear(measurement, model, resonance)
     far = not LEAST_RATIO <= ratio <= MOST_RATIO
     if agreement < EXCHANGED or (far and fits_exchanged(measurement, model, resonance, agreement)):
         raise ParameterError(
             f"{name}: response over load = correlation {agreement:.2f} with the structure's frequency response and "
-            f"{ratio:.3g} times its size is not allowed: a correlation above 0 and 0.02 to 20 times; load and response may be exchanged"
+            f"{ratio:.3g} times its size is not allowed: a correlation above 0 and 0.02 to 20 times; load and response may be exchanged, "
+            "or the times have another unit"
         )
     unit = RESPONSE_UNITS[measurement.sensor.quantity]
     require_ratio(name, ratio, f"units of load and response ({unit} after conversion)")
@@ -149,7 +157,17 @@ def require_ratio(name: str, ratio: float, what: str) -> None:
 def require_plausible_levels(
     measurement: LevelMeasurement, model: ModalModel, resonance: int
 ) -> None:
-    """Raise ParameterError for levels far from those of the structure alone."""
+    """Raise ParameterError for sweeps beside the resonance or of a few periods, and levels far from those of the structure alone."""
+    name = f"measurement {measurement.name}"
+    own = model.resonance_omega(resonance) / (2 * np.pi)
+    ends = sorted((measurement.start_hz, measurement.stop_hz))
+    require_excited(measurement.name, (ends[0], ends[1]), own, resonance)
+    require(
+        measurement.duration * own >= LEAST_PERIODS,
+        f"{name}: duration_s",
+        measurement.duration,
+        f"{LEAST_PERIODS / own:.4g} or more, {LEAST_PERIODS:g} periods of resonance {resonance}",
+    )
     omegas = 2 * np.pi * np.array([measurement.start_hz, measurement.stop_hz])
     schedule = FrequencySchedule(
         np.array([0.0, measurement.duration]), omegas, model.resonance_omega(resonance)
@@ -158,9 +176,34 @@ def require_plausible_levels(
     unit_level = require_recorded("level", response.level).value
     ratios = np.mean(measurement.levels, axis=1) / (measurement.forces * unit_level)
     for ratio in (float(np.min(ratios)), float(np.max(ratios))):
-        require_ratio(
-            f"measurement {measurement.name}", ratio, "units of forces (N) and levels (m)"
-        )
+        require_ratio(name, ratio, "units of forces (N) and levels (m)")
+
+
+def require_reachable_gap(
+    measurements: Sequence[Measurement], scene: Scene, gap: float, resonance: int
+) -> None:
+    """Raise ParameterError for a gap (m) that is far larger or smaller than the motion of the structure alone at the absorber.
+
+    Such a gap is one in another unit: the absorber never reaches a wall, or it sticks to the structure.
+    """
+    model = scene.model
+    largest = 0.0
+    for one in measurements:
+        if isinstance(one, DecayMeasurement) or one.absorber != MOVING:
+            continue
+        if isinstance(one, LevelMeasurement):
+            largest = max(largest, float(np.max(one.levels)))
+            continue
+        loads, samples = loads_on_clock(one, model.resonance_omega(resonance))
+        record = Record(level=False, series=True, samples_per_period=samples)
+        history = require_recorded("history", simulate(Scene(model), loads, record=record).history)
+        largest = max(largest, float(np.max(np.abs(history.modal_displacement @ model.tip_shape))))
+    require(
+        LEAST_GAP * largest <= gap <= MOST_GAP * largest,
+        "gap",
+        f"{gap:.4g} m",
+        f"{LEAST_GAP * largest:.3g} to {MOST_GAP * largest:.3g} m: the structure without absorber moves by {largest:.3g} m there",
+    )
 
 
 def _usable_rms(values: Array, rate: float, lowest: float) -> float:

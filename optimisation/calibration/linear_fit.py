@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from impact_env.modes import Structure
-from impact_env.parameters import ParameterError, SlidingAbsorber
+from impact_env.parameters import SlidingAbsorber, require
 from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
@@ -67,7 +67,12 @@ class LinearFit:
                 f"the linear model explains {100 * self.explained:.0f} % of the measurement without "
                 "a moving absorber: the structure, its places or the load may be others"
             )
-        if np.isfinite(self.gain) and abs(np.log(self.gain)) > np.log(1 + GAIN_TOL):
+        if self.gain < 0:
+            lines.append(
+                "without a moving absorber the measured response is opposite to that of the model: "
+                "a sensor that is mounted the other way round has direction = -1"
+            )
+        elif np.isfinite(self.gain) and abs(np.log(self.gain)) > np.log(1 + GAIN_TOL):
             lines.append(
                 f"without a moving absorber the measured response is {self.gain:.3g} times that of "
                 "the model: the scale of a sensor, a place or the structure's mass may be wrong"
@@ -164,6 +169,17 @@ def excited_band(values: Array, rate: float) -> tuple[float, float]:
     return low, high
 
 
+def require_excited(name: str, band: tuple[float, float], hertz: float, resonance: int) -> None:
+    """Raise ParameterError for a load with a band in Hz that does not excite the resonance at a frequency in Hz."""
+    low, high = band
+    require(
+        low / BAND_MARGIN <= hertz <= high * BAND_MARGIN,
+        f"measurement {name}: load",
+        f"{low:.4g} to {high:.4g} Hz",
+        f"a load that excites resonance {resonance} at {hertz:.4g} Hz",
+    )
+
+
 def _record_residual(
     measurement: RecordMeasurement, structure: Structure, scene: Scene, resonance: int
 ) -> tuple[RecordResidual, tuple[int, ...]]:
@@ -183,11 +199,7 @@ def _record_residual(
     inside = (hertz >= low / BAND_MARGIN) & (hertz <= high * BAND_MARGIN)
     inside &= hertz < USABLE_SHARE * rate
     inside &= np.abs(own.model.level_shape) > 1e-3 * np.max(np.abs(own.model.level_shape))
-    if not inside[resonance - 1]:
-        raise ParameterError(
-            f"measurement {measurement.name}: load = {low:.4g} to {high:.4g} Hz is not allowed: a load "
-            f"that excites resonance {resonance} at {hertz[resonance - 1]:.4g} Hz"
-        )
+    require_excited(measurement.name, (low, high), float(hertz[resonance - 1]), resonance)
     modes = tuple(int(k) + 1 for k in np.flatnonzero(inside))
     return RecordResidual(measurement, own, mask, padded, resonance), modes
 

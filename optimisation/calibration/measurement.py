@@ -175,6 +175,12 @@ def _read_sensor(
         f"{BASE_MOTION!r}, unless an acceleration is measured: the integrated motion of a base drifts",
     )
     noise = non_negative(f"{path}.noise", plain.get("noise", 0.0))
+    if response is not None:
+        most = float(np.std(response))
+        allowed = (
+            f"less than the response's standard deviation, {most:.4g} {RESPONSE_UNITS[quantity]}"
+        )
+        require(noise < most, f"{path}.noise", noise, allowed)
     if "noise_share" in plain:
         require("noise" not in plain, f"{path}.noise", noise, "left out beside noise_share")
         share = non_negative(f"{path}.noise_share", plain["noise_share"], most=1.0)

@@ -1,4 +1,4 @@
-"""Which force to measure next: how narrow the posterior is expected to become with one more sweep at each of some forces."""
+"""Which forces to measure next: how narrow the posterior is expected to become with one more sweep at each, and with several."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,16 +23,36 @@ from optimisation.calibration.simulation import Simulator
 Array = NDArray[np.float64]
 FACTORS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)  # of the load that was measured
 PLAN_RUNS = 128  # simulated sweeps at each force
+MOST_NEXT = 3  # further sweeps that are recommended
 
 
 @dataclass(frozen=True, eq=False)
 class MeasurementPlan:
-    """Expected deviations (F, P) of the parameters after one more sweep at each factor (F,) of the measured load, and those now (P,)."""
+    """Expected standard deviations of the parameters after more sweeps.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters, (P,).
+    factors : array, (F,)
+        Factors of the measured load.
+    expected : array, (F, P)
+        Expected deviations after one more sweep at each factor.
+    now : array, (P,)
+        Deviations now.
+    order : array, (S,)
+        Indices of the factors to measure at next, in this order: each is the best after those before it.
+    together : array, (S, P)
+        Expected deviations after the first sweep of ``order``, after the first two, and so on.
+
+    """
 
     names: tuple[str, ...]
     factors: Array
     expected: Array
     now: Array
+    order: NDArray[np.int64]
+    together: Array
 
     @property
     def ratios(self) -> Array:
@@ -40,9 +60,9 @@ class MeasurementPlan:
         return np.asarray(self.expected / self.now)
 
     @property
-    def best(self) -> int:
-        """Index of the factor with the least product of deviations."""
-        return int(np.argmin(np.sum(np.log(self.expected), axis=1)))
+    def next_factors(self) -> Array:
+        """Factors of the load to measure at next, (S,), in this order."""
+        return np.asarray(self.factors[self.order])
 
 
 def scale_load(measurement: Measurement, factor: float) -> Measurement:
@@ -70,11 +90,13 @@ def plan_measurement(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> MeasurementPlan:
-    """Return the expected width of the posterior after one more sweep at each force.
+    """Return the expected width of the posterior after one more sweep at each force, and the forces to measure at next.
 
     Parameters are drawn from the posterior (or the prior), the sweep is simulated with each, and the parameters are predicted from
     its statistics by the regression of `fit_regression_statistics`. Its error on what it was not fitted to is the expected
-    deviation of the parameters, up to what a linear regression misses.
+    deviation of the parameters, up to what a linear regression misses. The same parameters are simulated at all forces, so that
+    the statistics of several sweeps together say what these sweeps would give. The next force is the one with the least product of
+    expected deviations, together with those chosen before it.
 
     Parameters
     ----------
@@ -100,7 +122,7 @@ def plan_measurement(
     rows = posterior.draws[generator.permutation(len(posterior.draws))[:runs]]
     deviation = np.std(rows, axis=0)
     require(bool(np.all(deviation > 0)), "posterior", deviation.tolist(), "draws that differ")
-    expected = []
+    sweeps = []
     for k, factor in enumerate(sizes):
         show = None
         if progress is not None:
@@ -108,14 +130,42 @@ def plan_measurement(
         simulator = Simulator(
             structure, scene, [scale_load(measurement, float(factor))], resonance, threads
         )
-        statistics = simulator.simulate(posterior.names, rows, seed + k, show)
-        fine = np.all(np.isfinite(statistics), axis=1)
-        own = rows[fine] / deviation
-        _, predicted = fit_regression_statistics(own, statistics[fine])
-        expected.append(deviation * np.sqrt(np.mean((own - predicted) ** 2, axis=0)))
+        sweeps.append(simulator.simulate(posterior.names, rows, seed + k, show))
+    shares = rows / deviation
+    expected = np.array([expect_deviations(shares, [sweep]) for sweep in sweeps])
+    order, together = order_sweeps(shares, sweeps, MOST_NEXT)
     return MeasurementPlan(
-        posterior.names, sizes, np.minimum(np.array(expected), deviation), deviation
+        posterior.names, sizes, deviation * expected, deviation, order, deviation * together
     )
+
+
+def expect_deviations(parameters: Array, sweeps: Sequence[Array]) -> Array:
+    """Return the expected deviations (P,), 1 at most, of ``parameters`` (N, P) with deviation 1 after sweeps with statistics (N, D)."""
+    statistics = np.concatenate(sweeps, axis=1)
+    fine = np.all(np.isfinite(statistics), axis=1)
+    own = parameters[fine]
+    _, predicted = fit_regression_statistics(own, statistics[fine])
+    return np.minimum(np.sqrt(np.mean((own - predicted) ** 2, axis=0)), 1.0)
+
+
+def order_sweeps(
+    parameters: Array, sweeps: Sequence[Array], most: int
+) -> tuple[NDArray[np.int64], Array]:
+    """Return the sweeps to make next, (S,), and the expected deviations (S, P) after each, with those before it.
+
+    Each is the one with the least product of deviations, together with those chosen before it; ``sweeps`` are statistics (N, D) of
+    each force, and ``most`` the number of further sweeps.
+    """
+    order: list[int] = []
+    together = []
+    while len(order) < min(most, len(sweeps)):
+        left = [k for k in range(len(sweeps)) if k not in order]
+        chosen = [sweeps[k] for k in order]
+        expected = [expect_deviations(parameters, [*chosen, sweeps[k]]) for k in left]
+        best = int(np.argmin([np.sum(np.log(one)) for one in expected]))
+        order.append(left[best])
+        together.append(expected[best])
+    return np.array(order), np.array(together)
 
 
 def _shifted(progress: Progress, before: int, total: int) -> Progress:

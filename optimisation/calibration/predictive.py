@@ -54,7 +54,7 @@ class PredictiveCheck:
     the fitted parameters give, in standard deviations of simulations; ``probability``: of a distance at least as large as the
     measured one if the model is right; ``log_score``: logarithm of the replicates' Gaussian density at the measured statistics;
     ``simulations``: how many the distances are compared with; ``estimates``: parameters by each of several measurements;
-    ``contradiction``: probability of estimates that differ as much, 1 for one measurement.
+    ``contradiction``: probability of estimates that differ as much, 1 for one measurement; ``parameters``: how many are fitted.
     """
 
     statistics: tuple[Statistic, ...]
@@ -66,6 +66,16 @@ class PredictiveCheck:
     simulations: int
     estimates: tuple[MeasurementEstimate, ...] = ()
     contradiction: float = 1.0
+    parameters: int = 0
+
+    @property
+    def score(self) -> float:
+        """Predictive score, by which models are compared: the log score less half the number of fitted parameters.
+
+        In a linear normal model with n data and p parameters the squared distance of the data from a prediction that was fitted to
+        them is n - p in the mean, and n for new data: the log score of the former is higher by p / 2.
+        """
+        return self.log_score - 0.5 * self.parameters
 
     @property
     def explains(self) -> bool:
@@ -188,6 +198,7 @@ def compare_statistics(
         log_density(drawn, observed),
         len(simulated),
         contradiction=differ,
+        parameters=0 if estimates is None else len(estimates[1]),
     )
 
 

@@ -34,6 +34,8 @@ STRONG_CORRELATION = 0.5
 NOT_IDENTIFIED = 0.8  # posterior over prior deviation, above which a measurement says little
 AT_END = 0.02  # of the prior's range: a median nearer to its end is at the end
 MOST_LISTED = 6  # statistics that are not explained
+CLOSE_SCORE = 3.0  # a smaller difference of scores, 20 to 1, does not tell two models apart
+UNEQUAL_GAPS = "unequal gaps"
 MILLI = {"m": ("mm", 1e3), "kg": ("g", 1e3)}
 
 
@@ -163,17 +165,52 @@ def linear_lines(linear: LinearFit | None) -> list[str]:
     ]
 
 
-def model_table(models: Models) -> Table:
-    """Return a line for each model: its probability in the check and its score."""
-    best = max(check.log_score for _, check in models.values())
+def rank_models(models: Models) -> list[tuple[str, float]]:
+    """Return names and predictive scores of models, the best first."""
+    scores = [(name, check.score) for name, (_, check) in models.items()]
+    return sorted(scores, key=lambda one: -one[1])
+
+
+def list_close(models: Models) -> list[str]:
+    """Return the models whose score is too near to that of the best for the measurement to tell them apart from it."""
+    (_, best), *others = rank_models(models)
+    return [name for name, score in others if best - score < CLOSE_SCORE]
+
+
+def best_model(models: Models) -> str:
+    """Return which model has the best score, and whether it explains the measurement, in words."""
+    name, score = rank_models(models)[0]
+    own, check = next(iter(models.values()))
+    explains = models[name][1].explains
+    if models[name][0] is own:
+        words = "Best score: the model itself; the others predict the measurement worse"
+    else:
+        words = f"Best score: {name}, {score - check.score:.1f} above the model"
+    words += "; it explains the measurement." if explains else "; the check refuses it, too."
+    close = list_close(models)
+    if close:
+        words += f" Within {CLOSE_SCORE:g} of it, not told apart: {', '.join(close)}."
+    return words
+
+
+def model_rows(models: Models) -> list[tuple[str, str, str, str]]:
+    """Return for each model its name, its predictive score, its probability in the check and its parameters."""
+    best = rank_models(models)[0][1]
     rows = []
     for name, (inference, check) in models.items():
         values = ", ".join(
             f"{text[0]} {text[1]} ({text[2]})" for text in parameter_texts(inference)
         )
-        rows.append((name, f"{check.probability:.2g}", f"{check.log_score - best:.1f}", values))
-    header = ("model", "probability", "log score, less the best", "median (90 % interval)")
-    return Table.of_words(header, rows)
+        rows.append((name, f"{check.score - best:.1f}", f"{check.probability:.2g}", values))
+    own = rows[0]
+    rows.append((UNEQUAL_GAPS, own[1], own[2], "same response: only the total clearance acts"))
+    return rows
+
+
+def model_table(models: Models) -> Table:
+    """Return a line for each model."""
+    header = ("model", "score, less the best", "probability", "median (90 % interval)")
+    return Table.of_words(header, model_rows(models))
 
 
 def plan_table(plan: MeasurementPlan) -> Table:
@@ -184,6 +221,18 @@ def plan_table(plan: MeasurementPlan) -> Table:
         for k, factor in enumerate(plan.factors)
     ]
     return Table.of_words(header, rows)
+
+
+def plan_lines(plan: MeasurementPlan) -> list[str]:
+    """Return which forces to measure at next, and what is expected of them."""
+    lines = ["Measure next, in this order; expected deviations of the parameters over those now:"]
+    for k, factor in enumerate(plan.next_factors):
+        ratios = ", ".join(
+            f"{name} {ratio:.2f}"
+            for name, ratio in zip(plan.names, plan.together[k] / plan.now, strict=True)
+        )
+        lines.append(f"  {'then ' if k else ''}at {factor:g} times the load: {ratios}")
+    return lines
 
 
 def text_blocks(
@@ -208,10 +257,9 @@ def text_blocks(
         [verdict(check), *contradiction_lines(inference, check)],
     ]
     if len(models) > 1:
-        blocks.append([model_table(models)])
+        blocks += [[best_model(models)], [model_table(models)]]
     if plan is not None:
-        best = f"Measure next at {plan.factors[plan.best]:g} times the load: the intervals are then narrowest together."
-        blocks += [["Expected after one more sweep:"], [plan_table(plan)], [best]]
+        blocks += [["Expected after one more sweep:"], [plan_table(plan)], plan_lines(plan)]
     return [*blocks, [f"Warning: {line}" for line in warnings]]
 
 
@@ -250,18 +298,26 @@ def summarise(
         content["models"] = {
             name: {
                 "probability": other.probability,
+                "score": other.score,
                 "log_score": other.log_score,
+                "free_parameters": other.parameters,
                 "median": dict(zip(own.names, np.median(own.values, axis=0).tolist(), strict=True)),
             }
             for name, (own, other) in models.items()
         }
+        content["models"][UNEQUAL_GAPS] = {"same_response_as": next(iter(models))}
+        content["best_model"] = rank_models(models)[0][0]
+        content["not_told_apart"] = list_close(models)
     if plan is not None:
         content["plan"] = {
             "factors": plan.factors.tolist(),
             "expected_deviation": {
                 name: plan.expected[:, k].tolist() for k, name in enumerate(plan.names)
             },
-            "best_factor": float(plan.factors[plan.best]),
+            "next_factors": plan.next_factors.tolist(),
+            "expected_deviation_together": {
+                name: plan.together[:, k].tolist() for k, name in enumerate(plan.names)
+            },
         }
     return content
 
@@ -363,7 +419,7 @@ def make_report(
     inference, check = next(iter(models.values()))
     return Report(
         title="Calibration of an impact absorber",
-        verdict=verdict(check),
+        verdict=verdict(check) if len(models) == 1 else f"{verdict(check)} {best_model(models)}",
         text=text_blocks(measurements, models, linear, plan, warnings),
         numbers=numbers | summarise(models, linear, plan, warnings),
         tables={"statistics.csv": statistics_table(inference, check)},
@@ -410,16 +466,13 @@ def card_groups(
     if len(models) > 1:
         groups.append(
             (
-                "Models: probability in the check, log score",
-                tuple(
-                    Row(name, f"{own.probability:.2g}, {own.log_score:.1f}")
-                    for name, (_, own) in models.items()
-                ),
+                "Models: score, less the best (probability in the check)",
+                tuple(Row(row[0], f"{row[1]} ({row[2]})") for row in model_rows(models)),
             )
         )
     if plan is not None:
-        best = float(plan.factors[plan.best])
-        groups.append(("One more sweep", (Row("best at, times the load", best),)))
+        factors = ", then ".join(f"{factor:g}" for factor in plan.next_factors)
+        groups.append(("Measure next", (Row("times the load", factors),)))
     return tuple(groups)
 
 

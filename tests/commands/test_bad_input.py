@@ -327,6 +327,7 @@ reproduce benchmark-explorer
     --picture a.gif -> --picture = a.gif is not allowed
 reproduce benchmark-envs
 reproduce benchmark-periodic
+reproduce benchmark-calibration
 reproduce benchmark-sectors
 reproduce benchmark-start --quick
 reproduce cost-of-exact
@@ -381,6 +382,7 @@ calibrate levels.toml
     --free height -> free = 'height' is not allowed
     --free gap --free gap -> --free gap is given twice
     --plan a -> --plan = 'a' is not allowed: numbers with commas between
+    --plan 0 -> plan = 0.0 is not allowed
     --resonance 99 -> resonance = 99 is not allowed: a mode of the model, 1 to 10
     --mass-kg 5 -> mass_kg = 5.0 is not allowed
     --gap -1 -> gap = -1.0 is not allowed

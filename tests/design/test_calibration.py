@@ -27,7 +27,7 @@ from impact_env import (
 from impact_env.loads import Samples
 from impact_env.records.units import find_unit
 from optimisation.answers.calibration import CalibrationRuns, calibrate
-from optimisation.calibration.admission import require_plausible
+from optimisation.calibration.admission import require_plausible, require_reachable_gap
 from optimisation.calibration.alternatives import list_alternatives
 from optimisation.calibration.inference import Ensemble, infer, measure_sensitivity
 from optimisation.calibration.likelihood import (
@@ -47,8 +47,13 @@ from optimisation.calibration.measurement import (
     read_measurements,
 )
 from optimisation.calibration.parameters import Prior, read_priors, scene_with
+from optimisation.calibration.plan import order_sweeps
 from optimisation.calibration.posterior import Posterior, read_posterior
-from optimisation.calibration.predictive import compare_statistics, estimate_by_measurement
+from optimisation.calibration.predictive import (
+    compare_statistics,
+    estimate_by_measurement,
+    log_density,
+)
 from optimisation.calibration.simulation import (
     MeasurementSimulator,
     Simulator,
@@ -134,6 +139,7 @@ def test_a_file_names_records_with_units_place_and_noise(tmp_path: Path) -> None
         ),
         ('unit = "g"', 'unit = "mm"', "unit = 'mm' is not allowed: a unit of acceleration"),
         ("noise = 0.1", "noise = -1", "noise = -1"),
+        ("noise = 0.1", "noise = 10", "noise = 10.0 is not allowed: less than the response's"),
         ("noise = 0.1", "direction = 2", "direction = 2"),
         ("noise = 0.1", "place = 2.0", "place = 2"),
         ("noise = 0.1", "noises = 2.0", "only the keys"),
@@ -314,6 +320,7 @@ def test_exchanged_records_units_and_nodes_are_refused() -> None:
     load = swept_load()
     good = measured()
     require_plausible([good], BEAM, 1)
+    in_milliseconds = Samples(load.times / 1000, load.values)
     exchanged = replace(good, load=Samples(load.times, good.response), response=load.values)
     free = linear_response(float(modal_model(BEAM).omega[0]), 0.01, load, 1.3)
     for bad, words in (
@@ -322,25 +329,46 @@ def test_exchanged_records_units_and_nodes_are_refused() -> None:
         (replace(good, response=1e3 * good.response), "times that of the structure"),
         (replace(good, response=1e-3 * good.response), "times that of the structure"),
         (replace(good, sensor=replace(good.sensor, place=0.01)), "node"),
+        (replace(good, load=in_milliseconds), "a load that excites resonance 1"),
     ):
         with pytest.raises(ParameterError, match=words):
             require_plausible([bad], BEAM, 1)
-    with pytest.raises(ParameterError, match="times that of the structure"):
-        require_plausible(
-            [
-                LevelMeasurement(
-                    "levels",
-                    np.array([1.0]),
-                    np.array([[1e-6]]),
-                    36.0,
-                    43.0,
-                    10.0,
-                    Sensor(DISPLACEMENT),
-                )
-            ],
-            BEAM,
-            1,
-        )
+    force, level = np.array([1.0]), np.array([[1e-6]])
+    sensor = Sensor(DISPLACEMENT)
+    for sweep, words in (
+        ((36.0, 43.0, 10.0), "times that of the structure"),
+        ((3.0, 4.0, 10.0), "a load that excites resonance 1"),
+        ((43.0, 36.0, 0.1), "10 periods of resonance 1"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            require_plausible([LevelMeasurement("levels", force, level, *sweep, sensor)], BEAM, 1)
+
+
+def test_a_gap_in_another_unit_is_refused() -> None:
+    """Bounds from the linear steady state: the largest motion of one mode is force times shapes over 2 D omega^2, at most."""
+    model = modal_model(Beam(modes=1))
+    scene = Scene(model, SCENE.absorber)
+    steady = 3.5 * float(model.force_shape[0] * model.tip_shape[0])
+    steady /= 2 * float(model.damping_ratio[0]) * float(model.omega[0]) ** 2
+    for factor in (0.01, 1.0, 8.0):
+        require_reachable_gap([measured()], scene, factor * steady, 1)
+    for factor in (1e-3, 21.0):
+        with pytest.raises(ParameterError, match=r"gap = .* the structure without absorber moves"):
+            require_reachable_gap([measured()], scene, factor * steady, 1)
+
+
+def test_a_sensor_the_other_way_round_is_a_warning() -> None:
+    beam = Beam(modes=1)
+    load = swept_load(0.5)
+    model = modal_model(beam)
+    shape = float(np.sqrt(model.force_shape[0] * model.tip_shape[0]))
+    response = -linear_response(float(model.omega[0]), 0.01, load, shape)
+    removed = record_of(response, load, absorber="removed")
+    fit = fit_linear(beam, Scene(model, SCENE.absorber), [removed], 1)
+    assert fit is not None
+    assert fit.gain == pytest.approx(-1.0, rel=0.01)
+    (warning,) = fit.warnings
+    assert "direction = -1" in warning
 
 
 # Priors.
@@ -581,6 +609,41 @@ def test_measurements_that_give_other_parameters_contradict_one_another() -> Non
     assert [one.shares[0] for one in estimates] == pytest.approx([0.35, 0.65], abs=0.03)
 
 
+def test_a_fit_to_the_same_data_has_a_log_score_that_is_half_the_parameters_too_high() -> None:
+    """Linear normal statistics with a flat prior: in the mean the score is that of new data, the log score is not."""
+    generator = np.random.default_rng(4)
+    design = np.linalg.qr(generator.standard_normal((12, 4)))[0]
+    gains = []
+    for _ in range(300):
+        data, fresh = generator.standard_normal((2, 12))
+        fitted = design @ (design.T @ data)
+        drawn = fitted + generator.standard_normal((600, 4)) @ design.T
+        drawn += generator.standard_normal((600, 12))
+        gains.append(log_density(drawn, data) - log_density(drawn, fresh))
+    assert np.mean(gains) == pytest.approx(4 / 2, abs=0.5)
+    check = compare_statistics(NAMES, drawn, data, (drawn @ design, design.T @ data))
+    assert check.score == check.log_score - 4 / 2
+
+
+# The plan.
+
+
+def test_the_next_sweep_is_the_one_that_adds_most_to_those_before_it() -> None:
+    """Normal parameters measured with normal errors: deviation after a sweep with error s is s / sqrt(1 + s^2)."""
+    generator = np.random.default_rng(5)
+    parameters = generator.standard_normal((2000, 2))
+
+    def sweep(which: int, error: float) -> Array:
+        return parameters[:, [which]] + error * generator.standard_normal((2000, 1))
+
+    sweeps = [sweep(0, 0.2), sweep(1, 0.3), sweep(0, 0.1)]
+    order, together = order_sweeps(parameters, sweeps, 2)
+    assert order.tolist() == [2, 1]
+    first, second = (error / np.sqrt(1 + error**2) for error in (0.1, 0.3))
+    assert together[0] == pytest.approx([first, 1.0], rel=0.06)
+    assert together[1] == pytest.approx([first, second], rel=0.06)
+
+
 # The whole.
 
 RUNS = CalibrationRuns(64, 48, 2, 40)
@@ -617,6 +680,30 @@ def test_a_whole_answer_holds_the_truth_and_goes_on_from_a_checkpoint(tmp_path: 
     assert np.allclose(read.draws, posterior.draws, rtol=1e-6)
     assert "Posterior of" in str(answer)
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["runs"] == 160
+
+
+def test_a_wrong_model_is_refused_and_the_right_one_is_named(tmp_path: Path) -> None:
+    """The device has friction, the model none."""
+    free = {"restitution": (0.3, 0.9), "gap": (0.6e-3, 1.5e-3)}
+    answer = calibrate([measured(friction=0.2)], BEAM, impact_absorber(1e-3, 0.6), free, runs=RUNS)
+    assert not answer.model.check.explains
+    summary = answer.to_json()
+    assert summary["best_model"] == "friction"
+    scores = {name: one.get("score") for name, one in summary["models"].items()}
+    assert set(scores) == {
+        "model",
+        "compliant walls",
+        "restitution falls with speed",
+        "friction",
+        "unequal gaps",
+    }
+    assert scores["friction"] > scores["model"] + 3
+    assert summary["models"]["friction"]["free_parameters"] == 3
+    line = f"Best score: friction, {scores['friction'] - scores['model']:.1f} above the model"
+    answer.save(tmp_path)
+    assert line in str(answer)
+    assert "unequal gaps" in str(answer)
+    assert line in (tmp_path / "card.html").read_text()
 
 
 def test_levels_over_force_are_simulated_with_their_repeats() -> None:
@@ -688,6 +775,7 @@ def test_the_command_writes_a_posterior_and_refuses_before_it_runs(tmp_path: Pat
         (["--free", "height"], "free = 'height'"),
         ([*free, "--free", "restitution"], "--free restitution is given twice"),
         ([*free, "--plan", "a"], "--plan = 'a'"),
+        ([*free, "--plan", "0,1"], "plan = 0.0 is not allowed"),
         ([*free, "--resonance", 9], "resonance = 9"),
     ):
         result = call(command, *start, *words)

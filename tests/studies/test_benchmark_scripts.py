@@ -16,6 +16,7 @@ from optimisation.machine import conditions
 from studies import probe
 from studies.cli import (
     benchmark,
+    benchmark_calibration,
     benchmark_energies,
     benchmark_periodic,
     benchmark_sectors,
@@ -75,6 +76,12 @@ def sector_rows(values: Any) -> None:
     assert all(row["impacts"] > 0.5 * row["sectors"] for row in values["rows"])
 
 
+def calibration_rows(values: Any) -> None:
+    """Both cases have ten modes and three parameters, as the page says."""
+    assert [(row["modes"], row["parameters"]) for row in values["rows"]] == [(10, 3)] * 2
+    assert [row["simulated"] for row in values["rows"]] == [32 + 16 + 20] * 2
+
+
 LINEAR = tuple(column for column in reference_levels.COLUMNS if column.absorber is None)
 PLATEAU = replace(LINEAR[0], resonance=2)
 timed = benchmark_periodic.timed  # repeats tell about times alone: two
@@ -115,6 +122,13 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
         parts,
         "cases",
     ),
+    "benchmark_calibration": (
+        benchmark_calibration,
+        ["--quick"],
+        {"QUICK_RUNS": benchmark_calibration.LEAST_RUNS},
+        calibration_rows,
+        "rows",
+    ),
     "benchmark_sectors": (
         benchmark_sectors,
         ["--quick"],
@@ -132,7 +146,8 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
 }
 
 
-NIGHTLY = ("benchmark_energies", "benchmark_periodic")  # 14 s of the processor each
+# 10 to 14 s of the processor each
+NIGHTLY = ("benchmark_calibration", "benchmark_energies", "benchmark_periodic")
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ def test_methods_are_counted_by_their_intervals() -> None:
         return {
             "method": comparison.ABC,
             "sweeps": comparison.SWEEPS,
+            "simulated": 400 + number,
             "number": number,
             "truth": truth.tolist(),
             "low": (truth + shift - 0.1).tolist(),
@@ -43,8 +44,10 @@ def test_methods_are_counted_by_their_intervals() -> None:
     centre = (18 + z**2 / 2) / (24 + z**2)
     half = z / (24 + z**2) * np.sqrt(18 * 6 / 24 + z**2 / 4)
     assert own["inside"] == f"75 ({100 * (centre - half):.0f} to {100 * (centre + half):.0f})"
-    assert own["each"] == "75 / 75 / 75"
     assert own["width"] == "20.0 / 20.0 / 20.0"
+    assert own["error"] == "5.0 / 5.0 / 5.0"  # 0.2 in two of eight
+    assert own["score"] == pytest.approx(100 * (0.2 + 20 * 0.1 / 4))  # 0.1 outside in two of eight
+    assert own["sweeps"] == f"{256 + 403.5:.0f}"
 
 
 def test_refusals_are_counted_where_the_check_was_made() -> None:
@@ -78,4 +81,7 @@ def test_each_number_of_truths_is_the_beginning_of_a_larger_study() -> None:
     )
     assert [case for case in large if case in small] == small
     methods = comparison.list_cases(comparison.ComparisonSettings(11))
-    assert sum(method == comparison.NEURAL_ROUNDS for method, _, _ in methods) == 2
+    assert {number for _, _, number in methods} == set(range(11))
+    kinds = coverage.list_cases(coverage.CalibrationSettings(1, 3, 2))
+    assert sum(kind == "drift" for _, kind, _ in kinds) == 3
+    assert sum(kind == coverage.COMPLIANT for _, kind, _ in kinds) == 2 * 2  # on two rigs

@@ -56,7 +56,8 @@ from studies.study import (
 NAME = "check_calibration"  # also the page's marker
 SEED = 2028
 TRUTHS = 100  # of each structure, in the model
-DISTURBED = 10  # of each kind of disturbance, and of each kind outside the model
+DISTURBED = 20  # of each kind of disturbance
+OUTSIDE = 6  # of each kind outside the model
 MODEL = "the model"
 COMPLIANT = "compliant walls"
 YIELDING = "restitution falls with speed"
@@ -341,6 +342,7 @@ class CalibrationSettings(NamedTuple):
 
     truths: int = TRUTHS
     disturbed: int = DISTURBED
+    outside: int = OUTSIDE
     first_runs: int = 256
     round_runs: int = 128
     rounds: int = 3
@@ -354,17 +356,21 @@ def list_cases(settings: CalibrationSettings) -> dict[Any, Callable[[], list[Jso
     def add(rig: TestRig, name: str, number: int) -> None:
         cases[rig.name, name, number] = partial(measure_truth, rig, name, number, settings)
 
-    for number in range(max(settings.truths, EVERY * settings.disturbed)):
+    for number in range(max(settings.truths, EVERY * max(settings.disturbed, settings.outside))):
         if number < settings.truths:
             for rig in COVERED:
                 add(rig, MODEL, number)
         own, rest = divmod(number, EVERY)
-        if rest == 0 and own < settings.disturbed:
-            for name, kind in KINDS.items():
-                if kind.outside or name == MODEL:
-                    add(SEVERAL_FORCES, name, own)
-                if name != MODEL:
-                    add(RIGS[0], name, own)
+        if rest > 0:
+            continue
+        for name, kind in KINDS.items():
+            disturbs = not (kind.outside or name in (MODEL, FREE_FRICTION))
+            if own >= (settings.disturbed if disturbs else settings.outside):
+                continue
+            if kind.outside or name == MODEL:
+                add(SEVERAL_FORCES, name, own)
+            if name != MODEL:
+                add(RIGS[0], name, own)
     return cases
 
 
@@ -489,7 +495,7 @@ STUDY: Study[CalibrationSettings] = Study(
     ),
     stopped_message="with --json the same command goes on from here.",
 )
-QUICK = CalibrationSettings(2, 0, 64, 48, 1, 40)
+QUICK = CalibrationSettings(2, 0, 0, 64, 48, 1, 40)
 
 
 @command()
@@ -506,15 +512,29 @@ QUICK = CalibrationSettings(2, 0, 64, 48, 1, 40)
     type=click.IntRange(min=0),
     default=DISTURBED,
     show_default=True,
-    help="Truths of each disturbance, and of each kind outside the model.",
+    help="Truths of each disturbance of the measurement.",
+)
+@click.option(
+    "--outside",
+    type=click.IntRange(min=0),
+    default=OUTSIDE,
+    show_default=True,
+    help="Truths of each kind outside the model.",
 )
 @add_table_options(NAME, "docs/calibrate.md")
-def main(quick: bool, truths: int, disturbed: int, target: Path | None, page: Path | None) -> None:
+def main(
+    quick: bool,
+    truths: int,
+    disturbed: int,
+    outside: int,
+    target: Path | None,
+    page: Path | None,
+) -> None:
     """Print how often the 90 % intervals of calibrate hold the truth, and how often its predictive check refuses the model.
 
     Truths are drawn from the prior and measured by simulation; the same is done with disturbed measurements and with absorbers
     that the model lacks. Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
     """
     with plain_errors():
-        settings = QUICK if quick else CalibrationSettings(truths, disturbed)
+        settings = QUICK if quick else CalibrationSettings(truths, disturbed, outside)
         run(STUDY, settings, make_table_paths(target, page))

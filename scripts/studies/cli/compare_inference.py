@@ -28,6 +28,7 @@ from studies.cli.check_calibration import (
     MODEL,
     RIGS,
     SEED,
+    SHARE_IN_INTERVAL,
     first_ensemble,
     make_simulator,
     measure,
@@ -46,7 +47,7 @@ from studies.study import (
 
 NAME = "compare_inference"  # also the page's marker
 RIG = RIGS[0]
-TRUTHS = 40
+TRUTHS = 10
 FIRST_RUNS = 256
 ROUND_RUNS = 128
 ROUNDS = 3
@@ -68,20 +69,20 @@ NEEDS = {
 
 
 class Setting(NamedTuple):
-    """A method with a number of simulated sweeps, and how many truths lie between two that it is used for: more where it takes longer."""
+    """A method with the number of sweeps that it may simulate."""
 
     method: str
     sweeps: int
-    every: int = 1
 
 
 SETTINGS = (
-    Setting(LIKELIHOOD, SWEEPS, 4),
+    Setting(LIKELIHOOD, SWEEPS),
     Setting(NEURAL, SWEEPS),
+    Setting(ABC, SWEEPS),
+    Setting(LIKELIHOOD, MORE_SWEEPS),
     Setting(NEURAL, MORE_SWEEPS),
-    Setting(NEURAL_ROUNDS, SWEEPS, 10),
-    Setting(ABC, SWEEPS, 5),
-    Setting(ABC, MORE_SWEEPS, 10),
+    Setting(ABC, MORE_SWEEPS),
+    Setting(NEURAL_ROUNDS, SWEEPS),  # the slowest is the last
 )
 
 
@@ -105,22 +106,24 @@ def import_method(name: str) -> ModuleType:
 
 
 class CountedSimulation:
-    """Simulates ensembles of a truth's measurement, and counts CPU seconds."""
+    """Simulates ensembles of a truth's measurement, and counts sweeps and CPU seconds."""
 
     def __init__(self, simulator: Simulator) -> None:
         self.simulator = simulator
         self.seconds = 0.0
+        self.sweeps = 0
 
     def __call__(self, shares: Array, seed: int) -> Ensemble:
         """Return the ensemble at shares (N, P)."""
         start = time.process_time()
         ensemble = simulate_ensemble(self.simulator, RIG.priors, shares, seed)
         self.seconds += time.process_time() - start
+        self.sweeps += len(shares)
         return ensemble
 
 
-def infer_by_likelihood(simulation: CountedSimulation, _sweeps: int, number: int) -> Answer:
-    """Return the posterior of calibrate."""
+def infer_by_likelihood(simulation: CountedSimulation, sweeps: int, number: int) -> Answer:
+    """Return the posterior of calibrate, which stops early where two rounds agree."""
     first = first_ensemble(RIG.name, FIRST_RUNS)
     start = time.process_time()
     inference = infer(
@@ -128,7 +131,7 @@ def infer_by_likelihood(simulation: CountedSimulation, _sweeps: int, number: int
         RIG.priors,
         seed=number,
         first=first,
-        round_runs=ROUND_RUNS,
+        round_runs=(sweeps - FIRST_RUNS) // ROUNDS,
         rounds=ROUNDS,
         simulate=lambda shares, k: simulation(shares, 1000 * number + k),
     )
@@ -219,7 +222,7 @@ def infer_by_neural_posterior(simulation: CountedSimulation, sweeps: int, number
     return Answer(draws, np.ones(len(draws)), seconds)
 
 
-def infer_by_neural_rounds(simulation: CountedSimulation, _sweeps: int, number: int) -> Answer:
+def infer_by_neural_rounds(simulation: CountedSimulation, sweeps: int, number: int) -> Answer:
     """Return the neural posterior of rounds that are drawn from the posterior before, as calibrate's."""
     first = first_ensemble(RIG.name, FIRST_RUNS).finite
     start = time.process_time()
@@ -229,7 +232,8 @@ def infer_by_neural_rounds(simulation: CountedSimulation, _sweeps: int, number: 
     at = trainer.tensor(scaled(observed[None], scale))
     trained = train_posterior(trainer, first, scale)
     for k in range(ROUNDS):
-        shares = draw_neural(trained, trainer, observed, scale, ROUND_RUNS)
+        runs = (sweeps - FIRST_RUNS) // ROUNDS
+        shares = draw_neural(trained, trainer, observed, scale, runs)
         ensemble = simulation(shares, 1000 * number + k).finite
         trained = train_posterior(trainer, ensemble, scale, trained.set_default_x(at))
     draws = draw_neural(trained, trainer, observed, scale, DRAWS)
@@ -304,6 +308,7 @@ def measure_method(setting: Setting, number: int) -> list[Json]:
         {
             "method": setting.method,
             "sweeps": setting.sweeps,
+            "simulated": simulation.sweeps,
             "number": number,
             "truth": truth[0].round(6).tolist(),
             "low": low.round(5).tolist(),
@@ -322,19 +327,22 @@ class ComparisonSettings(NamedTuple):
 
 
 def list_cases(settings: ComparisonSettings) -> dict[Any, Callable[[], list[Json]]]:
-    """Return all methods and truths, truth by truth."""
+    """Return all methods and truths, method by method."""
     return {
         (one.method, one.sweeps, number): partial(measure_method, one, number)
-        for number in range(settings.truths)
         for one in settings.settings
-        if number % one.every == 0
+        for number in range(settings.truths)
     }
 
 
 def method_rows(rows: Sequence[Json]) -> list[Json]:
-    """Return a row for each method and number of sweeps: coverage, width and cost."""
+    """Return a row for each method and number of sweeps: coverage, width, interval score and cost.
+
+    The interval score is the mean, over truths and parameters, of the width plus 2 / 0.1 times the distance of a truth that lies
+    outside (Gneiting and Raftery, 2007, doi:10.1198/016214506000001437): narrow intervals that miss the truth have a large one.
+    """
     result = []
-    for method, sweeps, _every in SETTINGS:
+    for method, sweeps in SETTINGS:
         own = [r for r in rows if (r["method"], r["sweeps"]) == (method, sweeps)]
         if not own:
             continue
@@ -342,27 +350,31 @@ def method_rows(rows: Sequence[Json]) -> list[Json]:
             np.array([r[name] for r in own]) for name in ("low", "truth", "high", "median")
         )
         inside = (low <= truth) & (truth <= high)
+        missed = np.maximum(low - truth, 0) + np.maximum(truth - high, 0)
+        score = high - low + 2 / (1 - SHARE_IN_INTERVAL) * missed
         held = int(np.sum(inside))
         interval = scipy.stats.binomtest(held, inside.size).proportion_ci(0.95, "wilson")
         once = method == NEURAL
+        simulated = FIRST_RUNS + np.mean([r["simulated"] for r in own])
         result.append(
             {
                 "method": method,
-                "sweeps": f"{sweeps}, once for all" if once else f"{sweeps}",
+                "sweeps": f"{sweeps}, once for all" if once else f"{simulated:.0f}",
                 "truths": len(own),
                 "inside": f"{100 * held / inside.size:.0f} ({100 * interval.low:.0f} to {100 * interval.high:.0f})",
-                "each": " / ".join(f"{100 * share:.0f}" for share in np.mean(inside, axis=0)),
-                "width": " / ".join(
-                    f"{100 * width:.1f}" for width in np.median(high - low, axis=0)
-                ),
-                "error": " / ".join(
-                    f"{100 * error:.1f}" for error in np.median(np.abs(median - truth), axis=0)
-                ),
+                "width": format_percent(np.mean(high - low, axis=0)),
+                "error": format_percent(np.mean(np.abs(median - truth), axis=0)),
+                "score": 100 * float(np.mean(score)),
                 "seconds": float(np.median([r["method_seconds"] for r in own])),
                 "needs": NEEDS[method],
             }
         )
     return result
+
+
+def format_percent(shares: Array) -> str:
+    """Return shares (P,) in percent."""
+    return " / ".join(f"{100 * one:.1f}" for one in shares)
 
 
 def write_table(measured: Measurement) -> str:
@@ -372,9 +384,9 @@ def write_table(measured: Measurement) -> str:
         "sweeps": "{sweeps}",
         "truths": "{truths}",
         "in the 90 % interval, %": "{inside}",
-        "restitution / friction / gap, %": "{each}",
-        "width of the interval, % of the prior": "{width}",
+        "width, restitution / friction / gap, % of the prior": "{width}",
         "error of the median, % of the prior": "{error}",
+        "interval score, % of the prior": "{score:.1f}",
         "CPU time without sweeps, s": "{seconds:.3g}",
         "needs": "{needs}",
     }
@@ -418,9 +430,8 @@ QUICK = ComparisonSettings(1, (Setting(LIKELIHOOD, SWEEPS),))
 def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> None:
     """Print coverage, width and cost of the posteriors of three methods for the same simulated measurements.
 
-    The methods are the synthetic likelihood of calibrate, sbi's neural posterior and pyabc's ABC-SMC, the slower ones for fewer
-    truths. sbi and pyabc are no part of any extra: pip install sbi pyabc. Ctrl-C prints, and writes, what is finished; with
-    --json the same command goes on.
+    The methods are the synthetic likelihood of calibrate, sbi's neural posterior and pyabc's ABC-SMC. sbi and pyabc are no part of
+    any extra: pip install sbi pyabc. Ctrl-C prints, and writes, what is finished; with --json the same command goes on.
     """
     with plain_errors():
         settings = QUICK if quick else ComparisonSettings(truths)
