@@ -333,7 +333,8 @@ def test_exchanged_records_units_and_nodes_are_refused() -> None:
     ):
         with pytest.raises(ParameterError, match=words):
             require_plausible([bad], BEAM, 1)
-    force, level = np.array([1.0]), np.array([[1e-6]])
+    force = np.array([1.0])
+    level = np.array([[1e-6]])
     sensor = Sensor(DISPLACEMENT)
     for sweep, words in (
         ((36.0, 43.0, 10.0), "times that of the structure"),
