@@ -12,7 +12,7 @@ from impact_env.ensemble import available_cores
 from optimisation.answers.calibration import QUICK_RUNS, CalibrationRuns, calibrate
 from optimisation.calibration.measurement import MOVING, Measurement, read_measurements
 from optimisation.cli.common import command, plain_errors
-from optimisation.page import DOCS
+from optimisation.files import DOCS
 from studies.study import (
     Json,
     Study,
