@@ -259,7 +259,7 @@ def text_blocks(
     if len(models) > 1:
         blocks += [[best_model(models)], [model_table(models)]]
     if plan is not None:
-        blocks += [["Expected after one more sweep:"], [plan_table(plan)], plan_lines(plan)]
+        blocks += [["Expected after one more sweep:"], [plan_table(plan)], [*plan_lines(plan)]]
     return [*blocks, [f"Warning: {line}" for line in warnings]]
 
 
