@@ -1,5 +1,6 @@
 """Which tests run, in which order, and what each takes: the options --quick and --cpu, and the files that start first."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,22 @@ settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
 
 HERE = Path(__file__).parent
+
+
+# their commands write some hundred figures, whose pixels no test counts: most of a figure's time goes by its pixels
+DRAWING = ("commands", "design", "studies")
+COARSE_DPI = 40.0
+
+
+@pytest.fixture(autouse=True, scope="module")
+def draw_coarsely(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Let commands write figures with fewer pixels in the folders that write many."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name in DRAWING:
+            from optimisation.report.figures import write_figure
+
+            patch.setattr(write_figure, "__defaults__", (COARSE_DPI,))
+        yield
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

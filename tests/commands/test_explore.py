@@ -67,6 +67,7 @@ from optimisation.frequency_levels import frequency_curve
 from optimisation.measures import read
 from optimisation.statistics import prediction_interval
 from optimisation.sweep_range import find_sweep_range
+from optimisation.tuned import den_hartog
 
 HOST = "127.0.0.1:8651"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}
@@ -78,6 +79,10 @@ BEAM = Beam()
 def few() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("optimisation.explore.work.FORCES", 8)
+        patch.setattr(
+            "optimisation.explore.advice.smallest_amplitude",
+            lambda model, mass_ratio, resonance, *_range: den_hartog(model, mass_ratio, resonance),
+        )
         yield
 
 
