@@ -35,16 +35,16 @@ PARTS = (
 )
 
 # a line for each of `PARTS`, by processor time with compiled kernels (kinds.py compiles them before). Files that take most, in s:
-# plain_python 90, interrupted 60, bifurcation_curves 50, printed_blocks, orbits_script and design_scripts 40, first_use, cluster and
-# search_truth 33, training 28, bounds, structure_commands, kernel_cache, command, regimes, harmonic_balance and gap_search 20.
+# printed_blocks 50, plain_python, interrupted, bifurcation_curves and docs (mypy) 40, orbits_script 35, dense_motion, first_use,
+# harmonic_balance, cluster and search_truth 25, explore, training, design_scripts, kernel_cache and regimes 20.
 _LONGEST_FIRST = """
-    kernels/bounds kernels/kernel_cache kernels/loads kernels/exact_contacts kernels/dense_motion kernels/budget kernels/energies
+    kernels/dense_motion kernels/kernel_cache kernels/loads kernels/bounds kernels/exact_contacts kernels/budget kernels/energies
     kernels/plain_python kernels/search_truth kernels/regimes kernels/one_result kernels/verification kernels/several kernels/stepping
     periodic/bifurcation_curves simulator/first_use periodic/harmonic_balance simulator/controlled simulator/stop_and_passes simulator/places
-    design/cluster design/limit_against_simulation design/gap_search design/precision design/answers design/study design/load_gap house/extras
+    house/docs design/cluster design/gap_search design/limit_against_simulation house/extras design/precision design/answers design/load_gap
     environments/training environments/suite environments/admission environments/leaks environments/active
-    commands/interrupted commands/printed_blocks commands/orbits_script commands/design_scripts commands/structure_commands commands/command
-    commands/explore commands/compare_absorbers commands/explore_browser studies/stability_report studies/benchmark_scripts
+    commands/printed_blocks commands/interrupted commands/orbits_script commands/explore_browser commands/compare_absorbers commands/explore
+    commands/design_scripts commands/command commands/structure_commands studies/stability_report studies/benchmark_scripts
 """
 LONGEST_FIRST = tuple("{}/test_{}.py".format(*word.split("/")) for word in _LONGEST_FIRST.split())
 
