@@ -63,7 +63,7 @@ def orbit_lines(exact: ReferenceOrbit) -> list[str]:
 def setting_table(rows: Sequence[BalanceRow]) -> Table:
     """Return a line for each setting of harmonic balance."""
     columns = (
-        Column("harmonics", "harmonics", "{}"),
+        Column("harmonics", "harmonics", "{:.0f}"),
         Column("weight", "weight", "{:g}"),
         Column("tip_max_error", "error, %", "{:.2f}", 100, ""),
         Column("first_fold_ratio", "first fold", "{:.6f}", unknown=""),

@@ -87,11 +87,11 @@ def variant_table(check: ManifoldCheck, force: float | None) -> Table:
 def map_table(cells: Sequence[ManifoldCheck]) -> Table:
     """Return a row for each cell of a map: its parameters, the number of orbits, and the median relative error of each variant."""
     columns = (
-        Column("modes", "modes", "{}"),
+        Column("modes", "modes", "{:.0f}"),
         Column("restitution", "restitution", "{:g}"),
         Column("mass_ratio", "mass, %", "{:g}", 100),
         Column("friction_limit_N", "friction, N", "{:g}"),
-        Column("orbits", "orbits", "{}"),
+        Column("orbits", "orbits", "{:.0f}"),
         *(Column(name, name, "{:.2f}", 100) for name in VARIANTS),
     )
     rows = [

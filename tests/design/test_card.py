@@ -14,8 +14,10 @@ from PIL import Image
 from impact_env import Beam, modal_model
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Threads
+from impact_env.periodic.balance_branches import BalanceRow
 from impact_env.scene import Scene
 from optimisation.files import write_files
+from optimisation.report.balance_report import setting_table
 from optimisation.report.figures import draw_charts
 from optimisation.report.gap_report import device_groups, printed_table
 from optimisation.report.report import (
@@ -168,6 +170,18 @@ def test_a_heading_may_be_empty_and_a_column_without_one_is_not_printed() -> Non
         "| first | open |",
     ]
     assert table.records() == [{"name": "first", "hidden": 0.5, "closed": "open"}]
+
+
+def test_settings_of_harmonic_balance_are_printed_in_whole_numbers() -> None:
+    rows = [
+        BalanceRow(20, 50.0, 0.0400106, True, 0.91079490, 0.95469864, -0.00523031, 131, 2.3896),
+        BalanceRow(10, 12.5, reason="no solution"),
+    ]
+    head, _, *lines = setting_table(rows).to_text().splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in (head, *lines)]
+    assert cells[0][:3] == ["harmonics", "weight", "error, %"]
+    assert cells[1] == ["20", "50", "4.00", "0.910795", "0.954699", "-0.52", "2.39", "closed"]
+    assert cells[2] == ["10", "12.5", "", "", "", "", "", "no solution"]
 
 
 def test_page_draws_in_a_browser_and_asks_for_nothing(tmp_path: Path) -> None:
