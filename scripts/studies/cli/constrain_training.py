@@ -248,7 +248,7 @@ def save_front(path: Path, measured: Measurement) -> None:
         panel.set(title=task, xlabel=f"{cost.name} ({cost.unit})", ylabel="mean score")
         panel.legend(fontsize=8, frameon=False)
         draw_grid(panel)
-    write_figure(figure, path)
+    write_figure(figure, path, dpi=110)
 
 
 def describe_settings(settings: Settings) -> Json:

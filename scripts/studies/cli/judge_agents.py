@@ -194,7 +194,7 @@ def save_curves(path: Path, points: Sequence[CurvePoint]) -> None:
         panel.set(title=task, xlabel="million steps", ylabel="score, validation", xlim=(0, None))
         panel.legend(fontsize=8, frameon=False)
         draw_grid(panel)
-    write_figure(figure, path)
+    write_figure(figure, path, dpi=110)
 
 
 @command()
