@@ -150,7 +150,6 @@ def test_soaks_are_judged(name: str, value: Any, word: str) -> None:
     assert word in reason
 
 
-@pytest.mark.nightly
 def test_searches_are_checked_until_enough_events_were_counted() -> None:
     row = checks.check("random structures, 1e4 gaps", 100, 0)
     assert row["searches"] >= 100
