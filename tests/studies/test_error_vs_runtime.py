@@ -49,7 +49,6 @@ TINY = AccuracySettings(
 )
 
 
-@pytest.mark.nightly
 def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -70,8 +69,8 @@ def test_a_tiny_run_shows_who_is_exact_and_writes_files_figures_and_page(
     contents = {name: read_json(out / f"{name}.json.gz") for name in error_vs_runtime.PARTS}
     for content in contents.values():
         assert content["complete"]
-        assert content["quick"]
-        assert content["versions"]["numba"]
+        assert content["conditions"]["quick"]
+        assert content["conditions"]["versions"]["numba"]
         assert len(content["rows"]) > 0
     assert {file.stem for file in out.glob("*.png")} == {
         "trajectory_error",
