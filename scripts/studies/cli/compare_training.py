@@ -88,7 +88,8 @@ def make_table(measured: Measurement) -> str:
         f"{markdown(head, lines)}\n\n"
         f"Differences of mean scores to the rule of eight, {effort['episodes']} validation episodes; 95 % intervals over "
         f"the episodes. {effort['seconds']:g} s of CPU time each, with {effort['evaluations']} evaluations in equal "
-        "parts of it; of these the best counts."
+        f"parts of it and one at the end of the round with step {effort['steps']:,}; of these the best counts. Steps of "
+        "trials and of planners count."
     )
 
 
