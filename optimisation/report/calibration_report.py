@@ -34,7 +34,7 @@ STRONG_CORRELATION = 0.5
 NOT_IDENTIFIED = 0.8  # posterior over prior deviation, above which a measurement says little
 AT_END = 0.02  # of the prior's range: a median nearer to its end is at the end
 MOST_LISTED = 6  # statistics that are not explained
-CLOSE_SCORE = 3.0  # a smaller difference of scores, 20 to 1, does not tell two models apart
+CLOSE_SCORE = 3.0  # a smaller difference of scores, 20 to 1, does not distinguish two models
 UNEQUAL_GAPS = "unequal gaps"
 MILLI = {"m": ("mm", 1e3), "kg": ("g", 1e3)}
 
@@ -172,12 +172,12 @@ def rank_models(models: Models) -> list[tuple[str, float]]:
 
 
 def list_close(models: Models) -> list[str]:
-    """Return the models whose score is too near to that of the best for the measurement to tell them apart from it."""
+    """Return the models whose score is too near to that of the best for the measurement to distinguish them."""
     (_, best), *others = rank_models(models)
     return [name for name, score in others if best - score < CLOSE_SCORE]
 
 
-def best_model(models: Models) -> str:
+def describe_best_model(models: Models) -> str:
     """Return which model has the best score, and whether it explains the measurement, in words."""
     name, score = rank_models(models)[0]
     own, check = next(iter(models.values()))
@@ -189,7 +189,7 @@ def best_model(models: Models) -> str:
     words += "; it explains the measurement." if explains else "; the check refuses it, too."
     close = list_close(models)
     if close:
-        words += f" Within {CLOSE_SCORE:g} of it, not told apart: {', '.join(close)}."
+        words += f" Within {CLOSE_SCORE:g} of it, not distinguished from it: {', '.join(close)}."
     return words
 
 
@@ -257,7 +257,7 @@ def text_blocks(
         [verdict(check), *contradiction_lines(inference, check)],
     ]
     if len(models) > 1:
-        blocks += [[best_model(models)], [model_table(models)]]
+        blocks += [[describe_best_model(models)], [model_table(models)]]
     if plan is not None:
         blocks += [["Expected after one more sweep:"], [plan_table(plan)], [*plan_lines(plan)]]
     return [*blocks, [f"Warning: {line}" for line in warnings]]
@@ -307,7 +307,7 @@ def summarise(
         }
         content["models"][UNEQUAL_GAPS] = {"same_response_as": next(iter(models))}
         content["best_model"] = rank_models(models)[0][0]
-        content["not_told_apart"] = list_close(models)
+        content["not_distinguished"] = list_close(models)
     if plan is not None:
         content["plan"] = {
             "factors": plan.factors.tolist(),
@@ -419,7 +419,9 @@ def make_report(
     inference, check = next(iter(models.values()))
     return Report(
         title="Calibration of an impact absorber",
-        verdict=verdict(check) if len(models) == 1 else f"{verdict(check)} {best_model(models)}",
+        verdict=verdict(check)
+        if len(models) == 1
+        else f"{verdict(check)} {describe_best_model(models)}",
         text=text_blocks(measurements, models, linear, plan, warnings),
         numbers=numbers | summarise(models, linear, plan, warnings),
         tables={"statistics.csv": statistics_table(inference, check)},

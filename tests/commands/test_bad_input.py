@@ -355,6 +355,8 @@ reproduce check-calibration --quick
     --truths 0 -> 0 is not in the range
 reproduce compare-inference --quick
     --truths 0 -> 0 is not in the range
+reproduce check-plan --quick
+    --truths 0 -> 0 is not in the range
 reproduce check-gaps --quick
     --rate 0 -> rate = 0.0 is not allowed
 reproduce error-vs-runtime

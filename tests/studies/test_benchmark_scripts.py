@@ -77,9 +77,10 @@ def sector_rows(values: Any) -> None:
 
 
 def calibration_rows(values: Any) -> None:
-    """Both cases have ten modes and three parameters, as the page says."""
-    assert [(row["modes"], row["parameters"]) for row in values["rows"]] == [(10, 3)] * 2
-    assert [row["simulated"] for row in values["rows"]] == [32 + 16 + 20] * 2
+    """One sweep, ten modes and three parameters, as the page says."""
+    (row,) = values["rows"]
+    assert (row["sweeps"], row["modes"], row["parameters"]) == (1, 10, 3)
+    assert row["simulated"] == 32 + 16 + 20
 
 
 LINEAR = tuple(column for column in reference_levels.COLUMNS if column.absorber is None)

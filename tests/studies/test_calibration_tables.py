@@ -7,6 +7,7 @@ import pytest
 
 from optimisation.cli.common import BadInput
 from studies.cli import check_calibration as coverage
+from studies.cli import check_plan as plans
 from studies.cli import compare_inference as comparison
 
 
@@ -85,3 +86,28 @@ def test_each_number_of_truths_is_the_beginning_of_a_larger_study() -> None:
     kinds = coverage.list_cases(coverage.CalibrationSettings(1, 3, 2))
     assert sum(kind == "drift" for _, kind, _ in kinds) == 3
     assert sum(kind == coverage.COMPLIANT for _, kind, _ in kinds) == 2 * 2  # on two rigs
+
+
+def test_widths_are_compared_by_the_way_in_which_forces_are_chosen() -> None:
+    def row(way: str, factors: list[float], width: float, number: int) -> dict[str, Any]:
+        return {
+            "number": number,
+            "way": way,
+            "factors": factors,
+            "truth": [0.5, 0.5, 0.5],
+            "low": [0.5 - width / 2, 0.45, 0.5],
+            "high": [0.5 + width / 2, 0.45 + width, 0.5 + width],
+            "correlation": 0.1 * number,
+        }
+
+    rows = [row(plans.ONE, [1.0], width, k) for k, width in enumerate((0.2, 0.4, 0.6))]
+    rows += [row(plans.SPACED, [0.35, 2.8], 0.04, k) for k in range(3)]
+    one, spaced = plans.way_rows(rows)
+    assert (one["sweeps"], spaced["sweeps"], one["truths"]) == (1, 2, 3)
+    assert one["each"] == "40.0 / 40.0 / 40.0"
+    assert one["together"] == f"40.0 +- {20 / np.sqrt(3):.1f}"
+    assert one["inside"] == "100"
+    assert spaced["inside"] == f"{100 * 2 / 3:.0f}"  # 0.45 to 0.49 misses 0.5
+    (force,) = plans.force_rows(rows)
+    assert (force["force"], force["correlation"]) == (plans.FORCE, pytest.approx(0.1))
+    assert (force["low"], force["high"]) == (0.0, pytest.approx(0.2))

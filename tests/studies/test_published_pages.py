@@ -12,6 +12,7 @@ from places import ROOT
 from optimisation.files import read_json
 from studies.cli import (
     check_calibration,
+    check_plan,
     compare_chain,
     compare_inference,
     compare_training,
@@ -35,6 +36,7 @@ DOCS = ROOT / "docs"
 PUBLISHED: tuple[tuple[Study[Any], str, str], ...] = (
     (paper.STUDY, "paper.md", "paper"),
     (check_calibration.STUDY, "calibrate.md", "calibrate"),
+    (check_plan.STUDY, "calibrate.md", "calibrate"),
     (compare_inference.STUDY, "calibrate.md", "calibrate"),
     (compare_chain.STUDY, "many_absorbers.md", "many_absorbers"),
     (which_blades.STUDY, "which_blades.md", "which_blades"),
