@@ -147,8 +147,8 @@ SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[An
 }
 
 
-# 10 to 14 s of the processor each
-NIGHTLY = ("benchmark_calibration", "benchmark_energies", "benchmark_periodic")
+# 6 to 14 s of the processor each
+NIGHTLY = ("benchmark_calibration", "benchmark_periodic")
 
 
 @pytest.mark.parametrize(
