@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError, require
 from impact_env.plain_files import decode_text
-from impact_env.records.channels import Channel
-from impact_env.records.columns import channel_of_columns
-from impact_env.records.options import RecordOptions
+from impact_env.records.channels import Channel, RecordOptions, channel_of_columns
 from impact_env.records.units import find_unit
 
 COMMENTS = ("#", "%", "//")

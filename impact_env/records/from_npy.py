@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.parameters import ParameterError, require
-from impact_env.records.channels import Channel
-from impact_env.records.columns import channel_of_columns
-from impact_env.records.options import RecordOptions
+from impact_env.records.channels import Channel, RecordOptions, channel_of_columns
 
 REAL_DTYPES = "iuf"  # kinds of numbers that a record may have
 ALLOWED_SHAPES = (

@@ -12,8 +12,7 @@ import numpy as np
 
 from impact_env.extras import optional
 from impact_env.parameters import ParameterError, require
-from impact_env.records.channels import Channel, choose_channel, require_finite
-from impact_env.records.options import RecordOptions
+from impact_env.records.channels import Channel, RecordOptions, choose_channel, require_finite
 from impact_env.records.units import (
     ACCELERATION_DIMENSION,
     FORCE_DIMENSION,

@@ -9,8 +9,7 @@ import numpy as np
 import scipy
 
 from impact_env.parameters import ParameterError, require
-from impact_env.records.channels import Channel, choose_channel, require_finite
-from impact_env.records.options import RecordOptions
+from impact_env.records.channels import Channel, RecordOptions, choose_channel, require_finite
 
 CHUNK_HEAD = 8  # bytes: name and size
 RIFF_HEAD = 12  # bytes: RIFF, size, WAVE

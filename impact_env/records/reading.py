@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from impact_env.parameters import ParameterError, require
-from impact_env.records.channels import Array, Channel
+from impact_env.records.channels import Array, Channel, RecordOptions
 from impact_env.records.from_csv import read_csv
 from impact_env.records.from_npy import read_npy
 from impact_env.records.from_uff import read_uff
 from impact_env.records.from_wav import read_wav
-from impact_env.records.options import RecordOptions
 from impact_env.records.units import (
     ACCELERATION_DIMENSION,
     EXAMPLES,

@@ -1,4 +1,4 @@
-"""The best design of a search: its levels around the study's conditions, its service loads and its sensitivity."""
+"""The best design of a search, with its levels around the study's conditions, service loads and sensitivity; and a Pareto front of two objectives."""
 
 from __future__ import annotations
 
@@ -29,8 +29,10 @@ from optimisation.insight import (
 )
 from optimisation.objectives import Condition
 from optimisation.report.design_report import make_report
+from optimisation.report.front_report import make_report as make_front_report
 from optimisation.report.report import CompleteAnswer, Report, silent_stages
 from optimisation.search.judge import SearchResult
+from optimisation.search.pareto import Front
 from optimisation.search.settings import FAST
 from optimisation.service import DRAWS, FEW, service
 from optimisation.space import GAP, IMPACT, MASS_RATIO, Design
@@ -276,3 +278,24 @@ def explain(
     executor = Threads() if executor is None else executor
     result = run_baselines(run_around_winner(result, executor, sizes), executor)
     return DesignAnswer(result, tuple(WinnerRuns(result).frequency_levels(executor)))
+
+
+@dataclass(frozen=True, eq=False)
+class FrontAnswer(CompleteAnswer):
+    """A front of designs.
+
+    Attributes
+    ----------
+    front : Front
+        All designs, and those of the front on fresh members.
+    conditions : dict
+        What else summary.json has: versions, settings.
+
+    """
+
+    front: Front
+    conditions: Mapping[str, object] = field(default_factory=dict)
+
+    def make_report(self) -> Report:
+        """Return the content of the answer."""
+        return make_front_report(self.front, self.conditions)

@@ -9,7 +9,7 @@ import click
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import ParameterError
-from optimisation.answers.front import FrontAnswer
+from optimisation.answers.design import FrontAnswer
 from optimisation.checkpoint import check_study_file
 from optimisation.cli import design_options as design
 from optimisation.cli.common import (

@@ -30,7 +30,7 @@ QUICK = {"rate": 40.0, "members": 2}  # the numbers do not matter here
 def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tune in closed form, which is as good here."""
     monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)
-    for module in ("baselines", "comparison"):
+    for module in ("absorber_rules", "comparison"):
         monkeypatch.setattr(
             f"optimisation.{module}.smallest_amplitude",
             lambda model, mass, resonance, *_range: den_hartog(model, mass, resonance),
