@@ -239,9 +239,7 @@ def save_front(path: Path, measured: Measurement) -> None:
                 if kind == LIMITED:
                     panel.axvline(row["value"], color=colour, lw=0.8, ls=":")
         front = sorted(
-            (np.mean(row["costs"]), np.mean(row["scores"]))
-            for row in rows
-            if row["kind"] in (LINEAR, UNLIMITED)
+            (np.mean(row["costs"]), np.mean(row["scores"])) for row in rows if row["kind"] == LINEAR
         )
         if front:
             panel.plot(*np.array(front).T, "-x", color=BLUE, label="weights, MO-Gymnasium")
