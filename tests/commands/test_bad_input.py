@@ -443,7 +443,13 @@ def test_each_command_is_in_the_table() -> None:
     assert set(LAST) == modules().keys()
 
 
-@pytest.mark.parametrize(("head", "lines"), BLOCKS, ids=[head for head, _ in BLOCKS])
+@pytest.mark.parametrize(
+    ("head", "lines"),
+    [
+        pytest.param(head, lines, id=head, marks=pytest.mark.slow if head == "rl train" else ())
+        for head, lines in BLOCKS  # rl train imports torch
+    ],
+)
 def test_what_cannot_be_done_is_one_message(
     head: str, lines: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
