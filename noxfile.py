@@ -1,7 +1,10 @@
-"""The project's checks as sessions of nox: ``.venv/bin/nox --list`` names them, ``.venv/bin/nox -s NAME -- OPTIONS`` runs one.
+"""The project's checks as sessions of nox.
 
-``scripts/test``, ``scripts/lint``, ``scripts/docs`` and ``scripts/check_all`` make the checkout's environment and start these sessions. Most run in
-that environment; ``oldest-versions`` and ``newest-versions`` make environments of their own in ``.venv-check``.
+``.venv/bin/nox --list`` names them, ``.venv/bin/nox -s NAME -- OPTIONS`` runs one.
+
+``scripts/test``, ``scripts/lint``, ``scripts/docs`` and ``scripts/check_all`` make the checkout's
+environment and start these sessions. Most run in that environment; ``oldest-versions`` and
+``newest-versions`` make environments of their own in ``.venv-check``.
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ from choice import LEANING, PARTS, plain_files  # type: ignore[import-not-found]
 # programs are those beside the Python that runs nox, unless a session has an environment of its own
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 
-# tests start a hundred processes: each would compile the sources to bytecode again, in half a second
+# tests start a hundred processes: each would compile the sources to bytecode again, in half a
+# second
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 nox.needs_version = ">=2026.4"
@@ -31,7 +35,8 @@ nox.options.envdir = ".venv-check"
 nox.options.default_venv_backend = "venv"
 nox.options.sessions = ["tests"]
 
-# processes of tests share the cores: more threads for small matrices would only wait for one another
+# processes of tests share the cores: more threads for small matrices would only wait for one
+# another
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 PYTEST = ("python", "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q")
 
@@ -94,7 +99,7 @@ def imports(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def docs(session: nox.Session) -> None:
-    """Build the site in build/site; fail on warnings, broken links and what would be fetched from elsewhere."""
+    """Build the site; fail on warnings, broken links and what would be fetched from elsewhere."""
     build = ROOT / "build" / "site"
     shutil.rmtree(build, ignore_errors=True)
     strict = ("--fail-on-warning", "--keep-going", "-q")
@@ -109,7 +114,8 @@ def tests(session: nox.Session) -> None:
     if session.posargs:
         session.run(*PYTEST, *session.posargs, env=ONE_THREAD)
         return
-    # each kind of kernel is compiled once; two workers that need one at the same time would both compile it
+    # each kind of kernel is compiled once; two workers that need one at the same time would both
+    # compile it
     session.run("python", "tests/support/kinds.py", env=ONE_THREAD)
     compiled = {"NUMBA_DISABLE_JIT": "0"}
     failed = run_parts(session, PARTS, compiled, "--kernels=compiled")

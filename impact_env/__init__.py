@@ -8,8 +8,8 @@
 1.31 mm, True
 
 - **Structure**: `Beam`, `load_structure` (a file), `ModalModel` (modes).
-- **Absorber**: `impact_absorber`, `friction_damper`, `tuned_absorber`, `impact_absorbers`; structure and
-  absorber together are a `Scene` (`beam_scene`).
+- **Absorber**: `impact_absorber`, `friction_damper`, `tuned_absorber`, `impact_absorbers`;
+  structure and absorber together are a `Scene` (`beam_scene`).
 - **Load**: `Drive` with `linear_sweep` or `constant_frequency`; others in `impact_env.loads`.
 - **Run**: `simulate` returns a `Response`; `Record` says what it records.
 - **Many runs**: `performance_curve`, the level over the force with its band; `impact_env.ensemble`.

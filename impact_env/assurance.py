@@ -26,7 +26,8 @@ def modal_assurance(first: ArrayLike, second: ArrayLike) -> Real:
     Returns
     -------
     array
-        (N_a, N_b), (a^T b)^2 / (a^T a b^T b): 1 for shapes that are alike but for a factor, 0 for orthogonal ones and for a shape of zeros.
+        (N_a, N_b), (a^T b)^2 / (a^T a b^T b): 1 for shapes that are alike but for a factor, 0 for
+        orthogonal ones and for a shape of zeros.
 
     Raises
     ------
@@ -50,7 +51,11 @@ def modal_assurance(first: ArrayLike, second: ArrayLike) -> Real:
 
 @dataclass(frozen=True, eq=False)
 class ModeComparison:
-    """Two structures' modes: frequencies ``first`` (N_a,) and ``second`` (N_b,) in Hz, ``assurance`` (N_a, N_b), ``places`` compared."""
+    """The modes of two structures, compared by the modal assurance criterion.
+
+    ``first`` (N_a,) and ``second`` (N_b,) are the frequencies in Hz, ``assurance`` (N_a, N_b) is
+    the criterion, and ``places`` is the number of nodal directions compared.
+    """
 
     first: Real
     second: Real
@@ -61,13 +66,15 @@ class ModeComparison:
 def compare_modes(first: Path | str, second: Path | str) -> ModeComparison:
     """Return the modal assurance criterion between the modes of two structure files.
 
-    The shapes are compared at the nodes and directions that both files have, and in which both have a mode that moves: a test that
-    measured one direction is compared in this one. Structures without nodes, beams and modes as numbers, are refused.
+    The shapes are compared at the nodes and directions that both files have, and in which both have
+    a mode that moves: a test that measured one direction is compared in this one. Structures
+    without nodes, beams and modes as numbers, are refused.
 
     Parameters
     ----------
     first, second : path
-        Structure files (docs/scenes.md) with one of the tables universal, nastran, ansys and matrices.
+        Structure files (docs/scenes.md) with one of the tables universal, nastran, ansys and
+        matrices.
 
     Raises
     ------

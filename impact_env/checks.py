@@ -1,4 +1,8 @@
-"""Validation of single values: a check returns an allowed value and raises `ParameterError`, with name and value, for any other."""
+"""Validation of single values.
+
+A check returns an allowed value. For any other it raises `ParameterError` with the name and the
+value.
+"""
 
 import math
 import re
@@ -61,8 +65,9 @@ class ParameterError(ValueError):
     def at_key(self, path: str, keys: Mapping[str, str]) -> "ParameterError":
         """Return the error of a table of a file at ``path``.
 
-        ``keys`` maps arguments to keys of the table. The key takes the place of the argument's name; an error of several arguments, or of one
-        without a key, has the path before its message.
+        ``keys`` maps arguments to keys of the table. The key takes the place of the argument's
+        name; an error of several arguments, or of one without a key, has the path before its
+        message.
         """
         key = None if self.name is None or self.argument is None else keys.get(self.argument)
         if key is None:
@@ -83,14 +88,22 @@ def describe_error(
 
 
 def require(ok: bool, name: str, value: object, allowed: str, argument: str | None = None) -> None:
-    """Raise ParameterError unless ``ok``; ``argument`` is that of the caller where ``name`` is more than its name."""
+    """Raise ParameterError unless ``ok``.
+
+    ``argument`` is the name of the caller's argument, given where ``name`` contains more than this
+    name.
+    """
     if not ok:
         raise describe_error(name, value, allowed, argument)
 
 
 @contextmanager
 def arguments_called(names: Mapping[str, str]) -> Iterator[None]:
-    """Rename the argument of an error: a function's arguments are not always called as those of the class that it makes."""
+    """Rename the argument of a ParameterError that is raised in this context.
+
+    The arguments of a function are not always called like those of the class that the function
+    makes. ``names`` maps the names of the class to those of the function.
+    """
     try:
         yield
     except ParameterError as error:
@@ -128,7 +141,10 @@ def _is_number(kind: type) -> bool:
 
 
 def number(value: object) -> float:
-    """Return a real number of any type as a float, NaN for anything else and for what is too large; a bool is not a number."""
+    """Return a real number of any type as a float.
+
+    Anything else, a bool, and a number that is too large for a float give NaN.
+    """
     if not _is_number(type(value)):
         return math.nan
     try:
@@ -161,7 +177,10 @@ def fraction(name: str, value: object) -> float:
 
 
 def within(name: str, value: object, least: float, most: float, allowed: str) -> float:
-    """Return ``value`` as a float if it lies from ``least`` to ``most``; ``allowed`` says so in words."""
+    """Return ``value`` as a float if it lies from ``least`` to ``most``.
+
+    ``allowed`` describes the allowed values in the error's message.
+    """
     result = number(value)
     require(least <= result <= most, name, value, allowed)
     return result
@@ -170,7 +189,10 @@ def within(name: str, value: object, least: float, most: float, allowed: str) ->
 def count(
     name: str, value: object, low: int, high: int | None = None, allowed: str | None = None
 ) -> int:
-    """Return ``value`` as an int if it is a whole number in [low, high]; ``allowed`` says so in words."""
+    """Return ``value`` as an int if it is a whole number in [low, high].
+
+    ``allowed`` describes the allowed values in the error's message.
+    """
     if allowed is None:
         allowed = f"a whole number, {low} or more"
         if high is not None:
@@ -188,7 +210,10 @@ def flag(name: str, value: object) -> bool:
 
 
 def instance(name: str, value: T, kinds: object) -> T:
-    """Return ``value`` if it is an object of a class, or of one of those that are joined by ``|``."""
+    """Return ``value`` if it is an object of a class in ``kinds``.
+
+    ``kinds`` is a class, or several classes joined by ``|``.
+    """
     if not isinstance(value, kinds):  # type: ignore[arg-type]  # the words are for this alone: a short run asks twenty times
         words = [
             getattr(kind, "__name__", "").replace("NoneType", "None")
@@ -207,7 +232,10 @@ def one_of(name: str, value: object, allowed: Iterable[str]) -> str:
 
 
 def listed(name: str, values: Iterable[T]) -> tuple[T, ...]:
-    """Return the items of a list, a tuple or another ordered collection that is neither text nor bytes."""
+    """Return the items of an ordered collection, such as a list or a tuple, as a tuple.
+
+    Text and bytes are not allowed.
+    """
     ok = (
         isinstance(values, Iterable)
         and not isinstance(values, str | BYTES | Mapping | Set)
@@ -237,12 +265,18 @@ BYTES = bytes | bytearray | memoryview
 
 
 def _has_masked(values: object) -> bool:
-    """Return whether a NumPy array has masked entries, which a plain array would show as numbers."""
+    """Return whether a NumPy array has masked entries.
+
+    A plain array would show masked entries as numbers.
+    """
     return isinstance(values, np.ma.MaskedArray) and bool(np.ma.getmaskarray(values).any())
 
 
 def _has_numbers_only(values: object) -> bool:
-    """Return whether nested lists have only real numbers as their items; NumPy takes True for 1 among numbers."""
+    """Return whether nested lists contain only real numbers.
+
+    NumPy would accept True as 1 among numbers, so bools are refused here.
+    """
     if isinstance(values, np.ndarray):
         return values.dtype.kind in "iuf" and not _has_masked(values)
     if isinstance(values, str | BYTES | bool | np.bool_ | np.timedelta64):
@@ -255,7 +289,10 @@ def _has_numbers_only(values: object) -> bool:
 
 
 def numbers(name: str, values: object, allowed: str) -> NDArray[np.float64]:
-    """Return an array of floats of any shape, NaN and infinity among them; raises ParameterError for what is not made of real numbers."""
+    """Return an array of floats of any shape, in which NaN and infinity are allowed.
+
+    Raises ParameterError for anything that is not made of real numbers.
+    """
     size = getattr(values, "size", 0)
     most = f"at most {MOST_NUMBERS} numbers"
     require(not isinstance(size, int) or size <= MOST_NUMBERS, f"size of {name}", size, most)
@@ -269,7 +306,10 @@ def numbers(name: str, values: object, allowed: str) -> NDArray[np.float64]:
 
 
 def row(name: str, values: object, allowed: str, axes: int = 1) -> NDArray[np.float64]:
-    """Return a read-only copy of an array of that many axes, of numbers from -1e30 to 1e30; one number is a row of one."""
+    """Return a read-only copy of an array of numbers from -1e30 to 1e30 with ``axes`` axes.
+
+    A single number gives an array of one number.
+    """
     array = np.atleast_1d(numbers(name, values, allowed))
     require(array.ndim == axes and bool(np.all(np.abs(array) <= LARGE)), name, values, allowed)
     array.setflags(write=False)
@@ -326,7 +366,10 @@ def labelled(label: str, check: Check) -> Check:
 
 
 def keep_checked(group: object, /, **checks: Check) -> None:
-    """Replace attributes of a frozen dataclass by what their checks return, in its ``__post_init__``."""
+    """Replace attributes of a frozen dataclass by the values that their checks return.
+
+    It is called in the dataclass's ``__post_init__``.
+    """
     for name, check in checks.items():
         try:
             value = check(name, getattr(group, name))

@@ -1,6 +1,9 @@
-"""Runs under control: many lanes of one scene that advance by one control interval a call and take new orders (rate, gap, friction) before each.
+"""Controlled runs: many lanes of one scene that advance together by one control interval a call.
 
-A lane's run is that of `simulate` with the same schedule; see `impact_env.kernels.control.interval` for what is ordered and reported.
+Before each interval every lane takes new orders (rate, gap, friction).
+
+A lane's run is that of `simulate` with the same schedule; see `impact_env.kernels.control.interval`
+for what is ordered and reported.
 """
 
 import math
@@ -61,21 +64,27 @@ LANES_PER_THREAD = 64  # lanes a thread must have to be worth its start
 ABSENT_RECORD_STEP = 10.0  # intervals: the step of a record that is not there
 # between calls: threads stay for the next call where calls follow one another as quickly as this
 QUICK_S = 2e-4
-# looks at the queue before a helper leaves: some 0.3 ms, and just long enough to meet the call that woke it
+# checks of the queue before a helper thread sleeps: some 0.3 ms, just enough for the next call
 SPINS_BEFORE_SLEEP = 1 << 16
 SPINS_BETWEEN_CHECKS = 1 << 9
-SAMPLES_TOL = 1e-9  # of an interval's samples: rounding of a product, and of a quotient that gave the interval
+# of an interval's samples: rounding of a product, and of a quotient that gave the interval
+SAMPLES_TOL = 1e-9
 # what orders can change in some scenes only, and where
 CHANGED_ORDERS = {
     "gap": "walls that move are for rigid walls, and the exact method or Moreau's",
-    "limit": "a friction limit that changes is for rigid friction, and the exact method or Moreau's",
+    "limit": (
+        "a friction limit that changes is for rigid friction, and the exact method or Moreau's"
+    ),
     "place": "there is no record beside the force",
 }
 PARTS_PER_THREAD = 4  # of a thread, since lanes differ in their number of impacts
 
 
 def friction_limit(scene: Scene) -> float:
-    """Return the limit (N) of an absorber's rigid friction; infinity without such friction, where the limits in orders are not read.
+    """Return the limit of an absorber's rigid friction in N.
+
+    It is infinite for an absorber without such friction, for which the limits in the orders are not
+    read.
 
     The Moreau scheme takes a stuck absorber as one with an infinite limit.
     """
@@ -86,7 +95,11 @@ def friction_limit(scene: Scene) -> float:
 def _build_disturbance(
     scene: Scene, method: Method, record: Samples | None, moves_base: bool, interval: float
 ) -> Disturbance | None:
-    """Return the load beside the orders' force in an interval (s), None without; raises ParameterError where scene or method cannot have it."""
+    """Return the load that acts in addition to the orders' force, or None without such a load.
+
+    ``interval`` is the control interval in s. Raises ParameterError for a scene or method that
+    cannot have such a load.
+    """
     base = check_general(scene, method, record, moves_base=moves_base)
     if record is None and not moves_base:
         return None
@@ -101,9 +114,13 @@ Kernel = Callable[[int, int], bool]
 
 
 class WorkerPool:
-    """A calling thread and its helpers, each with a kernel of `impact_env.kernels.control.lanes` that takes parts from the queue and does them.
+    """A calling thread and its helper threads, which share the parts of a work queue.
 
-    ``make_kernel`` returns a kernel with memory of its own; it is called once for each thread, when the thread is first needed.
+    Each thread has its own kernel of `impact_env.kernels.control.lanes`, which takes parts from the
+    queue and computes them.
+
+    ``make_kernel`` returns a kernel with memory of its own; it is called once for each thread, when
+    the thread is first needed.
     """
 
     def __init__(self, make_kernel: Callable[[], Kernel], queue: WorkQueue) -> None:
@@ -121,15 +138,22 @@ class WorkerPool:
         return self._kernels[worker]
 
     def bind(self) -> None:
-        """Call the machine code itself from now on, see `bind_kernel`; what it is called with has been called before."""
+        """Call the machine code of the kernels directly from now on, see `bind_kernel`.
+
+        The kernels must have been called before with arguments of the same types.
+        """
         make = self._make_kernel
         self._make_kernel = lambda: bind_kernel(make())
         self._kernels = [bind_kernel(kernel) for kernel in self._kernels]
 
     def work(self, parts: NDArray[np.int64], helpers: int) -> None:
-        """Do all parts, lanes [low, high) in rows (P, 2), with so many helpers beside the calling thread, and return when they are done.
+        """Compute all parts with ``helpers`` helper threads and return when they are done.
 
-        No part waits for a helper: what it has not taken when the caller gets there, the caller does.
+        ``parts`` (P, 2) has one range of lanes [low, high) in each row. The calling thread computes
+        parts as well.
+
+        No part waits for a helper: what it has not taken when the caller gets there, the caller
+        does.
         """
         number = len(parts)
         self._queue.cuts[:number] = parts
@@ -144,7 +168,9 @@ class WorkerPool:
                         helper.result()  # raises what went wrong there
                 time.sleep(0)
                 done = self._queue.words[PARTS_DONE] == number
-        except BaseException:  # Ctrl-C, or no room: a part that is left or under way must not be taken for one of the next call
+        except BaseException:
+            # Ctrl-C, or no memory: a part that is left over or being computed must not be taken for
+            # one of the next call
             self._queue.words[PARTS_LEFT] = 0
             self.close()
             raise
@@ -175,18 +201,23 @@ class WorkerPool:
 class ControlledRuns:
     """Lanes of one scene, each at its own time.
 
-    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw: records, whose fields `kernels.control.interval`
-    names. Lanes in the mask ``idle`` (L,) rest: they cost nothing and keep state and report. ``reference`` is the circular
-    frequency (rad/s) that defines the pseudo period, ``interval`` the longest interval in pseudo periods, ``exponent`` that of the reports' damage
-    (0: not computed) with displacements in ``unit`` (m). The result is the same for any number of ``threads`` (default: all cores). An interval is a
-    whole number of samples, ``samples_per_period`` in a pseudo period; an ordered ``duration`` is at most ``duration`` (s) of the longest one.
+    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw:
+    records, whose fields `kernels.control.interval` names. Lanes in the mask ``idle`` (L,) rest:
+    they cost nothing and keep state and report. ``reference`` is the circular frequency (rad/s)
+    that defines the pseudo period, ``interval`` the longest interval in pseudo periods,
+    ``exponent`` that of the reports' damage (0: not computed) with displacements in ``unit`` (m).
+    The result is the same for any number of ``threads`` (default: all cores). An interval is a
+    whole number of samples, ``samples_per_period`` in a pseudo period; an ordered ``duration`` is
+    at most ``duration`` (s) of the longest one.
 
-    ``record`` acts beside the orders' force and repeats, its last value taken for its first; the orders' ``place`` says where in it, in steps, a lane
-    goes on. ``moves_base``: that force is the base's acceleration in m/s^2. Both are for the exact method and rigid contact, as in `Loads`.
+    ``record`` acts beside the orders' force and repeats, its last value taken for its first; the
+    orders' ``place`` says where in it, in steps, a lane goes on. ``moves_base``: that force is the
+    base's acceleration in m/s^2. Both are for the exact method and rigid contact, as in `Loads`.
 
     ``wall_time`` is the time in s that the last `advance` took.
 
-    Raises ParameterError if the method cannot do the scene in intervals, and for orders that its kernels do not read.
+    Raises ParameterError if the method cannot do the scene in intervals, and for orders that its
+    kernels do not read.
     """
 
     def __init__(
@@ -312,11 +343,19 @@ class ControlledRuns:
 
     @property
     def state(self) -> Array:
-        """State of each lane, (L, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity."""
+        """State of each lane, (L, 2 N_m + 2).
+
+        Its columns are modal displacements, absorber displacement, modal velocities and absorber
+        velocity.
+        """
         return self._memory.state
 
     def restart(self, which: NDArray[Any]) -> None:
-        """Put lanes (indices or mask) at rest with the absorber in the middle of the cavity; their next interval is the first of a run."""
+        """Put lanes at rest with the absorber in the middle of the cavity.
+
+        ``which`` contains indices or is a mask. The next interval of these lanes is the first of a
+        run.
+        """
         rows = self._rows[which]
         self._memory.state[rows] = 0.0
         self._memory.last_order["gap"][rows] = self.orders["gap"][which]
@@ -326,8 +365,9 @@ class ControlledRuns:
     def advance(self) -> None:
         """Advance all lanes but idle ones by the intervals in ``orders``.
 
-        Raises ParameterError for an order that the scene's kernels do not read or cannot do, or a force that is too fast for the samples of the
-        level, and IntegrationError, naming the first lane, if a run breaks down.
+        Raises ParameterError for an order that the scene's kernels do not read or cannot do, or a
+        force that is too fast for the samples of the level, and IntegrationError, naming the first
+        lane, if a run breaks down.
         """
         began = time.perf_counter()
         rests = self._check_orders()
@@ -351,7 +391,11 @@ class ControlledRuns:
             self._compiled = True
 
     def _check_orders(self) -> bool:
-        """Return whether a lane is idle; raise ParameterError for an order that the kernels would ignore, or a force that is too fast."""
+        """Return whether any lane is idle.
+
+        Raises ParameterError for an order that the kernels would ignore, and for a force whose
+        frequency is too high.
+        """
         highest, differs, rests = scan_orders(self.orders, self.idle, *self._orders_read)
         if differs:
             self._refuse_orders()
@@ -363,7 +407,11 @@ class ControlledRuns:
         return bool(rests)
 
     def _refuse_orders(self) -> None:
-        """Raise ParameterError for the first order whose change the scene's kernels would ignore."""
+        """Raise ParameterError for the first order that the kernels would ignore.
+
+        It is an order of a quantity that the kernels of the scene do not read, with another value
+        than the scene's.
+        """
         for name, (value, where) in self._unread.items():
             wanted = self.orders[name]
             changed = wanted != value
@@ -377,7 +425,11 @@ class ControlledRuns:
                 )
 
     def _check(self) -> None:
-        """Raise ParameterError or IntegrationError, naming the first lane, if one refused its order or broke down."""
+        """Raise an error that names the first failed lane, or do nothing if none failed.
+
+        It is a ParameterError for an order that was refused, and an IntegrationError for a run that
+        broke down.
+        """
         lane = int(find_failed_lane(self.status))
         if lane >= 0:
             order = self.orders[lane]
@@ -390,11 +442,15 @@ class ControlledRuns:
                 f"above 0 s, and at most the longest interval's {self.duration:g} s",
             )
             raise IntegrationError(
-                f"lane {lane}, {self.method} on {self.scene.absorber}: {FAILURE_REASONS[int(self.status[lane])]}"
+                f"lane {lane}, {self.method} on {self.scene.absorber}: "
+                f"{FAILURE_REASONS[int(self.status[lane])]}"
             )
 
     def _parts(self, workers: int, rests: bool) -> NDArray[np.int64]:
-        """Return stretches of lanes that are not idle, rows [low, high); ``rests``: whether any is."""
+        """Return ranges of lanes that are not idle, one [low, high) in each row.
+
+        ``rests`` says whether any lane is idle.
+        """
         if workers not in self._shares:
             number = 1 if workers == 1 else PARTS_PER_THREAD * workers
             self._shares[workers] = _pair_cuts(
@@ -417,10 +473,12 @@ class ControlledRuns:
             values[...] = saved
 
     def copy_from(self, source: "ControlledRuns", times: int = 1) -> None:
-        """Go on from the runs of another group, each of which is taken ``times`` times, one after the other.
+        """Continue from the runs of another group of lanes.
 
-        Both groups were made with the same arguments but for the number of lanes; raises ParameterError unless that is ``times`` as many as those
-        of ``source``.
+        Each run is repeated ``times`` times in consecutive lanes.
+
+        Both groups were made with the same arguments but for the number of lanes; raises
+        ParameterError unless that is ``times`` as many as those of ``source``.
         """
         times = count("times", times, 1)
         allowed = f"{times} times the {source.lanes} lanes of the source"
@@ -437,7 +495,10 @@ class ControlledRuns:
 
 
 def _find_changeable_orders(scene: Scene, has_disturbance: bool) -> set[str]:
-    """Return which of `CHANGED_ORDERS` the kernels of a scene read; ``beside``: whether a record or a moving base acts beside one force."""
+    """Return which of `CHANGED_ORDERS` the kernels of a scene read.
+
+    ``has_disturbance`` says whether a record or a moving base acts in addition to the single force.
+    """
     result = {"place"} if has_disturbance else set()
     absorber = scene.absorber
     if scene.kind is SceneKind.RIGID and isinstance(absorber, SlidingAbsorber):
@@ -447,7 +508,10 @@ def _find_changeable_orders(scene: Scene, has_disturbance: bool) -> set[str]:
 
 
 def count_whole_samples(interval: float, samples_per_period: int) -> int:
-    """Return the number of samples in an interval (pseudo periods), which is whole; raises ParameterError where it is not."""
+    """Return the number of samples in a control interval (pseudo periods).
+
+    Raises ParameterError if it is not a whole number.
+    """
     samples = positive("interval", interval) * samples_per_period
     require(
         round(samples) >= 1 and abs(samples - round(samples)) <= SAMPLES_TOL * samples,
@@ -459,9 +523,13 @@ def count_whole_samples(interval: float, samples_per_period: int) -> int:
 
 
 def bind_kernel(kernel: Any) -> Kernel:
-    """Return a compiled kernel with its arguments as the machine code itself: numba looks at their types at every call, 8 of 12 us.
+    """Return the machine code of a compiled kernel, with the kernel's arguments bound to it.
 
-    The machine code trusts the memory that it is given, so its types are compared here, once: raises TypeError where no code is for them.
+    Called as usual, numba inspects the types of the arguments at every call, which takes 8 of 12
+    us.
+
+    The machine code trusts the memory that it is given, so its types are compared here, once:
+    raises TypeError where no code is for them.
     """
     if not COMPILED:
         return kernel
@@ -488,10 +556,14 @@ def _pair_cuts(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class PooledRuns(ControlledRuns):
-    """Lanes of several scenes out of a pool: ``which`` (L,), to be filled in place, says which scene a lane is in.
+    """Lanes that run scenes of a pool.
 
-    All scenes have as many modes, the same kind of absorber, and one ``reference`` frequency; the runs of one are made when a lane first needs them.
-    What lanes keep lies scene by scene, so that a call of compiled code has all lanes of a scene in a row; orders and reports are those of lanes.
+    ``which`` (L,) is the number of each lane's scene and is changed in place.
+
+    All scenes have as many modes, the same kind of absorber, and one ``reference`` frequency; the
+    runs of one are made when a lane first needs them. What lanes keep lies scene by scene, so that
+    a call of compiled code has all lanes of a scene in a row; orders and reports are those of
+    lanes.
     """
 
     def __init__(
@@ -557,7 +629,10 @@ class PooledRuns(ControlledRuns):
         return np.asarray(self._memory.state[self._rows])
 
     def advance(self) -> None:
-        """Advance all lanes but idle ones, scene by scene; errors as of `ControlledRuns.advance`."""
+        """Advance all lanes that are not idle, scene by scene.
+
+        Raises the errors of `ControlledRuns.advance`.
+        """
         began = time.perf_counter()
         self._check_orders()
         if not np.array_equal(self._laid, self.which):
@@ -581,7 +656,10 @@ class PooledRuns(ControlledRuns):
         self.wall_time = time.perf_counter() - began
 
     def _advance_scenes(self) -> None:
-        """Advance the lanes scene by scene, each scene by one thread: the caller and its helpers take the next scene in turn."""
+        """Advance the lanes scene by scene, each scene in one thread.
+
+        The calling thread and its helpers each take the next scene when they are free.
+        """
         members = [(self._member(number), parts) for number, parts in self._turns]
         workers = min(self.threads, self.lanes // LANES_PER_THREAD, len(members))
         turns = iter(members)

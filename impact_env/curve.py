@@ -1,7 +1,10 @@
-"""Performance curves: response level over the force's amplitude, as an ensemble with a band (paper, section 3.3).
+"""Performance curves: response level over the force's amplitude (paper, section 3.3).
 
-In the impact regimes a level is a random variable: runs that differ in last digits only diverge after some impacts. A curve is therefore
-computed over members that differ in the initial phase of the force and, by a millionth at most, in its amplitude; it has a median and a band.
+A curve is computed as an ensemble and has a band.
+
+In the impact regimes a level is a random variable: runs that differ in last digits only diverge
+after some impacts. A curve is therefore computed over members that differ in the initial phase of
+the force and, by a millionth at most, in its amplitude; it has a median and a band.
 """
 
 from __future__ import annotations
@@ -140,16 +143,22 @@ class CurveCase:
         return self.load(amplitude, schedule).member(own)
 
     def amplitudes(self) -> Array:
-        """Return the forces to run in N: one newton for a linear scene, whose level is proportional to the force."""
+        """Return the force amplitudes to run in N.
+
+        It is a single force of 1 N for a linear scene, because its level is proportional to the
+        force.
+        """
         return np.ones(1) if self.scene.kind is SceneKind.LINEAR else self.forces
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """The force with the smallest median level relative to a reference, with 5 to 95 % bands over the members.
+    """The force with the smallest median level relative to a reference.
 
-    force and force_band in N (the band is that of each member's own best force), level and level_band in m, relative and
-    relative_band to the reference.
+    Bands are the 5 to 95 % intervals over the members.
+
+    force and force_band in N (the band is that of each member's own best force), level and
+    level_band in m, relative and relative_band to the reference.
     """
 
     force: float
@@ -162,7 +171,9 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class PerformanceCurve(SavedResult, TableResult):
-    """Response levels over the force, as `performance_curve` returns them. Runs that an interruption left out are NaN.
+    """Response levels over the force, as returned by `performance_curve`.
+
+    Runs that are missing after an interruption are NaN.
 
     Attributes
     ----------
@@ -190,7 +201,10 @@ class PerformanceCurve(SavedResult, TableResult):
 
     @property
     def combined(self) -> Array:
-        """The larger level of the two directions in m, (F, M), as in the paper's curves; NaN unless both are there."""
+        """The larger level of the two sweep directions in m, (F, M), as in the paper's curves.
+
+        It is NaN unless both levels are known.
+        """
         return np.asarray(np.max(self.level, axis=-1))
 
     @property
@@ -204,7 +218,10 @@ class PerformanceCurve(SavedResult, TableResult):
         return quantiles(self.combined, BAND)
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return all runs as columns, (2 F M,) each: force, member, direction of the sweep, and results."""
+        """Return all runs as columns of shape (2 F M,).
+
+        They are force, member, direction of the sweep, and the results.
+        """
         shape = self.level.shape
         force, member, direction = np.indices(shape).reshape(3, -1)
         return {
@@ -224,7 +241,10 @@ class PerformanceCurve(SavedResult, TableResult):
     def _table_rows(self) -> list[tuple[str, str]]:
         count = len(self.forces)
         median = 1e3 * self.median[np.isfinite(self.median)]
-        forces = f"{count} force{'s' * (count != 1)} from {self.forces.min():.4g} to {self.forces.max():.4g} N"
+        forces = (
+            f"{count} force{'s' * (count != 1)} from {self.forces.min():.4g} to "
+            f"{self.forces.max():.4g} N"
+        )
         levels = (
             f"median level {median.min():.4g} to {median.max():.4g} mm"
             if median.size
@@ -242,13 +262,19 @@ class PerformanceCurve(SavedResult, TableResult):
         return html_table("Performance curve", self._table_rows())
 
     def plot(self, axes: Axes | None = None, label: str | None = None, **options: Any) -> Axes:
-        """Draw the median level over the force with its band; return matplotlib's axes, for other curves too. ``options`` go to its loglog."""
+        """Draw the median level over the force with its band, and return matplotlib's axes.
+
+        Further curves can be drawn into the same axes. ``options`` are passed to the axes' loglog.
+        """
         from impact_env.plots import plot_curve
 
         return plot_curve(self.forces, self.median, self.band, axes, label, options)
 
     def relative_to(self, reference: PerformanceCurve) -> Array:
-        """Return `combined` over that of the same member of a reference, (F, M); raises ParameterError unless forces and members agree."""
+        """Return the ratio of `combined` to that of the same member of a reference, (F, M).
+
+        Raises ParameterError unless the forces and members of both curves agree.
+        """
         same = (
             np.array_equal(self.forces, reference.forces)
             and self.members.key == reference.members.key
@@ -263,7 +289,10 @@ class PerformanceCurve(SavedResult, TableResult):
             return np.asarray(self.combined / reference.combined)
 
     def at(self, k: int, reference: PerformanceCurve) -> Optimum:
-        """Return level and relative level at force ``k``; the force's band is that of the members' best forces."""
+        """Return the level and the relative level at force ``k``.
+
+        The band of the force is that of the members' best forces.
+        """
         relative = self.relative_to(reference)
         best = self.forces[np.argmin(np.where(np.isnan(relative), np.inf, relative), axis=0)]
         best = best[~np.isnan(relative).all(axis=0)]
@@ -280,13 +309,19 @@ class PerformanceCurve(SavedResult, TableResult):
         )
 
     def optimum(self, reference: PerformanceCurve) -> Optimum | None:
-        """Return the best force relative to a reference (no absorber, say), or None if nothing is finished yet."""
+        """Return the best force relative to a reference, such as a curve without absorber.
+
+        The result is None if no run is finished yet.
+        """
         relative = quantiles(self.relative_to(reference), (0.5,))[0]
         return None if np.isnan(relative).all() else self.at(int(np.nanargmin(relative)), reference)
 
 
 def quantiles(values: ArrayLike, wanted: Sequence[float]) -> Array:
-    """Return quantiles over the last axis, NaN left out, with the quantile as the first axis; NaN where nothing is left."""
+    """Return quantiles over the last axis, with the quantile as the first axis of the result.
+
+    NaN values are ignored. Where no value is left, the result is NaN.
+    """
     rows = np.atleast_1d(numbers("values", values, "numbers, NaN for what is missing"))
     allowed = "a row of numbers from 0 to 1"
     wanted = row("wanted", wanted, allowed).tolist()
@@ -311,9 +346,12 @@ def performance_curves(
     most_events: int | None = None,
     executor: Executor | None = None,
 ) -> list[PerformanceCurve]:
-    """Compute several curves in one pool of threads, or by an executor. Arguments after ``seed`` and errors are those of `run_lanes`.
+    """Compute several performance curves together, in one pool of threads or by an executor.
 
-    The member is the outermost loop, so an interrupted computation leaves all curves with fewer members.
+    The arguments after ``seed`` and the errors are those of `run_lanes`.
+
+    The member is the outermost loop, so an interrupted computation leaves all curves with fewer
+    members.
     """
     drawn = draw_members(members, seed)
     sweeps = [(case, case.schedules(), case.amplitudes()) for case in cases]
@@ -389,8 +427,8 @@ def performance_curve(
     resonance : int, optional
         Resonance that is swept, counted from 1.
     members : int, optional
-        Members M of the ensemble. They differ in the phase of the force and, by a millionth at most,
-        in its amplitude, since levels in the impact regimes are random (paper, section 3.3).
+        Members M of the ensemble. They differ in the phase of the force and, by a millionth at
+        most, in its amplitude, since levels in the impact regimes are random (paper, section 3.3).
     seed : int, optional
         Seed of the members.
     method : Exact, Moreau or RungeKutta, optional
@@ -515,8 +553,8 @@ def curve_passes(
     case : CurveCase
         Forces and sweeps.
     passes : sequence of Pass
-        What is computed in turn: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say. A
-        run that an earlier pass has made is not made again.
+        What is computed in turn: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say.
+        A run that an earlier pass has made is not made again.
     stop : Stop, optional
         Ends the runs from any other thread, as the iterator's ``close()`` does.
     seed : int, optional
@@ -528,16 +566,17 @@ def curve_passes(
     samples_per_period : int, optional
         Samples of the level in a pseudo period.
     measure : callable, optional
-        ``measure(lane, stop)`` returns the numbers of `LaneLevels` in place of the response level's.
+        ``measure(lane, stop)`` returns the numbers of `LaneLevels` in place of the response
+        level's.
     both_ways : bool, optional
         False: the load is the same up and down, as a random one is, and each run stands for both.
 
     Yields
     ------
     tuple of Pass and PerformanceCurve
-        The pass, and the curve so far at the pass's forces, NaN where a run is missing. The last curve
-        of a pass has all runs: the numbers of `performance_curve` at that rate. After ``stop`` what
-        was not run stays NaN, and nothing follows.
+        The pass, and the curve so far at the pass's forces, NaN where a run is missing. The last
+        curve of a pass has all runs: the numbers of `performance_curve` at that rate. After
+        ``stop`` what was not run stays NaN, and nothing follows.
 
     Raises
     ------
@@ -593,9 +632,11 @@ def _run_pass(
     result: dict[_Run, tuple[float, ...]],
     ways: tuple[int, int],
 ) -> Iterator[PerformanceCurve]:
-    """Make the runs of a pass that ``found`` has no level of, coarse grids of forces first, and yield the curve now and then, and at the end.
+    """Compute the missing runs of a pass, and yield the curve repeatedly and at the end.
 
-    ``ways``: whose run up and down are.
+    Runs whose level is in ``result`` are not computed again. Coarse grids of forces come first.
+
+    ``ways``: the directions whose runs count for up and for down; both `UP` if one run serves both.
     """
     total = len(case.forces)
     linear = case.scene.kind is SceneKind.LINEAR
@@ -660,7 +701,10 @@ def _run_pass(
 
 
 def _order_coarse_to_fine(number: int) -> list[int]:
-    """Return 0 to number - 1 in an order that refines a grid: the ends first, then points between those before."""
+    """Return 0 to number - 1 in an order that refines a grid.
+
+    The two ends come first, then points between the earlier ones.
+    """
     order = sorted({0, number - 1})
     step = number - 1
     while step > 1:

@@ -1,7 +1,10 @@
-"""The frequency over time (constant, linear sweep, or any piecewise-linear schedule), what a load is, and the harmonic force.
+"""Frequency schedules, the base class of loads, and the harmonic force.
 
-Every load is made of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between two breakpoints it is
-Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the first of them. A `Drive` alone is given to kernels as what it is.
+A schedule is the frequency over time: constant, a linear sweep, or any piecewise-linear function.
+
+Every load is made of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between
+two breakpoints it is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time
+since the first of them. A `Drive` alone is given to kernels as what it is.
 """
 
 from __future__ import annotations
@@ -39,7 +42,9 @@ PAPER_RATE = 1.0  # percent of the resonance frequency per 100 pseudo periods
 PAPER_LIMITS = (0.9, 1.06)  # of the resonance frequency
 assert isinstance(Beam.damping_ratio, float)
 PAPER_DAMPING = Beam.damping_ratio
-MOST_PERIODS = 1e9  # ten times the longest default sweep, that of a tuned absorber on a resonance without damping: hours for one run
+# ten times the longest default sweep, that of a tuned absorber on a resonance without damping:
+# hours for one run
+MOST_PERIODS = 1e9
 # of a reference frequency in rad/s, and how much faster a force may be
 LOWEST_OMEGA = 1e-20
 HIGHEST_OMEGA = 1e20
@@ -58,8 +63,8 @@ class FrequencySchedule:
     omegas : array_like, (K,)
         Circular frequencies in rad/s at these times.
     reference : float
-        Circular frequency of the resonance in rad/s. It defines the pseudo period 2 pi/reference and
-        the frequency ratio omega/reference.
+        Circular frequency of the resonance in rad/s. It defines the pseudo period 2 pi/reference
+        and the frequency ratio omega/reference.
 
     Raises
     ------
@@ -86,7 +91,10 @@ class FrequencySchedule:
         )
         ok = self.omegas.shape == times.shape and bool(np.all(self.omegas >= 0))
         require(ok, "omegas", self.omegas, allowed)
-        allowed = f"at most {MOST_PERIODS:g} pseudo periods of the reference frequency, not {self.periods:g}"
+        allowed = (
+            f"at most {MOST_PERIODS:g} pseudo periods of the reference frequency, not "
+            f"{self.periods:g}"
+        )
         require(self.periods <= MOST_PERIODS * (1 + 1e-12), "times", self.times, allowed)
 
     @property
@@ -115,7 +123,10 @@ class FrequencySchedule:
         return np.asarray(starts[k] + (self.omegas[k] + slope * tau / 2) * tau)
 
     def between(self, start: float, stop: float) -> FrequencySchedule:
-        """Return the schedule between two times in s of this one, 0 <= start < stop <= its end, with its times counted from ``start``.
+        """Return the part of this schedule between two times in s.
+
+        The times must satisfy 0 <= start < stop <= end of the schedule. Times of the result are
+        counted from ``start``.
 
         Raises ParameterError for times outside of the schedule or out of order.
         """
@@ -183,7 +194,10 @@ def linear_sweep(
     rate = positive("percent_per_100_periods", percent_per_100_periods)
     periods = abs(stop - start) * 100 * 100 / rate
     least = rate * periods / MOST_PERIODS
-    allowed = f"{least:.3g} or more from start ratio {start:g} to stop ratio {stop:g}, which else takes more than {MOST_PERIODS:g} pseudo periods"
+    allowed = (
+        f"{least:.3g} or more from start ratio {start:g} to stop ratio {stop:g}, which else takes "
+        f"more than {MOST_PERIODS:g} pseudo periods"
+    )
     require(periods <= MOST_PERIODS, "percent_per_100_periods", rate, allowed)
     return FrequencySchedule(
         np.array([0.0, periods * 2 * np.pi / reference]),
@@ -193,12 +207,16 @@ def linear_sweep(
 
 
 def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
-    """Return the sweep rate in % of the resonance per 100 pseudo periods that suits a model near ``resonances`` (counted from 1).
+    """Return the sweep rate that suits a model near ``resonances`` (counted from 1).
 
-    A resonance of damping ratio D builds up in about 1/(D omega), and while the frequency crosses its width 2 D omega at a rate r there are
-    2 D omega/r for it: what counts is r over (D omega)^2. The paper's rate suits its damping of 1 %, so the default goes with the square of the
-    damping; it is never faster than the paper's, since impacts have times of their own that no damping shortens. Of several resonances the least
-    damped one counts, and a damping ratio below 1e-4 counts as 1e-4. Raises ParameterError for a resonance that the model lacks.
+    The rate is in % of the resonance per 100 pseudo periods.
+
+    A resonance of damping ratio D builds up in about 1/(D omega), and while the frequency crosses
+    its width 2 D omega at a rate r there are 2 D omega/r for it: what counts is r over (D omega)^2.
+    The paper's rate suits its damping of 1 %, so the default goes with the square of the damping;
+    it is never faster than the paper's, since impacts have times of their own that no damping
+    shortens. Of several resonances the least damped one counts, and a damping ratio below 1e-4
+    counts as 1e-4. Raises ParameterError for a resonance that the model lacks.
     """
     model = instance("model", model, ModalModel)
     ratios = [
@@ -250,9 +268,10 @@ def constant_frequency(reference: float, ratio: float, periods: float) -> Freque
 class Pieces:
     """A load between breakpoints ``times`` (K,) in s from 0: ``rows`` (K - 1, 9).
 
-    A row has frequency (rad/s), its rate (rad/s^2), phase at the start (rad), then real and imaginary parts of c0, c1 and c2, in N, or in m/s^2
-    where the load is of the kind that ``moves_base``. ``place``: name of the place of a force that has one of its own (`Load.force_place`);
-    ``channel``: as kernels take it, see `impact_env.force_channels`.
+    A row has frequency (rad/s), its rate (rad/s^2), phase at the start (rad), then real and
+    imaginary parts of c0, c1 and c2, in N, or in m/s^2 where the load is of the kind that
+    ``moves_base``. ``place``: name of the place of a force that has one of its own
+    (`Load.force_place`); ``channel``: as kernels take it, see `impact_env.force_channels`.
     """
 
     times: Array
@@ -276,8 +295,8 @@ class Pieces:
 class Member:
     """The random part of a member of an ensemble.
 
-    ``number``, 0 for the load itself, draws records and tones' phases; ``phase`` in rad is added to that of a load with a schedule; ``factor``
-    multiplies the amplitude.
+    ``number``, 0 for the load itself, draws records and tones' phases; ``phase`` in rad is added to
+    that of a load with a schedule; ``factor`` multiplies the amplitude.
     """
 
     number: int = 0
@@ -288,8 +307,9 @@ class Member:
 class Load(ABC):
     """A load, which lasts as long as its ``schedule``, or its ``length`` in s where it has none.
 
-    ``sizes``: the attributes to which it is proportional, one of them or all; a ``phase``, where it has one, is that of its schedule.
-    ``force_place``: name of the place of the structure (`ModalModel.with_force_places`) that a force acts at; None: where the structure's force does.
+    ``sizes``: the attributes to which it is proportional, one of them or all; a ``phase``, where it
+    has one, is that of its schedule. ``force_place``: name of the place of the structure
+    (`ModalModel.with_force_places`) that a force acts at; None: where the structure's force does.
     """
 
     length: float | None
@@ -322,7 +342,11 @@ class Load(ABC):
         return replace(self, **changed)  # type: ignore[type-var]
 
     def base_velocity(self) -> float:
-        """Return the base's velocity in m/s at time 0 with which its mean velocity is zero; 0 where it does not move, or only after a pulse."""
+        """Return the base's velocity in m/s at time 0 for which its mean velocity is zero.
+
+        It is 0 for a base that does not move, and for a base that is at rest before a pulse moves
+        it.
+        """
         return 0.0
 
 
@@ -334,8 +358,9 @@ def find_schedule(load: Load) -> FrequencySchedule | None:
 class Excitation(Load):
     """A load under which a run is made: a `Drive`, or `Loads`.
 
-    ``schedule``: the frequency over time to which responses refer; it ends with the run, and its reference defines the pseudo period. ``start``: the
-    state at time 0. ``in_pieces``: whether kernels take it as `Pieces`, in place of one force of a schedule.
+    ``schedule``: the frequency over time to which responses refer; it ends with the run, and its
+    reference defines the pseudo period. ``start``: the state at time 0. ``in_pieces``: whether
+    kernels take it as `Pieces`, in place of one force of a schedule.
     """
 
     start: str | InitialState = LOAD_STARTS[0]
@@ -370,7 +395,10 @@ class Excitation(Load):
 
     @abstractmethod
     def initial_state(self, scene: Scene, initial: InitialState | None) -> InitialState:
-        """Return the state at time 0 of a run: ``initial``, or where that is None the start of the loads, with what strikes add to it.
+        """Return the state of a run at time 0.
+
+        It is ``initial``, or the start of the loads where ``initial`` is None, with the velocities
+        that strikes add.
 
         Raises ParameterError where a start is given twice, or a scene has no such start.
         """
@@ -383,7 +411,10 @@ class Excitation(Load):
 def schedule_pieces(
     schedule: FrequencySchedule, order: float, phase: float, coefficients: Array, moves_base: bool
 ) -> Pieces:
-    """Return a load that turns ``order`` times as fast as a schedule; ``coefficients`` (K - 1, 6) as in `Pieces`."""
+    """Return a load whose frequency is ``order`` times that of a schedule.
+
+    ``coefficients`` (K - 1, 6) are those of `Pieces`.
+    """
     omegas = order * schedule.omegas
     steps = np.diff(schedule.times)
     phases = phase + order * schedule.phase_at(schedule.times)
@@ -414,7 +445,8 @@ class Drive(Excitation):
     phase : float, optional
         Phase in rad at time 0.
     force_place : str, optional
-        Name of the structure's place that it acts at, for a drive that is one of `Loads`. None: where the structure's force does.
+        Name of the structure's place that it acts at, for a drive that is one of `Loads`. None:
+        where the structure's force does.
 
     Raises
     ------
@@ -478,10 +510,12 @@ class Drive(Excitation):
         return f"{self.amplitude:g} N{f', phase {self.phase:g} rad' if phase else ''}"
 
     def between(self, start: float, stop: float) -> Drive:
-        """Return the force between two times in s of this drive as a drive of its own, which begins at time 0.
+        """Return the part of this drive between two times in s.
 
-        A run over ``between(0, t)``, and one over ``between(t, end)`` that starts from the first run's `Response.final_state`, are the whole run
-        up to rounding.
+        The result is a drive of its own, which begins at time 0.
+
+        A run over ``between(0, t)``, and one over ``between(t, end)`` that starts from the first
+        run's `Response.final_state`, are the whole run up to rounding.
 
         Raises ParameterError for times outside of the schedule or out of order.
 
@@ -497,7 +531,10 @@ class Drive(Excitation):
         return Drive(self.amplitude, schedule, self._phase_at(start), self.force_place)
 
     def followed_by(self, schedule: FrequencySchedule) -> Drive:
-        """Return the force that goes on over ``schedule`` after this drive, with its amplitude and with the phase at its end."""
+        """Return the force that continues over ``schedule`` after the end of this drive.
+
+        It has this drive's amplitude, and starts with the phase at this drive's end.
+        """
         phase = self._phase_at(float(self.schedule.times[-1]))
         return Drive(self.amplitude, schedule, phase, self.force_place)
 

@@ -13,7 +13,10 @@ Array = NDArray[np.float64]
 
 
 def stored_energy(scene: Scene, state: Array) -> float:
-    """Return the energy of modes, absorbers, springs and weights of a state (2 N_m + 2 n,) in J (paper, Eq. Einst)."""
+    """Return the energy of a state (2 N_m + 2 n,) in J (paper, Eq. Einst).
+
+    It is the sum over modes, absorbers, springs and weights.
+    """
     n = scene.model.modes
     model = scene.model
     half = len(state) // 2
@@ -29,7 +32,11 @@ def stored_energy(scene: Scene, state: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class MechanicalEnergy:
-    """Energy in J at the samples of a run (paper, Eq. Einst): ``modal`` (S, N_m) of each mode, ``absorber`` (S,) kinetic energy of the absorbers."""
+    """Energy in J at the samples of a run (paper, Eq. Einst).
+
+    ``modal`` (S, N_m) is the energy of each mode and ``absorber`` (S,) the kinetic energy of the
+    absorbers.
+    """
 
     modal: Array
     absorber: Array
@@ -47,7 +54,9 @@ class MechanicalEnergy:
 
 
 def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
-    """Return the energy of modes and absorber at the samples of a run (paper, Eq. Einst); 0 for an absorber that the scene lacks.
+    """Return the energy of modes and absorber at the samples of a run (paper, Eq. Einst).
+
+    The absorber's energy is 0 in a scene without absorber.
 
     As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of
     compliant walls are not counted (`laws.compute_spring_energy`).

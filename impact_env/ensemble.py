@@ -1,6 +1,9 @@
-"""Many runs at once: lanes (scene and drive) to response levels, on all cores and with the same result for any number of threads.
+"""Response levels of many runs at once, computed on all cores.
 
-The kernels release Python's lock, so plain threads share one copy of everything. A lane is one `simulate` and writes only its own slot.
+A lane is a scene with a drive. The results are the same for any number of threads.
+
+The kernels release Python's lock, so plain threads share one copy of everything. A lane is one
+`simulate` and writes only its own slot.
 """
 
 from __future__ import annotations
@@ -45,7 +48,8 @@ PERTURBATION = 1e-6  # of the force: far above rounding and far below what a for
 MemberKind = Literal["both", "phase", "force"]
 LaneProgress = Callable[[int, int], None]  # takes the number of finished lanes and of all lanes
 MOST_MEMBERS = 1_000_000
-LANES_A_BATCH = 4  # that an executor gets at once: few enough to spread, and more work than it takes to send them
+# that an executor gets at once: few enough to spread, and more work than it takes to send them
+LANES_A_BATCH = 4
 _was_imported: set[Hashable] = (
     set()
 )  # kinds of scene, with the kind of measure, that lanes of this process have run
@@ -60,7 +64,9 @@ class Executor(Protocol):
     def each(
         self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]
     ) -> Generator[tuple[int, R], None, None]:
-        """Yield (number of the item, ``function(item)``) in the order in which they are finished; closing it drops what has not begun.
+        """Yield (number of the item, ``function(item)``) in the order of completion.
+
+        Closing the generator discards the items that have not begun.
 
         Function and items can be pickled. Items of one of the ``kinds`` need the same kernels.
         """
@@ -68,7 +74,11 @@ class Executor(Protocol):
 
 @dataclass(frozen=True)
 class Threads:
-    """The cores of this machine as an executor: the kernels release Python's lock. The results do not depend on the number of ``threads``."""
+    """The cores of this machine as an executor.
+
+    Threads suffice because the kernels release Python's lock. The results do not depend on the
+    number of ``threads``.
+    """
 
     threads: int | None = None
 
@@ -79,7 +89,11 @@ class Threads:
     def each(
         self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]
     ) -> Generator[tuple[int, R], None, None]:
-        """See `Executor`. Items under way are finished before a closed call returns; a KeyboardInterrupt does not wait for compilations."""
+        """Yield results as described in `Executor`.
+
+        Items under way are finished before the generator is closed. A KeyboardInterrupt does not
+        wait for compilations.
+        """
         pool = ThreadPoolExecutor(self.threads or available_cores())
         try:
             futures: dict[Future[R], int] = {
@@ -136,7 +150,10 @@ class Lane:
 
     @property
     def start(self) -> InitialState | None:
-        """State at time 0, the argument ``initial`` of `simulate`; None is rest, or the loads' start."""
+        """State at time 0, the argument ``initial`` of `simulate`.
+
+        None stands for rest, or for the start that the loads define.
+        """
         if self.initial is not None:
             return self.initial
         if self.steady_start:
@@ -146,10 +163,12 @@ class Lane:
 
 @dataclass(frozen=True, eq=False)
 class LaneLevels(SavedResult):
-    """Results of lanes, arrays of one shape, NaN where a lane was not run; ``complete`` says whether all were.
+    """Results of lanes as arrays of one shape, with NaN for lanes that were not run.
 
-    level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest ``|q_tip|`` in m; number of impacts; stuck_time: time
-    in joined phases in s.
+    ``complete`` says whether all lanes were run.
+
+    level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest
+    ``|q_tip|`` in m; number of impacts; stuck_time: time in joined phases in s.
     """
 
     level: Array
@@ -213,7 +232,10 @@ class Members(SavedResult):
         return self.phases.tobytes() + self.factors.tobytes()
 
     def drives(self, force: float, schedule: FrequencySchedule, phase: float = 0.0) -> list[Drive]:
-        """Return each member's drive at a force in N whose own initial phase is ``phase`` in rad."""
+        """Return each member's drive at a force in N.
+
+        ``phase`` in rad is added to the initial phase of each member.
+        """
         return [
             Drive(force * float(factor), schedule, phase + float(own))
             for own, factor in zip(self.phases, self.factors, strict=True)
@@ -221,17 +243,23 @@ class Members(SavedResult):
 
 
 def drives_of(members: Members, drive: Excitation) -> list[Excitation]:
-    """Return each member's drive: phases and factors of its own, and of random loads another record."""
+    """Return the drive of each member.
+
+    Each has its own phase and factor, and for random loads its own record.
+    """
     drawn = zip(members.phases.tolist(), members.factors.tolist(), strict=True)
     return [drive.member(Member(k, phase, factor)) for k, (phase, factor) in enumerate(drawn)]
 
 
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
-    """Return the members of an ensemble. Member 0 is the paper's run: phase 0, and the force as it is.
+    """Return the members of an ensemble.
 
-    Every other one varies what is not known of a run and is amplified by impacts: the initial phase, uniform in [0, 2 pi), and the force,
-    by a share uniform within `PERTURBATION`, which is far above rounding. ``kind`` "phase" and "force" vary one of them
-    alone. More members with the same seed continue the same lists, and a kind's list does not depend on the other.
+    Member 0 is the paper's run, with phase 0 and the unchanged force.
+
+    Every other one varies what is not known of a run and is amplified by impacts: the initial
+    phase, uniform in [0, 2 pi), and the force, by a share uniform within `PERTURBATION`, which is
+    far above rounding. ``kind`` "phase" and "force" vary one of them alone. More members with the
+    same seed continue the same lists, and a kind's list does not depend on the other.
     """
     members = count("members", members, 1, MOST_MEMBERS)
     varied = one_of("kind", kind, get_args(MemberKind))
@@ -265,7 +293,9 @@ def run_lanes(
     executor: Executor | None = None,
     stop: Stop | None = None,
 ) -> LaneLevels:
-    """Run lanes in parallel and return their response levels. Each is bit for bit what `simulate` gives.
+    """Run lanes in parallel and return their response levels.
+
+    Each result is bit for bit that of `simulate`.
 
     Parameters
     ----------
@@ -282,16 +312,16 @@ def run_lanes(
     most_events : int, optional
         Budget of each run, see `simulate`.
     executor : Executor, optional
-        Runs the lanes elsewhere, such as on a cluster, with the same result; without ``threads`` and
-        ``stop``.
+        Runs the lanes elsewhere, such as on a cluster, with the same result; without ``threads``
+        and ``stop``.
     stop : Stop, optional
         Ends the runs from any other thread.
 
     Returns
     -------
     LaneLevels
-        Arrays (L,). Lanes that a KeyboardInterrupt or ``stop`` left out are NaN, and ``complete`` is
-        False. After an interrupt lanes under way are finished (an executor drops them); a second
+        Arrays (L,). Lanes that a KeyboardInterrupt or ``stop`` left out are NaN, and ``complete``
+        is False. After an interrupt lanes under way are finished (an executor drops them); a second
         interrupt is raised.
 
     Raises
@@ -340,7 +370,10 @@ def run_lanes(
 
 @dataclass(frozen=True, eq=False)
 class LevelOf:
-    """What `run_lanes` measures of a lane: plain data, which another process turns into the same numbers."""
+    """The measurement that `run_lanes` makes of a lane.
+
+    It is plain data, so that another process computes the same numbers from it.
+    """
 
     method: Method
     record: Record
@@ -379,10 +412,12 @@ def each_lane(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> list[R | None]:
-    """Return ``measure`` of each lane, None where an interrupt came first; threads, executor, interruption and errors as in `run_lanes`.
+    """Return ``measure`` of each lane, or None for lanes that an interruption prevented.
 
-    ``measure`` may run its lane with any record and from any start, but with ``method``, whose kernels are compiled in one thread. An ``executor``
-    needs one that can be pickled.
+    Threads, executor, interruption and errors are those of `run_lanes`.
+
+    ``measure`` may run its lane with any record and from any start, but with ``method``, whose
+    kernels are compiled in one thread. An ``executor`` needs one that can be pickled.
     """
     method = Exact() if method is None else method
     kind = getattr(measure, "func", type(measure))
@@ -468,9 +503,12 @@ def _run_all(
     workers: int,
     progress: LaneProgress | None,
 ) -> None:
-    """Call ``run`` for 0..total - 1, ``first`` one after the other: threads that need the same kernel would only wait for its compilation.
+    """Call ``run`` for 0 to total - 1, those in ``first`` one after the other.
 
-    Where a kind of scene has run with another record before, threads may wait for it all the same, which costs time only.
+    Threads that need the same kernel would only wait for its compilation.
+
+    Where a kind of scene has run with another record before, threads may wait for it all the same,
+    which costs time only.
     """
     done = 0
 

@@ -28,7 +28,11 @@ class MissingExtraError(ModuleNotFoundError):
 
 
 def how_to_install(*extras: str) -> str:
-    """Return the command that installs extras: into a checkout's own environment if that is the one that runs, else by pip."""
+    """Return the command that installs extras.
+
+    It installs into the environment of a checkout if Python runs in this environment, and otherwise
+    by pip.
+    """
     set_up = ROOT / "scripts" / "lib" / "set_up.py"
     if Path(sys.prefix).resolve() == ROOT / ".venv" and set_up.exists():
         return f'python3 "{set_up}" {" ".join(extras)}'
@@ -37,7 +41,10 @@ def how_to_install(*extras: str) -> str:
 
 @contextmanager
 def optional() -> Iterator[None]:
-    """Surround imports of optional packages; raises MissingExtraError with the command that installs the one that is missing."""
+    """Translate failing imports of optional packages in this context.
+
+    Raises MissingExtraError with the command that installs the missing package.
+    """
     try:
         yield
     except ModuleNotFoundError as error:

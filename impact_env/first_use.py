@@ -1,4 +1,7 @@
-"""Notice of compilation: one line, and registered callbacks, when the first use of a kind of scene compiles its kernels for up to a minute."""
+"""Notice of compilation when the first use of a kind of scene compiles its kernels.
+
+Compilation takes up to a minute. One line is printed, and registered callbacks are called.
+"""
 
 import gc
 import logging
@@ -90,9 +93,12 @@ def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
 
 @contextmanager
 def compiling_for(scene: object, method: object, words: str = "") -> Iterator[None]:
-    """Announce compilation in this thread as for this scene and method; ``words`` is the argument of the hint's command.
+    """Announce compilations in this thread as compilations for this scene and method.
 
-    Scene and method are turned into text only if there is something to say, since every run passes here.
+    ``words`` is the argument of the command in the announcement's hint.
+
+    Scene and method are turned into text only if there is something to say, since every run passes
+    here.
     """
     token = _purpose.set((scene, method, words))
     try:
@@ -102,7 +108,11 @@ def compiling_for(scene: object, method: object, words: str = "") -> Iterator[No
 
 
 class _SeldomCollected(event.Listener):
-    """Rarer garbage collection while numba compiles: most objects stay, and searching them at Python's rate takes up to a tenth of the time."""
+    """Rarer garbage collection while numba compiles.
+
+    Most objects remain in use, and searching them as often as Python does takes up to a tenth of
+    the time.
+    """
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - numba's interface
         self._before = gc.get_threshold()
@@ -114,7 +124,11 @@ class _SeldomCollected(event.Listener):
 
 
 class _Announcer(event.Listener):
-    """Announces each compilation, one at a time: to callbacks at once, to the user once it has taken `SILENT_SECONDS`."""
+    """Announces each compilation, one at a time.
+
+    Callbacks are called immediately. The user is notified when the compilation has taken
+    `SILENT_SECONDS`.
+    """
 
     silent = False
 
@@ -142,7 +156,10 @@ def _call(about: Compilation) -> None:
 
 
 def describe_unused_cache() -> str:
-    """Return a sentence where ``IMPACT_ENV_CACHE`` names a folder that cannot be written to, else an empty string."""
+    """Return a sentence if ``IMPACT_ENV_CACHE`` names a folder that is not writable.
+
+    Otherwise the result is an empty string.
+    """
     named = os.environ.get("IMPACT_ENV_CACHE")
     used = cache_folder()
     if not named or (used is not None and Path(named) in used.parents):
@@ -153,7 +170,10 @@ def describe_unused_cache() -> str:
 
 def _say(what: str, words: str) -> None:
     line = (
-        f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{HINT} {words}".rstrip()
+        (
+            f"impact_env: compiling {what}. Once for a kind of scene, up to a minute; `{HINT} "
+            f"{words}"
+        ).rstrip()
         + "` does the usual ones beforehand."
         + describe_unused_cache()
     )

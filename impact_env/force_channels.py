@@ -1,10 +1,14 @@
-"""Forces at several places, as the exact kernels take them: with phases of their own, and with loads of their own.
+"""Forces at several places in the form that the exact kernels take.
 
-Kernels have one channel for the structure's force and further ones for bases that move. A force (N) on the mode shape p acts as the acceleration of a
-base with the participation -p, which does not act on an absorber apart from the structure; so each further place has such a base.
+The forces may have their own phases and their own loads.
 
-A force Re(F exp(i phi)) on a complex modal shape p + i q is the sum of a force on the real shape p and of one on q that is a quarter period ahead,
-Re(i F exp(i phi)). A structure whose loads all act at one place has no further channel and costs no more than one force.
+Kernels have one channel for the structure's force and further ones for bases that move. A force (N)
+on the mode shape p acts as the acceleration of a base with the participation -p, which does not act
+on an absorber apart from the structure; so each further place has such a base.
+
+A force Re(F exp(i phi)) on a complex modal shape p + i q is the sum of a force on the real shape p
+and of one on q that is a quarter period ahead, Re(i F exp(i phi)). A structure whose loads all act
+at one place has no further channel and costs no more than one force.
 """
 
 from dataclasses import dataclass, replace
@@ -37,9 +41,11 @@ class _ChannelLoads(Load):
 
 @dataclass(frozen=True)
 class _Channels:
-    """What the channels of a run are: the structure's ``own`` force or the first of ``places``, the ``base`` if it moves, then the quadrature of the
-    own force, and the (other) places.
-    """  # noqa: D205
+    """The channels of a run.
+
+    The first is the structure's ``own`` force or the first of ``places``, then follow the ``base``
+    if it moves, the quadrature of the own force, and the (other) places.
+    """
 
     own: bool
     base: bool
@@ -48,7 +54,10 @@ class _Channels:
 
 @lru_cache(MOST_SCENES)
 def _with_channels(scene: Scene, channels: _Channels) -> Scene:
-    """Return a scene whose model has as ``force_places`` the shapes of the channels behind that of the base."""
+    """Return a scene whose model contains the shapes of the channels after that of the base.
+
+    They are its ``force_places``.
+    """
     model = scene.model
     shapes = [model.find_force_place(name) for name in channels.places]
     first = model.force_shape if channels.own else shapes.pop(0)
@@ -82,7 +91,11 @@ def _turn_ahead(piece: Pieces) -> Array:
 
 
 def split_forces(scene: Scene, drive: Excitation) -> tuple[Scene, Excitation]:
-    """Return scene and drive as the kernels take them: the same, unless the structure's forces differ in phase, or loads have places of their own."""
+    """Return scene and drive in the form that the kernels take.
+
+    They are unchanged, unless the structure's forces differ in phase or loads have their own
+    places.
+    """
     model = scene.model
     if model.force_quadrature is None and model.force_places is None:
         return scene, drive
@@ -111,7 +124,11 @@ def split_forces(scene: Scene, drive: Excitation) -> tuple[Scene, Excitation]:
 
 
 def find_base_shapes(model: ModalModel) -> tuple[Array, Array]:
-    """Return the participation (C, N_m) in sqrt(kg) of the bases of a model of `split_forces`, and the displacement (C,) of absorbers' places."""
+    """Return the base shapes of a model of `split_forces`.
+
+    They are the participations (C, N_m) of its bases in sqrt(kg), and the displacements (C,) at the
+    places of the absorbers.
+    """
     rows = []
     places = []
     if model.base_participation is not None:
@@ -124,7 +141,11 @@ def find_base_shapes(model: ModalModel) -> tuple[Array, Array]:
 
 
 def check_places(model: ModalModel, drive: Excitation) -> None:
-    """Raise ParameterError if a load has a place that the structure lacks, or no phase where the structure's forces differ by theirs."""
+    """Raise ParameterError for a load without a place or a phase that it needs.
+
+    A load must not have a place that the structure lacks. It needs a phase if the structure's
+    forces differ in phase.
+    """
     parts = drive.parts
     places = [part.force_place for part in parts if part.force_place is not None]
     require(
@@ -143,5 +164,8 @@ def check_places(model: ModalModel, drive: Excitation) -> None:
             turns or piece.moves_base or piece.place is not None,
             "force_quadrature",
             "given with a record or a pulse, which has no phase",
-            "forces of one phase; a record or a pulse with a place; or harmonic forces, unbalance and tones",
+            (
+                "forces of one phase; a record or a pulse with a place; or harmonic forces, "
+                "unbalance and tones"
+            ),
         )

@@ -1,12 +1,15 @@
 """Linear frequency responses of a modal model, free or with a linear attachment at the tip.
 
-Convention: all quantities vary as the real part of (complex amplitude) * exp(i omega t). A linear attachment answers a tip
-displacement q with a force T(omega) q on the tip, so it changes the free receptances by one rank (Sherman-Morrison):
+Convention: all quantities vary as the real part of (complex amplitude) * exp(i omega t). A linear
+attachment answers a tip displacement q with a force T(omega) q on the tip, so it changes the free
+receptances by one rank (Sherman-Morrison):
 
-    H_ab = G_ab + G_at T G_tb / (1 - G_tt T),        G_ab = sum_i a_i b_i / (omega_i^2 - omega^2 + 2 i D_i omega_i omega).
+    H_ab = G_ab + G_at T G_tb / (1 - G_tt T),        G_ab = sum_i a_i b_i / (omega_i^2 - omega^2 + 2
+    i D_i omega_i omega).
 
-With b any force and a the tip the two terms join to H_tb = G_tb / (1 - G_tt T), free of cancellation; `tip_response` uses that form
-with numerator and denominator multiplied by the smallest modal denominator, so that it is exact at an undamped free resonance too.
+With b any force and a the tip the two terms join to H_tb = G_tb / (1 - G_tt T), free of
+cancellation; `tip_response` uses that form with numerator and denominator multiplied by the
+smallest modal denominator, so that it is exact at an undamped free resonance too.
 """
 
 import numpy as np
@@ -73,10 +76,12 @@ def _denominators(model: ModalModel, omega: Real) -> Complex:
 def scaled_receptances(
     model: ModalModel, omega: ArrayLike, *shapes: ArrayLike
 ) -> tuple[Complex, ...]:
-    """Return (d, d G_tb for each b in ``shapes``), arrays of omega's shape, with the tip as the place of the answer.
+    """Return (d, d G_tb for each b in ``shapes``), arrays of omega's shape.
 
-    d is the smallest modal denominator (rad^2/s^2) among the modes that move the tip. Products d G stay finite where G does not, and
-    every response at the tip is a quotient of such products.
+    G_tb is the receptance from a force at b to a displacement at the tip.
+
+    d is the smallest modal denominator (rad^2/s^2) among the modes that move the tip. Products d G
+    stay finite where G does not, and every response at the tip is a quotient of such products.
     """
     model = instance("model", model, ModalModel)
     moves = model.tip_shape != 0
@@ -98,11 +103,14 @@ def scaled_receptances(
 
 
 def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
-    """Return the free beam's displacement at ``a`` per force at ``b`` in m/N, complex, of omega's shape.
+    """Return the free beam's displacement at ``a`` per force at ``b`` in m/N.
 
-    omega in rad/s; ``a`` and ``b`` are rows (N_m,) of mode shapes in 1/sqrt(kg): ``model.tip_shape`` or ``model.force_shape``. It is
-    the stationary solution of the paper's modal equations (Eq. eqmmod). Raises ParameterError for bad frequencies or rows, and
-    where the response is infinite (an undamped mode at its own frequency).
+    The result is complex and has omega's shape.
+
+    omega in rad/s; ``a`` and ``b`` are rows (N_m,) of mode shapes in 1/sqrt(kg):
+    ``model.tip_shape`` or ``model.force_shape``. It is the stationary solution of the paper's modal
+    equations (Eq. eqmmod). Raises ParameterError for bad frequencies or rows, and where the
+    response is infinite (an undamped mode at its own frequency).
     """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
@@ -114,7 +122,10 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
 
 
 def receptance_slope(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
-    """Return the derivative of `receptance` by omega in m s/(N rad), complex, of omega's shape; arguments and errors as there."""
+    """Return the derivative of `receptance` by omega in m s/(N rad).
+
+    The result is complex and has omega's shape. Arguments and errors are those of `receptance`.
+    """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
     row_a = _shape(model, "a", a)
@@ -132,7 +143,11 @@ def receptance_slope(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: Array
 def _attachment(
     model: ModalModel, absorber: LinearAbsorber, omega: Real
 ) -> tuple[Complex, Complex]:
-    """Return n and D of the attachment's T = n/D (N/m): n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c; K is infinite if stuck."""
+    """Return n and D of the dynamic stiffness T = n/D (N/m) of an attached absorber.
+
+    n = m_a omega^2 K and D = K - m_a omega^2 with K = k + i omega c. For a stuck absorber K is
+    infinite.
+    """
     require(
         isinstance(absorber, LinearAbsorber),
         "absorber",
@@ -147,10 +162,14 @@ def _attachment(
 
 
 def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: ArrayLike) -> Complex:
-    """Return the displacement where the level is read, by default the tip, per newton at the driven point in m/N, complex, of omega's shape.
+    """Return the displacement per newton at the driven point in m/N.
 
-    omega in rad/s; ``absorber`` a TunedAbsorber (spring and damper between tip and mass), a StuckAbsorber (added mass) or None.
-    Raises ParameterError for bad frequencies, another kind of absorber, and where the response is infinite (no damping anywhere).
+    It is the displacement at the place of the response level, by default the tip. The result is
+    complex and has omega's shape.
+
+    omega in rad/s; ``absorber`` a TunedAbsorber (spring and damper between tip and mass), a
+    StuckAbsorber (added mass) or None. Raises ParameterError for bad frequencies, another kind of
+    absorber, and where the response is infinite (no damping anywhere).
     """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
@@ -172,10 +191,12 @@ def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: Arra
 def coupled_receptance(
     model: ModalModel, absorber: LinearAbsorber, omega: ArrayLike, a: ArrayLike, b: ArrayLike
 ) -> Complex:
-    """Return the displacement at ``a`` per force at ``b`` in m/N with a linear absorber at the tip, complex, of omega's shape.
+    """Return the displacement at ``a`` per force at ``b`` in m/N with an absorber.
 
-    Arguments as in `receptance` and `tip_response`. The general Sherman-Morrison form: it loses digits next to a free resonance
-    that is hardly damped, where `tip_response` does not.
+    The absorber is linear and at the tip. The result is complex and has omega's shape.
+
+    Arguments as in `receptance` and `tip_response`. The general Sherman-Morrison form: it loses
+    digits next to a free resonance that is hardly damped, where `tip_response` does not.
     """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
@@ -189,7 +210,9 @@ def coupled_receptance(
 
 
 def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[Real, Real, Real]:
-    """Return mass, damping and stiffness matrices of beam and absorber in the free beam's modal coordinates.
+    """Return the mass, damping and stiffness matrices of beam and absorber.
+
+    They refer to the free beam's modal coordinates.
 
     Size N_m, or N_m + 1 with a tuned absorber, whose displacement (m) is then the last coordinate.
     """
@@ -221,10 +244,13 @@ def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[
 
 
 def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> Real:
-    """Return the undamped natural frequencies in rad/s, rising, (N_m,) or (N_m + 1,) with a tuned absorber.
+    """Return the undamped natural frequencies in rad/s, in ascending order.
 
-    A stuck mass lowers each: number r lies between omega_{r-1} and omega_r. A tuned absorber splits each: numbers r and r + 1 (from 1)
-    enclose omega_r, because its spring is a rank-one addition to the free beam beside the free mass.
+    Their shape is (N_m,), or (N_m + 1,) with a tuned absorber.
+
+    A stuck mass lowers each: number r lies between omega_{r-1} and omega_r. A tuned absorber splits
+    each: numbers r and r + 1 (from 1) enclose omega_r, because its spring is a rank-one addition to
+    the free beam beside the free mass.
     """
     model = instance("model", model, ModalModel)
     mass, _, stiffness = joint_matrices(model, absorber)
@@ -234,9 +260,13 @@ def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> R
 def state_space(
     model: ModalModel, absorber: LinearAbsorber | None, reference: float
 ) -> tuple[Real, Real, Real]:
-    """Return A (S, S), b (S,), c (S,) with `tip_response` = c (i omega/reference - A)^-1 b in m/N; time is in units of 1/reference (s).
+    """Return the state space form A (S, S), b (S,), c (S,) of `tip_response`.
 
-    The state holds the coordinates of `joint_matrices`, then their rates; ``reference`` is a frequency in rad/s.
+    `tip_response` = c (i omega/reference - A)^-1 b in m/N, where time is in units of 1/reference
+    (s).
+
+    The state holds the coordinates of `joint_matrices`, then their rates; ``reference`` is a
+    frequency in rad/s.
     """
     model = instance("model", model, ModalModel)
     mass, damping, stiffness = joint_matrices(model, absorber)
@@ -261,7 +291,10 @@ def state_space(
 
 
 def poles(model: ModalModel, absorber: LinearAbsorber | None) -> Complex:
-    """Return the oscillating poles s in rad/s, those with positive imaginary part, of beam and absorber."""
+    """Return the oscillating poles s of beam and absorber in rad/s.
+
+    They are those with positive imaginary part.
+    """
     model = instance("model", model, ModalModel)
     s = np.linalg.eigvals(state_space(model, absorber, 1.0)[0])
     return np.asarray(s[s.imag > 0], dtype=np.complex128)

@@ -1,8 +1,11 @@
-"""The table of absorbers and contact laws: one entry for each, and nothing else in the simulator asks which of them it has.
+"""The table of absorbers and contact laws.
 
-An entry says by which plain names a law is given (options of commands, keys of files, arguments of environments and design variables are these
-names, in SI units), what kind of scene it makes, what it stores, and how people are told of it. A law that is not in
-the table is an error. CONTRIBUTING.md says how to add one.
+It has one entry for each. Nothing else in the simulator distinguishes between them.
+
+An entry says by which plain names a law is given (options of commands, keys of files, arguments of
+environments and design variables are these names, in SI units), what kind of scene it makes, what
+it stores, and how people are told of it. A law that is not in the table is an error.
+CONTRIBUTING.md says how to add one.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +42,10 @@ Values = Mapping[str, Any]
 
 
 class SceneKind(Enum):
-    """A scene's kind, by what happens in it: which methods can simulate it, and what has to be compiled for it, follow from it."""
+    """A scene's kind, defined by its contact and springs.
+
+    It decides which methods can simulate the scene and what must be compiled for it.
+    """
 
     LINEAR = "one linear regime"
     RIGID = "rigid contact"
@@ -50,7 +56,11 @@ class SceneKind(Enum):
 
 @dataclass(frozen=True)
 class Key:
-    """A plain name: the attribute that it stands for, what it is, its unit, and a value that is left out when values are listed."""
+    """A plain name of a value.
+
+    Its fields are the attribute that it stands for, a description, the unit, and a value that is
+    omitted when values are listed.
+    """
 
     attribute: str
     what: str
@@ -62,8 +72,9 @@ class Key:
 class Law:
     """A law of walls or of friction, or an absorber that has none.
 
-    ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the group's usual law. ``stored``: its energy in J
-    at a relative displacement in m. ``words``: its values for people.
+    ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the
+    group's usual law. ``stored``: its energy in J at a relative displacement in m. ``words``: its
+    values for people.
     """
 
     of: type
@@ -79,7 +90,11 @@ class Law:
         return {name: value for name, value in listed.items() if value != self.keys[name].usual}
 
     def make(self, values: Values) -> Any:
-        """Return the law of some values; those left out have the class's defaults. Raises ParameterError for one that has none."""
+        """Return the law made from some values.
+
+        Values that are left out have the class's defaults. Raises ParameterError for a missing
+        value without a default.
+        """
         needed = {field.name for field in fields(self.of) if field.default is MISSING}
         for name, key in self.keys.items():
             require(
@@ -122,7 +137,8 @@ WALL_LAWS = (
             "restitution": RESTITUTION_KEY,
         },
         lambda w: (
-            f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above {w.yield_velocity:g} m/s"
+            f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above "
+            f"{w.yield_velocity:g} m/s"
         ),
         mark="yield_velocity",
     ),
@@ -231,7 +247,11 @@ def find_law(law: object) -> Law:
 
 
 def list_laws(absorber: Absorber | None) -> tuple[object, ...]:
-    """Return the laws that are present: walls and friction of a sliding absorber, or the absorber itself; none of several."""
+    """Return the laws that are present.
+
+    They are walls and friction of a sliding absorber, or otherwise the absorber itself. Several
+    absorbers have no laws here.
+    """
     if instance("absorber", absorber, Absorber | None) is None or isinstance(
         absorber, SeveralAbsorbers
     ):
@@ -251,7 +271,10 @@ def kind(absorber: Absorber | None) -> SceneKind:
 
 
 def compute_spring_energy(absorber: Absorber | None, displacement: float) -> float:
-    """Return the energy in J that an absorber's springs hold at a relative displacement in m; 0 for several, which are rigid."""
+    """Return the energy in J of an absorber's springs at a relative displacement in m.
+
+    It is 0 for several absorbers, whose contact is rigid.
+    """
     return sum(find_law(law).stored(law, displacement) for law in list_laws(absorber))
 
 
@@ -340,7 +363,11 @@ def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
 def _make_friction(
     values: Values, walls: object
 ) -> CoulombFriction | ElasticCoulombFriction | None:
-    """Return friction beside walls: elastic where they are springs, as stiff as they are unless it is said otherwise."""
+    """Return friction in addition to walls.
+
+    It is elastic if the walls are springs. Its stiffness is that of the walls unless ``values``
+    contains another one.
+    """
     limit = values.get("friction_limit")
     stiffness = values.get("friction_stiffness")
     if stiffness is None and isinstance(walls, CompliantWalls):
@@ -360,8 +387,10 @@ def _make_friction(
         return friction_law(limit, stiffness, ratio)
 
 
-def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None:
-    """Return an absorber from values by their plain names; those left out or None have the defaults of `impact_env.parameters`.
+def make(concept: str, values: Values, name: str = "absorber") -> Absorber | None:
+    """Return an absorber made from values by their plain names.
+
+    Values that are left out or None have the defaults of `impact_env.parameters`.
 
     Raises ParameterError for an unknown concept or name, which it calls ``name``.
     """
@@ -369,14 +398,14 @@ def make(concept: str, given: Values, name: str = "absorber") -> Absorber | None
     known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | (
         {GRAVITY_KEY} if concept in HEAVY else set()
     )
-    strange = sorted(set(instance(f"{name}'s values", given, Mapping)) - known)
+    strange = sorted(set(instance(f"{name}'s values", values, Mapping)) - known)
     require(
         not strange,
         f"{name}'s values",
-        dict(given),
+        dict(values),
         f"only the keys {', '.join(sorted(known))}" if known else "no keys",
     )
-    present = {key: value for key, value in given.items() if value is not None}
+    present = {key: value for key, value in values.items() if value is not None}
     if GRAVITY_KEY in present:
         gravity = present.pop(GRAVITY_KEY)
         with arguments_called({"gravity": GRAVITY_KEY}):

@@ -1,6 +1,9 @@
-"""The paper's resonant response level: windowed RMS of the tip displacement around its maximum (paper, Eqs. tmax and barqtip).
+"""The paper's resonant response level (paper, Eqs. tmax and barqtip).
 
-It needs four samples a cycle of a force that lasts, or of the motion that a record, shock or strike causes.
+It is the windowed RMS of the tip displacement around its maximum.
+
+It needs four samples a cycle of a force that lasts, or of the motion that a record, shock or strike
+causes.
 """
 
 import numpy as np
@@ -41,7 +44,10 @@ def response_level(
     samples_per_period: int,
     half_window_periods: int = HALF_WINDOW_PERIODS,
 ) -> tuple[float, float]:
-    """Return (response level, largest |q_tip|) in m of equidistant samples (S,) in m, S >= 2; the window is cut at the ends of the series."""
+    """Return (response level, largest |q_tip|) in m of equidistant samples.
+
+    There are S >= 2 samples (S,) in m. The window is cut at the ends of the series.
+    """
     values = row("tip_displacement", tip_displacement, "two or more finite samples")
     require(len(values) >= 2, "tip_displacement", values, "two or more finite samples")
     samples_per_period = count("samples_per_period", samples_per_period, 1, MOST_SAMPLES_PER_PERIOD)
@@ -57,7 +63,10 @@ def level_of(
     samples_per_period: int,
     half_window_periods: int = HALF_WINDOW_PERIODS,
 ) -> LevelObserver:
-    """Return the level observer of a run that has pushed ``values`` (S,) in m, one a sample from time 0."""
+    """Return the level observer of a run with the samples ``values``.
+
+    They are (S,) in m, and the first one is at time 0.
+    """
     level = new_level(samples_per_period, half_window_periods)._replace(
         block=np.ascontiguousarray(values, dtype=np.float64)
     )
@@ -80,7 +89,9 @@ def read_level(
 def require_sampling(
     scene: Scene, drive: Excitation, samples_per_period: int, start: Array
 ) -> None:
-    """Raise ParameterError where a level, or an envelope, has too few samples a pseudo period for what acts.
+    """Raise ParameterError if a level or an envelope has too few samples a pseudo period.
+
+    The number of samples that is needed depends on the loads.
 
     A harmonic force, tones, orders, an unbalance and a shaken base need `LEAST_SAMPLES_PER_CYCLE`
     samples of their fastest cycle. Under a record, a random load, a shock or a strike at most
@@ -103,7 +114,10 @@ def require_sampling(
 def require_sampled(
     scene: Scene, drive: Excitation, samples_per_period: int, initial: InitialState | None = None
 ) -> None:
-    """Raise ParameterError as `require_sampling` does, for a run from a state, None: from the start of its loads."""
+    """Raise ParameterError as `require_sampling` does, for a run from a state.
+
+    If ``initial`` is None, the run starts as its loads define.
+    """
     start = drive.initial_state(scene, initial).vector(scene)
     require_sampling(scene, drive, samples_per_period, start)
 
@@ -111,7 +125,10 @@ def require_sampled(
 def require_spectrum(
     samples_per_period: int, reference: float, load: Load, omega: Array, square: Array
 ) -> None:
-    """Raise ParameterError where a load moves the level's place too much above the frequency that has four samples a cycle.
+    """Raise ParameterError if a load's displacement has too large a share at high frequencies.
+
+    The displacement is that of the level's place. High frequencies are those with fewer than four
+    samples a cycle.
 
     ``reference`` (rad/s) defines the pseudo period; ``square`` (L,): parts of the displacement's
     mean square at ``omega`` (L,) in rad/s, rising.
@@ -124,14 +141,18 @@ def require_spectrum(
     words = next(words for kind, words in LOAD_NAMES.items() if isinstance(load, kind))
     allowed = (
         f"{int(np.ceil(needed))} or more for the level under {words}: "
-        f"{100 * SHARE_ABOVE:g} % of the displacement's mean square lies at {highest / (2 * np.pi):.4g} Hz or above, "
+        f"{100 * SHARE_ABOVE:g} % of the displacement's mean square lies at "
+        f"{highest / (2 * np.pi):.4g} Hz or above, "
         f"and needs {LEAST_SAMPLES_PER_CYCLE} samples a cycle"
     )
     require(samples_per_period >= needed, "samples_per_period", samples_per_period, allowed)
 
 
 def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tuple[Array, Array]:
-    """Return frequencies (L,) in rad/s, rising, and parts (L,) of the mean square of the displacement where the level is read, in any unit.
+    """Return frequencies and parts of the mean square of the displacement.
+
+    The frequencies (L,) are in rad/s and ascending. The displacement is that of the level's place,
+    and its parts (L,) are in an arbitrary unit.
 
     The structure is alone. Of a record and a random load it is the stationary response to each
     line; of a shock the free motion after it.
@@ -155,7 +176,10 @@ def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tupl
 
 
 def _modal_displacements(model: ModalModel, load: Samples | Random | Shock) -> Array:
-    """Return each mode's part of the displacement where the level is read, under a unit force or base acceleration, (N_m,)."""
+    """Return each mode's part of the displacement of the level's place, (N_m,).
+
+    It is the part under a unit force or unit base acceleration.
+    """
     drives: Array | None = None
     if load.force_place is not None:
         drives = model.find_force_place(load.force_place)
@@ -167,7 +191,10 @@ def _modal_displacements(model: ModalModel, load: Samples | Random | Shock) -> A
 
 
 def _squared_receptance(model: ModalModel, weight: Array, omega: Array, length: float) -> Array:
-    """Return |displacement/load|^2 (L,); a mode is at least as broad as a line of a record of ``length`` s."""
+    """Return |displacement/load|^2 (L,).
+
+    The width of a mode is at least that of a line of a record of ``length`` s.
+    """
     total = np.zeros(len(omega), complex)
     for own, damping, size in zip(model.omega, model.damping_ratio, weight, strict=True):
         width = 2 * max(damping * own, 1 / length)
@@ -176,7 +203,10 @@ def _squared_receptance(model: ModalModel, weight: Array, omega: Array, length: 
 
 
 def _pulse_spectrum(load: Shock, omega: Array) -> Array:
-    """Return the Fourier integral's absolute value of a pulse of unit peak at frequencies (L,) in rad/s, in s."""
+    """Return the absolute value of the Fourier integral of a pulse of unit peak, in s.
+
+    It is evaluated at frequencies (L,) in rad/s.
+    """
     if load.pulse == "half-sine":
         own = np.pi / load.width
         apart = (own - omega) * (own + omega)
@@ -189,7 +219,10 @@ def _pulse_spectrum(load: Shock, omega: Array) -> Array:
 
 
 def _free_motion(scene: Scene, start: Array) -> tuple[Array, Array]:
-    """Return frequencies and parts of the mean square, as `response_spectrum`, of the structure's free motion from a state."""
+    """Return frequencies and parts of the mean square of the structure's free motion.
+
+    They are those of `response_spectrum`, for a motion that starts from a state.
+    """
     model = scene.model
     n = model.modes
     half = len(start) // 2

@@ -1,6 +1,9 @@
-"""Loads as machines have them: unbalance, a base that moves, several tones, records, random spectra, shocks, strikes; and several of them at once.
+"""Loads of machines, and several of them at once.
 
-First those given by formulas (shocks, strikes, unbalance, base, tones and orders), then records and random loads, then several at once (`Loads`).
+They are unbalance, a base that moves, several tones, records, random spectra, shocks and strikes.
+
+First those given by formulas (shocks, strikes, unbalance, base, tones and orders), then records and
+random loads, then several at once (`Loads`).
 """
 
 from __future__ import annotations
@@ -81,7 +84,10 @@ def _check_force_place(load: Load) -> None:
 
 
 def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
-    """Return straight lines between values (K,) at times (K,), which may have one time twice: a jump."""
+    """Return straight lines between values (K,) at times (K,).
+
+    A time may occur twice, which gives a jump.
+    """
     steps = np.diff(times)
     rising = steps > 0
     rows = np.zeros((int(np.sum(rising)), 9))
@@ -92,7 +98,10 @@ def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Shock(Load):
-    """A pulse of a ``peak`` in N or m/s^2 that takes ``width`` seconds, then nothing until ``length``; a trapezoid rises and falls in ``rise`` s.
+    """A pulse with a ``peak`` in N or m/s^2, followed by rest.
+
+    It takes ``width`` seconds, and the load is zero from then until ``length``. A trapezoid rises
+    and falls in ``rise`` s.
 
     A sawtooth has its peak at its end (terminal-peak sawtooth, IEC 60068-2-27): it rises in a
     straight line over its width and drops to zero at once. A base is at rest before a pulse.
@@ -153,10 +162,14 @@ class Shock(Load):
 
 @dataclass(frozen=True)
 class Strike(Load):
-    """A structure that is struck at a ``place``, "force" or "absorber", just before time 0, and left alone for ``length`` s.
+    """A strike on the structure just before time 0.
 
-    The place then has the ``velocity`` (m/s), and the modes of the bare structure what an impulse of velocity / sum(shape^2) N s there leaves them:
-    the mobility of a place grows with the number of modes kept.
+    The structure is struck at a ``place``, "force" or "absorber", and then moves freely for
+    ``length`` s.
+
+    The place then has the ``velocity`` (m/s), and the modes of the bare structure what an impulse
+    of velocity / sum(shape^2) N s there leaves them: the mobility of a place grows with the number
+    of modes kept.
     """
 
     velocity: float
@@ -197,7 +210,9 @@ def _squared_coefficients(schedule: FrequencySchedule, factor: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Unbalance(Load):
-    """A rotor's unbalance U (kg m) at the force's place: U omega(t)^2 cos(integral of omega + phase), a run-up or a run-down.
+    """A rotor's unbalance U (kg m) at the force's place, with a run-up or a run-down.
+
+    The force is U omega(t)^2 cos(integral of omega + phase).
 
     The tangential part, U times the rate of omega, is left out: it is smaller by rate over omega^2.
     """
@@ -227,7 +242,11 @@ class Unbalance(Load):
 
 @dataclass(frozen=True, eq=False)
 class ShakenBase(Load):
-    """A base whose ``acceleration`` (m/s^2) or ``displacement`` (m) is that amplitude times cos(integral of omega + phase)."""
+    """A base that moves harmonically.
+
+    Its ``acceleration`` (m/s^2) or ``displacement`` (m) is the amplitude of this name times
+    cos(integral of omega + phase).
+    """
 
     schedule: FrequencySchedule
     acceleration: float | None = None
@@ -249,7 +268,11 @@ class ShakenBase(Load):
         keep_checked(self, **dict.fromkeys((*names, "phase"), finite))
 
     def pieces(self) -> list[Pieces]:
-        """Return its pieces; of a displacement U cos(phase) the acceleration is -U (omega^2 cos(phase) + rate sin(phase))."""
+        """Return its pieces.
+
+        The acceleration of a displacement U cos(phase) is -U (omega^2 cos(phase) + rate
+        sin(phase)).
+        """
         if self.acceleration is not None:
             return [
                 schedule_pieces(
@@ -281,7 +304,11 @@ class ShakenBase(Load):
 
 @dataclass(frozen=True)
 class Tone:
-    """A tone: ``amplitude`` in N or m/s^2, ``phase`` in rad, and either ``frequency`` in Hz or, of a schedule, ``order``."""
+    """A tone.
+
+    ``amplitude`` is in N or m/s^2, ``phase`` in rad, and the frequency is either ``frequency`` in
+    Hz or the ``order`` of a schedule.
+    """
 
     amplitude: float
     frequency: float | None = None
@@ -302,7 +329,10 @@ class Tone:
 
 @dataclass(frozen=True, eq=False)
 class Tones(Load):
-    """Several tones at once: of fixed frequencies for a ``duration`` in s, or all of them orders of a ``schedule``."""
+    """Several tones at once.
+
+    They have fixed frequencies for a ``length`` in s, or all of them are orders of a ``schedule``.
+    """
 
     tones: tuple[Tone, ...]
     length: float | None = None
@@ -390,7 +420,10 @@ class Tones(Load):
 
 @dataclass(frozen=True, eq=False)
 class Samples(Load):
-    """A record: ``values`` (K,) in N or m/s^2 at even ``times`` (K,) in s from 0, with straight lines between them."""
+    """A record: ``values`` (K,) in N or m/s^2 at equidistant ``times`` (K,) in s from 0.
+
+    The load between them is a straight line.
+    """
 
     times: Array
     values: Array
@@ -445,18 +478,23 @@ class Samples(Load):
         return [lines_between(self.times, self.values, self.quantity == BASE_QUANTITY)]
 
     def share_above(self, frequency: float) -> float:
-        """Return which share of the mean square lies above a frequency in Hz, 0 for a record of zeros."""
+        """Return the share of the mean square above a frequency in Hz.
+
+        The share is 0 for a record of zeros.
+        """
         frequency = non_negative("frequency", frequency)
         sizes = np.abs(np.fft.rfft(self.values)) ** 2
         above = np.fft.rfftfreq(len(self.values), self.times[1]) > frequency
         return float(np.sum(sizes[above]) / max(np.sum(sizes), 1e-300))
 
     def drift(self) -> float | None:
-        """Return the offset (m/s^2) of a base's record that makes its displacement drift, None for a force or a record without.
+        """Return the offset (m/s^2) of a base's record that makes its displacement drift.
 
-        An offset drifts where it changes the velocity by more than `MOST_OFFSET_RATIO` times the root mean
-        square of the velocity without it; an oscillation that is cut anywhere changes it by less
-        than 2.9 times, a pulse by 3.5 times.
+        The result is None for a force or a record without such an offset.
+
+        An offset drifts where it changes the velocity by more than `MOST_OFFSET_RATIO` times the
+        root mean square of the velocity without it; an oscillation that is cut anywhere changes it
+        by less than 2.9 times, a pulse by 3.5 times.
         """
         if self.quantity == FORCE_QUANTITY:
             return None
@@ -482,13 +520,18 @@ class Samples(Load):
 
 @dataclass(frozen=True, eq=False)
 class Random(Load):
-    """A random record of a one-sided ``spectrum`` (P, 2): Hz, and N^2/Hz or (m/s^2)^2/Hz; between points log-log straight, outside zero.
+    """A random record of a one-sided ``spectrum`` (P, 2).
 
-    Two points of one frequency are a vertical step; a line at that frequency has their mean density.
+    The columns are Hz, and N^2/Hz or (m/s^2)^2/Hz. The spectrum is a straight line in double
+    logarithmic scale between its points, and zero outside.
 
-    A Gaussian record that repeats after its ``duration`` in s: lines at whole multiples of 1/duration, whose amplitudes and phases are drawn by
-    ``seed`` and ``number`` of the record. It is sampled at `RANDOM_SAMPLES` times its highest frequency; straight lines between samples lower a line
-    of frequency f by sinc(f/rate)^2, by which each is raised.
+    Two points of one frequency are a vertical step; a line at that frequency has their mean
+    density.
+
+    A Gaussian record that repeats after its ``length`` in s: lines at whole multiples of
+    1/length, whose amplitudes and phases are drawn by ``seed`` and ``number`` of the record. It
+    is sampled at `RANDOM_SAMPLES` times its highest frequency; straight lines between samples lower
+    a line of frequency f by sinc(f/rate)^2, by which each is raised.
     """
 
     spectrum: Array
@@ -502,7 +545,8 @@ class Random(Load):
     def __post_init__(self) -> None:
         _check_force_place(self)
         allowed = (
-            "two or more pairs [Hz, value], frequencies strictly rising from above 0 but for two of "
+            "two or more pairs [Hz, value], frequencies strictly rising from above 0 but for "
+            "two of "
             "one frequency, a step, between others; values above 0"
         )
         keep_checked(
@@ -597,11 +641,15 @@ class Random(Load):
 
 @dataclass(frozen=True, eq=False)
 class Loads(Excitation):
-    """Loads that act together, of one duration; ``reference`` in rad/s defines the pseudo period, and is a schedule's where there is one.
+    """Loads that act together and have the same duration.
 
-    ``start`` is the state at time 0, in coordinates relative to the base. "middle": all at rest relative to the base, the absorber in the middle of
-    its cavity; "lower-wall": the same, an absorber with rigid walls on its lower one; "base-mean-rest": the base already moves about a mean at rest,
-    and structure and absorber are at rest in space, undeformed.
+    ``reference`` in rad/s defines the pseudo period. It is the reference of a schedule if one of
+    the loads has a schedule.
+
+    ``start`` is the state at time 0, in coordinates relative to the base. "middle": all at rest
+    relative to the base, the absorber in the middle of its cavity; "lower-wall": the same, an
+    absorber with rigid walls on its lower one; "base-mean-rest": the base already moves about a
+    mean at rest, and structure and absorber are at rest in space, undeformed.
     """
 
     parts: tuple[Load, ...]
@@ -638,7 +686,10 @@ class Loads(Excitation):
 
     @property
     def schedule(self) -> FrequencySchedule:
-        """Return the frequency over time to which responses refer: the first schedule, else the reference for as long as the loads last."""
+        """Frequency over time to which responses refer.
+
+        It is the first schedule, or otherwise the constant reference for the duration of the loads.
+        """
         assert self.reference is not None
         for result in map(find_schedule, self.parts):
             if result is not None:
@@ -697,7 +748,9 @@ class Loads(Excitation):
         return sum(part.base_velocity() for part in self.parts)
 
     def base_motion(self, times: Array) -> tuple[Array, Array]:
-        """Return velocity (m/s) and displacement (m) of the base, (S,) each, at rising ``times`` (S,) in s from 0.
+        """Return velocity (m/s) and displacement (m) of the base, (S,) each.
+
+        Both are given at ``times`` (S,) in s, which ascend from 0.
 
         They are its acceleration integrated from `base_velocity` and from a displacement of 0.
         """
@@ -727,11 +780,17 @@ class Loads(Excitation):
         return np.asarray(velocity[at]), np.asarray(displacement[at])
 
     def initial(self, scene: Scene) -> InitialState:
-        """Return the state at time 0 that ``start`` and strikes say. Raises ParameterError where a scene has no such start."""
+        """Return the state at time 0 that ``start`` and strikes define.
+
+        Raises ParameterError for a scene that has no such start.
+        """
         return self.struck(scene, self._start(scene))
 
     def initial_state(self, scene: Scene, initial: InitialState | None) -> InitialState:
-        """Return the state at time 0 of a run: ``initial``, or where that is None the start of the loads, with what strikes add to it.
+        """Return the state of a run at time 0.
+
+        It is ``initial``, or the start of the loads where ``initial`` is None, with the velocities
+        that strikes add.
 
         Raises ParameterError where a start is given twice, or a scene has no such start.
         """
@@ -786,7 +845,10 @@ class Loads(Excitation):
         )
 
     def on_one_clock(self) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return breakpoints (K,) in s, all pieces (P, 10), a time and a row of `Pieces`, which act (K - 1, n), and the channel (n,) of each load.
+        """Return all pieces of the loads on common breakpoints.
+
+        The results are breakpoints (K,) in s, all pieces (P, 10), each a time and a row of
+        `Pieces`, the pieces that act (K - 1, n), and the channel (n,) of each load.
 
         Channels are 0 of a force, 1 of a base that moves, or those of `impact_env.force_channels`.
         """

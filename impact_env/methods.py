@@ -31,13 +31,19 @@ PAPER_STEPS = (
 
 
 def _compliance(scene: Scene) -> float:
-    """Return the relative acceleration of absorber and tip per unit of force between them, 1/m_a + sum tip_shape^2, in 1/kg."""
+    """Return the compliance at the contact, 1/m_a + sum tip_shape^2, in 1/kg.
+
+    It is the relative acceleration of absorber and tip per unit of force between them.
+    """
     mass = scene.absorber_mass
     return float(np.sum(scene.model.tip_shape**2)) + (0.0 if mass is None else 1 / mass)
 
 
 def _highest_frequency(scene: Scene) -> float:
-    """Return the highest circular frequency (rad/s) that a step must resolve: a mode's, or the tuned absorber's against the tip."""
+    """Return the highest circular frequency (rad/s) that a step must resolve.
+
+    It is that of a mode, or that of the tuned absorber against the tip.
+    """
     highest = float(np.max(scene.model.omega))
     if isinstance(scene.absorber, TunedAbsorber):
         highest = max(
@@ -56,7 +62,8 @@ def _highest_frequency(scene: Scene) -> float:
 class Exact:
     """Exact integration from event to event by the modes of each linear regime.
 
-    The default method. It has no step, and its error is that of rounding. Not for a nonlinear spring.
+    The default method. It has no step, and its error is that of rounding. Not for a nonlinear
+    spring.
     """
 
 
@@ -119,8 +126,9 @@ class RungeKutta:
     def step(self, scene: Scene) -> float:
         """Return the time step in s, the smallest of the two conditions of the paper.
 
-        The paper's contact duration takes the beam as immovable. Where the tip gives way more easily than the absorber the contact is
-        shorter, and a third condition, 1/sqrt(k (1/m_a + sum tip_shape^2)), keeps the method stable.
+        The paper's contact duration takes the beam as immovable. Where the tip gives way more
+        easily than the absorber the contact is shorter, and a third condition, 1/sqrt(k (1/m_a +
+        sum tip_shape^2)), keeps the method stable.
         """
         dt = 2 * np.pi / (self.steps_per_period * _highest_frequency(scene))
         springs = [
@@ -148,7 +156,10 @@ METHODS: dict[str, type[Method]] = {
 
 
 def check_mass(scene: Scene) -> None:
-    """Raise ParameterError if a stuck absorber is so heavy that the tip hardly moves: its motion would be lost in rounding, whatever the method."""
+    """Raise ParameterError if a stuck absorber is so heavy that the tip hardly moves.
+
+    The tip's motion would be lost in rounding with any method.
+    """
     if not isinstance(scene.absorber, StuckAbsorber) or scene.absorber_mass is None:
         return
     heaviness = scene.absorber_mass * float(np.sum(scene.model.tip_shape**2))
@@ -158,10 +169,13 @@ def check_mass(scene: Scene) -> None:
 
 
 def check_step(scene: Scene, drive: Excitation, method: Method) -> None:
-    """Raise ParameterError if a method does not resolve a scene or a drive in time, so that its numbers would be wrong in silence.
+    """Raise ParameterError if a method does not resolve a scene or a drive in time.
 
-    A step that resolves the highest mode's period may still be too long for strong damping: the fast one of an overdamped mode's two rates
-    grows with the damping ratio, and both schemes are explicit. It may also be too long for a force above all modes.
+    Its results would be wrong without notice.
+
+    A step that resolves the highest mode's period may still be too long for strong damping: the
+    fast one of an overdamped mode's two rates grows with the damping ratio, and both schemes are
+    explicit. It may also be too long for a force above all modes.
     """
     if isinstance(method, Exact):
         return
@@ -178,12 +192,18 @@ def check_step(scene: Scene, drive: Excitation, method: Method) -> None:
         f"about {2 ** max(0, int(np.ceil(np.log2(max(growth, 1))))) * steps} or more {why}",
     )
     coarseness = drive.highest_omega * dt * LEAST_STEPS_PER_PERIOD / (2 * np.pi)
-    allowed = f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods has {LEAST_STEPS_PER_PERIOD} steps"
+    allowed = (
+        f"{int(np.ceil(steps * coarseness))} or more for this force, so that each of its periods "
+        f"has {LEAST_STEPS_PER_PERIOD} steps"
+    )
     require(coarseness <= 1, "steps_per_period", steps, allowed)
 
 
 def _moreau_growth(scene: Scene, dt: float) -> float:
-    """Return the step relative to its limit, or an upper bound of that: the scheme is stable where 4 M - 2 dt C - dt^2 K is not negative."""
+    """Return the step relative to its limit, or an upper bound of this ratio.
+
+    The scheme is stable if 4 M - 2 dt C - dt^2 K is not negative.
+    """
     model = scene.model
     rate = 2 * model.damping_ratio * model.omega
     square = model.omega**2
@@ -201,7 +221,11 @@ def _moreau_growth(scene: Scene, dt: float) -> float:
 
 
 def _runge_kutta_growth(scene: Scene, h: float) -> float:
-    """Return the largest ratio of a free mode's |s| h to where the fourth-order polynomial leaves the unit circle, 1 where it stays inside."""
+    """Return the largest ratio of a free mode's |s| h to the limit of stability.
+
+    The limit is the value at which the fourth-order polynomial leaves the unit circle. The result
+    is 0 if it stays inside for all modes.
+    """
     model = scene.model
     ratio = model.damping_ratio.astype(complex)
     s = -model.omega * (ratio + np.sqrt(ratio**2 - 1))  # of an overdamped mode the fast one

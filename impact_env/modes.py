@@ -1,4 +1,7 @@
-"""Beam to modal model by finite elements: frequencies, damping ratios, and mode shapes at the force and at the absorber."""
+"""Modal model of a beam by finite elements.
+
+It consists of frequencies, damping ratios, and mode shapes at the force and at the absorber.
+"""
 
 from __future__ import annotations
 
@@ -27,23 +30,31 @@ from impact_env.parameters import (
     suspension_frequencies,
 )
 
-# Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one more coordinate.
+# Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one
+# more coordinate.
 #
-# In the free beam's modal coordinates, where its own matrices are 1, 2 D omega and omega^2 on the diagonal.
+# In the free beam's modal coordinates, where its own matrices are 1, 2 D omega and omega^2 on the
+# diagonal.
 
 
 Real = NDArray[np.float64]
 
 
 def with_masses(shapes: Real, masses: Real) -> Real:
-    """Return the mass matrix (N_m, N_m) of modes that carry ``masses`` (n,) in kg at places with ``shapes`` (n, N_m)."""
+    """Return the mass matrix (N_m, N_m) of modes with additional ``masses`` (n,) in kg.
+
+    ``shapes`` (n, N_m) are the mode shapes at the places of the masses.
+    """
     return np.asarray(np.eye(shapes.shape[1]) + (shapes.T * masses) @ shapes)
 
 
 def with_link(own: Real, factor: float, line: Real) -> Real:
-    """Return the stiffness or damping matrix (N_m + 1, N_m + 1) of modes and a coordinate that has none of its own.
+    """Return the stiffness or damping matrix (N_m + 1, N_m + 1) of modes and a linked coordinate.
 
-    ``own`` (N_m,): that of the modes; ``factor``: of the link, whose stretch is ``line`` (N_m + 1,) times the coordinates.
+    The additional coordinate has no stiffness or damping of its own.
+
+    ``own`` (N_m,): that of the modes; ``factor``: of the link, whose stretch is ``line`` (N_m + 1,)
+    times the coordinates.
     """
     return np.asarray(np.diag(np.append(own, 0.0)) + factor * np.outer(line, line))
 
@@ -83,7 +94,10 @@ def _values_by_element(beam: Beam, name: str) -> Real:
 
 
 def find_free_freedoms(beam: Beam) -> NDArray[np.int64]:
-    """Return which of the 2 N_e + 2 deflections and rotations, node by node from the left, the ends leave free."""
+    """Return which of the 2 N_e + 2 freedoms of the nodes the ends leave free.
+
+    The freedoms are deflections and rotations, node by node from the left.
+    """
     size = 2 * beam.elements + 2
     left, right = beam.ends.split("-")
     held = {"clamped": {0, 1}, "pinned": {0}, "free": set()}[left] | {
@@ -95,10 +109,13 @@ def find_free_freedoms(beam: Beam) -> NDArray[np.int64]:
 
 
 def assemble_matrices(beam: Beam) -> tuple[Real, Real]:
-    """Return the held beam's mass and stiffness matrices over the freedoms of `find_free_freedoms`; 2 N_e of them for a cantilever.
+    """Return the supported beam's mass and stiffness matrices.
 
-    The freedoms are deflection (m) and rotation (rad) times the element length, node by node from the left, so that all
-    entries of one matrix have one unit: kg and N/m. The scaling keeps the eigenproblem well conditioned.
+    They refer to the freedoms of `find_free_freedoms`, which are 2 N_e for a cantilever.
+
+    The freedoms are deflection (m) and rotation (rad) times the element length, node by node from
+    the left, so that all entries of one matrix have one unit: kg and N/m. The scaling keeps the
+    eigenproblem well conditioned.
     """
     mass, stiffness = _assemble_unsupported(beam)
     free = np.ix_(find_free_freedoms(beam), find_free_freedoms(beam))
@@ -151,10 +168,13 @@ def rigid_shapes(beam: Beam) -> Real:
 
 
 def strain_energy(beam: Beam, shapes: Real) -> Real:
-    """Return half of v^T K v in J, (S,), for shapes v (., S) in the freedoms of `assemble_matrices`, with almost all digits.
+    """Return half of v^T K v in J, (S,), with almost all digits.
 
-    The element's stiffness is 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1). Squares of such differences have nothing
-    to cancel, where in K v the large entries of a fine mesh cancel almost entirely.
+    The shapes v (., S) refer to the freedoms of `assemble_matrices`.
+
+    The element's stiffness is 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1).
+    Squares of such differences have nothing to cancel, where in K v the large entries of a fine
+    mesh cancel almost entirely.
     """
     nodes = np.zeros((2 * beam.elements + 2, shapes.shape[1]))
     nodes[find_free_freedoms(beam)] = shapes
@@ -173,7 +193,10 @@ def strain_energy(beam: Beam, shapes: Real) -> Real:
 
 
 def deflection_row(beam: Beam, position: float) -> Real:
-    """Return the row that gives the deflection at ``position`` (fraction of the length) from the freedoms of `assemble_matrices`."""
+    """Return the row that gives the deflection at ``position`` (fraction of the length).
+
+    It is multiplied by the freedoms of `assemble_matrices`.
+    """
     scaled = position * beam.elements
     e = min(int(np.floor(scaled + 1e-12)), beam.elements - 1)
     s = scaled - e
@@ -183,13 +206,16 @@ def deflection_row(beam: Beam, position: float) -> Real:
     return row[find_free_freedoms(beam)]
 
 
-# mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so how many digits its motion loses
+# mass times sum tip_shape^2: how many times less the tip moves under a mass than without it, and so
+# how many digits its motion loses
 MOST_HEAVINESS = 1e7
 
 
 @dataclass(frozen=True, eq=False)
 class ModalModel:
-    """Mass-normalised modes of the structure without absorber (paper, Eq. eqmmod). Arrays are read-only.
+    """Mass-normalised modes of the structure without absorber (paper, Eq. eqmmod).
+
+    Arrays are read-only.
 
     Parameters
     ----------
@@ -215,8 +241,8 @@ class ModalModel:
     beam : Beam, optional
         The beam whose modes they are, for `mode_shapes` elsewhere along it.
     force_quadrature : array_like, (N_m,), optional
-        Mode shape in 1/sqrt(kg) of the part of the force that is a quarter period ahead, of forces at several places with
-        phases of their own (`with_forces`). None: all have one phase.
+        Mode shape in 1/sqrt(kg) of the part of the force that is a quarter period ahead, of forces
+        at several places with phases of their own (`with_forces`). None: all have one phase.
     force_places : array_like, (P, N_m), optional
         Mode shapes in 1/sqrt(kg) at places where loads may act that have a ``force_place``.
     force_place_names : sequence of str, (P,)
@@ -304,14 +330,20 @@ class ModalModel:
 
     @property
     def one_phase_force_shape(self) -> NDArray[np.float64]:
-        """Mode shape (N_m,) of the force, for formulas of one force; raises ParameterError where forces at several places differ in phase."""
+        """Mode shape (N_m,) of the force, for formulas with one force.
+
+        Raises ParameterError if forces at several places differ in phase.
+        """
         differ = self.force_quadrature is not None
         require(not differ, "force_quadrature", "given", "None here: forces of one phase")
         return self.force_shape
 
     @property
     def force_pattern(self) -> NDArray[np.complex128]:
-        """Complex modal shape (N_m,) of the force: a force Re(F exp(i phi)) acts on the modes as Re(F exp(i phi) times it)."""
+        """Complex modal shape (N_m,) of the force.
+
+        A force Re(F exp(i phi)) acts on the modes as Re(F exp(i phi) times this shape).
+        """
         quadrature = 0.0 if self.force_quadrature is None else self.force_quadrature
         return np.asarray(self.force_shape + 1j * quadrature, dtype=np.complex128)
 
@@ -358,7 +390,10 @@ class ModalModel:
         )
 
     def force_pattern_at(self, place: str | None) -> NDArray[np.complex128]:
-        """Return the complex modal shape (N_m,) of a force at a place of `with_force_places`, or of the structure's own force for None."""
+        """Return the complex modal shape (N_m,) of a force at a place of `with_force_places`.
+
+        For None it is the shape of the structure's own force.
+        """
         if place is None:
             return self.force_pattern
         return self.find_force_place(place).astype(np.complex128)
@@ -385,7 +420,10 @@ class ModalModel:
         return replace(self, force_places=np.array(shapes), force_place_names=tuple(places))
 
     def find_force_place(self, name: str) -> NDArray[np.float64]:
-        """Return the mode shape (N_m,) at a place of `with_force_places`; raises ParameterError where the model has no such place."""
+        """Return the mode shape (N_m,) at a place of `with_force_places`.
+
+        Raises ParameterError if the model has no such place.
+        """
         names = self.force_place_names or ()
         allowed = (
             f"one of the places of the structure's forces: {', '.join(names) or 'there are none'}"
@@ -401,7 +439,10 @@ class ModalModel:
 
     @property
     def places(self) -> NDArray[np.float64]:
-        """Mode shapes (n, N_m) at the places for absorbers, which are counted from 1: `absorber_shapes`, or the tip's alone."""
+        """Mode shapes (n, N_m) at the places for absorbers, which are counted from 1.
+
+        They are `absorber_shapes`, or the tip's shape alone.
+        """
         return self.tip_shape[None, :] if self.absorber_shapes is None else self.absorber_shapes
 
     def _place(self, place: float) -> int:
@@ -412,7 +453,10 @@ class ModalModel:
         return int(result) - 1
 
     def with_absorber_at(self, place: float) -> ModalModel:
-        """Return the model for one absorber at a place (counted from 1) of `places`; the level is read where it was."""
+        """Return the model for one absorber at a place (counted from 1) of `places`.
+
+        The place of the level is unchanged.
+        """
         own = self.places[self._place(place)]
         level = self.level_shape
         return replace(
@@ -423,7 +467,10 @@ class ModalModel:
         )
 
     def with_absorbers_at(self, places: Iterable[float]) -> ModalModel:
-        """Return the model for several absorbers at places (counted from 1) of `places`; the level is read where it was."""
+        """Return the model for several absorbers at places (counted from 1) of `places`.
+
+        The place of the level is unchanged.
+        """
         return replace(
             self,
             absorber_shapes=self.places[
@@ -440,17 +487,26 @@ class ModalModel:
         return 2 * np.pi / self.resonance_omega(resonance)
 
     def resonance_omega(self, resonance: int) -> float:
-        """Return a resonance's circular frequency in rad/s; raises ParameterError if the model lacks that mode."""
+        """Return a resonance's circular frequency in rad/s.
+
+        Raises ParameterError if the model lacks this mode.
+        """
         return float(self.omega[self.check_resonance(resonance) - 1])
 
     def check_resonance(self, resonance: int) -> int:
-        """Return a resonance (counted from 1) as an int; raises ParameterError if the model lacks that mode."""
+        """Return a resonance (counted from 1) as an int.
+
+        Raises ParameterError if the model lacks this mode.
+        """
         allowed = f"a mode of the model, 1 to {self.modes}"
         return count("resonance", resonance, 1, self.modes, allowed)
 
 
 def require_one_phase(model: ModalModel, what: str) -> None:
-    """Raise ParameterError where forces at several places differ in phase, which ``what`` does not model."""
+    """Raise ParameterError if forces at several places differ in phase.
+
+    ``what`` is the name of the part that does not model such forces.
+    """
     allowed = f"None for {what}: forces of one phase"
     require(model.force_quadrature is None, "force_quadrature", "given", allowed)
 
@@ -462,8 +518,9 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
     """Return the lowest modes of a beam.
 
     The inverse problem M v = (1/omega^2) K v is solved because the low modes, the ones that matter,
-    then are the largest eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies
-    follow from the shapes. Modes of a beam on a soft suspension begin with the rigid-body motions.
+    then are the largest eigenvalues and keep more digits than from K v = omega^2 M v. The
+    frequencies follow from the shapes. Modes of a beam on a soft suspension begin with the
+    rigid-body motions.
 
     Parameters
     ----------
@@ -493,7 +550,10 @@ def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> Mo
             positions is None,
             "positions",
             positions,
-            "for beams only: a modal model has shapes at the places of its absorbers, and no others",
+            (
+                "for beams only: a modal model has shapes at the places of its absorbers, and no "
+                "others"
+            ),
         )
         return beam
     beam = instance("beam", beam, Beam | ModalModel)
@@ -564,13 +624,19 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
 
 
 def nodal_shapes(beam: Beam) -> Real:
-    """Return the beam's mass-normalised modes (., N_m) in the freedoms of `assemble_matrices`; `deflection_row` reads their deflections."""
+    """Return the beam's mass-normalised modes (., N_m).
+
+    They refer to the freedoms of `assemble_matrices`, and `deflection_row` gives their deflections.
+    """
     vectors, _ = _orient_upwards(instance("beam", beam, Beam))
     return vectors[:, : beam.modes]
 
 
 def _orient_upwards(beam: Beam) -> tuple[Real, Real]:
-    """Return all shapes as columns, in each of which the tip moves up, and the squares of their frequencies, rising."""
+    """Return all shapes as columns, and the squares of their frequencies, ascending.
+
+    The sign of each shape is such that the tip moves up.
+    """
     mass, stiffness = assemble_matrices(beam)
     vectors, squares = (
         _solve_elastic(beam, mass, stiffness)
@@ -582,18 +648,26 @@ def _orient_upwards(beam: Beam) -> tuple[Real, Real]:
 
 
 def _solve_elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
-    """Return all mass-normalised shapes as columns, and the squares of their frequencies, rising."""
+    """Return all mass-normalised shapes as columns, and the squares of their frequencies.
+
+    The squares are ascending.
+    """
     vectors = scipy.linalg.eigh(mass, stiffness)[1][:, ::-1]
-    # all modes, of which some are kept at the end: products of other sizes round differently, and a truncation would not be the start of the whole
+    # all modes, of which some are kept at the end: products of other sizes round differently, and a
+    # truncation would not be the start of the whole
     vectors = vectors / np.sqrt(np.einsum("ij,ij->j", vectors, mass @ vectors))
-    # Rayleigh's quotient squares the error of the shapes, and its strain energy has nothing to cancel: all digits, for any number of elements
+    # Rayleigh's quotient squares the error of the shapes, and its strain energy has nothing to
+    # cancel: all digits, for any number of elements
     return vectors, 2 * strain_energy(beam, vectors)
 
 
 def _solve_suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
-    """Return shapes and squares as `_solve_elastic` does, of a beam whose rigid-body motions have the frequency of its suspension.
+    """Return shapes and squares as `_solve_elastic` does, for a suspended beam.
 
-    Springs that only these motions feel make the stiffness regular. They are softer than the first bending mode by far, and are taken out again.
+    The rigid-body motions have the frequencies of the beam's suspension.
+
+    Springs that only these motions feel make the stiffness regular. They are softer than the first
+    bending mode by far, and are taken out again.
     """
     assert beam.suspension_frequency is not None
     rigid = rigid_shapes(beam)

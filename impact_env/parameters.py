@@ -1,4 +1,7 @@
-"""Validated, frozen parameters in SI units. The defaults are the paper's Table 1, and this is the only place that states them."""
+"""Validated, frozen parameters in SI units.
+
+The defaults are those of the paper's Table 1. They are defined in this module only.
+"""
 
 import math
 import sys
@@ -73,11 +76,16 @@ __all__ = [
     "word_of",
 ]
 
-SUSPENSION_STEP = 0.1  # by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would be undetermined
+# by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would
+# be undetermined
+SUSPENSION_STEP = 0.1
 
 
 def suspension_frequencies(frequency: float, motions: int) -> tuple[float, ...]:
-    """Return the frequencies in Hz of rigid-body motions on a soft suspension: ``frequency``, then `SUSPENSION_STEP` of it more each."""
+    """Return the frequencies in Hz of rigid-body motions on a soft suspension.
+
+    The first is ``frequency``. Each further one is higher by `SUSPENSION_STEP` times ``frequency``.
+    """
     return tuple(frequency * (1 + SUSPENSION_STEP * k) for k in range(motions))
 
 
@@ -90,7 +98,10 @@ ENDS = {
     "pinned-free": 1,
     "free-free": 2,
 }
-SUSPENDED = "given: these ends leave the beam rigid-body motions, whose frequency a soft suspension makes, in Hz, far below the first bending mode"
+SUSPENDED = (
+    "given: these ends leave the beam rigid-body motions, whose frequency a soft suspension "
+    "makes, in Hz, far below the first bending mode"
+)
 
 
 MOST_ELEMENTS = 1000  # matrices are dense
@@ -161,7 +172,8 @@ class Beam:
     tip_mass : float, optional
         Mass on the right end in kg.
     sections : tuple of Section, optional
-        Sections from the left with their own stiffness and mass. Elements after them have the beam's.
+        Sections from the left with their own stiffness and mass. Elements after them have the
+        beam's.
     response_position : float, optional
         Position where the response level is read. None: the absorber's.
     suspension_frequency : float, optional
@@ -259,13 +271,19 @@ class Beam:
             )
 
     def place(self, name: str, value: object) -> float:
-        """Return a position as a float if it is a share of the length at which the beam can move."""
+        """Return a position as a float if the beam can move at this position.
+
+        The position is a fraction of the length.
+        """
         low = self.ends.startswith("free")
         high = self.ends.endswith("free")
         if not low and high:
             return fraction(name, value)
         x = number(value)
-        allowed = f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} beam moves"
+        allowed = (
+            f"a number in {'[' if low else '('}0, 1{']' if high else ')'}, where a {self.ends} "
+            "beam moves"
+        )
         require(0 < x < 1 or (low and x == 0) or (high and x == 1), name, value, allowed)
         return x
 
@@ -338,7 +356,9 @@ def check_restitution(name: str, value: object) -> float:
 
 @dataclass(frozen=True)
 class YieldingWalls:
-    """Rigid cavity walls where contact yields: restitution falls with the relative velocity v at impact, e(v) = e (1 + v/v_y)^(-1/4).
+    """Rigid cavity walls whose contact yields, so that restitution falls with velocity.
+
+    With the relative velocity v at the impact, e(v) = e (1 + v/v_y)^(-1/4).
 
     Far above v_y it goes with v^(-1/4), as for a fully plastic sphere (K. L. Johnson, Contact
     Mechanics, 1985, section 11.5).
@@ -381,7 +401,9 @@ MOST_LOSS_FACTOR = (
 
 @dataclass(frozen=True)
 class CompliantWalls:
-    """Cavity walls that are unilateral springs (paper, Eq. elSignorini), with a damper beside each spring if ``restitution`` is below 1.
+    """Cavity walls that are unilateral springs (paper, Eq. elSignorini).
+
+    If ``restitution`` is below 1, each spring has a damper in parallel.
 
     Parameters
     ----------
@@ -390,9 +412,9 @@ class CompliantWalls:
     gap : float, optional
         Clearance to either wall in m, 0 or above.
     restitution : float, optional
-        Velocity after over velocity before a free impact, above 0 to 1. It sets the damper; 1 is the
-        paper's spring without a damper. The damper acts as long as the wall is overlapped, so that
-        it may pull just before the contact ends (Kelvin-Voigt).
+        Velocity after over velocity before a free impact, above 0 to 1. It sets the damper; 1 is
+        the paper's spring without a damper. The damper acts as long as the wall is overlapped, so
+        that it may pull just before the contact ends (Kelvin-Voigt).
 
     Raises
     ------
@@ -405,7 +427,10 @@ class CompliantWalls:
     restitution: float = 1.0
 
     def __post_init__(self) -> None:
-        allowed = f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets every contact rebound"
+        allowed = (
+            f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets "
+            "every contact rebound"
+        )
         keep_checked(
             self,
             stiffness=labelled("contact stiffness", positive),
@@ -560,7 +585,9 @@ class StuckAbsorber:
 
 @dataclass(frozen=True)
 class TunedAbsorber:
-    """Linear tuned absorber, LTVA: a mass on a spring and a damper (paper, section 6). The defaults are the paper's.
+    """Linear tuned absorber, LTVA: a mass on a spring and a damper (paper, section 6).
+
+    The defaults are the paper's.
 
     Parameters
     ----------
@@ -631,7 +658,9 @@ class NonlinearSink:
 
 @dataclass(frozen=True)
 class SlidingAbsorber:
-    """A mass that slides along the tip's deflection, with walls, friction, or both (paper, section 2.2).
+    """A mass that slides along the tip's deflection (paper, section 2.2).
+
+    It has walls, friction, or both.
 
     With walls it is the impact absorber, without them the friction damper.
 
@@ -644,8 +673,8 @@ class SlidingAbsorber:
     friction : CoulombFriction or ElasticCoulombFriction, optional
         Friction on the structure. None: without.
     gravity : float, optional
-        Gravity in m/s^2 along the motion, towards the lower wall. It acts on the absorber alone: the
-        displacement of the structure is measured from where its own weight holds it.
+        Gravity in m/s^2 along the motion, towards the lower wall. It acts on the absorber alone:
+        the displacement of the structure is measured from where its own weight holds it.
 
     Raises
     ------
@@ -794,7 +823,10 @@ def find_largest_gravity(absorber: Absorber | None) -> float:
 
 
 def require_weightless(absorber: Absorber | None, what: str) -> None:
-    """Raise ParameterError for an absorber that has a weight along its motion, which ``what`` does not model."""
+    """Raise ParameterError for an absorber that has a weight along its motion.
+
+    ``what`` is the name of the part that does not model such a weight.
+    """
     heavy = find_largest_gravity(absorber)
     require(heavy == 0, "gravity", heavy, f"0 for {what}")
 
@@ -802,7 +834,9 @@ def require_weightless(absorber: Absorber | None, what: str) -> None:
 def friction_law(
     limit: float | None, stiffness: float | None = None, static_ratio: float = 1.0
 ) -> CoulombFriction | ElasticCoulombFriction | None:
-    """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m); a limit of 0 or None is no friction.
+    """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m).
+
+    A limit of 0 or None is no friction.
 
     ``static_ratio``: as in `CoulombFriction`; elastic friction has none.
     """
@@ -891,7 +925,10 @@ def friction_damper(
     """
     ratio = check_static_ratio("static_friction_ratio", static_friction_ratio)
     friction = friction_law(friction_limit, friction_stiffness, ratio)
-    allowed = "above 0 for a friction damper: without friction it would not touch the beam, so leave the absorber out"
+    allowed = (
+        "above 0 for a friction damper: without friction it would not touch the beam, so leave "
+        "the absorber out"
+    )
     require(friction is not None, "friction limit", friction_limit, allowed)
     return SlidingAbsorber(mass_ratio, None, friction)
 
@@ -938,7 +975,10 @@ def tuned_absorber(
 def shared_masses(
     number: int, mass_ratio: float = DEFAULT_MASS_RATIO, shares: Iterable[float] | None = None
 ) -> tuple[float, ...]:
-    """Return the mass ratio of each of several absorbers that share one: ``mass_ratio`` is that of all together, ``shares`` are equal by default."""
+    """Return the mass ratio of each of several absorbers.
+
+    ``mass_ratio`` is that of all absorbers together, and ``shares`` are equal by default.
+    """
     number = count("number", number, 1, MOST_ABSORBERS)
     shares = (
         (1 / number,) * number

@@ -1,4 +1,7 @@
-"""Instantaneous phase lag between tip and absorber by the Hilbert transform (paper, section 3.2)."""
+"""Instantaneous phase lag between tip and absorber by the Hilbert transform.
+
+See section 3.2 of the paper.
+"""
 
 import numpy as np
 import scipy
@@ -11,12 +14,16 @@ Array = NDArray[np.float64]
 
 
 def phase_lag(history: History, wrapped: bool = True) -> Array:
-    """Return the angle in rad, (S,), by which the absorber's displacement lags behind the tip's at the samples of a run.
+    """Return the angle in rad by which the absorber's displacement lags behind the tip's.
 
-    Each displacement, less its mean, is completed to its analytic signal; the lag is the difference of the two angles. It is above 0 where the
-    absorber comes later. ``wrapped`` keeps it in (-pi, pi]; otherwise it is unwrapped to a continuous function of time, from which slips of
-    whole turns can be read. The transform takes the record as periodic, so about one period at either end is distorted, and an angle means
-    something only where both motions oscillate: an absorber that drifts between rare impacts has a phase, but no steady one.
+    It is given at the samples of a run, (S,).
+
+    Each displacement, less its mean, is completed to its analytic signal; the lag is the difference
+    of the two angles. It is above 0 where the absorber comes later. ``wrapped`` keeps it in (-pi,
+    pi]; otherwise it is unwrapped to a continuous function of time, from which slips of whole turns
+    can be read. The transform takes the record as periodic, so about one period at either end is
+    distorted, and an angle means something only where both motions oscillate: an absorber that
+    drifts between rare impacts has a phase, but no steady one.
 
     Raises ParameterError if tip or absorber do not move at all, since rest has no phase.
     """
@@ -29,7 +36,10 @@ def phase_lag(history: History, wrapped: bool = True) -> Array:
 
 
 def analytic_signal(name: str, values: Array) -> NDArray[np.complex128]:
-    """Return the analytic signal (S,) of equidistant samples (S,) less their mean; raises ParameterError, naming the signal, if they are constant."""
+    """Return the analytic signal (S,) of equidistant samples (S,) less their mean.
+
+    Raises ParameterError with the signal's name if the samples are constant.
+    """
     moves = len(values) >= 2 and bool(np.all(np.isfinite(values))) and float(np.ptp(values)) > 0
     require(
         moves, name, f"{len(values)} samples", "two or more finite samples of something that moves"

@@ -1,9 +1,13 @@
-"""A scene, a drive and a method as plain data: nested dicts of numbers, strings and lists, so JSON or TOML, in SI units. Both ways are exact.
+"""A scene, a drive and a method as plain data in SI units.
+
+Plain data are nested dicts of numbers, strings and lists, as in JSON or TOML. The conversion is
+exact in both directions.
 
 `load_structure` reads the part of a scene that an absorber is put on from a file of its own.
 
-`docs/scenes.md` describes the form. A key that is left out has the default of the class; everything else that does not fit is a ParameterError
-that names the key's path, the value and what is allowed. The tables below are the form: key -> argument of the class, and its sort.
+`docs/scenes.md` describes the form. A key that is left out has the default of the class; everything
+else that does not fit is a ParameterError that names the key's path, the value and what is allowed.
+The tables below are the form: key -> argument of the class, and its sort.
 """
 
 import math
@@ -72,7 +76,10 @@ OLDER_KEYS = {"stiffness_n_m": "stiffness", "damping_n_s_m": "damping"}
 
 
 def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an absorber's values in the form of now; one in the older form is read with a notice."""
+    """Return an absorber's values in the present form.
+
+    Values in an older form are converted with a warning.
+    """
     result = dict(plain)
     old = {name for name in (*OLDER_TABLES, *OLDER_KEYS) if name in plain}
     for name, keys in OLDER_TABLES.items():
@@ -83,7 +90,10 @@ def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
     result = {OLDER_KEYS.get(key, key): value for key, value in result.items()}
     if old:
         warnings.warn(
-            f"{path}: {', '.join(sorted(old))} is an older form; from the next version on it is an error: docs/scenes.md",
+            (
+                f"{path}: {', '.join(sorted(old))} is an older form; from the next version on it "
+                "is an error: docs/scenes.md"
+            ),
             FutureWarning,
             2,
         )
@@ -93,7 +103,10 @@ def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
 def _read_single_absorber(
     path: str, plain: Any, more: tuple[str, ...] = ()
 ) -> tuple[Absorber | None, dict[str, Any]]:
-    """Return the single absorber of a plain form, and the values of the keys of ``more`` that are there."""
+    """Return the single absorber of a plain form, and the values of further keys.
+
+    These are the keys of ``more`` that the form contains.
+    """
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
     concept = one_of(f"{path}.kind", plain.get("kind", "impact"), ABSORBER_KINDS)
     result = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
@@ -119,7 +132,10 @@ def _write_single_absorber(absorber: Absorber | None) -> Plain:
 
 
 def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
-    """Return several absorbers that either have a mass each, or share one as those of `impact_absorbers` do."""
+    """Return several absorbers of a plain form.
+
+    Each has a mass, or they share one mass as those of `impact_absorbers` do.
+    """
     require_keys(path, plain, dict.fromkeys(("absorbers", "mass_ratio")), ("absorbers",))
     members = plain["absorbers"]
     require(
@@ -135,7 +151,8 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
         one, more = _read_single_absorber(where, member, ("position", "share"))
         if not isinstance(one, SlidingAbsorber):
             raise ParameterError(
-                f"{where}.kind = {member['kind']!r} is not allowed: impact or friction among several"
+                f"{where}.kind = {member['kind']!r} is not allowed: impact or friction among "
+                "several"
             )
         require(
             "position" in more,
@@ -151,7 +168,10 @@ def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
     own = [member.get("mass_ratio") for member in members]
     shares = [more.get("share") for more in extras]
     alone = any(mass is not None for mass in own)
-    allowed = "either a mass_ratio for each, or for none: then they share one, in equal parts or with a share for each"
+    allowed = (
+        "either a mass_ratio for each, or for none: then they share one, in equal parts or with a "
+        "share for each"
+    )
     for name, numbers in (("mass_ratio", own), ("share", shares)):
         require(
             len({value is None for value in numbers}) <= 1,
@@ -199,7 +219,10 @@ def _write_absorber(absorber: Absorber) -> Plain:
 
 
 def _read_disk_absorbers(path: str, plain: Any, number: int) -> tuple[SlidingAbsorber, ...]:
-    """Return the absorbers of a disk's ``number`` of sectors with one: of one table, whose values may be lists, or of a table for each."""
+    """Return the absorbers of a disk in its ``number`` of sectors with an absorber.
+
+    They come from one table, whose values may be lists, or from a table for each absorber.
+    """
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
     kinds = ("impact", "friction", SEVERAL_KEY)
     kind = one_of(f"{path}.kind", plain.get("kind"), kinds)
@@ -263,8 +286,8 @@ METHOD_CODECS["runge-kutta"] = dataclass_codec(
 def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
     """Return the scene of a plain form; an empty one is the paper's beam without absorber.
 
-    ``folder``: where the files lie that it names (default: the current one). Raises ParameterError for unknown keys, wrong types and
-    values, with the key's path.
+    ``folder``: where the files lie that it names (default: the current one). Raises ParameterError
+    for unknown keys, wrong types and values, with the key's path.
 
     >>> str(to_scene({"beam": {"modes": 3}, "absorber": {"kind": "stuck", "mass_ratio": 0.05}}))
     '3 modes, stuck absorber, mass ratio 0.05'
@@ -300,7 +323,9 @@ def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
 def to_structure(
     plain: Mapping[str, Any], folder: Path | None = None, path: str = "scene."
 ) -> Structure:
-    """Return the structure in a scene's plain form: a beam, the paper's by default, or a modal model; arguments as in `to_scene`.
+    """Return the structure of a scene's plain form, a beam or a modal model.
+
+    The default is the paper's beam. Arguments are those of `to_scene`.
 
     ``path``: what an error names before the key.
     """
@@ -314,7 +339,9 @@ def to_structure(
 
 
 def to_disk(plain: Mapping[str, Any], folder: Path | None = None) -> BladedDisk | None:
-    """Return the bladed disk with absorbers that a scene's plain form describes, or None if it has another structure.
+    """Return the bladed disk with absorbers that a scene's plain form describes.
+
+    The result is None if the form has another structure.
 
     Arguments and errors are those of `to_scene`; `from_disk` is its inverse.
 
@@ -335,7 +362,10 @@ def to_disk(plain: Mapping[str, Any], folder: Path | None = None) -> BladedDisk 
 
 
 def from_disk(disk: BladedDisk) -> Plain:
-    """Return a bladed disk's plain form, with the matrices of a sector: `to_disk` gives the same disk back, bit for bit."""
+    """Return a bladed disk's plain form, with the matrices of a sector.
+
+    `to_disk` gives the same disk back, bit for bit.
+    """
     disk = instance("disk", disk, BladedDisk)
     plain: Plain = {"cyclic": disk_codec_for(Path()).write(disk)}
     absorbers = [_write_single_absorber(one) for one in disk.absorbers]
@@ -357,8 +387,8 @@ def load_structure(path: Path | str) -> Structure:
     """Return the structure that a TOML or JSON file describes.
 
     The file has one of the tables ``beam``, ``model``, ``universal``, ``matrices``, ``nastran`` and
-    ``ansys``, and no absorber (`docs/scenes.md`). Level and limits are read at the response's place,
-    or at the absorber's if the file names none.
+    ``ansys``, and no absorber (`docs/scenes.md`). Level and limits are read at the response's
+    place, or at the absorber's if the file names none.
 
     Parameters
     ----------
@@ -378,8 +408,8 @@ def load_structure(path: Path | str) -> Structure:
     Warns
     -----
     StructureWarning
-        Something looks wrong: shapes that are not mass-normalised, frequencies that coincide, units,
-        resonances that move no place in use.
+        Something looks wrong: shapes that are not mass-normalised, frequencies that coincide,
+        units, resonances that move no place in use.
     """
     path = Path(instance("path", path, str | Path))
     plain = read_plain(path)
@@ -437,7 +467,10 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
-    """Return the beam that a scene's plain form names, the default one if it names none; None for any other, and under several forces."""
+    """Return the beam of a scene's plain form, the default beam if it names no structure.
+
+    The result is None for any other structure, and under several forces.
+    """
     require_keys("scene", plain, dict.fromkeys(SCENE_KEYS))
     if "force" in plain or any(kind in plain for kind in STRUCTURES if kind != "beam"):
         return None
@@ -447,10 +480,13 @@ def to_beam(plain: Mapping[str, Any]) -> Beam | None:
 
 
 def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
-    """Return a scene's plain form, with all keys: `to_scene` gives the same scene back, bit for bit.
+    """Return a scene's plain form, with all keys.
 
-    A scene knows its modes and not the beam they came from, so the form has the modal model; with the ``beam`` of the scene it has the beam
-    instead, which is shorter. Raises ParameterError if that is not the scene's beam. Bladed disks have `from_disk`.
+    `to_scene` gives the same scene back, bit for bit.
+
+    A scene knows its modes and not the beam they came from, so the form has the modal model; with
+    the ``beam`` of the scene it has the beam instead, which is shorter. Raises ParameterError if
+    that is not the scene's beam. Bladed disks have `from_disk`.
     """
     scene = instance("scene", scene, Scene)
     beam = instance("beam", beam, Beam | None)
@@ -468,7 +504,10 @@ def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
 
 
 def to_drive(plain: Mapping[str, Any]) -> Drive:
-    """Return the drive of a plain form: ``amplitude_n``, ``phase_rad`` and ``schedule`` with ``times_s``, ``omegas_rad_s``, ``reference_rad_s``.
+    """Return the drive of a plain form.
+
+    Its keys are ``amplitude_n``, ``phase_rad`` and ``schedule`` with ``times_s``, ``omegas_rad_s``,
+    ``reference_rad_s``.
 
     Raises ParameterError for unknown keys, wrong types and values, with the key's path.
     """
@@ -481,7 +520,10 @@ def from_drive(drive: Drive) -> Plain:
 
 
 def to_method(plain: Mapping[str, Any]) -> Method:
-    """Return the method of a plain form: ``kind``, one of exact (default), moreau and runge-kutta, and its steps."""
+    """Return the method of a plain form.
+
+    Its keys are ``kind``, one of exact (default), moreau and runge-kutta, and the steps.
+    """
     require(
         isinstance(plain, Mapping),
         "method",

@@ -1,4 +1,7 @@
-"""Bladed disks as plain data: the table ``[cyclic]`` of a file, whose sectors are single masses or have matrices. docs/scenes.md has the keys."""
+"""Bladed disks as plain data: the table ``[cyclic]`` of a file.
+
+The sectors are single masses or have matrices. docs/scenes.md lists the keys.
+"""
 
 from collections.abc import Mapping
 from functools import partial
@@ -190,7 +193,9 @@ def _build_disk(
 
 
 def disk_codec_for(folder: Path) -> Codec:
-    """Return the form of a bladed disk without absorbers, for the folder in which the files lie that it names.
+    """Return the codec of a bladed disk without absorbers.
+
+    ``folder``: folder of the files that the disk's table names.
 
     It is written with its matrices, which say the same bits again.
     """

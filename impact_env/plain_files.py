@@ -1,6 +1,9 @@
-"""Plain data: from TOML or JSON files, and the codecs that turn numbers, strings, lists and dicts into the values of classes, and back.
+"""Plain data from TOML or JSON files, and codecs of classes.
 
-`impact_env.plain` has the codecs of a scene. The lines of text files in any usual encoding are read here, too.
+A codec converts numbers, strings, lists and dicts to the values of classes, and back.
+
+`impact_env.plain` has the codecs of a scene. The lines of text files in any usual encoding are read
+here, too.
 """
 
 import codecs
@@ -53,7 +56,10 @@ def find_unreadable(path: Path) -> str | None:
 
 
 def require_readable(name: str, path: Path, wanted: str = "a file that can be read") -> None:
-    """Raise ParameterError, which begins with ``name``, where a file does not exist, is a folder or may not be read."""
+    """Raise ParameterError if a file does not exist, is a folder or may not be read.
+
+    The error begins with ``name``.
+    """
     try:
         why = find_unreadable(path)
     except (OSError, ValueError) as error:  # ValueError: a name with a byte of zero
@@ -62,7 +68,10 @@ def require_readable(name: str, path: Path, wanted: str = "a file that can be re
 
 
 def decode_text(file: Path) -> list[str]:
-    """Return the lines of a text file in UTF-8, UTF-16 or UTF-32 with a byte order mark, or else Latin-1."""
+    """Return the lines of a text file.
+
+    The encoding is UTF-8, or UTF-16 or UTF-32 with a byte order mark, or else Latin-1.
+    """
     content = file.read_bytes()
     mark, encoding = next(
         ((mark, name) for mark, name in BYTE_ORDER_MARKS if content.startswith(mark)),
@@ -74,18 +83,23 @@ def decode_text(file: Path) -> list[str]:
     except UnicodeDecodeError as error:
         if mark:
             raise ParameterError(
-                f"file = {file.name!r} is not allowed: text in {encoding.upper()}, as its byte order mark says ({error.reason})"
+                f"file = {file.name!r} is not allowed: text in {encoding.upper()}, as its "
+                f"byte order mark says ({error.reason})"
             ) from error
         text = content.decode("cp1252", errors="replace")
     if "\0" in text:
         raise ParameterError(
-            f"file = {file.name!r} is not allowed: text, in UTF-8 or with a byte order mark; it has bytes of zero"
+            f"file = {file.name!r} is not allowed: text, in UTF-8 or with a byte order mark; "
+            "it has bytes of zero"
         )
     return re.split(r"\r\n|\n|\r", text)
 
 
 def read_plain(path: Path | str) -> dict[str, Any]:
-    """Return the table that a file holds. Raises ParameterError that names the file if it cannot be read, or is not TOML or JSON."""
+    """Return the table that a file contains.
+
+    Raises ParameterError with the file's name if it cannot be read, or if it is not TOML or JSON.
+    """
     path = Path(path)
     reader = PLAIN_READERS.get(path.suffix.lower())
     if reader is None:
@@ -97,7 +111,8 @@ def read_plain(path: Path | str) -> dict[str, Any]:
         plain = reader(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         raise ParameterError(
-            f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can be read ({error})"
+            f"file = {str(path)!r} is not allowed: {path.suffix.lower()[1:].upper()} that can "
+            f"be read ({error})"
         ) from error
     require(isinstance(plain, dict), "file", str(path), "a table of keys and values")
     return plain
@@ -105,7 +120,9 @@ def read_plain(path: Path | str) -> dict[str, Any]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` with the same ending; it takes ``path``'s place at the end, or is removed on any error.
+    """Yield a temporary path in the folder of ``path`` with the same ending.
+
+    The temporary file replaces ``path`` at the end, or is removed after an error.
 
     An OSError meanwhile, such as that of a full disk, names ``path``.
     """
@@ -124,7 +141,11 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class Codec:
-    """A sort of value: ``read(path, plain)`` raises ParameterError with the key path, or returns what a class takes; ``write`` is its inverse."""
+    """Conversion between plain data and a value of a class.
+
+    ``read(path, plain)`` returns the value, or raises ParameterError with the path of the key.
+    ``write`` is its inverse.
+    """
 
     read: Callable[[str, Any], Any]
     write: Callable[[Any], Any]
@@ -169,7 +190,10 @@ ROWS_CODEC = Codec(_lists, lambda values: [_row(row) for row in values])
 def require_keys(
     path: str, plain: Any, keys: Mapping[str, Any], needed: tuple[str, ...] = ()
 ) -> None:
-    """Raise ParameterError unless ``plain`` is a dict that has the ``needed`` keys, and none but ``keys``."""
+    """Raise ParameterError unless ``plain`` is a dict with the right keys.
+
+    It must have the ``needed`` keys, and no others than ``keys``.
+    """
     require(isinstance(plain, Mapping), path, plain, f"a table with keys among {', '.join(keys)}")
     for key in plain:
         require(
@@ -187,7 +211,8 @@ def dataclass_codec(
 ) -> Codec:
     """Return the sort of a dict that stands for what ``make``, a class or a function, returns.
 
-    A key that is left out has the default of ``make``; one whose argument has none must be given. Attributes that are None are not written.
+    A key that is left out has the default of ``make``; one whose argument has none must be given.
+    Attributes that are None are not written.
     """
     arguments = inspect.signature(make).parameters
     needed = tuple(
@@ -217,7 +242,10 @@ def dataclass_codec(
 
 
 def list_codec(make: Callable[..., Any], keys: Keys) -> Codec:
-    """Return the sort of a list of such dicts, each of which is a `dataclass_codec`; it is read as a tuple."""
+    """Return the codec of a list of dicts, each of which is a `dataclass_codec`.
+
+    The list is read as a tuple.
+    """
     one = dataclass_codec(make, keys)
 
     def read(path: str, plain: Any) -> tuple[Any, ...]:

@@ -1,6 +1,10 @@
-"""Loads as plain data: `[load]`, or `[[load]]` several times, of a TOML or JSON file, and the records that they name. docs/loads.md has the form.
+"""Loads as plain data, and the records that they name.
 
-Names of other files are relative to the folder of the file. Everything that does not fit is a ParameterError with key, value and what is allowed.
+They are `[load]`, or `[[load]]` several times, of a TOML or JSON file. docs/loads.md describes the
+format.
+
+Names of other files are relative to the folder of the file. Everything that does not fit is a
+ParameterError with key, value and what is allowed.
 """
 
 from collections.abc import Mapping
@@ -64,7 +68,10 @@ IN_G = Codec(
 
 
 def _amplitude(name: str, quantity: str, plain: object) -> Keys:
-    """Return the key of an amplitude in N, in m/s^2, or in g where a table ``plain`` has that one."""
+    """Return the key of an amplitude in N, in m/s^2 or in g.
+
+    The key in g is returned if the table ``plain`` has it.
+    """
     if quantity == FORCE_QUANTITY:
         return {f"{name}_n": (name, NUMBER_CODEC)}
     if isinstance(plain, Mapping) and f"{name}_g" in plain:
@@ -83,7 +90,10 @@ def _tones(quantity: str, name: str, key: str, plain: object) -> Codec:
 
 
 def _read_spectrum(path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
-    """Return the sort of a spectrum in the unit that a load's table gives, N^2/Hz or (m/s^2)^2/Hz unless given."""
+    """Return the codec of a spectrum in the unit that a load's table gives.
+
+    The default unit is N^2/Hz or (m/s^2)^2/Hz.
+    """
     if "unit" not in plain:
         return ROWS_CODEC
     dimension = DIMENSIONS[quantity]
@@ -113,7 +123,10 @@ DURATION_KEY: Keys = {"duration_s": ("length", NUMBER_CODEC)}
 
 
 def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
-    """Return the form of a load of any kind but samples; some kinds have two, which their keys tell apart."""
+    """Return the codec of a load of any kind except samples.
+
+    Some kinds have two forms, which differ in their keys.
+    """
     if kind == "force":
         amplitude: Keys = {"amplitude_n": ("amplitude", NUMBER_CODEC)}
         return dataclass_codec(Drive, {**amplitude, **WITH_SCHEDULE, **PLACE_KEY})
@@ -212,10 +225,13 @@ SAMPLE_KEYS = (
 def read_record_table(
     path: str, plain: Mapping[str, Any], quantity: str, folder: Path
 ) -> tuple[Array, Array]:
-    """Return times (K,) in s and values (K,) in SI units of the record that a table of the keys `SAMPLE_KEYS` names.
+    """Return times (K,) in s and values (K,) in SI units of a record.
 
-    ``path`` is the table's name in errors, ``quantity`` one of `impact_env.records.reading.DIMENSIONS`, and ``folder`` the one
-    that the file's name is relative to. Raises ParameterError for all that does not fit.
+    It is the record that a table with the keys `SAMPLE_KEYS` names.
+
+    ``path`` is the table's name in errors, ``quantity`` one of
+    `impact_env.records.reading.DIMENSIONS`, and ``folder`` the one that the file's name is relative
+    to. Raises ParameterError for all that does not fit.
     """
     require_keys(path, plain, dict.fromkeys(SAMPLE_KEYS), ("file",))
     file = folder / TEXT_CODEC.read(f"{path}.file", plain["file"])
@@ -224,7 +240,10 @@ def read_record_table(
     options = _read_options(path, plain, quantity)
     try:
         size = file.stat().st_size
-        allowed = f"at most {MOST_RECORD_BYTES / 2**20:.0f} MiB: cut the record, or take every second sample"
+        allowed = (
+            f"at most {MOST_RECORD_BYTES / 2**20:.0f} MiB: cut the record, or take every second "
+            "sample"
+        )
         require(size <= MOST_RECORD_BYTES, f"{file.name}: bytes", size, allowed)
         return read_record(file, options)
     except ParameterError as error:
@@ -304,9 +323,12 @@ START_KEYS: Keys = {
 
 
 def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = None) -> Loads:
-    """Return the loads of a plain form, a table ``load`` or a list of them, with its ``start``, one of `loads.LOAD_STARTS` or a state.
+    """Return the loads of a plain form, a table ``load`` or a list of them.
 
-    ``reference``: frequency in rad/s of the pseudo period where no load has a schedule. Raises ParameterError for all that does not fit.
+    The form may have a ``start``, one of `loads.LOAD_STARTS` or a state.
+
+    ``reference``: frequency in rad/s of the pseudo period where no load has a schedule. Raises
+    ParameterError for all that does not fit.
     """
     folder = instance("folder", folder, Path | None)
     require_keys("load file", plain, dict.fromkeys(("load", "start")), ("load",))

@@ -1,7 +1,9 @@
-"""Places in a scene's plain form: its structure, forces at several places, absorbers at places by name or number.
+"""Places in a scene's plain form, by name or number.
 
-The table ``places`` of a scene gives names to places, as the table of the structure has them: shares of a beam's length, rows of matrices, nodes
-with directions, or numbers of a model's places.
+They are the places of its structure, its forces and its absorbers.
+
+The table ``places`` of a scene gives names to places, as the table of the structure has them:
+shares of a beam's length, rows of matrices, nodes with directions, or numbers of a model's places.
 """
 
 from collections.abc import Mapping
@@ -21,7 +23,8 @@ from impact_env.plain_structures import (
 
 SEVERAL_KEY = "several"
 SCENE_KEYS = (*STRUCTURES, "absorber", "force", "places")
-# keys of a structure's table that are places, or lists of them, and may be names of the table ``places``
+# keys of a structure's table that are places, or lists of them, and may be names of the table
+# ``places``
 PLACE_KEYS = {
     "beam": ("force_position", "absorber_position", "response_position"),
     **dict.fromkeys(PLACE_CODECS, ("force", "absorber", "response")),
@@ -31,7 +34,11 @@ PLACE_KEYS = {
 
 
 def find_structure_kind(plain: Mapping[str, Any], path: str) -> str:
-    """Return which of `STRUCTURES` a scene's plain form has, a beam if it names none; raises ParameterError for other keys and for two of them."""
+    """Return the kind of structure in a scene's plain form, one of `STRUCTURES`.
+
+    It is a beam if the form names none. Raises ParameterError for other keys and for two
+    structures.
+    """
     require_keys(path.rstrip(".") or "structure", plain, dict.fromkeys(SCENE_KEYS))
     kinds = [kind for kind in STRUCTURES if kind in plain]
     allowed = "left out beside another structure: a scene has one of them"
@@ -43,7 +50,10 @@ def find_structure_kind(plain: Mapping[str, Any], path: str) -> str:
     )
     kind = kinds[0] if kinds else "beam"
     for key in ("force", "places") if kind == "cyclic" else ():
-        allowed = "left out beside cyclic: its force is given by engine_order and amplitude_n, its places by sectors"
+        allowed = (
+            "left out beside cyclic: its force is given by engine_order and amplitude_n, its "
+            "places by sectors"
+        )
         require(key not in plain, f"{path}{key}", plain.get(key), allowed)
     return kind
 
@@ -51,7 +61,11 @@ def find_structure_kind(plain: Mapping[str, Any], path: str) -> str:
 def read_structure(
     plain: Mapping[str, Any], folder: Path, path: str
 ) -> tuple[Structure, tuple[PointForce, ...] | None]:
-    """Return the structure of a scene's plain form, and the forces of the table ``force`` that its modes do not have yet; None for none."""
+    """Return the structure of a scene's plain form, and further forces.
+
+    These are the forces of the table ``force`` that the structure's modes do not include yet, or
+    None.
+    """
     kind = find_structure_kind(plain, path)
     table = _resolve_names(plain, kind, path)
     forces = _read_scene_forces(plain, kind, path)
@@ -80,7 +94,10 @@ def _read_names(plain: Mapping[str, Any], path: str) -> Mapping[str, Any]:
 
 
 def _find_named_place(plain: Mapping[str, Any], path: str, place: Any, key: str) -> Any:
-    """Return a place that may be a name of the table ``places``; ``key``: of the place in errors."""
+    """Return a place, which may be given by a name of the table ``places``.
+
+    ``key``: name of the place's key in errors.
+    """
     if not isinstance(place, str):
         return place
     names = _read_names(plain, path)
@@ -133,7 +150,10 @@ def _read_scene_forces(
 
 
 def find_force_shapes(structure: Structure, forces: tuple[PointForce, ...]) -> Any:
-    """Return the mode shapes (P, N_m) at the forces on a beam, or at the numbered places of a model."""
+    """Return the mode shapes (P, N_m) at the places of forces.
+
+    The forces are on a beam, or at numbered places of a model.
+    """
     if isinstance(structure, Beam):
         places = [fraction(f"force[{k}].place", one.place) for k, one in enumerate(forces)]
         return mode_shapes(structure, places)
@@ -153,9 +173,12 @@ def _beam_place(plain: Mapping[str, Any], key: str, place: Any) -> float:
 def resolve_absorber_places(
     plain: Mapping[str, Any], path: str
 ) -> tuple[Any, tuple[int, ...] | None]:
-    """Return the table of the absorber without the keys ``place``, and the numbers of these places, from 1, on the structure; None for none.
+    """Return the table of the absorber without the keys ``place``, and the places' numbers.
 
-    On a beam a place is a share of the length: that of one absorber is the beam's, several have it as their position.
+    The numbers count the places of the structure from 1. They are None if no place is given.
+
+    On a beam a place is a share of the length: that of one absorber is the beam's, several have it
+    as their position.
     """
     absorber = plain.get("absorber")
     if not isinstance(absorber, Mapping):
@@ -192,7 +215,10 @@ def resolve_absorber_places(
 
 
 def _find_place_number(plain: Mapping[str, Any], kind: str, key: str, place: Any) -> int:
-    """Return the number, from 1, of an absorber's place among those of the structure: a number, or a name in its list ``absorber``."""
+    """Return the number, from 1, of an absorber's place among those of the structure.
+
+    The place is given by its number, or by a name in the structure's list ``absorber``.
+    """
     if not isinstance(place, str):
         return count(key, place, 1)
     names = _read_names(plain, "scene.")
@@ -215,7 +241,10 @@ def _find_place_number(plain: Mapping[str, Any], kind: str, key: str, place: Any
 
 
 def find_force_amplitude(plain: Mapping[str, Any]) -> float | None:
-    """Return the amplitude in N of the first force of a scene's plain form, or of a disk's; None where it has none."""
+    """Return the amplitude in N of the first force of a scene's plain form, or of a disk's.
+
+    The result is None if the form has no force.
+    """
     for table in (plain.get("force"), plain.get("cyclic")):
         first = table[0] if isinstance(table, list | tuple) and table else table
         if isinstance(first, Mapping) and "amplitude_n" in first:

@@ -1,6 +1,9 @@
-"""What an absorber sits on, as plain data: a beam, modal data, a Universal File or matrices. `impact_env.plain` has scenes; docs/scenes.md the form.
+"""Structures as plain data: a beam, modal data, a Universal File or matrices.
 
-Each kind of structure is a table of a file. Keys with a unit end in it. Names of other files are relative to the folder of the file.
+`impact_env.plain` has the scenes. docs/scenes.md describes the format.
+
+Each kind of structure is a table of a file. Keys with a unit end in it. Names of other files are
+relative to the folder of the file.
 """
 
 import math
@@ -85,7 +88,10 @@ PROFILES = {
 
 @dataclass(frozen=True)
 class Profile:
-    """A cross section that bends about its level axis: a rectangle, a round tube (a rod if ``wall`` is half the diameter) or an I."""
+    """A cross section that bends about its horizontal axis.
+
+    It is a rectangle, a round tube (a rod if ``wall`` is half the diameter) or an I-section.
+    """
 
     kind: str
     width: float = 0.0
@@ -210,7 +216,10 @@ OF_MATERIAL = ("young_modulus_pa", "density_kg_m3", "section")
 
 
 def _read_beam(path: str, plain: Any) -> Beam:
-    """Return a beam whose bending stiffness and mass are given, or follow from material and section."""
+    """Return a beam from plain data.
+
+    Its bending stiffness and mass are given, or follow from material and section.
+    """
     if not (isinstance(plain, Mapping) and any(key in plain for key in OF_MATERIAL)):
         return BEAM_KEYS.read(path, plain)
     result = dict(plain)
@@ -263,7 +272,8 @@ PLACE_CODEC = dataclass_codec(
 )
 
 
-# a term of a strain: a weight, and the displacement it multiplies, of a node in a direction or of a row of the matrices
+# a term of a strain: a weight, and the displacement it multiplies, of a node in a direction or of a
+# row of the matrices
 STRAINED = dataclass_codec(
     lambda node, direction, weight: (weight, _NodeDirection(node, direction)),
     {
@@ -279,7 +289,10 @@ STRAINED_ROW = dataclass_codec(
 
 
 def _read_row(path: str, plain: Any) -> Any:
-    """Return a row of the matrices, or a node and a direction where the matrices' file names them."""
+    """Return a row of the matrices.
+
+    The place is a node and a direction if the matrices' file names them.
+    """
     return (
         PLACE_CODEC.read(path, plain)
         if isinstance(plain, Mapping)
@@ -298,7 +311,10 @@ STRAINED_ROW_OR_PLACE = Codec(
 
 @dataclass(frozen=True)
 class PointForce:
-    """One of the forces of a structure: its ``place``, as the structure's table has places, amplitude in N and phase in rad.
+    """A force of a structure.
+
+    It has a ``place``, in the form that the structure's table has for places, an amplitude in N and
+    a phase in rad.
 
     ``name``: the place as the file has it, by which loads refer to it.
     """
@@ -333,7 +349,10 @@ def read_forces(path: str, plain: Any, place_codec: Codec) -> tuple[PointForce, 
 
 
 def apply_forces(model: ModalModel, forces: Sequence[PointForce], shapes: Any) -> ModalModel:
-    """Return a model under forces at places with ``shapes`` (P, N_m); the drive's amplitude is that of the first of them."""
+    """Return a model under forces at places with ``shapes`` (P, N_m).
+
+    The drive's amplitude is that of the first force.
+    """
     largest = forces[0].amplitude
     places = dict(zip((one.name for one in forces), np.array(shapes), strict=True))
     try:
@@ -411,10 +430,13 @@ def _locate_rows(
     at_absorber: float = 1.0,
     forces: Any = None,
 ) -> ModalModel:
-    """Return the model of shapes (N_m,) at the places; of several places for absorbers one has the first, and several have those they are put on.
+    """Return the model of shapes (N_m,) at the places.
 
-    ``force`` has a shape for each place of a force, and ``forces`` their amplitudes and phases where there are several. ``base`` (N_m,) and
-    ``at_absorber`` as in `ModalModel`.
+    If there are several places for absorbers, a single absorber is at the first one, and several
+    absorbers are at the places that they name.
+
+    ``force`` has a shape for each place of a force, and ``forces`` their amplitudes and phases
+    where there are several. ``base`` (N_m,) and ``at_absorber`` as in `ModalModel`.
     """
     several = None if len(absorbers) == 1 else np.array(absorbers)
     model = ModalModel(
@@ -426,7 +448,10 @@ def _locate_rows(
 
 
 def _combine_strains(parts: StrainParts | None, shape: Callable[[Any], Any]) -> Any:
-    """Return the strain per modal displacement (N_m,): the sum of the parts' weights times the ``shape`` (N_m,) that a part has; None for none."""
+    """Return the strain per modal displacement (N_m,), or None for no parts.
+
+    It is the sum over the parts of their weights times their ``shape`` (N_m,).
+    """
     return None if parts is None else np.sum([weight * shape(of) for weight, of in parts], axis=0)
 
 
@@ -480,7 +505,10 @@ def _read_modes_table(
     base_at_absorber: float = ModalModel.base_at_absorber,
     **_file: Any,
 ) -> ModalModel:
-    """Return the model of the modes of a file: the lowest ``modes`` of them, with their shapes at the places."""
+    """Return the model of the modes of a file.
+
+    It has the lowest ``modes`` modes, with their shapes at the places.
+    """
     selected = result if modes is None else result[: count("modes", modes, 1, len(result))]
     measured = [mode.damping_ratio for mode in selected]
     ratios = choose_damping_ratios(
@@ -599,7 +627,10 @@ NEEDED_OF_MATRICES = ("mass", "stiffness", "units", "force", "absorber", "mass_k
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Modes of matrices: ``omega`` (N_m,) in rad/s and ``shapes`` (rows, N_m) in 1/sqrt(kg), with what they come from."""
+    """Modes of matrices, with the data from which they were computed.
+
+    ``omega`` (N_m,) in rad/s, and ``shapes`` (rows, N_m) in 1/sqrt(kg).
+    """
 
     omega: Any
     shapes: Any
@@ -707,7 +738,10 @@ def _build_from_matrices(
 
 
 def _read_matrices(folder: Path, names: Mapping[str, str | None]) -> dict[str, MatrixFile]:
-    """Return the matrices of files over the freedoms of the stiffness; those that a boundary condition holds have empty rows."""
+    """Return the matrices of files over the freedoms of the stiffness matrix.
+
+    Freedoms that a boundary condition fixes have empty rows.
+    """
     letters = {"mass": "M", "stiffness": "K", "damping": "C"}
     result = {
         key: read_matrix(folder / file, key, letters[key])
@@ -746,7 +780,10 @@ def _find_row(file: MatrixFile, name: str, place: Any, size: int) -> tuple[int, 
 
 
 def _base_vector(folder: Path, entries: Any, size: int) -> Any:
-    """Return the rigid displacement (size,) for a unit motion of the base: a list, or a text file with one number a row."""
+    """Return the rigid displacement (size,) for a unit motion of the base.
+
+    ``entries``: a list, or a text file with one number in each row.
+    """
     allowed = f"a list or a file with {size} finite numbers, one for each row of the matrices"
     if isinstance(entries, str):
         require_readable("base_vector", folder / entries, allowed)
@@ -760,7 +797,11 @@ def _base_vector(folder: Path, entries: Any, size: int) -> Any:
 
 
 def read_structure_nodes(folder: Path, plain: Mapping[str, Any]) -> tuple[Any, Any] | None:
-    """Return numbers (N,) and coordinates (N, 3) in m of the nodes in the file of a structure's plain form; None for one without nodes."""
+    """Return numbers (N,) and coordinates (N, 3) in m of a structure's nodes.
+
+    They are those in the file of a structure's plain form. The result is None for a structure
+    without nodes.
+    """
     if "universal" in plain:
         return universal.read_nodes(folder / plain["universal"]["file"])
     if "nastran" in plain:
@@ -776,7 +817,9 @@ def read_structure_nodes(folder: Path, plain: Mapping[str, Any]) -> tuple[Any, A
 
 @dataclass(frozen=True, eq=False)
 class NodalShapes:
-    """Modes of a file at all its places: ``omega`` (N_m,) in rad/s and ``shapes`` (N_m, n) in 1/sqrt(kg).
+    """Modes of a file at all its places.
+
+    ``omega`` (N_m,) in rad/s, and ``shapes`` (N_m, n) in 1/sqrt(kg).
 
     ``freedoms``: node and freedom, 1 to 6, of each place, or the row of the matrices and 0.
     """
@@ -787,7 +830,10 @@ class NodalShapes:
 
 
 def read_structure_shapes(folder: Path, plain: Mapping[str, Any]) -> NodalShapes:
-    """Return the modes of a structure's plain form at all places of its file; raises ParameterError for one without."""
+    """Return the modes of a structure's plain form at all places of its file.
+
+    Raises ParameterError for a structure without a file.
+    """
     kinds = {
         "universal": (_modes_of_universal, UNIVERSAL_KEYS),
         "nastran": (_modes_of_nastran, NASTRAN_KEYS),
@@ -822,7 +868,10 @@ def read_structure_shapes(folder: Path, plain: Mapping[str, Any]) -> NodalShapes
 
 
 def _ring_codec_for(folder: Path) -> Codec:
-    """Return the form of a bladed disk, which is read as the modes of its ring under its force; `impact_env.plain.to_disk` reads it as a disk."""
+    """Return the codec of a bladed disk that is read as the modes of its ring.
+
+    The modes are under the ring's force. `impact_env.plain.to_disk` reads it as a disk.
+    """
     return Codec(
         lambda path, plain: disk_codec_for(folder).read(path, plain).model, MODEL_CODEC.write
     )

@@ -1,4 +1,7 @@
-"""Figures of responses and curves, for notebooks; matplotlib is imported when something is drawn."""
+"""Figures of responses and curves, for notebooks.
+
+matplotlib is imported when a figure is drawn.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ MM = 1e3
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
-    """Return the axes to draw into: those that are given, or new ones of pyplot, which a notebook shows."""
+    """Return the given axes, or new ones of pyplot, which a notebook shows."""
     if axes is not None:
         return axes
     import matplotlib.pyplot as plt
@@ -75,7 +78,10 @@ def plot_envelope(
 def plot_waterfall(
     x: Array, rms: Array, swept: bool, axes: Axes | None, options: dict[str, Any]
 ) -> Axes:
-    """Draw the RMS displacement (B, N) in m of each sector as a colour, over ``x`` (B,): the frequency ratio of a sweep, or the time in s."""
+    """Draw the RMS displacement (B, N) in m of each sector as a colour over ``x`` (B,).
+
+    ``x`` is the frequency ratio of a sweep, or the time in s.
+    """
     axes = axes_or_new(axes)
     sectors = np.arange(rms.shape[1])
     mesh = axes.pcolormesh(x, sectors, MM * rms.T, **{"shading": "nearest"} | options)

@@ -1,4 +1,7 @@
-"""Compile missing kernels in another process, so that the caller can wait for them, show progress, or compile others meanwhile."""
+"""Compilation of missing kernels in another process.
+
+Meanwhile the caller can wait for them, show progress, or compile other kernels.
+"""
 
 import pickle
 import signal
@@ -29,10 +32,14 @@ Job = Callable[[], object]
 
 @contextmanager
 def run_alongside(kernel: Any, job: Job) -> Iterator[None]:
-    """While this is entered, another process compiles what ``job`` runs, if it is not kept yet; ``kernel`` waits for that once it is called.
+    """Compile the kernels of ``job`` in another process while this context is entered.
 
-    ``job`` is short and can be pickled. What fails there is compiled here, where its error is raised. Nothing is begun on a single core. A process
-    is spawned: only a program may use this whose own module can be imported, which a command's can.
+    Nothing is compiled if the kernels are in the cache. ``kernel`` waits for the process when it is
+    called.
+
+    ``job`` is short and can be pickled. What fails there is compiled here, where its error is
+    raised. Nothing is begun on a single core. A process is spawned: only a program may use this
+    whose own module can be imported, which a command's can.
     """
     if available_cores() < 2 or is_cached(job):
         yield
@@ -49,7 +56,10 @@ def run_alongside(kernel: Any, job: Job) -> Iterator[None]:
 
 
 def is_cached(job: Job) -> bool:
-    """Run a job if all its kernels are in the cache, and return whether they are; ParameterError and IntegrationError of the job are ignored."""
+    """Return whether all kernels of a job are in the cache, and run the job if they are.
+
+    ParameterError and IntegrationError of the job are ignored.
+    """
     try:
         with only_cached(), suppress(ParameterError, IntegrationError):
             job()
@@ -81,7 +91,10 @@ def short_run(
     record: Record | None = None,
     loads: Loads | None = None,
 ) -> None:
-    """Make the shortest run that needs the kernels of a scene, a method and a record; under loads, which take others, all of theirs."""
+    """Make the shortest run that needs the kernels of a scene, a method and a record.
+
+    Loads need other kernels. With ``loads`` the run needs all of these.
+    """
     force = Drive(
         TRIAL_FORCE, constant_frequency(scene.model.resonance_omega(1), 1.0, TRIAL_PERIODS)
     )
@@ -168,7 +181,10 @@ class Preparation:
         return self._ended is not None
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait for its end, ``timeout`` s at most (None: as long as it takes); return whether the kernels are there."""
+        """Wait for the end of the process and return whether the kernels are compiled.
+
+        ``timeout``: longest time in s (None: no limit).
+        """
         seconds = None if timeout is None else non_negative("timeout", timeout)
         self._watcher.join(None if seconds is None else min(seconds, threading.TIMEOUT_MAX))
         return self.done and self._process.returncode == 0
@@ -187,8 +203,9 @@ def prepare(
 ) -> Preparation:
     """Begin to compile what `simulate` needs for a scene, and return at once.
 
-    A process of its own compiles for up to a minute, or loads kernels from the cache within two seconds; this process can go on computing. The other
-    process does not import the caller's module, so scripts need no guard.
+    A process of its own compiles for up to a minute, or loads kernels from the cache within two
+    seconds; this process can go on computing. The other process does not import the caller's
+    module, so scripts need no guard.
 
     Parameters
     ----------

@@ -1,6 +1,10 @@
-"""Several absorbers to linear regimes: one for each set of those that move with the beam, made when a run first needs it (kernels/exact/sets.py).
+"""Linear regimes of several absorbers, one for each set of joined absorbers.
 
-The set's masses at their places make a change of low rank of the mass matrix; eigenvalues and eigenvectors are those of secular.py.
+Joined absorbers move with the beam. A regime is made when a run first needs it
+(kernels/exact/sets.py).
+
+The set's masses at their places make a change of low rank of the mass matrix; eigenvalues and
+eigenvectors are those of secular.py.
 """
 
 import ctypes
@@ -37,7 +41,8 @@ from impact_env.secular import Complex, Coupling, Index, Real, concatenate
 
 MOST_SECULAR = 4  # masses up to which eigenvalues are solved for one by one, to all digits
 EQUAL_VALUES_TOL = 1e-9  # of an eigenvalue: closer ones count as one that occurs several times
-# damping and spread of frequencies up to which modes are found from those without damping; steps on the way, and the last one's size
+# damping and spread of frequencies up to which modes are found from those without damping; steps on
+# the way, and the last one's size
 MOST_LIGHT_RATE = 0.2  # of a frequency: a damping ratio of 10 %
 MOST_LIGHT_SPREAD = (
     30.0  # its square is how many times the rounding of the highest mode counts for the lowest
@@ -49,9 +54,12 @@ MIXING_ROUNDING = 1e-13  # of the largest damping: smaller entries are rounding
 
 @dataclass(frozen=True)
 class SetModes:
-    """Modes of a set: eigenvalues (J,), eigenvectors of the beam ``shapes`` (J, N_m), their rows ``into`` from modal displacements and velocities
-    (J, 2 N_m), response ``weights`` (J, N_m) to unit modal forces, and displacement (J, p) of the masses.
-    """  # noqa: D205
+    """Modes of a set of joined absorbers.
+
+    ``values``: eigenvalues (J,). ``shapes``: eigenvectors of the beam (J, N_m). ``into``: their
+    rows from modal displacements and velocities (J, 2 N_m). ``weights``: responses to unit modal
+    forces (J, N_m). ``places``: displacements of the masses (J, p).
+    """
 
     values: Complex
     shapes: Complex
@@ -61,7 +69,10 @@ class SetModes:
 
 
 def _double(values: Complex) -> Real:
-    """Return 2 for a complex eigenvalue, which stands for a conjugate pair, and 1 for a real one, (J,)."""
+    """Return 2 for a complex eigenvalue and 1 for a real one, (J,).
+
+    A complex eigenvalue stands for a conjugate pair.
+    """
     return np.where(values.imag == 0, 1.0, 2.0)
 
 
@@ -98,11 +109,14 @@ def _solve_coupled(model: ModalModel, masses: Real, shapes: Real, weak: float) -
 
 
 def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
-    """Return the modes of beam and masses by a dense eigensolver, also where eigenvalues coincide, as those of a ring of equal sectors do.
+    """Return the modes of beam and masses by a dense eigensolver.
 
-    An eigenvalue that occurs g times has g eigenvectors. Left eigenvectors are the dual basis: the matrix v_i^T ((s_i + s_j) M + C) v_j is diagonal
-    but for rounding, which close eigenvalues magnify, and is inverted as a whole. Digits are lost where one frequency is far above another, but no
-    more than their ratio times the rounding.
+    It also works for coincident eigenvalues, such as those of a ring of equal sectors.
+
+    An eigenvalue that occurs g times has g eigenvectors. Left eigenvectors are the dual basis: the
+    matrix v_i^T ((s_i + s_j) M + C) v_j is diagonal but for rounding, which close eigenvalues
+    magnify, and is inverted as a whole. Digits are lost where one frequency is far above another,
+    but no more than their ratio times the rounding.
     """
     which, own = split_modes(shapes)
     omega = model.omega[which]
@@ -148,11 +162,15 @@ def _basis_error(model: ModalModel, modes: SetModes) -> float:
 
 
 def _solve_lightly_damped(model: ModalModel, masses: Real, shapes: Real) -> SetModes | None:
-    """Return the modes of beam and masses from those without damping, or None where they are no good start.
+    """Return the modes of beam and masses from those without damping.
 
-    In the undamped modes the damping matrix has small entries off its diagonal. A fixed point of (s_i^2 + s_i c_jj + lambda_j) y_ji =
-    -s_i sum_k c_jk y_ki with y_ii = 1 is an eigenvector; each step gains the ratio of these entries to the distance of the frequencies. Since the
-    matrices are symmetric, left eigenvectors are the right ones. One symmetric eigenproblem of N_m rows is all that grows with their cube.
+    The result is None if these are not a good start.
+
+    In the undamped modes the damping matrix has small entries off its diagonal. A fixed point of
+    (s_i^2 + s_i c_jj + lambda_j) y_ji = -s_i sum_k c_jk y_ki with y_ii = 1 is an eigenvector; each
+    step gains the ratio of these entries to the distance of the frequencies. Since the matrices are
+    symmetric, left eigenvectors are the right ones. One symmetric eigenproblem of N_m rows is all
+    that grows with their cube.
     """
     which, own = split_modes(shapes)
     omega = model.omega[which]
@@ -204,10 +222,13 @@ def _solve_lightly_damped(model: ModalModel, masses: Real, shapes: Real) -> SetM
 def solve_set_modes(
     model: ModalModel, masses: Real, shapes: Real, quickly: bool = False
 ) -> SetModes:
-    """Return the modes of a beam that carries ``masses`` (p,) in kg at places with ``shapes`` (p, N_m); none of them: the free beam.
+    """Return the modes of a beam that carries masses.
 
-    ``quickly``: by `_solve_lightly_damped` where that is right to `BASIS_TOL`. Raises ParameterError where two eigenvalues (almost) coincide, so that
-    there is no modal basis.
+    ``masses`` (p,) in kg are at places with ``shapes`` (p, N_m). Without masses the modes are those
+    of the free beam.
+
+    ``quickly``: by `_solve_lightly_damped` where that is right to `BASIS_TOL`. Raises
+    ParameterError where two eigenvalues (almost) coincide, so that there is no modal basis.
     """
     if len(masses) == 0:
         return _solve_uncoupled(model, np.arange(model.modes), 0)
@@ -229,7 +250,10 @@ def solve_set_modes(
 
 
 def _maps(modes: SetModes, joined: list[int], shapes: Real, size: int) -> tuple[Real, Real]:
-    """Return the maps of `segments.LinearRegime`: a joined absorber has the beam's displacement at its place."""
+    """Return the maps of `segments.LinearRegime`.
+
+    A joined absorber has the beam's displacement at its place.
+    """
     n = modes.shapes.shape[1]
     absorbers = len(shapes)
     half = n + absorbers
@@ -255,7 +279,11 @@ def _rows(
     size: int,
     moves: bool,
 ) -> Real:
-    """Return the rows of weights (n + 1, ROWS, J) of a set, or (n + 1, ROWS + 2 C, J) under the C bases of `find_base_shapes` where they ``move``."""
+    """Return the rows of weights (n + 1, ROWS, J) of a set.
+
+    If the bases ``move``, the rows are (n + 1, ROWS + 2 C, J) for the C bases of
+    `find_base_shapes`.
+    """
     s = modes.values
     n = len(masses)
     at_places = modes.shapes @ np.vstack([shapes, model.tip_shape]).T
@@ -285,7 +313,8 @@ def _rows(
 class SetLayout:
     """What the regimes of all sets of a scene share.
 
-    ``size``: modal amplitudes J of each, with empty ones; ``speed`` (1/s): their largest |s|; ``reach`` (s): what their tables cover.
+    ``size``: modal amplitudes J of each, with empty ones; ``speed`` (1/s): their largest |s|;
+    ``reach`` (s): what their tables cover.
     """
 
     size: int
@@ -301,10 +330,14 @@ Joined = tuple[int, ...]
 
 
 def find_set_layout(model: ModalModel, shapes: Real, masses: Real, wanted: float) -> SetLayout:
-    """Return the layout of the regimes of absorbers of ``masses`` (n,) in kg at ``shapes`` (n, N_m), with tables for ``wanted`` s, or less.
+    """Return the layout of the regimes of absorbers.
 
-    Up to four absorbers it is found from all sets, else from those of none and of all: masses lower frequencies, and where damping is below
-    critical, each mode has one pair of eigenvalues. Raises ParameterError where a set has no modal basis.
+    The absorbers have ``masses`` (n,) in kg at ``shapes`` (n, N_m). The tables cover ``wanted`` s,
+    or less.
+
+    Up to four absorbers it is found from all sets, else from those of none and of all: masses lower
+    frequencies, and where damping is below critical, each mode has one pair of eigenvalues. Raises
+    ParameterError where a set has no modal basis.
     """
     n = len(masses)
     counts = range(n + 1) if n <= ALL_SETS_COUNT else (0, n)
@@ -325,9 +358,12 @@ def build_set_regime(
     layout: SetLayout,
     moves: bool = False,
 ) -> tuple[Real, ...]:
-    """Return the arrays of `sets.Sets`, ``rows`` to ``acceleration_bound``, of the set of ``joined`` absorbers.
+    """Return the arrays of `sets.Sets` of the set of ``joined`` absorbers.
 
-    ``moves``: whether the base does. Raises ParameterError where it has no modal basis, or does not fit the layout.
+    They are the arrays from ``rows`` to ``acceleration_bound``.
+
+    ``moves``: whether the base does. Raises ParameterError where it has no modal basis, or does not
+    fit the layout.
     """
     which = list(joined)
     quickly = len(masses) > ALL_SETS_COUNT
@@ -335,13 +371,15 @@ def build_set_regime(
     fastest = float(np.max(np.abs(modes.values)))
     if len(modes.values) > layout.size or fastest > layout.speed * (1 + SPEED_TOL):
         raise ParameterError(
-            f"damping_ratio = {float(np.max(model.damping_ratio)):g} (the largest) is not allowed: smaller with more than {ALL_SETS_COUNT} absorbers"
+            f"damping_ratio = {float(np.max(model.damping_ratio)):g} (the largest) is not "
+            f"allowed: smaller with more than {ALL_SETS_COUNT} absorbers"
             f" (those numbered {which}, counted from 0, change the modes too much where they stick)"
         )
     rows = _rows(model, modes, which, masses, shapes, layout.size, moves)
     guard, push, s = (np.abs(rows[:, row] + 1j * rows[:, row + 1]) for row in (GUARD, RELATIVE, S))
     rate = guard[:-1] * s[:-1]
-    # displacement (n + 1, n) in m/N of each place under a constant force on each absorber and its reaction on the beam
+    # displacement (n + 1, n) in m/N of each place under a constant force on each absorber and its
+    # reaction on the beam
     tip, rest = (rows[:, row] + 1j * rows[:, row + 1] for row in (TIP, REST))
     static = np.ascontiguousarray(np.real(tip @ rest[:-1].T))
     return (
@@ -356,10 +394,14 @@ def build_set_regime(
 
 
 class RegimePlaces:
-    """The places for regimes of one run: ``sets`` is what its kernel takes, which asks for the regime of a set where it is in none of them.
+    """Storage places of one run for the regimes of sets.
 
-    ``build`` returns the arrays of a set, as `build_set_regime`. The place that was used least recently is taken for another set, but never the
-    first one, which holds the set of no joined absorber. What goes wrong on the way, or a KeyboardInterrupt, is raised by `raise_error`.
+    ``sets`` is the argument of the run's kernel. The kernel requests the regime of a set if no
+    place holds it.
+
+    ``build`` returns the arrays of a set, as `build_set_regime`. The place that was used least
+    recently is taken for another set, but never the first one, which holds the set of no joined
+    absorber. What goes wrong on the way, or a KeyboardInterrupt, is raised by `raise_error`.
     """
 
     def __init__(self, absorbers: int, build: Callable[[Joined], tuple[Real, ...]]) -> None:
@@ -408,6 +450,9 @@ class RegimePlaces:
 
 
 def _compliance(masses: Real, shapes: Real, joined: list[int]) -> Real:
-    """Return the relative acceleration (n, n) of each absorber by a unit force on each, in 1/kg, where some are joined."""
+    """Return the relative acceleration (n, n) of each absorber by a unit force on each.
+
+    It is in 1/kg. The absorbers of ``joined`` move with the beam.
+    """
     mass = with_masses(shapes[joined], masses[joined])
     return np.ascontiguousarray(shapes @ np.linalg.solve(mass, shapes.T) + np.diag(1 / masses))

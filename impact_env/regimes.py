@@ -1,9 +1,13 @@
-"""Scene to linear regimes: the slots, maps and tables that the exact kernels propagate (see kernels/motion/modal_system.py).
+"""Linear regimes of a scene: modal amplitudes (slots), maps and tables.
 
-The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of secular.py; the free regime has the beam's own.
+The exact kernels propagate them (see kernels/motion/modal_system.py).
 
-The start values for secular.py: the eigenvalue of a mode that hardly feels the masses lies beside the mode's pole, which is its start value, since
-no dense eigensolver could tell the two apart. For the others together a dense eigensolver gives start values.
+The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of
+secular.py; the free regime has the beam's own.
+
+The start values for secular.py: the eigenvalue of a mode that hardly feels the masses lies beside
+the mode's pole, which is its start value, since no dense eigensolver could tell the two apart. For
+the others together a dense eigensolver gives start values.
 """
 
 import math
@@ -44,12 +48,15 @@ from impact_env.secular import (
     solve_secular,
 )
 
-# the modes of a regime span the state up to this, in terms of energy; below the second nothing better is tried
+# the modes of a regime span the state up to this, in terms of energy; below the second nothing
+# better is tried
 COMPLETENESS_TOL = 1e-8
 BASIS_TOL = 1e-11
 WEAK_COUPLINGS = (1e-4, 1e-8, 0.0)  # what is tried in turn: see `solve_eigenproblem`
 UNCOUPLED = 1e-30  # of the largest tip shape: a mode with a node at the absorber
-MOST_STIFFNESS_RATIO = 1e8  # a spring or damper against the beam's first mode at the tip: far beyond, the stretch is a difference of equal numbers
+# a spring or damper against the beam's first mode at the tip: far beyond, the stretch is a
+# difference of equal numbers
+MOST_STIFFNESS_RATIO = 1e8
 AWAY_FROM_DOUBLE = "damping and stiffness away from a double eigenvalue"
 NEAR_CRITICAL = 0.01  # of 1 - D^2: offsets are then from the middle of both poles
 COMPLEX_PAIR_TOL = (
@@ -63,7 +70,10 @@ M = TypeVar("M")
 
 
 def _start_at_middles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
-    """Return leads and offsets of weakly coupled oscillators close to critical damping, and which these are."""
+    """Return leads and offsets of weakly coupled oscillators close to critical damping.
+
+    The indices of these oscillators are returned as well.
+    """
     near = np.flatnonzero(np.abs(c.spread()) < NEAR_CRITICAL * c.omega**2)
     leads = offset_from_points(c, near, (-c.rate[near] / 2).astype(complex))
     begin = eliminate(c, leads, np.zeros(len(near), complex))
@@ -78,7 +88,10 @@ def _start_at_middles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
 
 
 def _start_at_poles(c: Coupling, weak: float) -> tuple[list[Starts], Index]:
-    """Return leads and offsets of weakly coupled oscillators farther from critical damping, and which these are."""
+    """Return leads and offsets of weakly coupled oscillators farther from critical damping.
+
+    The indices of these oscillators are returned as well.
+    """
     far = np.flatnonzero(np.abs(c.spread()) >= NEAR_CRITICAL * c.omega**2)
     one, other = c.own_poles()
     swift = c.ratio[far] >= 1
@@ -102,7 +115,10 @@ def _select_starts(starts: Starts, which: NDArray[np.bool_]) -> Starts:
 
 
 def _start_by_dense_solver(c: Coupling, which: Index) -> Starts:
-    """Return leads and offsets of oscillators ``which`` that move together, from a dense eigensolver."""
+    """Return leads and offsets of strongly coupled oscillators ``which``.
+
+    They come from a dense eigensolver.
+    """
     modes = which[which < c.modes]
     sprung = c.sprung and len(which) > 0
     psi = c.psi[:, modes]
@@ -135,7 +151,10 @@ def _start_by_dense_solver(c: Coupling, which: Index) -> Starts:
 
 
 def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
-    """Return approximate eigenvalues (J,) of s^2 m + s c + k with imaginary part not below 0, and their vectors (N, J)."""
+    """Return approximate eigenvalues (J,) of s^2 m + s c + k, and their vectors (N, J).
+
+    They are the eigenvalues with an imaginary part of 0 or above.
+    """
     squares, vectors = scipy.linalg.eigh(k, m)
     frequencies = np.sqrt(np.maximum(squares, 1e-16 * np.max(squares)))
     zero = np.zeros_like(k)
@@ -149,7 +168,10 @@ def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
 
 
 def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
-    """Return which eigenvalues (J,) are alone, and lead and place of each close pair: the upper of a complex one, the middle of two real ones."""
+    """Return which eigenvalues (J,) are isolated, and lead and place of each close pair.
+
+    The place of a complex pair is its upper eigenvalue, that of two real ones their middle.
+    """
     alone = np.ones(len(s), dtype=bool)
     leads = []
     places = []
@@ -171,7 +193,11 @@ def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
     divide="ignore", invalid="ignore"
 )  # where two poles are one: what is not a number is no start, or found by the check of the basis
 def solve_eigenproblem(c: Coupling, weak: float) -> Eigen:
-    """Return all eigenvalues and vectors; ``weak``: share of |s|^2 up to which R leaves a mode near its own pole, from where it is then sought."""
+    """Return all eigenvalues and vectors.
+
+    ``weak``: share of |s|^2 up to which R leaves a mode near its own pole. The eigenvalue of such a
+    mode is sought from this pole.
+    """
     middles, near = _start_at_middles(c, weak)
     poles, far = _start_at_poles(c, weak)
     starts = middles + poles
@@ -192,10 +218,15 @@ def solve_eigenproblem(c: Coupling, weak: float) -> Eigen:
 
 @dataclass(frozen=True)
 class RegimeModes:
-    """Eigenvalues (J,), their columns in the state (2 N_m + 2, J), rows from the state (J, 2 N_m + 2), responses to drive and relative force (J,).
+    """Modes of a regime.
 
-    ``tip``, ``stretch`` (J,): what of a slot is tip displacement, and absorber less tip; without the absorber's own share where it is apart.
-    ``push`` (J, N_m): responses to a unit force on each of the beam's own modes.
+    ``values``: eigenvalues (J,). ``out``: their columns in the state (2 N_m + 2, J). ``into``: rows
+    from the state (J, 2 N_m + 2). ``drive`` and ``relative``: responses to drive and relative force
+    (J,).
+
+    ``tip``, ``stretch`` (J,): what of a slot is tip displacement, and absorber less tip; without
+    the absorber's own share where it is apart. ``push`` (J, N_m): responses to a unit force on each
+    of the beam's own modes.
     """
 
     values: Complex
@@ -246,11 +277,13 @@ def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Comple
 
 
 def solve_own_modes(model: ModalModel, which: Index) -> RegimeModes:
-    """Return the free beam's modes ``which`` as slots: one for an oscillating mode, two for an overdamped one.
+    """Return the free beam's modes ``which`` as slots.
 
-    A damping ratio within about 1e-5 of 1 has three: motion and forced response are extrapolated from three pairs of eigenvalues beside the
-    double one (see secular.py). Against 40 digits
-    motion from any state is right to 1e-12 of the energy norm (tests/kernels/test_regimes.py).
+    An oscillating mode has one slot, an overdamped mode has two.
+
+    A damping ratio within about 1e-5 of 1 has three: motion and forced response are extrapolated
+    from three pairs of eigenvalues beside the double one (see secular.py). Against 40 digits motion
+    from any state is right to 1e-12 of the energy norm (tests/kernels/test_regimes.py).
     """
     n = model.modes
     index, s, other, weight = _own_values(model, which)
@@ -283,7 +316,10 @@ def solve_own_modes(model: ModalModel, which: Index) -> RegimeModes:
 def solve_coupled_modes(
     model: ModalModel, mass: float, stiffness: float | None, damper: float, weak: float
 ) -> RegimeModes:
-    """Return the modes of beam and absorber: joined for ``stiffness`` None, else with a spring (N/m) and a damper (N s/m) between them."""
+    """Return the modes of beam and absorber.
+
+    They are joined for ``stiffness`` None, else connected by a spring (N/m) and a damper (N s/m).
+    """
     n = model.modes
     root = np.sqrt(mass)
     which, own = split_modes(model.tip_shape[None])
@@ -340,7 +376,10 @@ def solve_coupled_modes(
 
 
 def split_modes(shapes: Real) -> tuple[Index, Index]:
-    """Return the modes that move absorbers with ``shapes`` (p, N_m), and those with a node at all of them."""
+    """Return the modes that move absorbers, and those with a node at all of them.
+
+    ``shapes`` (p, N_m): mode shapes at the absorbers.
+    """
     coupled = np.any(
         np.abs(shapes) > UNCOUPLED * np.max(np.abs(shapes), axis=1, keepdims=True), axis=0
     )
@@ -353,19 +392,29 @@ def padded_size(slots: int) -> int:
 
 
 def carried_response(modes: RegimeModes, model: ModalModel, mass: float, spring: bool) -> Complex:
-    """Return the response (J,) to a unit acceleration of the absorber's mass (kg), as a force on it; on a ``spring`` it moves by itself."""
+    """Return the response (J,) to a unit acceleration of the absorber's mass (kg).
+
+    The acceleration is applied as a force on the mass. On a ``spring`` the absorber moves by
+    itself.
+    """
     return mass * (modes.push @ model.tip_shape + (modes.relative if spring else 0.0))
 
 
 def with_weight(modes: RegimeModes, carried: Complex) -> RegimeModes:
-    """Return modes whose constant force is the weight of the absorber per unit of gravity, downwards."""
+    """Return modes whose constant force is the weight of the absorber.
+
+    The weight is per unit of gravity and acts downwards.
+    """
     return replace(modes, relative=-carried)
 
 
 def base_rows(modes: RegimeModes, model: ModalModel, size: int, carried: Complex | None) -> Real:
-    """Return the rows from BASE on: responses to unit accelerations of the bases in relative coordinates, -Gamma on the modes.
+    """Return the rows from BASE on, the responses to unit accelerations of the bases.
 
-    An absorber that is not free adds -m_a r, r the rigid displacement at its place; ``carried`` (J,): the response to its mass.
+    They are in relative coordinates, in which the load on the modes is -Gamma.
+
+    An absorber that is not free adds -m_a r, r the rigid displacement at its place; ``carried``
+    (J,): the response to its mass.
     """
     rows = []
     for participation, at_absorber in zip(*find_base_shapes(model), strict=True):
@@ -379,7 +428,10 @@ def base_rows(modes: RegimeModes, model: ModalModel, size: int, carried: Complex
 def _regime(
     modes: RegimeModes, guard: Complex, size: int, reach: float, base: Real | None = None
 ) -> LinearRegime:
-    """Sort, pad and tabulate a regime's modes; ``base`` (2 C, J) are its rows from BASE on, if it has any."""
+    """Return a regime with sorted, padded and tabulated modes.
+
+    ``base`` (2 C, J): the regime's rows from BASE on, if it has any.
+    """
     rows = slot_rows(modes.values, modes.drive, modes.relative, guard, modes.tip, size)
     rows = rows if base is None else np.concatenate([rows, base])
     slots = ModalSystem(rows, *slot_tables(modes.values, size, reach))
@@ -395,7 +447,10 @@ def _regime(
 
 
 def order_slots(values: Complex, eigenvalues: Complex, size: int, axis: int = 0) -> Complex:
-    """Return values (one a slot along ``axis``) in the order of growing |s|, padded with zeros to ``size``."""
+    """Return values in the order of growing |s|, padded with zeros to ``size``.
+
+    There is one value for each slot along ``axis``.
+    """
     order = np.argsort(np.abs(eigenvalues), kind="stable")
     shape = list(values.shape)
     shape[axis] = size
@@ -412,7 +467,10 @@ def split_re_im(values: Complex) -> Real:
 
 
 def _decaying(eigenvalues: Complex, size: int) -> Complex:
-    """Return eigenvalues in order; those of padding are -1, and rounding must not make an undamped slot grow."""
+    """Return eigenvalues in order, padded with -1.
+
+    Real parts above 0 are set to 0, so that rounding does not make an undamped slot grow.
+    """
     s = order_slots(eigenvalues, eigenvalues, size)
     s = np.minimum(s.real, 0) + 1j * s.imag
     s[len(eigenvalues) :] = -1
@@ -422,7 +480,9 @@ def _decaying(eigenvalues: Complex, size: int) -> Complex:
 def slot_rows(
     eigenvalues: Complex, drive: Complex, relative: Complex, guard: Complex, tip: Complex, size: int
 ) -> Real:
-    """Return the rows of weights (..., ROWS, size) of a modal system from what belongs to each eigenvalue, unsorted.
+    """Return the rows of weights (..., ROWS, size) of a modal system.
+
+    They are made from values for each eigenvalue, in any order.
 
     ``eigenvalues`` and ``drive`` (J,); ``relative``, ``guard`` and ``tip`` (..., J), one set of
     weights for each leading index.
@@ -452,7 +512,10 @@ def slot_rows(
 def slot_tables(
     eigenvalues: Complex, size: int, reach: float, speed: float | None = None
 ) -> tuple[Real, Real, Real, Real, Real, Real]:
-    """Return table, scale, steps, waves, turns and errors of Slots; ``speed`` (1/s) lays them out as for that largest |s|, None for the own one."""
+    """Return table, scale, steps, waves, turns and errors of Slots.
+
+    ``speed`` (1/s): the largest |s| for which they are laid out (None: that of the eigenvalues).
+    """
     used = len(eigenvalues)
     s = _decaying(eigenvalues, size)
     base, finest, table = propagators(s, used, reach, speed)
@@ -461,7 +524,10 @@ def slot_tables(
 
 
 def basis_error(out: Complex, into: Complex, scale: Real) -> float:
-    """Return the largest entry of Re(out into) less the identity, each coordinate times its ``scale`` so that squares are energies."""
+    """Return the largest entry of Re(out into) less the identity.
+
+    Each coordinate is multiplied by its ``scale``, so that squares are energies.
+    """
     error = (np.real(out @ into) - np.eye(len(scale))) * scale[:, None] / scale
     return float(np.max(np.abs(error))) if np.all(np.isfinite(error)) else float("inf")
 
@@ -506,12 +572,18 @@ def require_complete(
 
 
 def _needed_of_mass(model: ModalModel, mass: float) -> str:
-    """Return what is allowed where no basis was found: a mass that is light enough for accurate modes, else no double eigenvalue."""
+    """Return the text of what is allowed if no basis was found.
+
+    It asks for a mass that is light enough for accurate modes, or else for no double eigenvalue.
+    """
     mobility = float(np.sum(model.tip_shape**2))
     if mass * mobility <= MOST_HEAVINESS:
         return AWAY_FROM_DOUBLE
     most = MOST_HEAVINESS / mobility
-    return f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that hardly moves has no digits"
+    return (
+        f"an absorber of at most {most / model.beam_mass:.1e} times the beam's mass: a tip that "
+        "hardly moves has no digits"
+    )
 
 
 def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str:
@@ -526,14 +598,20 @@ def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str
         return AWAY_FROM_DOUBLE
     most = MOST_STIFFNESS_RATIO * first**2 / mobility
     damped = MOST_STIFFNESS_RATIO * first / mobility
-    limits = f"{most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has no digits"
+    limits = (
+        f"{most:.1e} N/m and {damped:.1e} N s/m on this beam: a stretch that hardly changes has "
+        "no digits"
+    )
     return f"a contact stiffness, friction stiffness or absorber of at most about {limits}"
 
 
 def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Real:
-    """Return the scale of each coordinate of the state (2 N_m + 2,), 0 where an absorber has none of its own.
+    """Return the scale of each coordinate of the state (2 N_m + 2,).
 
-    An absorber is scaled with its own frequency on its spring, or that of the beam which is nearest to it: that is how fast it moves.
+    It is 0 if the absorber has no coordinate of its own.
+
+    An absorber is scaled with its own frequency on its spring, or that of the beam which is nearest
+    to it: that is how fast it moves.
     """
     own = (
         0.0
@@ -548,7 +626,10 @@ def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Re
 def checked_modes(
     model: ModalModel, mass: float, stiffness: float | None, damper: float
 ) -> RegimeModes:
-    """Return the modes of beam and absorber that span the state; raises ParameterError where none do."""
+    """Return the modes of beam and absorber that span the state.
+
+    Raises ParameterError if no modes do so.
+    """
     scale = _energy_scale(model, mass, stiffness)
     states = np.flatnonzero(scale)
     name = "mass_ratio"
@@ -572,7 +653,9 @@ def checked_modes(
 
 
 def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = False) -> LinearRegime:
-    """Return the regime of beam and absorber apart. Guard signal: relative displacement absorber - tip, without the absorber's share.
+    """Return the regime in which beam and absorber are apart.
+
+    Its guard signal is the relative displacement absorber - tip, without the absorber's share.
 
     ``moves``: whether the base does, here and below.
     """
@@ -591,7 +674,9 @@ def joined_regime(
     moves: bool = False,
     heavy: bool = False,
 ) -> LinearRegime:
-    """Return the regime of an absorber (kg) that moves with the tip. Guard signal: the force on the absorber, mass times tip acceleration.
+    """Return the regime of an absorber (kg) that moves with the tip.
+
+    Its guard signal is the force on the absorber, mass times tip acceleration.
 
     ``heavy``: the constant force is the absorber's weight, here and below.
     """
@@ -618,7 +703,10 @@ def sprung_regime(
     moves: bool = False,
     heavy: bool = False,
 ) -> LinearRegime:
-    """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m). Guard signal: relative displacement absorber - tip."""
+    """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m).
+
+    Its guard signal is the relative displacement absorber - tip.
+    """
     modes = checked_modes(model, mass, stiffness, damper)
     carried = carried_response(modes, model, mass, spring=True)
     base = base_rows(modes, model, size, carried) if moves else None
@@ -633,7 +721,10 @@ def find_fastest(
     stiffness: float | None = None,
     damper: float = 0.0,
 ) -> tuple[float, int]:
-    """Return the largest |s| in 1/s and the number of slots of a regime: free for ``mass`` None, else joined or sprung."""
+    """Return the largest |s| in 1/s and the number of slots of a regime.
+
+    The regime is free for ``mass`` None, else joined or sprung.
+    """
     modes = (
         solve_own_modes(model, np.arange(model.modes))
         if mass is None
@@ -648,14 +739,19 @@ FINEST_PHASE = 0.08  # |s| h of the fastest slot at the finest level, at most
 
 
 def table_reach(fastest: float, wanted: float) -> float:
-    """Return the time offset in s that the tables cover: ``wanted``, or less if the fastest slot (1/s) turns too quickly for them."""
+    """Return the time offset in s that the tables cover.
+
+    It is ``wanted``, or less if the fastest slot (1/s) rotates too quickly for the tables.
+    """
     return min(wanted, TAYLOR_REACH * MAX_BASE**3 / fastest)
 
 
 def propagators(
     values: Complex, used: int, reach: float, speed: float | None = None
 ) -> tuple[int, float, Complex]:
-    """Return base, finest step (s) and exp(s h) (3, base, J) of the three-digit tables; slots from ``used`` on are empty.
+    """Return base, finest step (s) and exp(s h) (3, base, J) of the three-digit tables.
+
+    Slots from ``used`` on are empty.
 
     ``speed`` (1/s): the |s| that the steps are made for, None: the largest one.
     """
@@ -673,9 +769,12 @@ def propagators(
 def propagation_tables(
     values: Complex, used: int, reach: float, speed: float | None = None
 ) -> tuple[Real, Real, Real, Real]:
-    """Return steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J) of the event search, the finest level first.
+    """Return the tables of the event search, the finest level first.
 
-    ``errors``: a slot's largest share of y - H, relative to its amplitude (see kernels/events/search.py). ``speed`` as in `propagators`.
+    They are steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J).
+
+    ``errors``: a slot's largest share of y - H, relative to its amplitude (see
+    kernels/events/search.py). ``speed`` as in `propagators`.
     """
     speeds = np.abs(values)
     fastest = np.max(speeds[:used]) if speed is None else speed

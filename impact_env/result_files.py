@@ -1,7 +1,8 @@
 """Results as files and tables.
 
-`SavedResult`: any result, with the scene, load and method behind it, as JSON or as a NumPy archive, and back with every bit.
-`TableResult`: a result that is a table, as columns or as a data frame of pandas.
+`SavedResult`: any result, with the scene, load and method behind it, as JSON or as a NumPy archive,
+and back with every bit. `TableResult`: a result that is a table, as columns or as a data frame of
+pandas.
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def encode(value: Any, arrays: Arrays | None = None) -> Any:
-    """Return a value made of dataclasses, arrays and plain data as plain data; arrays go into ``arrays`` if that is given."""
+    """Return a value made of dataclasses, arrays and plain data as plain data.
+
+    Arrays are put into ``arrays`` if that is given.
+    """
     if isinstance(value, np.ndarray):
         if arrays is None:
             return {"array": value.tolist(), "type": value.dtype.name}
@@ -50,7 +54,10 @@ def encode(value: Any, arrays: Arrays | None = None) -> Any:
 
 
 def decode(plain: Any, arrays: Mapping[str, NDArray[Any]] | None = None) -> Any:
-    """Return the value that `encode` made plain data of; raises ParameterError for a class that is not known."""
+    """Return the value from which `encode` made plain data.
+
+    Raises ParameterError for an unknown class.
+    """
     if not isinstance(plain, dict):
         return plain
     if "array" in plain:
@@ -71,7 +78,10 @@ def decode(plain: Any, arrays: Mapping[str, NDArray[Any]] | None = None) -> Any:
 
 
 def to_plain_data(value: Any) -> Any:
-    """Return a value made of dataclasses, arrays and plain data as dictionaries, lists and numbers."""
+    """Return a value as dictionaries, lists and numbers.
+
+    The value is made of dataclasses, arrays and plain data.
+    """
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, np.generic):

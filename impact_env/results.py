@@ -107,7 +107,10 @@ Part = TypeVar("Part")
 
 
 def require_recorded(name: str, part: Part | None) -> Part:
-    """Return a part of a response, by its name in `Response`; raises ParameterError if the run did not record it."""
+    """Return a part of a response, by its name in `Response`.
+
+    Raises ParameterError if the run did not record it.
+    """
     if part is None:
         allowed = f"recorded: simulate(..., record={RECORDING[name]})"
         raise describe_error(name, part, allowed)
@@ -137,7 +140,8 @@ class Record:
         Number B of equal parts of the run with their least and largest displacement
         (`Response.envelope`). None: no envelope.
     reversals : bool, optional
-        Times without relative velocity (`Response.reversals`), for rigid contact and the exact method.
+        Times without relative velocity (`Response.reversals`), for rigid contact and the exact
+        method.
 
     Raises
     ------
@@ -168,7 +172,7 @@ class Record:
             self,
             level=flag,
             events=flag,
-            series=lambda name, given: given if isinstance(given, Window) else flag(name, given),
+            series=lambda name, value: value if isinstance(value, Window) else flag(name, value),
             energy=flag,
             check=flag,
             reversals=flag,
@@ -177,7 +181,10 @@ class Record:
 
 @dataclass(frozen=True)
 class ResponseLevel:
-    """RMS ``value`` in m; ``time`` (s) and ``frequency_ratio`` (to the reference) of the maximum; ``max_tip``: largest displacement in m.
+    """Response level of a run.
+
+    ``value``: RMS in m. ``time`` (s) and ``frequency_ratio`` (to the reference): those of the
+    maximum. ``max_tip``: largest displacement in m.
 
     The tip is the absorber's place on the beam (`Beam.absorber_position`), or the place where the
     level is read (`Beam.response_position`).
@@ -191,7 +198,10 @@ class ResponseLevel:
 
 @dataclass(frozen=True, eq=False)
 class EnergyAccount:
-    """Work of the force, losses and stored energy in J over a run (paper, Eqs. Einst and edmi); ``modal_loss`` (N_m,)."""
+    """Work of the force, losses and stored energy in J over a run.
+
+    See Eqs. Einst and edmi of the paper. ``modal_loss`` has the shape (N_m,).
+    """
 
     work: float
     modal_loss: Array
@@ -224,15 +234,20 @@ class EnergyAccount:
         return abs(self.balance_error) / scale if scale > 0 else abs(self.balance_error)
 
 
-INSTANT_TOL = 1e-13  # of the time: what the rounding of two events' times may put between impacts at one instant
+# of the time: what the rounding of two events' times may put between impacts at one instant
+INSTANT_TOL = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class Impacts(TableResult):
-    """Impacts, (K,) each: time (s), relative velocity absorber - tip before (m/s), impulse on the absorber (N s), energy lost (J).
+    """Impacts of a run; all arrays are (K,).
 
-    ``absorber`` says which absorber it was, counted from 0. Impacts of several absorbers at one instant have no unique outcome in rigid-body
-    mechanics: they are taken one after the other, in the order of the absorbers, and stand in that order (`simultaneous`).
+    ``time`` (s), ``relative_velocity``: absorber - tip before the impact (m/s), ``impulse``: on the
+    absorber (N s), ``energy_lost`` (J).
+
+    ``absorber`` says which absorber it was, counted from 0. Impacts of several absorbers at one
+    instant have no unique outcome in rigid-body mechanics: they are taken one after the other, in
+    the order of the absorbers, and stand in that order (`simultaneous`).
     """
 
     time: Array
@@ -243,7 +258,11 @@ class Impacts(TableResult):
 
     @property
     def simultaneous(self) -> NDArray[np.bool_]:
-        """Whether an impact (K,) is at the same instant, up to `INSTANT_TOL`, as one of another absorber before or behind it in the list."""
+        """Whether an impact (K,) is simultaneous with one of another absorber.
+
+        Impacts are simultaneous up to `INSTANT_TOL`. The other impact is the previous or the next
+        one in the list.
+        """
         close = np.diff(self.time) <= INSTANT_TOL * self.time[1:]
         close &= np.diff(self.absorber) != 0
         return np.append(False, close) | np.append(close, False)
@@ -261,7 +280,10 @@ class Impacts(TableResult):
 
 @dataclass(frozen=True, eq=False)
 class ContactPhases(TableResult):
-    """Joined phases, (K,) each: start and end (s), kind (0 stuck inside the cavity, 1 held at the lower wall, 2 at the upper wall).
+    """Joined phases of a run; all arrays are (K,).
+
+    ``start`` and ``end`` (s), ``kind``: 0 stuck inside the cavity, 1 held at the lower wall, 2 at
+    the upper wall.
 
     ``absorber`` says which absorber it was, counted from 0.
     """
@@ -283,7 +305,10 @@ class ContactPhases(TableResult):
 
 @dataclass(frozen=True, eq=False)
 class Reversals:
-    """Times (K,) in s at which an absorber in flight has no relative velocity: friction turns or sticks. ``absorber`` as of `ContactPhases`."""
+    """Times (K,) in s at which the relative velocity of a moving absorber is zero.
+
+    Friction then reverses its direction or sticks. ``absorber`` as in `ContactPhases`.
+    """
 
     time: Array
     absorber: NDArray[np.int64]
@@ -291,7 +316,10 @@ class Reversals:
 
 @dataclass(frozen=True, eq=False)
 class History(TableResult):
-    """State at the samples: time (S,) in s, modal displacement and velocity (S, N_m), absorber displacement and velocity (S,), tip shape (N_m,).
+    """State of a run at its samples.
+
+    ``time`` (S,) in s, modal displacement and velocity (S, N_m), absorber displacement and velocity
+    (S,), and tip shape (N_m,).
 
     Several absorbers have a column each: (S, n).
     """
@@ -331,7 +359,10 @@ class History(TableResult):
 
 @dataclass(frozen=True, eq=False)
 class Envelope(TableResult):
-    """Least and largest displacement in m, (B,) each, of the place where the level is read, between ``edges`` (B + 1,) in s; NaN without a sample."""
+    """Smallest and largest displacement in m, (B,) each, where the level is read.
+
+    They are those between ``edges`` (B + 1,) in s, and NaN without a sample.
+    """
 
     edges: Array
     low: Array
@@ -351,9 +382,10 @@ class Envelope(TableResult):
 class SearchCheck:
     """What dense sampling of the guard signals says of the exact method's event searches.
 
-    ``searches`` checked and ``misses`` among them; ``worst``: the largest violation, a share of the clearance (0 wall or spring passed), of the terms
-    that the relative velocity is the sum of (1 sliding in the wrong sense), or of those of the joint force (2 out of its bounds).
-    ``times`` (s), ``kinds`` and ``sizes`` (K,) of the first misses.
+    ``searches`` checked and ``misses`` among them; ``worst``: the largest violation, a share of the
+    clearance (0 wall or spring passed), of the terms that the relative velocity is the sum of (1
+    sliding in the wrong sense), or of those of the joint force (2 out of its bounds). ``times``
+    (s), ``kinds`` and ``sizes`` (K,) of the first misses.
     """
 
     searches: int
@@ -367,7 +399,10 @@ class SearchCheck:
 def html_table(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a heading and two columns of text as HTML."""
     cells = "".join(
-        f'<tr><td style="text-align:left">{escape(name)}</td><td style="text-align:left">{escape(text)}</td></tr>'
+        (
+            f'<tr><td style="text-align:left">{escape(name)}</td><td '
+            f'style="text-align:left">{escape(text)}</td></tr>'
+        )
         for name, text in rows
     )
     return f"<b>{escape(title)}</b><table>{cells}</table>"
@@ -376,7 +411,8 @@ def html_table(title: str, rows: Iterable[tuple[str, str]]) -> str:
 class RecordedParts:
     """The parts of a response without None: each attribute has the name of one in `Response`.
 
-    Raises ParameterError for a part that the run has not recorded, with the `Record` that records it.
+    Raises ParameterError for a part that the run has not recorded, with the `Record` that records
+    it.
     """
 
     def __init__(self, response: Response) -> None:
@@ -425,7 +461,9 @@ class RecordedParts:
 
 @dataclass(frozen=True, eq=False)
 class Response(SavedResult, TableResult):
-    """Result of a run. A part that was not recorded is None; `recorded` refuses such a part by name.
+    """Result of a run.
+
+    A part that was not recorded is None. `recorded` raises an error with the name of such a part.
 
     Attributes
     ----------
@@ -480,12 +518,18 @@ class Response(SavedResult, TableResult):
 
     @property
     def recorded(self) -> RecordedParts:
-        """The recorded parts without None: ``response.recorded.history.time``; raises ParameterError for a part that was not recorded."""
+        """The recorded parts without None: ``response.recorded.history.time``.
+
+        Raises ParameterError for a part that was not recorded.
+        """
         return RecordedParts(self)
 
     @property
     def final_state(self) -> InitialState:
-        """State at the end of the run, with which another run of the scene goes on: ``simulate(scene, drive, initial=response.final_state)``."""
+        """State at the end of the run, from which another run of the scene can continue.
+
+        For example, ``simulate(scene, drive, initial=response.final_state)``.
+        """
         return InitialState.from_vector(self.scene, self.end_state)
 
     def __repr__(self) -> str:
@@ -510,7 +554,10 @@ class Response(SavedResult, TableResult):
 
     def _repr_html_(self) -> str:
         """Return the HTML table of a notebook."""
-        run = f"{self.drive.describe(phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, {self.method}"
+        run = (
+            f"{self.drive.describe(phase=False)} from 0 to {self.drive.schedule.times[-1]:.4g} s, "
+            f"{self.method}"
+        )
         rows = [
             ("scene", str(self.scene)),
             ("run", run),
@@ -521,7 +568,10 @@ class Response(SavedResult, TableResult):
             rows.append(
                 (
                     "response level",
-                    f"{1e3 * self.level.value:.4g} mm at {self.level.frequency_ratio:.4f} of the resonance",
+                    (
+                        f"{1e3 * self.level.value:.4g} mm at {self.level.frequency_ratio:.4f} of "
+                        "the resonance"
+                    ),
                 )
             )
             rows.append(("largest displacement", f"{1e3 * self.level.max_tip:.4g} mm"))
@@ -530,9 +580,12 @@ class Response(SavedResult, TableResult):
         return html_table("Response", rows)
 
     def plot(self, axes: Axes | None = None, **options: Any) -> Axes:
-        """Draw the displacement's envelope over the frequency, or over time where that is constant, and the level; return matplotlib's axes.
+        """Draw the displacement's envelope and the level, and return matplotlib's axes.
 
-        ``options`` go to matplotlib's fill_between. Raises ParameterError unless the run has recorded its series or an envelope (`Record`).
+        The envelope is drawn over the frequency, or over time if the frequency is constant.
+
+        ``options`` go to matplotlib's fill_between. Raises ParameterError unless the run has
+        recorded its series or an envelope (`Record`).
         """
         from impact_env.plots import plot_envelope
 
@@ -547,11 +600,16 @@ class Response(SavedResult, TableResult):
         return plot_envelope(x, low, high, point, swept, axes, options)
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the state at the samples as columns, as `History.to_columns`; raises ParameterError unless the run recorded its series."""
+        """Return the state at the samples as columns, as `History.to_columns`.
+
+        Raises ParameterError unless the run recorded its series.
+        """
         return self.recorded.history.to_columns()
 
     def displacement_columns(self) -> tuple[Array, Array, Array]:
-        """Return times (B,) in s, and least and largest displacement (B,) in m around each, where the level is read.
+        """Return times (B,) in s, and smallest and largest displacement (B,) in m.
+
+        The displacements are those around each time where the level is read.
 
         Raises ParameterError if the run has recorded neither its series nor an envelope.
         """

@@ -21,7 +21,10 @@ def _are_multiples(times: Array, places: Array | float) -> bool:
 
 
 def possible_roundings(times: Array) -> Iterator[Array]:
-    """Yield what times (K,) in s may have been rounded to, (K,) in s: a decimal place, a number of digits, a shorter float."""
+    """Yield the possible rounding steps (K,) in s of times (K,) in s.
+
+    They are those of a decimal place, of a number of digits and of a shorter float.
+    """
     for kind in (np.float16, np.float32):
         with np.errstate(over="ignore"):
             short = times.astype(kind)
@@ -38,7 +41,10 @@ def possible_roundings(times: Array) -> Iterator[Array]:
 
 
 def is_even(times: Array) -> bool:
-    """Return whether rising times (K,) in s are even, up to the rounding with which they were written."""
+    """Return whether ascending times (K,) in s are even.
+
+    They are compared up to the rounding with which they were written.
+    """
     steps = len(times) - 1
     step = float(times[-1] - times[0]) / steps
     error = np.abs(times - times[0] - step * np.arange(len(times)))
@@ -60,7 +66,10 @@ def even_times(count: int, duration: float) -> Array:
 
 
 def find_uneven(times: Array) -> int:
-    """Return the index of the first time that ends a step unlike the others, of times that are not even."""
+    """Return the index of the first time that ends an unequal step.
+
+    The times are not even.
+    """
     steps = np.diff(times)
     error = np.abs(steps - np.median(steps))
     odd = np.flatnonzero(error > np.max(error) / 2)

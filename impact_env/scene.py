@@ -37,8 +37,8 @@ class Scene:
         Modes of the structure.
     absorber : absorber, optional
         None: the structure alone. Several absorbers are at the places of the model's
-        ``absorber_shapes``. An absorber whose walls have no clearance becomes a `StuckAbsorber`, the
-        same mechanics.
+        ``absorber_shapes``. An absorber whose walls have no clearance becomes a `StuckAbsorber`,
+        the same mechanics.
 
     Raises
     ------
@@ -240,15 +240,16 @@ class InitialState:
     modal_velocity : array_like, (N_m,), optional
         Modal velocities in sqrt(kg) m/s. None: zero.
     absorber_displacement : float or array_like, (n,), optional
-        Displacement of the absorber in m; of several absorbers one number each, or one for all. None:
-        the middle of the cavity, the displacement of the structure at the absorber's place.
+        Displacement of the absorber in m; of several absorbers one number each, or one for all.
+        None: the middle of the cavity, the displacement of the structure at the absorber's place.
     absorber_velocity : float or array_like, (n,), optional
         Velocity of the absorber in m/s.
 
     Raises
     ------
     ParameterError
-        A value is not finite. `simulate` also refuses a wrong length, and a place outside the cavity.
+        A value is not finite. `simulate` also refuses a wrong length, and a place outside the
+        cavity.
 
     Examples
     --------
@@ -274,10 +275,13 @@ class InitialState:
 
     @classmethod
     def from_vector(cls, scene: Scene, vector: NDArray[np.float64]) -> "InitialState":
-        """Return the state of a vector as `vector` gives it, (2 N_m + 2 n,), such as the end state of a run.
+        """Return the state of a vector (2 N_m + 2 n,), such as the end state of a run.
 
-        An absorber that rounding put beyond a rigid wall is put on it. The force of an elastic slider is no part of a state: it starts at 0.
-        Raises ParameterError for a vector of another length.
+        It is the inverse of `vector`.
+
+        An absorber that rounding put beyond a rigid wall is put on it. The force of an elastic
+        slider is no part of a state: it starts at 0. Raises ParameterError for a vector of another
+        length.
         """
         n = scene.model.modes
         places = scene.places
@@ -299,9 +303,13 @@ class InitialState:
         return cls(state[:n], state[half : half + n], displacements, velocities)
 
     def vector(self, scene: Scene) -> NDArray[np.float64]:
-        """Return (2 N_m + 2 n,): modal displacements, displacements of the n absorbers, modal velocities, velocities of the absorbers.
+        """Return the state as a vector (2 N_m + 2 n,).
 
-        Without an absorber n is 1 as well. Raises ParameterError on a wrong length, or a start outside the cavity.
+        It has the modal displacements, the displacements of the n absorbers, the modal velocities,
+        and the velocities of the absorbers.
+
+        Without an absorber n is 1 as well. Raises ParameterError on a wrong length, or a start
+        outside the cavity.
         """
         n = scene.model.modes
         places = scene.places
@@ -325,7 +333,10 @@ class InitialState:
         for a in range(places):
             walls = scene.cavity(a)
             if walls is not None:
-                allowed = f"a start inside the cavity, within {walls.gap} m of the tip's displacement {beam[a]} m"
+                allowed = (
+                    f"a start inside the cavity, within {walls.gap} m of the tip's displacement "
+                    f"{beam[a]} m"
+                )
                 require(
                     abs(state[n + a] - beam[a]) <= walls.gap * (1 + 1e-12),
                     "absorber_displacement",

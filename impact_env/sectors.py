@@ -1,7 +1,9 @@
-"""Measures of bladed disks by sector: levels, localisation, energies by nodal diameter, and the amplification by mistuning.
+"""Measures of bladed disks by sector.
 
-A run of a cyclic structure (`structures.cyclic`) is made in parts of bounded size, of which only sums are kept, so that memory does not grow with
-the duration.
+They are levels, localisation, energies by nodal diameter, and the amplification by mistuning.
+
+A run of a cyclic structure (`structures.cyclic`) is made in parts of bounded size, of which only
+sums are kept, so that memory does not grow with the duration.
 """
 
 from __future__ import annotations
@@ -105,10 +107,13 @@ class SectorLevels(SavedResult):
 
 @dataclass(frozen=True, eq=False)
 class DiameterEnergies(SavedResult):
-    """Energy in J by nodal diameter k, (..., K + 1) each, k from 0 to K = floor(N/2), in the modes of the tuned disk.
+    """Energy in J by nodal diameter k in the modes of the tuned disk.
 
-    ``forward`` and ``backward`` are the energies of the waves that travel in the direction of the sectors' numbers and against it; a standing wave
-    has one half in each, as have the diameters 0 and N/2, which cannot travel.
+    The arrays are (..., K + 1), with k from 0 to K = floor(N/2).
+
+    ``forward`` and ``backward`` are the energies of the waves that travel in the direction of the
+    sectors' numbers and against it; a standing wave has one half in each, as have the diameters 0
+    and N/2, which cannot travel.
     """
 
     forward: Array
@@ -173,7 +178,9 @@ class SectorWindows(SavedResult):
         return participation_ratio(self.rms)
 
     def plot(self, axes: Axes | None = None, **options: Any) -> Axes:
-        """Draw each sector's RMS displacement over frequency, or over time where the frequency is constant; return matplotlib's axes.
+        """Draw each sector's RMS displacement, and return matplotlib's axes.
+
+        It is drawn over the frequency, or over time if the frequency is constant.
 
         ``options`` go to matplotlib's pcolormesh.
         """
@@ -188,7 +195,11 @@ class SectorWindows(SavedResult):
 
 @dataclass(frozen=True, eq=False)
 class SectorResponse(SavedResult):
-    """Result of `simulate_sectors`: levels by sector, what happens in each window (None without windows), the state at the end, and impacts."""
+    """Result of `simulate_sectors`.
+
+    It has levels by sector, measures of each window (None without windows), the state at the end,
+    and the number of impacts.
+    """
 
     levels: SectorLevels
     windows: SectorWindows | None
@@ -234,9 +245,12 @@ def linear_sector_response(
     direction: str = "forward",
     modes: int | None = None,
 ) -> Complex:
-    """Return the complex displacement (L, N) in m/N of each sector of a disk without absorbers, at frequencies ``omega`` (L,) in rad/s.
+    """Return the complex displacement (L, N) in m/N of each sector without absorbers.
 
-    The other arguments and errors are those of `CyclicStructure.model`; undamped resonances are infinite.
+    ``omega`` (L,): frequencies in rad/s.
+
+    The other arguments and errors are those of `CyclicStructure.model`; undamped resonances are
+    infinite.
     """
     model = disk.model(engine_order, direction, modes)
     allowed = "finite frequencies in rad/s"
@@ -249,7 +263,10 @@ def linear_sector_response(
 
 
 class _DiameterModes:
-    """Modes of the tuned disk by nodal diameter, to which displacements and velocities of all freedoms are projected."""
+    """Modes of the tuned disk by nodal diameter.
+
+    Displacements and velocities of all freedoms are projected to them.
+    """
 
     def __init__(self, disk: CyclicStructure, modes: int) -> None:
         n = disk.sectors
@@ -274,7 +291,10 @@ class _DiameterModes:
         self.travels = (half > 0) & (2 * half < n)
 
     def compute_energies(self, displacement: Array, velocity: Array) -> DiameterEnergies:
-        """Return the energies (S, K + 1) of modal displacements and velocities (S, N_m) of a run."""
+        """Return the energies (S, K + 1) of a run.
+
+        They are computed from modal displacements and velocities (S, N_m).
+        """
         swing = self.omegas * np.einsum("kdm,sm->skd", self.projection, displacement)
         rate = np.einsum("kdm,sm->skd", self.projection, velocity)
         forward = 0.5 * np.sum(np.abs(swing + 1j * rate) ** 2, axis=-1)
@@ -296,7 +316,8 @@ def diameter_energies(
     disk : CyclicStructure
         The disk; its mistuning counts in the run's modes, not in those that energies refer to.
     displacement, velocity : array_like, (S, N_m)
-        Modal displacements in sqrt(kg) m and velocities in sqrt(kg) m/s, such as those of a `History`.
+        Modal displacements in sqrt(kg) m and velocities in sqrt(kg) m/s, such as those of a
+        `History`.
 
     Raises
     ------
@@ -347,7 +368,11 @@ class _WindowSums:
         return np.minimum(window, self.number - 1)
 
     def add(self, part: Response, start: float, first: int, values: Array, skip: int) -> None:
-        """Add a part that starts at a time in s, with ``values`` (S, N) of samples from number ``first`` on; ``skip`` samples are known."""
+        """Add a part of a run that starts at a time in s.
+
+        ``values`` (S, N) are samples from number ``first`` on. The first ``skip`` samples of the
+        part were added before.
+        """
         times = np.asarray(self._interval * (first + np.arange(len(values))), dtype=np.float64)
         which = self._find_windows(times)
         history = part.recorded.history
@@ -439,8 +464,9 @@ def simulate_sectors(
 ) -> SectorResponse:
     """Integrate a scene of a disk and return the levels of all sectors.
 
-    Under a `Drive` the run is made in parts, each from the state at the end of the last, so that long runs need no more memory than short ones; the
-    result is that of one run up to rounding. Under `Loads` it is made as a whole.
+    Under a `Drive` the run is made in parts, each from the state at the end of the last, so that
+    long runs need no more memory than short ones; the result is that of one run up to rounding.
+    Under `Loads` it is made as a whole.
 
     Parameters
     ----------
@@ -453,7 +479,8 @@ def simulate_sectors(
     method : Exact, Moreau or RungeKutta, optional
         Integration method (default: `Exact`).
     windows : int, optional
-        Number of equal windows of the run in which RMS, extremes, impacts and energies are collected. None: levels alone.
+        Number of equal windows of the run in which RMS, extremes, impacts and energies are
+        collected. None: levels alone.
     initial, most_events, progress, stop
         As in `simulate`; ``most_events`` is the budget of each part.
     samples_per_period : int, optional

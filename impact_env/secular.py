@@ -1,25 +1,33 @@
-"""Eigenvalues and eigenvectors of a beam with masses on it, rigidly or through one spring, with all digits.
+"""Eigenvalues and eigenvectors of a beam with masses, with all digits.
 
-In scaled coordinates sqrt(m_a) x_a the masses are 1, psi_a = sqrt(m_a) phi_a, and with d_i(s) = s^2 + 2 D_i omega_i s + omega_i^2 the eigenvalues are
-where
+The masses are attached rigidly or through one spring.
 
-    W(s) = (1/s^2 + 1/kappa(s)) I + psi^T diag(1/d_i(s)) psi        (one row and column for each mass)
+In scaled coordinates sqrt(m_a) x_a the masses are 1, psi_a = sqrt(m_a) phi_a, and with d_i(s) = s^2
++ 2 D_i omega_i s + omega_i^2 the eigenvalues are where
 
-has a null vector y; v_i = psi_i y/d_i is the beam's share. kappa = (k + c s)/m is a spring's, without a spring 1/kappa = 0.
+    W(s) = (1/s^2 + 1/kappa(s)) I + psi^T diag(1/d_i(s)) psi        (one row and column for each
+    mass)
 
-W is large and cancels where a mode hardly feels the masses. So each eigenvalue is solved for in the coordinate that moves most in it, its *lead*,
-the others being eliminated: for the mode j
+has a null vector y; v_i = psi_i y/d_i is the beam's share. kappa = (k + c s)/m is a spring's,
+without a spring 1/kappa = 0.
 
-    f_j(s) = d_j(s) + R_j(s) = 0,    R_j = psi_j^T W_j(s)^-1 psi_j,    y = -W_j^-1 psi_j,    v_j = 1,
+W is large and cancels where a mode hardly feels the masses. So each eigenvalue is solved for in the
+coordinate that moves most in it, its *lead*, the others being eliminated: for the mode j
 
-W_j being W without the mode j, and likewise s^2 + kappa + R_a for a mass on a spring. R is small and smooth where the coupling is weak. The
-unknown is the offset from the lead's own pole, so that neither d_j nor a small offset loses digits. Mass, damping and stiffness matrices are
-symmetric, so left and right eigenvectors agree, and f_j' is what they are normalised with.
+    f_j(s) = d_j(s) + R_j(s) = 0,    R_j = psi_j^T W_j(s)^-1 psi_j,    y = -W_j^-1 psi_j,    v_j =
+    1,
 
-Two eigenvalues that (almost) coincide on the real axis, as those of a critically damped mode do, have no modal form. Their part of exp(A t) is
-that of a 2 x 2 matrix with eigenvalues a +- sqrt(-b), an analytic function of b. Its two vectors are found with a small constant added to f that
-makes b what it is, or, where b < 0, from three such beside it. The slots then have b = (SPLIT |s|)^2, four and nine times that, weighted so that
-what is of second order in b is right: the error is of sixth order in SPLIT, 1e-13, and rounding grows by 1/SPLIT only.
+W_j being W without the mode j, and likewise s^2 + kappa + R_a for a mass on a spring. R is small
+and smooth where the coupling is weak. The unknown is the offset from the lead's own pole, so that
+neither d_j nor a small offset loses digits. Mass, damping and stiffness matrices are symmetric, so
+left and right eigenvectors agree, and f_j' is what they are normalised with.
+
+Two eigenvalues that (almost) coincide on the real axis, as those of a critically damped mode do,
+have no modal form. Their part of exp(A t) is that of a 2 x 2 matrix with eigenvalues a +- sqrt(-b),
+an analytic function of b. Its two vectors are found with a small constant added to f that makes b
+what it is, or, where b < 0, from three such beside it. The slots then have b = (SPLIT |s|)^2, four
+and nine times that, weighted so that what is of second order in b is right: the error is of sixth
+order in SPLIT, 1e-13, and rounding grows by 1/SPLIT only.
 """
 
 from dataclasses import dataclass
@@ -48,7 +56,10 @@ SameDataclass = TypeVar("SameDataclass")
 
 
 def raise_off_axis(size: Real, square: Real) -> list[tuple[Real, Real]]:
-    """Return imaginary part and weight (J,) of the slots that stand for pairs of a ``size`` (J,) with the squared imaginary part ``square`` (J,)."""
+    """Return imaginary part and weight (J,) of the slots that stand for close pairs.
+
+    The pairs have a ``size`` (J,) and the squared imaginary part ``square`` (J,).
+    """
     heights = [k * SPLIT_TOL * size for k in HEIGHT_FACTORS]
     weights = []
     for h in heights:
@@ -69,7 +80,10 @@ def concatenate(parts: list[SameDataclass]) -> SameDataclass:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """Oscillators (N,): the beam's modes, and last a mass on its spring if ``sprung``; ``psi`` (p, n) couples the n modes to p masses.
+    """Oscillators (N,) and their coupling.
+
+    They are the beam's n modes, followed by a mass on its spring if ``sprung``. ``psi`` (p, n)
+    couples the n modes to p masses.
 
     ``omega`` in rad/s, ``ratio`` dimensionless damping.
     """
@@ -80,7 +94,11 @@ class Coupling:
     sprung: bool
 
     def __post_init__(self) -> None:
-        """Separate equal frequencies by their last digit: a motion that leaves the masses at rest would be a root at two poles at once."""
+        """Separate equal frequencies by their last digit.
+
+        Otherwise a motion that leaves the masses at rest would be a root at two poles at the same
+        time.
+        """
         omega = np.array(self.omega)
         order = np.argsort(self.omega, kind="stable")
         for a, b in pairwise(order):
@@ -102,7 +120,10 @@ class Coupling:
         return np.asarray(self.omega**2 * (1 - self.ratio) * (1 + self.ratio))
 
     def own_poles(self) -> tuple[Complex, Complex]:
-        """Return the roots of s^2 + rate s + omega^2, each (N,): the upper of a pair and its conjugate, or the slow and the fast real one."""
+        """Return the roots of s^2 + rate s + omega^2, each (N,).
+
+        They are the upper root of a pair and its conjugate, or the slow and the fast real root.
+        """
         root = np.sqrt(np.abs(self.spread()))
         swift = self.ratio >= 1
         half = self.rate / 2
@@ -116,7 +137,10 @@ class Coupling:
 
 @dataclass(frozen=True, eq=False)
 class PoleOffsets:
-    """For each of J eigenvalues its lead (J,) and the point p (J,) that offsets are from: f = constant + offset (offset + slope) + R.
+    """Leads and reference points of J eigenvalues.
+
+    ``lead`` (J,): lead of each eigenvalue. ``point`` (J,): the point p from which offsets are
+    measured: f = constant + offset (offset + slope) + R.
 
     ``d`` (J, n): d_i(p) of the modes; ``turn`` (J, N): p + rate.
     """
@@ -161,7 +185,10 @@ def select_offsets(leads: PoleOffsets, which: NDArray[np.bool_] | Index) -> Pole
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """f and its derivative (J,), and the vectors with 1 for the lead: modes ``v`` (J, n), masses ``y`` (J, p) in W y = 0, spring's stretch (J,)."""
+    """Function f with its derivative (J,), and the vectors with 1 for the lead.
+
+    They are modes ``v`` (J, n), masses ``y`` (J, p) in W y = 0, and the spring's stretch (J,).
+    """
 
     f: Complex
     slope: Complex
@@ -228,7 +255,10 @@ def eliminate(c: Coupling, leads: PoleOffsets, offset: Complex) -> Elimination:
 
 
 def solve_secular(c: Coupling, leads: PoleOffsets, offset: Complex, most: float) -> Complex:
-    """Return the offsets where f vanishes, by Newton's method with steps of at most ``most`` times |s|; real ones stay real."""
+    """Return the offsets at which f vanishes, by Newton's method.
+
+    Its steps are at most ``most`` times |s|. Real offsets stay real.
+    """
     real = (offset.imag == 0) & (leads.point.imag == 0)
     for _ in range(ITERATIONS):
         now = eliminate(c, leads, offset)
@@ -243,7 +273,10 @@ def solve_secular(c: Coupling, leads: PoleOffsets, offset: Complex, most: float)
 
 
 def solve_at_imaginary_part(c: Coupling, leads: PoleOffsets, height: Real) -> tuple[Complex, Real]:
-    """Return offsets from real points at which f is real and the imaginary part is ``height``, and -f there: the perturbation, (J,)."""
+    """Return offsets from real points at which f is real, and -f at these offsets, (J,).
+
+    The offsets have the imaginary part ``height``. -f is the perturbation.
+    """
     offset = np.array(1j * height, dtype=np.complex128)
     for _ in range(ITERATIONS):
         now = eliminate(c, leads, offset)
@@ -256,10 +289,13 @@ def solve_at_imaginary_part(c: Coupling, leads: PoleOffsets, height: Real) -> tu
 
 @dataclass(frozen=True, eq=False)
 class Eigen:
-    """Eigenvalues (J,) and right eigenvectors: modes ``v`` (J, n), scaled masses ``z`` (J, p), the spring's ``stretch`` (J,).
+    """Eigenvalues (J,) and right eigenvectors.
 
-    Left eigenvectors, normalised: ``by_displacement``, ``by_velocity`` (J, N) of the oscillators, ``by_force`` (J, n) on the modes, ``by_pull``
-    (J,) of the scaled masses against their places. Real parts of a slot, twice where it is complex, are to be summed.
+    They are modes ``v`` (J, n), scaled masses ``z`` (J, p), and the spring's ``stretch`` (J,).
+
+    Left eigenvectors, normalised: ``by_displacement``, ``by_velocity`` (J, N) of the oscillators,
+    ``by_force`` (J, n) on the modes, ``by_pull`` (J,) of the scaled masses against their places.
+    Real parts of a slot, twice where it is complex, are to be summed.
     """
 
     s: Complex
@@ -310,7 +346,8 @@ def _vectors(
     rate = float(c.rate[-1])
     square = float(c.omega[-1] ** 2)
     damped = c.rate[-1] * stretch[:, None]
-    # v (s + rate) less the damper's share: where both are large, and that is for all but the lead, what cancels is left out
+    # v (s + rate) less the damper's share: where both are large, and that is for all but the lead,
+    # what cancels is left out
     rest = v * (square * turn[:, :n] - rate * c.omega[:n] ** 2) / (square + rate * s)[:, None]
     modes = np.where(leads.lead[:, None] == np.arange(n), v * turn[:, :n] - damped * c.psi[0], rest)
     mass = np.where(
@@ -326,10 +363,13 @@ def _vectors(
 
 
 def _vectors_at_height(c: Coupling, leads: PoleOffsets, offset: Complex) -> list[tuple[Real, Real]]:
-    """Return x, y of s and vectors = x + i height y of pairs at an ``offset`` (J,), whose imaginary part is the height.
+    """Return x, y of s and vectors = x + i height y of pairs.
 
-    Complex numbers with imaginary parts of any smallness keep the digits of x and y apart, and so does the norm, which is i height times
-    v_y^T (2 s M + C) v + v*^T M v, from v^T (2 s M + C) v and the orthogonality of v and its conjugate.
+    The height is the imaginary part of the pairs at an ``offset`` (J,).
+
+    Complex numbers with imaginary parts of any smallness keep the digits of x and y apart, and so
+    does the norm, which is i height times v_y^T (2 s M + C) v + v*^T M v, from v^T (2 s M + C) v
+    and the orthogonality of v and its conjugate.
     """
     height = offset.imag
     now = eliminate(c, leads, offset)
@@ -357,7 +397,10 @@ def _sum_weighted(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> t
 
 
 def _square(c: Coupling, leads: PoleOffsets) -> Real:
-    """Return the squared imaginary part (J,) of pairs by their leads' real points: where the perturbation that brings them there vanishes."""
+    """Return the squared imaginary part (J,) of pairs by their leads' real points.
+
+    It is the value at which the perturbation `solve_at_imaginary_part` vanishes.
+    """
     size = np.abs(leads.point)
     lowest = LEAST_HEIGHT * size
     low = LOW_HEIGHT * size
@@ -373,7 +416,10 @@ def _square(c: Coupling, leads: PoleOffsets) -> Real:
 
 
 def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
-    """Return the slots of pairs of close eigenvalues; ``place`` (J,) is near the upper one or, where they are real, near the middle."""
+    """Return the slots of pairs of close eigenvalues.
+
+    ``place`` (J,) is near the upper eigenvalue or, for real ones, near their middle.
+    """
     leads = offset_from_points(c, lead, place.real.astype(np.complex128))
     size = np.abs(place)
     apart = place.imag > SEPARATION_TOL * size  # far enough from each other to be found as they are

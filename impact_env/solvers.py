@@ -1,4 +1,6 @@
-"""From a scene and a method to kernels: the solvers, and the one table of which scenes each method can simulate (`CAPABILITIES`).
+"""Solvers of a scene and a method, and their kernels.
+
+The table `CAPABILITIES` lists which scenes each method can simulate.
 
 No other module asks which method can do which kind of scene.
 """
@@ -104,9 +106,13 @@ def variant_key(law: object) -> object:
 
 @dataclass(frozen=True)
 class Solver(ABC):
-    """Kernels for some kinds of scenes: ``lane`` makes a single run, ``lanes`` advances many under control (None: there is no such kernel).
+    """Kernels for some kinds of scenes.
 
-    ``laws``: parts of a scene without which the kernels are others, None where absent. ``searched``: whether its events are searched for.
+    ``lane`` makes a single run. ``lanes`` advances many runs under control (None: there is no such
+    kernel).
+
+    ``laws``: parts of a scene without which the kernels are others, None where absent.
+    ``searched``: whether its events are searched for.
     """
 
     name: str
@@ -116,7 +122,10 @@ class Solver(ABC):
     searched: bool
 
     def key(self, scene: Scene, drive: Excitation | None = None) -> tuple[object, ...]:
-        """Return a key, equal exactly for runs with one record that the same compiled kernels simulate (``drive`` None: one force).
+        """Return a key of the compiled kernels of a run.
+
+        Runs with the same record have equal keys exactly if the same kernels simulate them.
+        ``drive`` None: a single force.
 
         It holds all that is None or not in the kernels' arguments: laws and loads.
         """
@@ -126,28 +135,38 @@ class Solver(ABC):
     def run(
         self, scene: Scene, drive: Excitation, method: Any, state: Array, observe: Observers
     ) -> int:
-        """Integrate over the whole schedule and return a status code of `impact_env.kernels.motion.observers`.
+        """Integrate over the whole schedule and return a status code.
 
-        ``state`` (2 N_m + 2 n,) is the start and becomes the end. ``observe``, with a new clock, is filled. A slider of elastic friction starts
-        without force.
+        The codes are those of `impact_env.kernels.motion.observers`.
+
+        ``state`` (2 N_m + 2 n,) is the start and becomes the end. ``observe``, with a new clock, is
+        filled. A slider of elastic friction starts without force.
         """
 
     @abstractmethod
     def control(
         self, scene: Scene, method: Any, pseudo_period: float, batch: Batch
     ) -> Callable[[WorkQueue, int, int], bool]:
-        """Return the kernel of `kernels.control.lanes` that advances lanes by their orders' intervals; ``pseudo_period`` in s.
+        """Return the kernel of `kernels.control.lanes` that advances lanes.
+
+        ``pseudo_period`` in s. The kernel advances the lanes by the intervals of their orders.
 
         It has memory of its own, so each thread needs one.
         """
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
-        """Return the number of slots that a lane under control keeps between intervals; 1 where it keeps nothing but its state."""
+        """Return the number of slots that a lane under control stores between intervals.
+
+        It is 1 if the lane stores only its state.
+        """
         return 1
 
 
 def fill_tuple(kind: Callable[..., Part], law: object) -> Part | None:
-    """Return the kernels' tuple of a law, whose fields are the law's attributes of the same names, or their defaults; None for no law."""
+    """Return the kernels' tuple of a law, or None for no law.
+
+    Its fields are the law's attributes of the same names, or their defaults.
+    """
     if law is None:
         return None
     fields: tuple[str, ...] = kind._fields  # type: ignore[attr-defined]
@@ -185,7 +204,10 @@ def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
 
 
 def build_base_motion(scene: Scene, moves: bool) -> loads.BaseParticipation:
-    """Return the participations of a scene's modes and absorbers in the motions of its bases; zeros where none ``moves``."""
+    """Return the participations of a scene's modes and absorbers in the motions of its bases.
+
+    They are zero if no base ``moves``.
+    """
     model = scene.model
     several = isinstance(scene.absorber, SeveralAbsorbers)
     masses = scene.absorber_masses if several else np.array([scene.absorber_mass or 0.0])
@@ -198,7 +220,10 @@ def build_base_motion(scene: Scene, moves: bool) -> loads.BaseParticipation:
 
 
 def build_losses(scene: Scene) -> Losses:
-    """Return the losses of a scene: shapes at force and tip, the modes' damping, and a tuned absorber's damper."""
+    """Return the losses of a scene.
+
+    They have the shapes at force and tip, the modes' damping, and a tuned absorber's damper.
+    """
     model = scene.model
     absorber = scene.absorber
     damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
@@ -215,7 +240,10 @@ def build_contact(
     walls: Walls = NO_WALLS,
     limit: float | None = None,
 ) -> ContactLaw:
-    """Return the contact of one absorber with its place; rigid walls, and friction limit (N), None without friction."""
+    """Return the contact of one absorber with its place.
+
+    It has rigid walls and a friction limit (N), None without friction.
+    """
     mass = scene.absorber_mass
     tip_shape = np.array(scene.model.tip_shape)
     friction = getattr(scene.absorber, "friction", None)
@@ -247,7 +275,10 @@ def count_bytes(value: Any) -> int:
 
 
 class RegimeCache:
-    """Results of functions by their arguments; those used least recently go where all together have more than ``most_bytes``."""
+    """Cache of the results of functions by their arguments.
+
+    The least recently used results are removed if all together have more than ``most_bytes``.
+    """
 
     def __init__(self, most_bytes: int) -> None:
         self.most_bytes = most_bytes
@@ -292,9 +323,13 @@ cache_regimes = RegimeCache(MOST_BYTES_CACHED)
 
 @dataclass(frozen=True)
 class ExactSolver(Solver):
-    """``take`` makes of a scene, the wanted reach in s, whether the base moves, and the drive (None: under control) what the kernels take.
+    """Solver of the exact method.
 
-    ``regime``: the one of it whose slots a lane under control keeps. ``new_memory`` makes a thread's memory for ``lanes``.
+    ``take`` returns the kernels' arguments for a scene, the wanted reach in s, whether the base
+    moves, and the drive (None: under control).
+
+    ``regime``: the one of it whose slots a lane under control keeps. ``new_memory`` makes a
+    thread's memory for ``lanes``.
     """
 
     take: Callable[[Scene, float, bool, Excitation | None], KernelArguments]
@@ -338,7 +373,10 @@ class ExactSolver(Solver):
 def free_and_joined_regimes(
     model: ModalModel, mass: float, wanted: float, moves: bool, heavy: bool
 ) -> tuple[LinearRegime, LinearRegime, float]:
-    """Return the regimes of `rigid_regimes`: gap, restitution and friction limit have no part in them."""
+    """Return the regimes of `rigid_regimes`.
+
+    They do not depend on gap, restitution and friction limit.
+    """
     bounds = (find_fastest(model), find_fastest(model, mass))
     size = padded_size(max(slots for _, slots in bounds))
     reach = table_reach(max(speed for speed, _ in bounds), wanted)
@@ -349,7 +387,10 @@ def free_and_joined_regimes(
 def rigid_regimes(
     scene: Scene, wanted: float, moves: bool = False
 ) -> tuple[LinearRegime, LinearRegime, float]:
-    """Return the free and the joined regime, and the reach of their tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+    """Return the free and the joined regime, and the reach of their tables in s.
+
+    The reach is ``wanted`` or less. ``moves``: whether the base moves.
+    """
     mass = scene.absorber_mass
     assert mass is not None
     heavy = find_largest_gravity(scene.absorber) != 0
@@ -357,9 +398,12 @@ def rigid_regimes(
 
 
 def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
-    """Return walls and friction limit (N, None where absent); walls that are absent are out of reach.
+    """Return walls and friction limit (N, None without friction).
 
-    A friction damper with such walls runs as fast as one without, to the same digits, and needs no kernels of its own.
+    Absent walls are replaced by walls that are out of reach.
+
+    A friction damper with such walls runs as fast as one without, to the same digits, and needs no
+    kernels of its own.
     """
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
@@ -385,7 +429,8 @@ RIGID_SOLVER = ExactSolver(
 )
 
 
-# Exact, one absorber whose contacts are springs (paper, appendix A): a spring to the wall, and elastic Coulomb friction.
+# Exact, one absorber whose contacts are springs (paper, appendix A): a spring to the wall, and
+# elastic Coulomb friction.
 
 
 def _springs(scene: Scene) -> ContactStiffness:
@@ -400,10 +445,13 @@ def _springs(scene: Scene) -> ContactStiffness:
 
 
 def wall_damper(scene: Scene) -> float:
-    """Return the damper beside the spring of compliant walls in N s/m, from their coefficient of restitution.
+    """Return the damper parallel to the spring of compliant walls in N s/m.
 
-    Two bodies that meet freely on a spring k and a damper c separate with e = exp(-pi zeta / sqrt(1 - zeta^2)) of their
-    velocity, where c = 2 zeta sqrt(k m) and 1/m = 1/m_a + sum phi_i^2 (Brogliato, Nonsmooth Mechanics, 2016, section 2.1).
+    It follows from the walls' coefficient of restitution.
+
+    Two bodies that meet freely on a spring k and a damper c separate with e = exp(-pi zeta / sqrt(1
+    - zeta^2)) of their velocity, where c = 2 zeta sqrt(k m) and 1/m = 1/m_a + sum phi_i^2
+    (Brogliato, Nonsmooth Mechanics, 2016, section 2.1).
     """
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
@@ -417,7 +465,10 @@ def wall_damper(scene: Scene) -> float:
 def compliant_regimes(
     scene: Scene, wanted: float
 ) -> tuple[tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime], float]:
-    """Return the free regime and those with the wall's spring, with the friction's, and with both, and the reach of their tables in s.
+    """Return the regimes of compliant contact, and the reach of their tables in s.
+
+    They are the free regime and those with the wall's spring, with the friction's spring, and with
+    both.
 
     An absent spring's regime repeats another.
     """
@@ -473,12 +524,16 @@ COMPLIANT_SOLVER = ExactSolver(
 )
 
 
-# Exact, scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a closed form, without events.
+# Exact, scenes of one linear regime: no absorber, a stuck one, a tuned one. The exact method is a
+# closed form, without events.
 
 
 @cache_regimes
 def linear_regime(scene: Scene, wanted: float, moves: bool = False) -> tuple[LinearRegime, float]:
-    """Return the regime and the reach of its tables in s: ``wanted`` or less. ``moves``: whether the base does."""
+    """Return the regime of a linear scene and the reach of its tables in s.
+
+    The reach is ``wanted`` or less. ``moves``: whether the base moves.
+    """
     model = scene.model
     mass = scene.absorber_mass
     spring = build_spring(scene)
@@ -513,9 +568,11 @@ LINEAR_SOLVER = ExactSolver(
 )
 
 
-# Exact, several absorbers with rigid contact at places of their own: a regime for each set of joined ones, made when a run first needs it.
+# Exact, several absorbers with rigid contact at places of their own: a regime for each set of
+# joined ones, made when a run first needs it.
 #
-# The lane does a single absorber as well, which serves as a check: that has a family of its own, with other kernels.
+# The lane does a single absorber as well, which serves as a check: that has a family of its own,
+# with other kernels.
 
 
 @cache_regimes
@@ -536,7 +593,10 @@ def _set_regime(scene: Scene, wanted: float, moves: bool, joined: Joined) -> tup
 
 
 def _absorbers(scene: Scene) -> Absorbers:
-    """Return the kernels' arguments for the absorbers; one without walls has them infinitely far away."""
+    """Return the kernels' arguments for the absorbers.
+
+    An absorber without walls has walls at infinite distance.
+    """
     every = (
         scene.absorber.absorbers
         if isinstance(scene.absorber, SeveralAbsorbers)
@@ -566,7 +626,10 @@ def _absorbers(scene: Scene) -> Absorbers:
 
 @dataclass(frozen=True)
 class SeveralSolver(Solver):
-    """Several absorbers: each run has places for regimes of its own, which are filled while it goes on."""
+    """Solver for several absorbers.
+
+    Each run has its own places for regimes, which are filled during the run.
+    """
 
     def run(
         self, scene: Scene, drive: Excitation, method: Exact, state: Array, observe: Observers
@@ -592,11 +655,15 @@ class SeveralSolver(Solver):
 SEVERAL_SOLVER = SeveralSolver("several", several_lane, None, lambda _: (), searched=True)
 
 
-# The stepping methods: Moreau's scheme for rigid contact, Runge-Kutta's for linear scenes and compliant contact.
+# The stepping methods: Moreau's scheme for rigid contact, Runge-Kutta's for linear scenes and
+# compliant contact.
 
 
 def _writable(row: Array) -> Array:
-    """Return a copy: kernels are compiled for writable arrays only, so that no second variant of them is built."""
+    """Return a writable copy of an array.
+
+    Kernels are compiled for writable arrays only, so that no second variant of them is built.
+    """
     return np.array(row, dtype=np.float64, order="C")
 
 
@@ -634,7 +701,10 @@ def _wide(lanes: int, stride: int) -> int | None:
 
 
 def _moreau_laws(scene: Scene) -> tuple[RigidLaws, int | None]:
-    """Return the absorber's laws and the padded width of the table; a stuck absorber is one whose friction has no limit."""
+    """Return the absorber's laws and the padded width of the table.
+
+    A stuck absorber is one with an infinite friction limit.
+    """
     walls = NO_WALLS
     limit: float | None = np.inf if isinstance(scene.absorber, StuckAbsorber) else 0.0
     if isinstance(scene.absorber, SlidingAbsorber):
@@ -644,7 +714,10 @@ def _moreau_laws(scene: Scene) -> tuple[RigidLaws, int | None]:
 
 
 def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
-    """Return the absorber's laws, one that is stuck as a mass added to the tip, and the padded width of the table."""
+    """Return the absorber's laws and the padded width of the table.
+
+    A stuck absorber is a mass that is added to the tip.
+    """
     absorber = scene.absorber
     mass = scene.absorber_mass or 0.0
     stops = feedback.NO_STOPS
@@ -662,7 +735,9 @@ def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
 
 @dataclass(frozen=True)
 class SteppingSolver(Solver):
-    """A method with a fixed step; ``laws`` are those of the absorber as its kernels take them, and the padded width of the table.
+    """Solver of a method with a fixed step.
+
+    ``laws`` returns the absorber's laws for the kernels, and the padded width of the table.
 
     The laws, and whether there are loads, are values: one kernel does all scenes.
     """
@@ -720,9 +795,12 @@ RUNGE_KUTTA_SOLVER = SteppingSolver(
 
 @dataclass(frozen=True)
 class Capability:
-    """What a method does with a kind of scene: its ``solver``, or None and what to take instead (``refusal``).
+    """Capability of a method for a kind of scene.
 
-    ``moves_base``: whether it can do a base that moves; ``general``: whether it can do gravity, and forces that differ in phase.
+    It has a ``solver``, or None and a text ``refusal`` that names an alternative.
+
+    ``moves_base``: whether it can do a base that moves; ``general``: whether it can do gravity, and
+    forces that differ in phase.
     """
 
     solver: Solver | None
@@ -739,7 +817,10 @@ CAPABILITIES: dict[tuple[SceneKind, type[Method]], Capability] = {
     (SceneKind.RIGID, Moreau): Capability(MOREAU_SOLVER),
     (SceneKind.RIGID, RungeKutta): Capability(
         None,
-        "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force that is a function of the state",
+        (
+            "for rigid walls or rigid friction Exact or Moreau, since RungeKutta needs a force "
+            "that is a function of the state"
+        ),
     ),
     (SceneKind.COMPLIANT, Exact): Capability(COMPLIANT_SOLVER),
     (SceneKind.COMPLIANT, Moreau): Capability(
@@ -755,11 +836,16 @@ CAPABILITIES: dict[tuple[SceneKind, type[Method]], Capability] = {
     (SceneKind.SEVERAL, Moreau): Capability(None, "Exact for several absorbers"),
     (SceneKind.SEVERAL, RungeKutta): Capability(None, "Exact for several absorbers"),
 }
-MOVES_BASE = "for that Exact, and a scene without absorber, with one that is stuck or tuned, or with rigid contact"
+MOVES_BASE = (
+    "for that Exact, and a scene without absorber, with one that is stuck or tuned, or with rigid "
+    "contact"
+)
 
 
 def find_capability(scene: Scene, method: Method) -> Capability:
-    """Return what a method does with a scene's kind; of a method that is derived from one of the library's, what that does.
+    """Return the capability of a method for a scene's kind.
+
+    A method that is derived from one of the library's methods has the capability of that method.
 
     Raises ParameterError for a scene or a method of another class.
     """
@@ -770,7 +856,10 @@ def find_capability(scene: Scene, method: Method) -> Capability:
 
 
 def find_solver(scene: Scene, method: Method) -> Solver:
-    """Return what simulates a scene with a method; raises ParameterError if the method cannot do the scene."""
+    """Return the solver that simulates a scene with a method.
+
+    Raises ParameterError if the method cannot simulate the scene.
+    """
     able = find_capability(scene, method)
     if (heavy := find_largest_gravity(scene.absorber)) != 0:
         allowed = f"0 with {method} and {scene.kind.value}; {MOVES_BASE}"
@@ -790,20 +879,29 @@ def find_solver(scene: Scene, method: Method) -> Solver:
         not damped or isinstance(method, Exact),
         "method",
         method,
-        "Exact for compliant walls with a restitution below 1: their damper's force jumps at the touch",
+        (
+            "Exact for compliant walls with a restitution below 1: their damper's force jumps at "
+            "the touch"
+        ),
     )
     assert able.solver is not None
     return able.solver
 
 
 def kernel_key(scene: Scene, method: Method, drive: Excitation | None = None) -> tuple[object, ...]:
-    """Return the key of a run's kernels, see `Solver.key`; raises ParameterError as `find_solver` does."""
+    """Return the key of a run's kernels, see `Solver.key`.
+
+    Raises ParameterError as `find_solver` does.
+    """
     solver = find_solver(scene, method)
     return solver.key(scene) if drive is None else solver.key(*split_forces(scene, drive))
 
 
 def check_load(scene: Scene, drive: Excitation, method: Method) -> None:
-    """Raise ParameterError if a scene or a method cannot do a drive: a base that moves, or forces that differ in phase."""
+    """Raise ParameterError if a scene or a method cannot have a drive.
+
+    Such drives are a base that moves, or forces that differ in phase.
+    """
     check_places(scene.model, drive)
     able = find_capability(scene, method).general
     value = f"given with {method} and {scene.kind.value}"
@@ -818,7 +916,11 @@ def check_load(scene: Scene, drive: Excitation, method: Method) -> None:
 def check_general(
     scene: Scene, method: Method, record: Samples | None, *, moves_base: bool
 ) -> bool:
-    """Return whether the base moves in runs in intervals; raise ParameterError if a scene or a method cannot do it, or a record beside the force."""
+    """Return whether the base moves in runs in intervals.
+
+    Raises ParameterError if a scene or a method cannot have a moving base, or a record in addition
+    to the force.
+    """
     one_phase = scene.model.force_quadrature is None
     require(one_phase, "force_quadrature", "given", "None under control")
     shaken = bool(moves_base) or (record is not None and record.quantity == BASE_QUANTITY)
@@ -831,7 +933,10 @@ def check_general(
 def _check_base(scene: Scene, method: Method, loads: list[str], moves_base: bool) -> None:
     able = find_capability(scene, method).moves_base
     require(able, "loads", loads, f"forces with {method} and {scene.kind.value}; {MOVES_BASE}")
-    allowed = "given for a base that moves: the participation of the modes (base_vector, or base_participation_sqrt_kg)"
+    allowed = (
+        "given for a base that moves: the participation of the modes (base_vector, or "
+        "base_participation_sqrt_kg)"
+    )
     require(
         not moves_base or scene.model.base_participation is not None,
         "base_participation",

@@ -1,13 +1,18 @@
-"""The state in which a run starts if its load has acted for a long time: the steady state of the linear structure.
+"""Initial state of a run whose load has acted for a long time.
 
-A force that appears at once on a structure at rest starts a transient of every mode. Near resonance r the transient of a lower mode k counts about
-D omega_r/omega_k of the resonance, with D the damping ratio, and it depends on the force's phase: at high resonances the largest level of a sweep
+It is the steady state of the linear structure.
+
+A force that appears at once on a structure at rest starts a transient of every mode. Near resonance
+r the transient of a lower mode k counts about D omega_r/omega_k of the resonance, with D the
+damping ratio, and it depends on the force's phase: at high resonances the largest level of a sweep
 is then that of its start. From the steady state at the first frequency there is no such transient.
 
-The structure is linear there: an absorber whose friction can carry its inertia moves with it (stuck), another one stays at rest between its walls
-(free). Equations: (K - omega^2 M + i omega C) z = f, with M of the beam and the masses that move with it. Coordinates are relative to a base that
-moves, whose acceleration a acts as the load -(participation + masses that move with the structure) a, and leaves a free absorber at rest in space.
-Several harmonic loads, tones and orders of a schedule, add up; shocks, records and random loads begin at time 0, from the state of the others.
+The structure is linear there: an absorber whose friction can carry its inertia moves with it
+(stuck), another one stays at rest between its walls (free). Equations: (K - omega^2 M + i omega C)
+z = f, with M of the beam and the masses that move with it. Coordinates are relative to a base that
+moves, whose acceleration a acts as the load -(participation + masses that move with the structure)
+a, and leaves a free absorber at rest in space. Several harmonic loads, tones and orders of a
+schedule, add up; shocks, records and random loads begin at time 0, from the state of the others.
 """
 
 from dataclasses import dataclass
@@ -34,9 +39,11 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class _Harmonic:
-    """A harmonic load at time 0: its frequency in rad/s, complex amplitudes of the force in N and of the base's acceleration in m/s^2, and the
-    force's place.
-    """  # noqa: D205
+    """A harmonic load at time 0.
+
+    It has the frequency in rad/s, the complex amplitudes of the force in N and of the base's
+    acceleration in m/s^2, and the force's place.
+    """
 
     omega: float
     force: complex
@@ -45,11 +52,14 @@ class _Harmonic:
 
 
 def find_steady_start(scene: Scene, drive: Excitation) -> InitialState | None:
-    """Return the steady state of the linear structure under the harmonic loads, at their first frequencies; None (rest) if there is none.
+    """Return the steady state of the linear structure under the harmonic loads.
 
-    There is none where it is infinite, with gravity, without a harmonic load, and beside a ``start`` of the loads' own. Several absorbers are stuck
-    or free each by its own friction. A free absorber is at rest; if the structure moves further than its gap it starts at the middle of the cavity
-    and moves with the structure.
+    The loads have their first frequencies. The result is None (rest) if there is no steady state.
+
+    There is none where it is infinite, with gravity, without a harmonic load, and beside a
+    ``start`` of the loads' own. Several absorbers are stuck or free each by its own friction. A
+    free absorber is at rest; if the structure moves further than its gap it starts at the middle of
+    the cavity and moves with the structure.
     """
     harmonics = _harmonics_of(drive)
     if not harmonics or find_largest_gravity(scene.absorber) != 0:
@@ -143,7 +153,11 @@ def _load_on_modes(scene: Scene, harmonic: _Harmonic) -> Complex:
 def _modal_motion(
     scene: Scene, harmonic: _Harmonic, shapes: NDArray[np.float64], masses: NDArray[np.float64]
 ) -> Complex | None:
-    """Return the complex modal displacements (N_m,) with ``masses`` (n,) in kg stuck at places with ``shapes`` (n, N_m); None if infinite."""
+    """Return the complex modal displacements (N_m,) with stuck masses.
+
+    ``masses`` (n,) in kg are stuck at places with ``shapes`` (n, N_m). The result is None if they
+    are infinite.
+    """
     model = scene.model
     omega = harmonic.omega
     stiffness = np.diag(model.omega**2 + 2j * model.damping_ratio * model.omega * omega)

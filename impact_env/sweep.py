@@ -1,6 +1,9 @@
-"""Scene, drive and method to a response: the one place where a run is made. Only what is asked for is computed and stored.
+"""Runs: from scene, drive and method to a response.
 
-Here are also what goes with a run: its budget, its progress, its lists of events, and how another thread stops it.
+All runs are made in this module. Only what is requested is computed and stored.
+
+Here are also what goes with a run: its budget, its progress, its lists of events, and how another
+thread stops it.
 """
 
 import ctypes
@@ -77,8 +80,8 @@ MOST_EVENTS_ALLOWED = 10**15  # of a budget: more than a run of a year has
 class Stop:
     """Order to end runs, from any thread.
 
-    Runs under way end at their next event or window, within microseconds; later runs end at once. Many
-    runs and threads may share one order. An order that was given cannot be taken back.
+    Runs under way end at their next event or window, within microseconds; later runs end at once.
+    Many runs and threads may share one order. An order that was given cannot be taken back.
 
     Examples
     --------
@@ -144,16 +147,27 @@ class Stopped(IntegrationError):  # noqa: N818 - no error of the run's
 
 FAILURE_REASONS = {
     observers.TOO_MANY_EVENTS: "more events than its budget",
-    observers.TOO_MANY_EVALUATIONS: "the searches for its events take more evaluations than its budget",
+    observers.TOO_MANY_EVALUATIONS: (
+        "the searches for its events take more evaluations than its budget"
+    ),
     observers.SEARCH_GAVE_UP: "a search for the next event came to no end",
-    observers.NOT_FINITE: "the state is not finite: the step is above its stability limit, or a parameter is extreme",
+    observers.NOT_FINITE: (
+        "the state is not finite: the step is above its stability limit, or a parameter is extreme"
+    ),
     observers.NO_PROGRESS: "events pile up without progress in time",
     observers.STOPPED: "it was told to stop",
-    observers.JOINTS_UNSOLVED: "no forces of the absorbers' joints meet the contact laws up to rounding",
-    observers.STEP_TOO_LONG: "the step is too long for the stiffness of the nonlinear spring at the stretch that it reaches",
+    observers.JOINTS_UNSOLVED: (
+        "no forces of the absorbers' joints meet the contact laws up to rounding"
+    ),
+    observers.STEP_TOO_LONG: (
+        "the step is too long for the stiffness of the nonlinear spring at the stretch that it "
+        "reaches"
+    ),
 }
 FAILURE_ADVICE = {
-    observers.TOO_MANY_EVENTS: "raise most_events; a lower restitution, more friction or more damping has fewer events",
+    observers.TOO_MANY_EVENTS: (
+        "raise most_events; a lower restitution, more friction or more damping has fewer events"
+    ),
     observers.TOO_MANY_EVALUATIONS: "raise most_events, or take fewer modes or more damping",
     observers.SEARCH_GAVE_UP: "change a parameter a little, or take fewer modes",
     observers.NOT_FINITE: "take a shorter step, or milder parameters",
@@ -164,10 +178,12 @@ FAILURE_ADVICE = {
 
 
 class EventRecorder:
-    """The events of one run: ``events`` is what its kernel fills, `found` returns what it has filled.
+    """Recorder of the events of one run.
 
-    A kernel that has used all places of a list calls `empty`, with Python's lock. What goes wrong there, or a KeyboardInterrupt that arrives there,
-    ends the run and is raised by `close`.
+    ``events`` is filled by the run's kernel. `found` returns the recorded events.
+
+    A kernel that has used all places of a list calls `empty`, with Python's lock. What goes wrong
+    there, or a KeyboardInterrupt that arrives there, ends the run and is raised by `close`.
     """
 
     def __init__(self, contacts: bool, reversals: bool, counters: Counters) -> None:
@@ -201,7 +217,10 @@ class EventRecorder:
             self.events.counts[name] = 0
 
     def close(self) -> None:
-        """Take the last records, and raise what has gone wrong in `empty`; no kernel may run any more."""
+        """Take the last records, and raise an error that occurred in `empty`.
+
+        No kernel may run any more.
+        """
         if self._error is not None:
             raise self._error
         self.empty()
@@ -230,9 +249,12 @@ class EventRecorder:
 def new_run_counters(
     drive: Excitation, most_events: int | None, check: CheckObserver | None = None
 ) -> Counters:
-    """Return a run's counters with its budget; None is the default, which grows with the time reached.
+    """Return a run's counters with its budget.
 
-    Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each pseudo period that has passed, too.
+    ``most_events`` None: the default budget, which grows with the time reached.
+
+    Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each
+    pseudo period that has passed, too.
     """
     events = FIRST_EVENTS
     per_period = EVENTS_PER_PERIOD
@@ -254,7 +276,8 @@ def new_run_counters(
 def run_in_thread(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
     """Do ``work`` in a thread and call ``progress`` ten times a second with the time reached.
 
-    A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is passed on; one that is being compiled is left behind.
+    A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is
+    passed on; one that is being compiled is left behind.
     """
     with ThreadPoolExecutor(1) as pool:
         try:
@@ -270,7 +293,10 @@ def run_in_thread(work: Callable[[], T], counters: Counters, end: float, progres
 
 
 def _balanced(scene: Scene, record: Record) -> bool:
-    """Return whether a run takes the kernel with energies, which also checks searches; all else is recorded by one kernel."""
+    """Return whether a run needs the kernel with energies, which also checks searches.
+
+    All other runs are recorded by a single kernel.
+    """
     if record.energy or record.check:
         return True
     # an impact on a compliant wall with a damper: only the energies know its loss
@@ -391,8 +417,8 @@ def simulate(
     Notes
     -----
     The exact method propagates the linear modes of each regime (flight, sticking, wall contact) in
-    closed form and finds the events between them by interval bounds; docs/method.md derives it. Levels
-    are those of the paper (section 3.1), see `ResponseLevel`.
+    closed form and finds the events between them by interval bounds; docs/method.md derives it.
+    Levels are those of the paper (section 3.1), see `ResponseLevel`.
 
     Examples
     --------
@@ -484,7 +510,8 @@ def _failure(response: Response, counters: Counters, status: int) -> Integration
         used = counts["events"]
         most = counts["most_events"] + counts["events_per_s"] * at
         parts.append(
-            f"after {used:,.0f} events of {most:,.0f} allowed up to there and {counts['evaluations']:,.0f} evaluations"
+            f"after {used:,.0f} events of {most:,.0f} allowed up to there and "
+            f"{counts['evaluations']:,.0f} evaluations"
         )
     kind = Stopped if status == observers.STOPPED else IntegrationError
     return kind(

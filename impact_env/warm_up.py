@@ -1,9 +1,12 @@
-"""Compile the kernels into their cache before they are needed: ``python -m impact_env.warm_up [environments|all]``.
+"""Compile the kernels into their cache before they are needed.
 
-numba compiles a kernel once for each combination of absent and present parts. These are the combinations that the main job meets or, with the word
-``environments``, the Gymnasium environments with their default scenes; with ``all`` both, and the kernels with energies: what a wheel with
-kernels brings. Any other is compiled, and cached, when it is first used. Each combination is compiled by a process of its own, as many at a time as
-there are cores.
+The command is ``python -m impact_env.warm_up [environments|all]``.
+
+numba compiles a kernel once for each combination of absent and present parts. These are the
+combinations that the main job meets or, with the word ``environments``, the Gymnasium environments
+with their default scenes; with ``all`` both, and the kernels with energies: what a wheel with
+kernels brings. Any other is compiled, and cached, when it is first used. Each combination is
+compiled by a process of its own, as many at a time as there are cores.
 """
 
 import signal

@@ -1,8 +1,9 @@
 """Which absorber, how large a gap, where: design of absorbers by simulation.
 
-`advise`, `compare`, `explain`, `choose_place`, `tune` and `calibrate` return whole answers: each has its text (`str`), `to_json`,
-`to_markdown`, `to_html`, `plot` and `save`, and is what the commands `design gap`, `compare`, `design search`, `design place`, `design tune`
-and `calibrate` print and write.
+`advise`, `compare`, `explain`, `choose_place`, `tune` and `calibrate` return whole answers: each
+has its text (`str`), `to_json`, `to_markdown`, `to_html`, `plot` and `save`, and is what the
+commands `design gap`, `compare`, `design search`, `design place`, `design tune` and `calibrate`
+print and write.
 """
 
 from importlib import import_module

@@ -1,17 +1,23 @@
-"""Absorbers by rules, and the best of others: a friction damper's limit from the energy of one cycle, gap and friction of an impact absorber.
+"""Design rules for absorbers, and baseline levels with other absorbers of the same mass.
 
-A mass m_a slides on a tip that moves with amplitude q at Omega. It is driven by the friction alone, whose first harmonic is F = 4 mu f_N/pi, so
-its own amplitude is F/(m_a Omega^2) at right angles to the sliding, which therefore has the amplitude X with X^2 + (F/(m_a Omega^2))^2 = q^2. The
-energy lost in a cycle, pi F X, is largest for F = m_a Omega^2 q/sqrt(2): then X = q/sqrt(2), the loss is pi m_a Omega^2 q^2/2, and half of the mass
-moves with the tip. With one mode (damping ratio D, shapes phi_t at the tip and phi_f at the force) in resonance, force and losses balance:
+The rules give a friction damper's limit from the energy of one cycle, and the gap and friction of
+an impact absorber. The baselines are the best of the other absorbers.
+
+A mass m_a slides on a tip that moves with amplitude q at Omega. It is driven by the friction alone,
+whose first harmonic is F = 4 mu f_N/pi, so its own amplitude is F/(m_a Omega^2) at right angles to
+the sliding, which therefore has the amplitude X with X^2 + (F/(m_a Omega^2))^2 = q^2. The energy
+lost in a cycle, pi F X, is largest for F = m_a Omega^2 q/sqrt(2): then X = q/sqrt(2), the loss is
+pi m_a Omega^2 q^2/2, and half of the mass moves with the tip. With one mode (damping ratio D,
+shapes phi_t at the tip and phi_f at the force) in resonance, force and losses balance:
 
     f phi_f/phi_t = q Omega^2 (m_a/2 + 2 D/phi_t^2),        Omega^2 = omega_r^2/(1 + m_a phi_t^2/2).
 
-In an impact absorber friction counts by its ratio to m_a g0 omega^2 (scaling law: mass, gap and time are the units). The paper's 0.1 N with 2 % of
-the beam's mass and 1 mm is 0.139 of m_a g0 omega_1^2, and the same share on another structure is the same absorber.
+In an impact absorber friction counts by its ratio to m_a g0 omega^2 (scaling law: mass, gap and
+time are the units). The paper's 0.1 N with 2 % of the beam's mass and 1 mm is 0.139 of m_a g0
+omega_1^2, and the same share on another structure is the same absorber.
 
-Absorbers of other kinds with the same mass are judged by one criterion: the larger response level of a sweep up and one down over the same range
-of frequencies.
+Absorbers of other kinds with the same mass are judged by one criterion: the larger response level
+of a sweep up and one down over the same range of frequencies.
 """
 
 from collections.abc import Callable
@@ -56,9 +62,13 @@ def paper_share() -> float:
 
 
 def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
-    """Return the paper's friction limit in N scaled to ``mass`` (kg) and ``gap`` (m) on any structure: the same share of m_a g0 omega_1^2.
+    """Return the paper's friction limit in N, scaled to ``mass`` (kg) and ``gap`` (m).
 
-    It is the first frequency, near whichever resonance the absorber works, as in the paper, whose 0.1 N serve two resonances.
+    On any structure it is the same share of m_a g0 omega_1^2 as in the paper. The frequency omega_1
+    is that of the lowest mode.
+
+    The first frequency counts for every resonance, as in the paper, where one limit of 0.1 N serves
+    two resonances.
     """
     model = instance("model", model, ModalModel)
     return (
@@ -72,10 +82,12 @@ def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
 def best_friction(
     model: ModalModel, mass: float, force: float, resonance: int = 1
 ) -> tuple[float, float]:
-    """Return (friction limit mu f_N in N, RMS in m where the level is read) by the energy argument for a ``force`` in N at a resonance.
+    """Return the best friction limit mu f_N in N and the RMS in m where the level is read.
 
-    ``mass`` m_a in kg. Only the resonance's own mode counts. Raises ParameterError for numbers out of range, and where the mode does not move the
-    tip or the force does not reach it.
+    Both follow from the energy of one cycle, for a ``force`` in N at a resonance.
+
+    ``mass`` m_a in kg. Only the resonance's own mode counts. Raises ParameterError for numbers out
+    of range, and where the mode does not move the tip or the force does not reach it.
     """
     model = instance("model", model, ModalModel)
     omega = model.resonance_omega(resonance)
@@ -111,7 +123,10 @@ def scaled_absorber(
     mass_ratio: float = DEFAULT_MASS_RATIO,
     restitution: float = RESTITUTION,
 ) -> SlidingAbsorber:
-    """Return an impact absorber with the rule's gap for a force in N, and the paper's friction by the scaling law (`scaled_friction`)."""
+    """Return an impact absorber with the design rule's gap for a force in N.
+
+    Its friction is the paper's, scaled by `scaled_friction`.
+    """
     model = instance("model", model, ModalModel)
     mass = usable_mass_ratio("mass_ratio", mass_ratio) * model.beam_mass
     friction = scaled_friction(model, mass, gap_unit(model, mass, force, resonance))
@@ -136,10 +151,12 @@ DAMPER_STEP = float(np.log(2.2))  # of ln friction limit
 
 @dataclass(frozen=True)
 class Baselines:
-    """Levels in m (RMS) with other absorbers of the same mass, from sweeps over the same range; NaN where an absorber does nothing.
+    """Levels in m (RMS) with other absorbers of the same mass, swept over the same range.
 
-    ``tuned``: the tuned absorber with the smallest largest amplitude in the range. ``damper``: the best of the friction dampers that were simulated,
-    with its limit ``damper_limit`` in N.
+    A level is NaN if the absorber has no effect.
+
+    ``tuned``: the tuned absorber with the smallest largest amplitude in the range. ``damper``: the
+    best of the friction dampers that were simulated, with its limit ``damper_limit`` in N.
     """
 
     tuned: float
@@ -156,9 +173,12 @@ def simulate_baselines(
     rate: float,
     executor: Executor,
 ) -> Baselines:
-    """Return the levels of other absorbers of a mass; ``condition``: force in N and resonance. Raises KeyboardInterrupt if it is stopped.
+    """Return the levels with other absorbers of the same mass.
 
-    All of them are swept over one range, in units of the resonance, at one rate in % per 100 pseudo periods.
+    ``condition``: force in N and resonance. Raises KeyboardInterrupt if the runs are stopped.
+
+    All of them are swept over one range, in units of the resonance, at one rate in % per 100 pseudo
+    periods.
     """
     force, resonance = condition
 
@@ -194,7 +214,11 @@ def simulate_baselines(
 
 
 def estimate_damper(model: ModalModel, mass: float, force: float, resonance: int) -> float:
-    """Return a friction limit in N from which to search a damper's: by the energy of a cycle, or by the free amplitude where that says nothing."""
+    """Return the friction limit in N at which the search for a damper's limit starts.
+
+    It follows from the energy of one cycle, or from the free amplitude if the energy gives no
+    limit.
+    """
     try:
         return best_friction(model, mass, force, resonance)[0]
     except ParameterError:
@@ -203,9 +227,13 @@ def estimate_damper(model: ModalModel, mass: float, force: float, resonance: int
 
 
 def find_best_damper(level: Callable[[float], float], estimate: float) -> tuple[float, float]:
-    """Return (friction limit, level) of the best of four dampers: the estimate, one to either side, and one by the parabola through them.
+    """Return (friction limit in N, level) of the best of four friction dampers.
 
-    ``level``: of a limit in N. Where the best of three is the weakest or the strongest, the fourth goes on outwards.
+    The four limits are the estimate, one to either side of it, and the minimum of the parabola
+    through these three.
+
+    ``level``: of a limit in N. Where the best of three is the weakest or the strongest, the fourth
+    goes on outwards.
     """
     if not (np.isfinite(estimate) and estimate > 0):
         return float("nan"), float("nan")

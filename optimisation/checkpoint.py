@@ -1,11 +1,14 @@
-"""Finished work kept in files: pieces of long work, and the runs of a search, from which a stopped or killed run goes on.
+"""Finished work saved in files, from which a stopped or killed run continues.
 
-The file is a SQLite database with one table. SQLite writes each piece whole or not at all, and lets no second process in meanwhile. A process that
-is killed loses nothing; a machine that loses its power may lose the last pieces.
+The saved work consists of pieces of long work, and of the runs of a search.
 
-All searches follow from their seed and from what the runs have told them. Begun again, they ask for the same runs in the same order, and those that
-the file holds are not made again. A run is known by all that goes into it, so that a search which takes another way finds nothing, and only runs
-more.
+The file is a SQLite database with one table. SQLite writes each piece whole or not at all, and lets
+no second process in meanwhile. A process that is killed loses nothing; a machine that loses its
+power may lose the last pieces.
+
+All searches follow from their seed and from what the runs have told them. Begun again, they ask for
+the same runs in the same order, and those that the file holds are not made again. A run is known by
+all that goes into it, so that a search which takes another way finds nothing, and only runs more.
 """
 
 from __future__ import annotations
@@ -40,16 +43,22 @@ REFUSALS = {
 
 
 class Checkpoint:
-    """JSON values by name, ``known``, also in the file ``path`` unless it is None; the file belongs to this process until `close`.
+    """JSON values by name, in memory and in a file.
 
-    Raises ParameterError, which begins with the name of the ``option``, for a file that is something else, of an earlier form, damaged, in use, or
-    not writable.
+    ``known``: the values. ``path``: the file, or None for memory alone. The file belongs to this
+    process until `close`.
+
+    Raises ParameterError, which begins with the name of the ``option``, for a file that is
+    something else, of an earlier form, damaged, in use, or not writable.
     """
 
     def __init__(self, path: Path | None = None, option: str = "--resume") -> None:
         self.path = path
         self.known = dict[str, Any]()
-        self.something_else = f"{option} = {path} is not allowed: a file that this option has written before, or none yet"
+        self.something_else = (
+            f"{option} = {path} is not allowed: a file that this option has written before, or "
+            "none yet"
+        )
         if path is None:
             return
         try:
@@ -85,7 +94,10 @@ class Checkpoint:
             ) from error
 
     def keep(self, name: str, value: object) -> None:
-        """Keep a value that JSON has, or NaN, for good; raises OSError if the file cannot take it: then it holds what it held."""
+        """Store a value that JSON can express, or NaN, permanently.
+
+        Raises OSError if the file cannot be written. The file then has its old content.
+        """
         self.known[name] = value
         if self.path is not None:
             try:
@@ -136,7 +148,10 @@ IDENTITY = "identity"
 
 @dataclass(eq=False)
 class RunCache:
-    """An executor that makes only the runs that are not ``checkpoint``, and keeps them; ``runs`` counts the lanes that were made."""
+    """An executor that makes only the runs that ``checkpoint`` lacks, and stores them.
+
+    ``runs``: number of lanes that were made.
+    """
 
     executor: Executor
     checkpoint: Checkpoint = field(default_factory=Checkpoint)
@@ -145,7 +160,10 @@ class RunCache:
     def each(
         self, function: Callable[[Any], Any], items: Sequence[Any], kinds: Sequence[Hashable]
     ) -> Generator[tuple[int, Any], None, None]:
-        """See `impact_env.ensemble.Executor`; raises OSError if the file cannot take more, which it then holds as it was."""
+        """Yield the results of all items, see `impact_env.ensemble.Executor`.
+
+        Raises OSError if the file cannot be written. The file then has its old content.
+        """
         same: dict[str, list[int]] = {}
         for k, chunk in enumerate(items):
             same.setdefault(key_of(chunk), []).append(k)
@@ -200,7 +218,8 @@ def open_run_cache(
 ) -> Iterator[RunCache]:
     """Give an executor that goes on with the runs that a file holds; None keeps them in memory.
 
-    The file belongs to this process until the end. Raises ParameterError if it cannot be used (`Kept`), or is of another identity.
+    The file belongs to this process until the end. Raises ParameterError if it cannot be used
+    (`Kept`), or is of another identity.
     """
     with closing(Checkpoint(file, FILE)) as checkpoint:
         wanted = json.loads(json.dumps(identity))
@@ -209,6 +228,7 @@ def open_run_cache(
             checkpoint.keep(IDENTITY, wanted)
         elif held != wanted:
             raise ParameterError(
-                f"{FILE} = {file} is not allowed: it is another study: {difference(held, wanted)}; choose another file"
+                f"{FILE} = {file} is not allowed: it is another study: "
+                f"{difference(held, wanted)}; choose another file"
             )
         yield RunCache(executor, checkpoint)

@@ -1,13 +1,18 @@
-"""The main study: absorber concepts compared over the force, near two resonances (paper, section 6 and its last figure).
+"""The main study: absorber concepts compared over the force, near two resonances.
 
-All concepts have the same mass. The impact absorber and the friction damper have the paper's parameters, the tuned absorber (the
-paper's LTVA) has them too and is compared with a well-tuned one, since the paper's is mistuned (see `optimisation.tuned`). A
-well-tuned absorber splits the resonance into two peaks that lie outside the paper's sweep, so both are also swept over the wide
+It corresponds to section 6 of the paper and its last figure.
+
+All concepts have the same mass. The impact absorber and the friction damper have the paper's
+parameters, the tuned absorber (the paper's LTVA) has them too and is compared with a well-tuned
+one, since the paper's is mistuned (see `optimisation.tuned`). A well-tuned absorber splits the
+resonance into two peaks that lie outside the paper's sweep, so both are also swept over the wide
 range for which they are tuned.
 
-Under other loads each concept is at its own best for the loads as they are: the tuned absorber by a simplex search
-(`optimisation.tuned.under_loads`), the impact absorber's gap and the friction damper's limit on a grid and between its points. They make smallest
-what is left of the loads' measure (`optimisation.measures`), in the mean over the members. All meet the same records and phases: ratios are paired.
+Under other loads each concept is at its own best for the loads as they are: the tuned absorber by a
+simplex search (`optimisation.tuned.under_loads`), the impact absorber's gap and the friction
+damper's limit on a grid and between its points. They make smallest what is left of the loads'
+measure (`optimisation.measures`), in the mean over the members. All meet the same records and
+phases: ratios are paired.
 """
 
 from collections.abc import Callable, Sequence
@@ -76,7 +81,8 @@ WIDE = f"swept {LOW:g} to {HIGH:g}"
 DEFAULT_FORCES = 24
 MOST_FORCES = 10_000
 RESONANCES = (1, 2)
-# range of forces over the design force of the resonance: from where no wall is reached to where the absorber is almost an added mass
+# range of forces over the design force of the resonance: from where no wall is reached to where the
+# absorber is almost an added mass
 FORCE_SPAN = (0.06, 5.0)
 # four in ten forces lie this close around the design force, where the optimum is
 OPTIMUM_SPAN = (0.5, 1.6)
@@ -84,7 +90,11 @@ OPTIMUM_SPAN = (0.5, 1.6)
 
 @dataclass(frozen=True)
 class Concept:
-    """An absorber under comparison: a short ``key`` for files, a ``label`` for people, and the sweep's limits over the resonance."""
+    """An absorber of the comparison.
+
+    ``key``: short name for files. ``label``: name in tables and figures. ``limits``: ends of the
+    sweep over the resonance.
+    """
 
     key: str
     label: str
@@ -102,7 +112,10 @@ LTVA_TUNED_WIDE = "ltva_tuned_wide"
 
 
 def concepts(model: ModalModel) -> tuple[Concept, ...]:
-    """Return the concepts with the paper's parameters; the well-tuned absorber is tuned to the first resonance of ``model``."""
+    """Return the concepts with the paper's parameters.
+
+    The well-tuned absorber is tuned to the first resonance of ``model``.
+    """
     paper = TunedAbsorber()
     tuned = minimax(model)
     return (
@@ -126,11 +139,14 @@ def scaled_concepts(
     force: float,
     damper_level: Callable[[SlidingAbsorber], float],
 ) -> tuple[Concept, ...]:
-    """Return the concepts for any structure: what the paper chose for its beam, by the rules behind it, for a ``force`` (N) near a ``resonance``.
+    """Return the concepts for any structure, near a ``resonance`` at a ``force`` (N).
 
-    The friction of the impact absorber follows the scaling law; the damper is the best of those that are simulated (`find_best_damper`), by the
-    function ``damper_level`` of a damper in m; the tuned absorber is tuned to the resonance. All have the mass ratio, the
-    impact absorber has the ``gap`` in m.
+    Their parameters follow from the rules behind the paper's choices for its beam.
+
+    The friction of the impact absorber follows the scaling law; the damper is the best of those
+    that are simulated (`find_best_damper`), by the function ``damper_level`` of a damper in m; the
+    tuned absorber is tuned to the resonance. All have the mass ratio, the impact absorber has the
+    ``gap`` in m.
     """
     mass = mass_ratio * model.beam_mass
     absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap), mass_ratio)
@@ -151,7 +167,11 @@ def scaled_concepts(
 
 @dataclass(frozen=True, eq=False)
 class ComparedLevels:
-    """Levels over one row of amplitudes: ``forces`` (F,) in N, or factors on loads; ``curves`` by the concepts' keys."""
+    """Levels over one series of amplitudes.
+
+    ``forces``: amplitudes (F,) in N, or factors on loads. ``curves``: performance curves by the
+    concepts' keys.
+    """
 
     forces: Array
     curves: dict[str, PerformanceCurve]
@@ -163,10 +183,13 @@ class ComparedLevels:
 
 @dataclass(frozen=True, eq=False)
 class ResonanceComparison(ComparedLevels):
-    """Levels near one resonance. ``design_force`` in N; the absorbers' ``mass`` (kg) and ``gap`` (m).
+    """Levels near one resonance.
 
-    ``limits`` of the sweeps over the resonance, but for concepts with wider ones of their own. ``own_force``: that of the forces (N) at which the
-    concepts are compared; None for the impact absorber's best. ``cases``: the sweeps behind the curves.
+    ``design_force`` in N. ``mass`` (kg) and ``gap`` (m) of the absorbers.
+
+    ``limits`` of the sweeps over the resonance, but for concepts with wider ones of their own.
+    ``own_force``: that of the forces (N) at which the concepts are compared; None for the impact
+    absorber's best. ``cases``: the sweeps behind the curves.
     """
 
     model: ModalModel
@@ -188,7 +211,10 @@ class ResonanceComparison(ComparedLevels):
         return self.model.resonance_omega(self.resonance)
 
     def limit_at(self, forces: Array) -> Array:
-        """Return the limit in m at forces in N: no device of this mass and gap has a smaller stationary maximum (`optimisation.bounds`)."""
+        """Return the passive limit in m at forces in N.
+
+        No device of this mass and gap has a smaller stationary maximum (`optimisation.bounds`).
+        """
         return resonance_limit(
             self.model, self.mass, self.gap, forces, self.resonance, *self.limits
         )
@@ -200,12 +226,18 @@ class ResonanceComparison(ComparedLevels):
 
     @property
     def reach(self) -> float:
-        """Free amplitude over gap at the design force; below 1 the impact absorber never touches a wall there."""
+        """Free amplitude over gap at the design force.
+
+        If it is below 1, the impact absorber never touches a wall at that force.
+        """
         return reach(self.model, self.mass, self.resonance)
 
     @property
     def sweep_ratio(self) -> float:
-        """Level of the sweeps without absorber over the stationary one; NaN if nothing is finished."""
+        """Level of the sweeps without absorber over the stationary level.
+
+        It is NaN if no run is finished.
+        """
         none = self.curves[NONE]
         return float(none.median[0] / self.forces[0]) / stationary_level(
             self.model, self.resonance, self.limits
@@ -213,7 +245,10 @@ class ResonanceComparison(ComparedLevels):
 
     @property
     def best(self) -> int | None:
-        """Index of the impact absorber's best force, relative to no absorber; None if nothing is finished."""
+        """Index of the impact absorber's best force, relative to the structure without absorber.
+
+        It is None if no run is finished.
+        """
         optimum = self.curves[IMPACT].optimum(self.curves[NONE])
         return None if optimum is None else int(np.flatnonzero(self.forces == optimum.force)[0])
 
@@ -229,7 +264,11 @@ class ResonanceComparison(ComparedLevels):
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The whole study. ``own_structure``: on another structure than the paper's beam, whose absorbers then have other parameters than the paper's."""
+    """The comparison of all concepts.
+
+    ``own_structure``: whether the structure is not the paper's beam. Its absorbers then have other
+    parameters than the paper's.
+    """
 
     model: ModalModel
     concepts: tuple[Concept, ...]
@@ -259,7 +298,10 @@ class Comparison:
 
 
 def force_grid(design: float, forces: int = DEFAULT_FORCES) -> Array:
-    """Return rising forces in N, (forces,), over `FORCE_SPAN` times the design force (N), denser around it; at least 2."""
+    """Return ascending forces in N, (forces,), over `FORCE_SPAN` times the design force.
+
+    They are denser around the design force (N). There are at least 2 of them.
+    """
     forces = count("forces", forces, 2, MOST_FORCES)
     design = positive("design force", design)
     marks = np.log([FORCE_SPAN[0], OPTIMUM_SPAN[0], OPTIMUM_SPAN[1], FORCE_SPAN[1]])
@@ -285,13 +327,18 @@ def compare(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Comparison:
-    """Compute all curves near the ``resonances``; other arguments and interruption as in `performance_curves`, a rate of None is `default_rate`.
+    """Compute all curves near the ``resonances``.
 
-    On the paper's beam (None), with any number of modes, the absorbers have the paper's parameters. On another structure, or with another mass, gap
-    or force, they follow from rules (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a ``force`` in N
-    near the first of the resonances. A ``device`` with rigid walls stands in the place of the impact absorber, and gives mass and gap; a ``force``
-    beside it is one at which all are compared near the first resonance, the damper at its best for it. Forces go around the design force of each
-    resonance.
+    Other arguments and the interruption are those of `performance_curves`. A rate of None is
+    `default_rate`.
+
+    On the paper's beam (None), with any number of modes, the absorbers have the paper's parameters.
+    On another structure, or with another mass, gap or force, they follow from rules
+    (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a
+    ``force`` in N near the first of the resonances. A ``device`` with rigid walls stands in the
+    place of the impact absorber, and gives mass and gap; a ``force`` beside it is one at which all
+    are compared near the first resonance, the damper at its best for it. Forces go around the
+    design force of each resonance.
     """
     if device is not None:
         require(gap is None, "gap", gap, "left out beside a device")
@@ -418,7 +465,10 @@ Stages = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class BandComparison(ComparedLevels):
-    """Measures in one band of frequencies, from ``low`` to ``high`` in Hz (all there are where there is but one)."""
+    """Measures in one frequency band from ``low`` to ``high`` in Hz.
+
+    If there is only one band, it contains all frequencies.
+    """
 
     low: float
     high: float
@@ -428,8 +478,8 @@ class BandComparison(ComparedLevels):
 class LoadComparison:
     """Measures of each concept over the loads' intensity, band by band.
 
-    ``free_size`` in m: size of the free motion at the absorber's place. ``readings``: where each concept's level is read under the loads as they are
-    (`optimisation.load_cases.find_reading`).
+    ``free_size`` in m: size of the free motion at the absorber's place. ``readings``: where each
+    concept's level is read under the loads as they are (`optimisation.load_cases.find_reading`).
     """
 
     case: AppliedLoads
@@ -450,7 +500,11 @@ class LoadComparison:
 
 
 def _best(left: MeanRatio, make: Callable[[float], Absorber], sizes: Array) -> Absorber:
-    """Return the absorber of the size (gap or limit) with the least measure: of a grid in equal ratios, then between its neighbours."""
+    """Return the absorber of the size with the least measure.
+
+    The size is a gap or a friction limit. It is the best of a grid in equal ratios, refined between
+    its neighbours.
+    """
 
     def least(grid: Array) -> float:
         return float(grid[np.argmin(left([make(float(size)) for size in grid]))])
@@ -471,11 +525,13 @@ def compare_loads(
     executor: Executor | None = None,
     progress: Stages | None = None,
 ) -> LoadComparison:
-    """Return the comparison over a number of ``factors`` of the loads' intensity; a ``gap`` in m is taken instead of the best one.
+    """Return the comparison over a number of ``factors`` of the loads' intensity.
 
-    The absorbers are chosen on ``members`` runs, and compared on as many others.
-    ``progress`` takes what is looked for, the number of runs so far, and how many there will be (0: not known). An ``executor`` runs them elsewhere.
-    Raises KeyboardInterrupt if the runs are stopped.
+    A given ``gap`` in m replaces the best one.
+
+    The absorbers are chosen on ``members`` runs, and compared on as many others. ``progress`` takes
+    what is looked for, the number of runs so far, and how many there will be (0: not known). An
+    ``executor`` runs them elsewhere. Raises KeyboardInterrupt if the runs are stopped.
     """
     model = case.model
     loads = case.loads

@@ -1,7 +1,7 @@
-"""Levels of the worst sector of bladed disks: which clearance is best for all sectors, and absorbers compared.
+"""Levels of the worst sector of bladed disks: best common clearance, absorbers compared.
 
-The level of a disk is that of the sector with the highest one, the larger of a sweep up and a sweep down. Each member of an ensemble is another
-disk, mistuned by chance.
+The level of a disk is that of the sector with the highest one, the larger of a sweep up and a sweep
+down. Each member of an ensemble is another disk, mistuned by chance.
 """
 
 from __future__ import annotations
@@ -48,10 +48,13 @@ FORCE_SPAN = (
 
 
 def equivalent_sector(disk: BladedDisk, resonance: int | None = None) -> ModalModel:
-    """Return one mode that moves as the most excited sector of the tuned disk in steady motion at a resonance.
+    """Return a model of one mode that moves as the most excited sector of the tuned disk.
 
-    All modes at the frequency of the resonance count: under a travelling force those of a pair. The shapes are those of a unit wave of forces at the
-    sectors' force and absorber places; the mass is that of a sector. Rules for one absorber then hold for an absorber in every sector.
+    It does so in steady vibration at a resonance.
+
+    All modes at the frequency of the resonance count: under a travelling force those of a pair. The
+    shapes are those of a unit wave of forces at the sectors' force and absorber places; the mass is
+    that of a sector. Rules for one absorber then hold for an absorber in every sector.
     """
     resonance = find_excited_resonance(disk) if resonance is None else resonance
     tuned = disk.tuned()
@@ -86,7 +89,10 @@ def equivalent_sector(disk: BladedDisk, resonance: int | None = None) -> ModalMo
 
 
 def friction_dampers(disk: BladedDisk, force: float, resonance: int | None = None) -> BladedDisk:
-    """Return the disk with friction dampers of the absorbers' masses in place of them; the limits are by the energy of a cycle (`best_friction`)."""
+    """Return the disk with friction dampers of the same masses in place of the absorbers.
+
+    Their friction limits follow from the energy of a cycle (`best_friction`).
+    """
     sector = equivalent_sector(disk, resonance)
     dampers = []
     for absorber in disk.absorbers:
@@ -97,7 +103,10 @@ def friction_dampers(disk: BladedDisk, force: float, resonance: int | None = Non
 
 @dataclass(frozen=True)
 class DiskCase:
-    """Sweeps of disks: the ``force`` in N on each sector, near a ``resonance`` of the tuned disk, over ``limits`` times its frequency.
+    """Sweeps of disks near a ``resonance`` of the tuned disk.
+
+    ``force``: amplitude in N on each sector. ``limits``: ends of the sweep over the resonance's
+    frequency.
 
     ``rate`` in % per 100 pseudo periods.
     """
@@ -129,7 +138,11 @@ def disk_case(
     resonance: int | None = None,
     rate: float | None = None,
 ) -> DiskCase:
-    """Return the case of a disk; None: its own force, the resonance that this excites most, the rate that suits its damping."""
+    """Return the case of a disk.
+
+    Defaults (None) are the disk's own force, the resonance that this force excites most, and the
+    rate that suits the disk's damping.
+    """
     amplitude = force_of(disk, force)
     number = find_excited_resonance(disk) if resonance is None else resonance
     schedule = disk_schedule(disk, number, None, rate)
@@ -148,7 +161,11 @@ def worst_levels(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Array:
-    """Return the level in m of the worst sector of each member, the larger of a sweep up and one down. Raises KeyboardInterrupt if it is stopped."""
+    """Return the level in m of the worst sector of each member.
+
+    The level is the larger of a sweep up and a sweep down. Raises KeyboardInterrupt if the runs are
+    stopped.
+    """
     responses = run_disks(
         case.runs(disk, force, members, seed), progress=progress, executor=executor
     )
@@ -171,7 +188,8 @@ class DiskGapChoice:
     reference : float
         The design rule's gap in m.
     sharp, recommended : float
-        Steps of the gap with the lowest level, and of the one whose largest level over the tolerance of the force is lowest.
+        Steps of the gap with the lowest level, and of the one whose largest level over the
+        tolerance of the force is lowest.
     without : array, (M,)
         Levels in m of the worst sector without absorbers.
     tolerance : float
@@ -196,7 +214,10 @@ class DiskGapChoice:
 
 
 def with_common_gap(disk: BladedDisk, gap: float, friction_factor: float = 1.0) -> BladedDisk:
-    """Return the disk with one clearance in m for all absorbers, and their friction limits times a factor."""
+    """Return the disk with one clearance in m for all absorbers.
+
+    Their friction limits are multiplied by ``friction_factor``.
+    """
     absorbers = []
     for absorber in disk.absorbers:
         friction = absorber.friction
@@ -224,13 +245,15 @@ def choose_disk_gap(
     progress: Callable[[int, int], None] | None = None,
     executor: Executor | None = None,
 ) -> DiskGapChoice:
-    """Search one clearance for all absorbers of a disk by simulation, see `optimisation.gap_search`.
+    """Search one clearance for all absorbers of a disk by simulation.
+
+    The search is described in `optimisation.gap_search`.
 
     Parameters
     ----------
     disk : BladedDisk
-        The disk with impact absorbers; their gaps are replaced by one, of which the mistuning draws each. Friction limits of the file belong to
-        the design rule's gap and go with the gap.
+        The disk with impact absorbers; their gaps are replaced by one, of which the mistuning draws
+        each. Friction limits of the file belong to the design rule's gap and go with the gap.
     force : float, optional
         Amplitude in N of the force on each sector. None: that of the disk.
     resonance : int, optional
@@ -238,7 +261,8 @@ def choose_disk_gap(
     tolerance : float
         Share by which the force may be larger or smaller.
     members, seed : int
-        Disks at each gap of an answer, mistuned by further seeds, and the seed of phases and forces.
+        Disks at each gap of an answer, mistuned by further seeds, and the seed of phases and
+        forces.
     rate : float, optional
         Sweep rate in % per 100 pseudo periods.
     progress : callable, optional
@@ -296,9 +320,12 @@ def choose_disk_gap(
 
 @dataclass(frozen=True, eq=False)
 class DiskComparisonLevels:
-    """Levels in m of the worst sector of M disks under F forces, by absorber: ``levels`` (F, M) each by its name.
+    """Levels in m of the worst sector of M disks under F forces.
 
-    ``tuned``: level in m without absorbers and without mistuning, at the first force; ``dampers``: the disk with friction dampers.
+    ``levels``: the levels (F, M) of each absorber by its name.
+
+    ``tuned``: level in m without absorbers and without mistuning, at the first force; ``dampers``:
+    the disk with friction dampers.
     """
 
     case: DiskCase
@@ -330,9 +357,12 @@ def compare_on_disk(
     progress: Callable[[int, int], None] | None = None,
     executor: Executor | None = None,
 ) -> DiskComparisonLevels:
-    """Compare a disk with the absorbers of its file to the same without, and with friction dampers of the same masses.
+    """Compare a disk with its absorbers, without absorbers and with friction dampers.
 
-    Parameters and errors as `choose_disk_gap`; ``forces``: number of forces, from half to twice the force.
+    The friction dampers have the same masses as the absorbers of the disk's file.
+
+    Parameters and errors as `choose_disk_gap`; ``forces``: number of forces, from half to twice the
+    force.
     """
     require(len(disk.absorbers) > 0, "absorbers", 0, "absorbers in the disk's file")
     case = disk_case(disk, force, resonance, rate)

@@ -1,6 +1,9 @@
-"""Runs of bladed disks: sweeps through the resonance of an engine order, of one disk or of many that are mistuned by chance.
+"""Runs of bladed disks: sweeps through the resonance of an engine order.
 
-Frequencies refer to a resonance of the tuned disk, so that disks of one ensemble are compared at the same ones.
+They are runs of one disk, or of many disks with random mistuning.
+
+Frequencies refer to a resonance of the tuned disk, so that disks of one ensemble are compared at
+the same ones.
 """
 
 from collections.abc import Sequence
@@ -32,7 +35,10 @@ SPREAD = 3.0  # standard deviations of the sectors' frequencies, by which a rang
 
 
 def find_excited_resonance(disk: BladedDisk) -> int:
-    """Return the resonance of the tuned disk, counted from 1, that its force excites most: of that with the largest modal amplitude."""
+    """Return the resonance of the tuned disk, from 1, that its force excites most.
+
+    It is the resonance of the mode with the largest modal amplitude.
+    """
     model = instance("disk", disk, BladedDisk).tuned().model
     damping = np.maximum(model.damping_ratio, 1e-12)
     amplitudes = np.abs(model.force_pattern) / (2 * damping * model.omega**2)
@@ -40,10 +46,12 @@ def find_excited_resonance(disk: BladedDisk) -> int:
 
 
 def find_disk_range(disk: BladedDisk, resonance: int) -> tuple[float, float]:
-    """Return (low, high) over a resonance of the tuned disk of a sweep that holds what absorbers and mistuning make of it.
+    """Return (low, high) over a resonance of the tuned disk as the range of a sweep.
 
-    Absorbers that stick lower the frequencies by their mass; mistuning lets the force excite all frequencies of the family of N modes, three
-    standard deviations wider.
+    The range contains the resonances that absorbers and mistuning shift.
+
+    Absorbers that stick lower the frequencies by their mass; mistuning lets the force excite all
+    frequencies of the family of N modes, three standard deviations wider.
     """
     model = disk.tuned().model
     omega = model.resonance_omega(resonance)
@@ -133,7 +141,8 @@ class DiskRun:
 def draw_disk_runs(run: DiskRun, members: int, seed: int = 0) -> list[DiskRun]:
     """Return the runs of an ensemble; the first is ``run`` itself, the others have no windows.
 
-    Each other member is another disk, with the mistuning of the next seed, and has a phase and force of its own as in `draw_members`.
+    Each other member is another disk, with the mistuning of the next seed, and has a phase and
+    force of its own as in `draw_members`.
     """
     run = instance("run", run, DiskRun)
     drives = drives_of(draw_members(count("members", members, 1), seed), run.drive)
@@ -150,7 +159,9 @@ def run_disks(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> list[SectorResponse | None]:
-    """Make runs in parallel and return their responses, None for those that a KeyboardInterrupt left out.
+    """Make runs in parallel and return their responses.
+
+    The response is None for a run that was not made because of a KeyboardInterrupt.
 
     Raises ParameterError and IntegrationError with the run named.
     """
@@ -188,7 +199,10 @@ def _simulate_run(item: tuple[int, DiskRun]) -> SectorResponse:
 
 
 def force_of(disk: BladedDisk, force: float | None) -> float:
-    """Return the amplitude in N of the force on each sector: ``force``, or that of the disk; raises ParameterError if there is neither."""
+    """Return the amplitude in N of the force on each sector.
+
+    It is ``force``, or that of the disk. Raises ParameterError if neither is given.
+    """
     amplitude = disk.amplitude if force is None else force
     require(amplitude is not None, "force", None, "given in N, or amplitude_n in the file")
     return positive("force", amplitude)

@@ -1,4 +1,7 @@
-"""Where runs are made: on the cores of this machine, by a cluster's workers, or in processes of their own with a time limit each."""
+"""Executors of runs: this machine's cores, a cluster's workers, or processes with limits.
+
+Each task of such a process has a time limit.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def workers(threads: int | None, cluster: str | None) -> Iterator[Workers | None]:
-    """Give the workers of the scheduler at ``cluster`` (host:port), or None if there is no such option.
+    """Yield the workers of the scheduler at ``cluster`` (host:port), or None without it.
 
-    Raises ParameterError with ``threads``, which are this machine's, and where the package distributed is missing; ClusterError if nothing answers.
+    Raises ParameterError with ``threads``, which are this machine's, and where the package
+    distributed is missing; ClusterError if nothing answers.
     """
     if cluster is None:
         yield None
@@ -57,7 +61,10 @@ POLL_S = 0.5
 
 @dataclass(frozen=True)
 class PoolTask:
-    """A function of a module, called with plain values. ``kind`` names the kernels that it needs; ``limit_s`` holds once these are compiled."""
+    """A call of a module's function with plain values in a worker process.
+
+    ``kind`` names the kernels that the call needs. ``limit_s``: time limit once these are compiled.
+    """
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
@@ -67,7 +74,10 @@ class PoolTask:
 
 @dataclass(frozen=True)
 class PoolOutcome:
-    """What came of a task: its value, or why there is none. ``wall_s`` includes compiling where it was needed."""
+    """Outcome of a task: its value, or the error because of which it has none.
+
+    ``wall_s`` includes the compilation of kernels, if any.
+    """
 
     task: PoolTask
     value: Any
@@ -122,7 +132,11 @@ class Pool:
         return _Worker(process, near_end, set())
 
     def run(self, tasks: Sequence[PoolTask]) -> Generator[PoolOutcome, None, None]:
-        """Run tasks on all workers; those of one kind start in the order given. Workers end with the generator, also when it is closed early."""
+        """Run tasks on all workers, and yield their outcomes.
+
+        Tasks of one kind start in the given order. The workers end with the generator, also if it
+        is closed early.
+        """
         pending = list(tasks)
         try:
             self.workers = [self._start() for _ in range(min(self.count, max(1, len(pending))))]

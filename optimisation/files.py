@@ -1,6 +1,9 @@
-"""Files that commands write, whole or not at all: CSV, JSON, and pages whose tables stand between markers.
+"""Files that commands write, either completely or not at all.
 
-The text of a page is written by hand, its tables by a command. A marker is a line ``<!-- NAME -->``, its end ``<!-- /NAME -->``.
+They are CSV files, JSON files, and pages whose tables stand between markers.
+
+The text of a page is written by hand, its tables by a command. A marker is a line ``<!-- NAME
+-->``, its end ``<!-- /NAME -->``.
 """
 
 import csv
@@ -24,7 +27,11 @@ _TEXTS: ContextVar[list[str]] = ContextVar("_TEXTS")
 
 
 def is_writable(folder: Path) -> bool:
-    """Return whether a file can be made in a folder; tried, as permissions do not say what a file system allows."""
+    """Return whether a file can be made in a folder.
+
+    This is tested by making a file, because permissions alone do not determine what a file system
+    allows.
+    """
     try:
         TemporaryFile(dir=folder).close()
     except OSError:
@@ -33,7 +40,10 @@ def is_writable(folder: Path) -> bool:
 
 
 def require_writable(name: str, folder: Path) -> None:
-    """Make a folder, or raise ParameterError if nothing can be written there: better before a long run than after it."""
+    """Make a folder, or raise ParameterError if nothing can be written in it.
+
+    So the error occurs before a long run instead of after it.
+    """
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     require(
@@ -54,7 +64,10 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object
 
 @contextmanager
 def json_to(stream: TextIO) -> Iterator[None]:
-    """Write what `write_json` is given last for `STANDARD_OUTPUT` to this stream at the end, also of what is interrupted."""
+    """Write the last content that `write_json` received for `STANDARD_OUTPUT` to this stream.
+
+    It is written at the end, also if the computation is interrupted.
+    """
     texts: list[str] = []
     token = _TEXTS.set(texts)
     try:
@@ -66,7 +79,10 @@ def json_to(stream: TextIO) -> Iterator[None]:
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON, compressed if the name ends in .gz; a number that is not finite raises ValueError, as JSON has none."""
+    """Write JSON, compressed if the name ends in .gz.
+
+    Raises ValueError for a number that is not finite, because JSON has none.
+    """
     if path is STANDARD_OUTPUT:
         _TEXTS.get().append(json.dumps(content, indent=2, allow_nan=False) + "\n")
         return
@@ -86,7 +102,9 @@ Table = tuple[Sequence[str], Iterable[Sequence[object]]]  # names of columns, an
 
 
 def write_files(contents: Mapping[Any, object]) -> list[Path]:
-    """Write files by their paths, each whole or not at all, and return them; a path of None: not wanted.
+    """Write files by their paths, each completely or not at all, and return the paths.
+
+    A content with the path None is not written.
 
     A `Table` is CSV (`write_csv`); a function draws what is in the file; all else is JSON.
     """
@@ -112,7 +130,10 @@ def numbers(values: Iterable[float]) -> list[float | None]:
 
 
 def read_json(path: Path) -> Any:
-    """Return the content of a file of `write_json`; raises OSError or ValueError if it cannot be read."""
+    """Return the content of a file of `write_json`.
+
+    Raises OSError or ValueError if it cannot be read.
+    """
     content = path.read_bytes()
     try:
         return json.loads(gzip.decompress(content) if path.suffix == ".gz" else content)
@@ -127,7 +148,10 @@ DOCS = (
 
 
 def published(docs: Path, results: Path) -> Path:
-    """Return where a whole study is written by default: into the checkout's docs, or where there is no checkout among other results."""
+    """Return the folder to which a whole study is written by default.
+
+    It is that of the checkout's docs, or ``results`` without a checkout.
+    """
     return docs if (ROOT / "pyproject.toml").is_file() else results
 
 
@@ -142,7 +166,10 @@ def has_markers(text: str, name: str) -> bool:
 
 
 def require_markers(path: Path, template: Path, names: Iterable[str]) -> str:
-    """Return the text of the page that `fill` starts from; raises ParameterError unless it has the markers of each section, once and in order."""
+    """Return the text of the page from which `fill` starts.
+
+    Raises ParameterError unless it has the markers of each section, once and in order.
+    """
     source = path if path.exists() else template
     try:
         text = source.read_text(encoding="utf-8")
@@ -160,7 +187,9 @@ def require_markers(path: Path, template: Path, names: Iterable[str]) -> str:
 
 
 def fill(path: Path, template: Path, sections: Mapping[str, str]) -> None:
-    """Write ``template`` (or ``path`` itself where it exists) to ``path`` with the text between the markers of each section replaced.
+    """Write a page with new text between the markers of each section.
+
+    The text starts from ``path`` if it exists, else from ``template``, and is written to ``path``.
 
     Raises ParameterError, before anything is written, if a marker is missing.
     """

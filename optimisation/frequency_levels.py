@@ -1,4 +1,7 @@
-"""The level over the frequency of a sweep, with and without an absorber, and the motion of the worst member of an ensemble."""
+"""Level over the frequency of a sweep, with and without an absorber.
+
+The motion of the worst member of an ensemble is recorded as well.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,8 +32,9 @@ RECOMMENDED = "recommended device, worst member"
 class FrequencyCurve:
     """The level over the frequency near a resonance, (n,) each, from a sweep up and one down.
 
-    ``ratio``: frequency over the resonance's, in the middle of the window; ``level``: RMS in m over a window as long as that of the response level,
-    the larger of up and down; NaN where no window ends.
+    ``ratio``: frequency over the resonance's, in the middle of the window; ``level``: RMS in m over
+    a window as long as that of the response level, the larger of up and down; NaN where no window
+    ends.
     """
 
     name: str
@@ -40,7 +44,10 @@ class FrequencyCurve:
 
 @dataclass(frozen=True, eq=False)
 class ResonanceCurves:
-    """Curves of several absorbers near one resonance at ``omega`` in rad/s under a ``force`` in N."""
+    """Curves of several absorbers near one resonance.
+
+    ``omega``: its frequency in rad/s. ``force``: amplitude in N.
+    """
 
     resonance: int
     omega: float
@@ -49,7 +56,10 @@ class ResonanceCurves:
 
 
 def samples_for(scene: Scene, periods: float) -> int | None:
-    """Return the samples a pseudo period with which a run's motion is recorded; None where it would take more than `MOST_BYTES`."""
+    """Return the samples in a pseudo period with which a run's motion is recorded.
+
+    The result is None if the samples would take more than `MOST_BYTES`.
+    """
     bytes_a_sample = 16.0 * (scene.model.modes + 2)
     for samples in (DEFAULT_SAMPLES, FEW_SAMPLES):
         size = bytes_a_sample * samples * periods
@@ -59,7 +69,11 @@ def samples_for(scene: Scene, periods: float) -> int | None:
 
 
 def windowed_levels(lane: Lane, samples: int) -> tuple[Array, Array]:
-    """Run a lane; return the frequency over the resonance's in the middle of each window, and the window's RMS in m, one a pseudo period."""
+    """Run a lane and return the frequency and RMS of each window.
+
+    The frequency is that in the middle of the window over the resonance's, the RMS is in m. There
+    is one window in each pseudo period.
+    """
     record = Record(events=True, series=True, samples_per_period=samples)
     response = simulate(lane.scene, lane.drive, initial=lane.start, record=record)
     history = require_recorded("history", response.history)
@@ -75,7 +89,10 @@ def windowed_levels(lane: Lane, samples: int) -> tuple[Array, Array]:
 
 
 def find_worst_run(curve: PerformanceCurve, force: int = 0) -> tuple[int, int]:
-    """Return the member (from 0) and the direction (`UP` or `DOWN`) of the highest level at one of a curve's forces; NaN are left out."""
+    """Return the member (from 0) and direction of the highest level at one of a curve's forces.
+
+    The direction is `UP` or `DOWN`. Levels of NaN are ignored.
+    """
     levels = curve.level[force]
     require(bool(np.isfinite(levels).any()), "curve", levels.tolist(), "one with a finished run")
     member, direction = np.unravel_index(int(np.nanargmax(levels)), levels.shape)
@@ -98,7 +115,9 @@ def frequency_curve(
     limits: tuple[float, float],
     executor: Executor | None = None,
 ) -> FrequencyCurve | None:
-    """Return the largest level over the frequency of some sweeps, as up and down; None where the motion is too long to be recorded.
+    """Return the largest level over the frequency of several sweeps, such as up and down.
+
+    The result is None if the motion is too long to be recorded.
 
     ``limits``: frequencies over the resonance's. Raises KeyboardInterrupt if it is stopped.
     """
@@ -122,7 +141,9 @@ def frequency_curve(
 def resonance_curves(
     cases: Mapping[str, tuple[CurveCase, int]], members: Members, executor: Executor | None = None
 ) -> ResonanceCurves:
-    """Return the levels over the frequency of several absorbers near one resonance, at the first force of their cases.
+    """Return the levels over the frequency of several absorbers near one resonance.
+
+    They are those at the first force of the absorbers' cases.
 
     Parameters
     ----------
@@ -137,7 +158,6 @@ def resonance_curves(
     -------
     ResonanceCurves
         Without the absorbers whose sweeps are too long to be recorded.
-
     """
     first, _ = next(iter(cases.values()))
     curves = [
@@ -154,7 +174,10 @@ def resonance_curves(
 
 @dataclass(frozen=True, eq=False)
 class WorstRun:
-    """The motion of the member with the highest level: which one, up or down, near which resonance, and the recorded run."""
+    """The motion of the member with the highest level.
+
+    It has the number of the member, the direction of the sweep, the resonance and the recorded run.
+    """
 
     member: int
     direction: int
@@ -167,13 +190,19 @@ class WorstRun:
         way = {UP: "up", DOWN: "down"}[self.direction]
         drive = self.response.drive
         assert isinstance(drive, Drive)
-        return f"member {self.member + 1}, sweep {way}, {drive.amplitude:g} N near resonance {self.resonance}"
+        return (
+            f"member {self.member + 1}, sweep {way}, {drive.amplitude:g} N near resonance "
+            f"{self.resonance}"
+        )
 
 
 def record_worst_run(case: CurveCase, curve: PerformanceCurve, force: int = 0) -> WorstRun:
-    """Run the sweep with the highest level at one of a curve's forces (by its index) again, with its motion.
+    """Repeat the sweep with the highest level at one of a curve's forces, with its motion.
 
-    The level is that of the curve to the last bit. Raises ParameterError where the motion is too long to be recorded.
+    ``force``: index of the force.
+
+    The level is that of the curve to the last bit. Raises ParameterError where the motion is too
+    long to be recorded.
     """
     member, direction = find_worst_run(curve, force)
     single = replace(case, forces=case.forces[force : force + 1])

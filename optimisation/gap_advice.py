@@ -1,7 +1,9 @@
-"""Which gap: levels at gaps that were run, the gap with the lowest, and the one that is best over a tolerance of the force.
+"""Which gap: levels at gaps, the gap with the lowest level, and the robust gap.
 
-`search_gap` brackets the best gap (`optimisation.gap_search`) under a load case (`optimisation.load_cases`); `check_gap` runs gaps around the design
-rule's for a swept force.
+The robust gap is the best over a tolerance of the force.
+
+`search_gap` brackets the best gap (`optimisation.gap_search`) under a load case
+(`optimisation.load_cases`); `check_gap` runs gaps around the design rule's for a swept force.
 """
 
 import math
@@ -77,7 +79,10 @@ SPAN = 2.5  # gaps reach from the rule's over this to the rule's times this
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits that a device must keep; None for none: ``stroke`` in m from the middle of the cavity, ``impact_speed`` in m/s (the largest)."""
+    """Limits that a device must meet; None: no limit.
+
+    ``stroke``: in m from the middle of the cavity. ``impact_speed``: largest impact speed in m/s.
+    """
 
     stroke: float | None = None
     impact_speed: float | None = None
@@ -91,10 +96,15 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A device that was simulated: its absorber, its median ``level`` in m at the force, and the ``worst`` level over the tolerance of the force.
+    """A device that was simulated, with its levels.
 
-    ``members``: number of runs, each up and down. ``prediction``: of a fresh run's level; None where no gap ran twice. ``frequency_ratio``: where
-    the level was read, over the resonance (the median of the runs); NaN under loads. ``impact_speed``: the largest in m/s; None if not recorded.
+    ``level``: median level in m at the force. ``worst``: highest level over the tolerance of the
+    force.
+
+    ``members``: number of runs, each up and down. ``prediction``: of a fresh run's level; None
+    where no gap ran twice. ``frequency_ratio``: where the level was read, over the resonance (the
+    median of the runs); NaN under loads. ``impact_speed``: the largest in m/s; None if not
+    recorded.
     """
 
     absorber: SlidingAbsorber
@@ -117,12 +127,18 @@ class Answer:
 
     @property
     def low(self) -> float:
-        """Lower end of the interval in m that holds 90 % of fresh runs; NaN where no gap ran twice."""
+        """Lower end in m of the interval that holds 90 % of fresh runs.
+
+        It is NaN if no gap was run twice.
+        """
         return math.nan if self.prediction is None else self.prediction.interval()[0]
 
     @property
     def high(self) -> float:
-        """Upper end of the interval in m that holds 90 % of fresh runs; NaN where no gap ran twice."""
+        """Upper end in m of the interval that holds 90 % of fresh runs.
+
+        It is NaN if no gap was run twice.
+        """
         return math.nan if self.prediction is None else self.prediction.interval()[1]
 
 
@@ -130,8 +146,9 @@ class Answer:
 class GapCheck:
     """Levels over the gap under a load case.
 
-    ``absorber``: mass, restitution and friction of the device. ``rule``: the design rule's gap in m, NaN where there is no rule. ``gaps`` (G,) in m,
-    rising. ``curves`` has the runs at each gap, ``without`` those without absorber.
+    ``absorber``: mass, restitution and friction of the device. ``rule``: the design rule's gap in
+    m, NaN where there is no rule. ``gaps`` (G,) in m, rising. ``curves`` has the runs at each gap,
+    ``without`` those without absorber.
     """
 
     case: LoadCase
@@ -175,12 +192,16 @@ class GapCheck:
 
     @cached_property
     def reach(self) -> float:
-        """Free amplitude over the rule's gap, `optimisation.bounds.reach`; NaN where there is no rule."""
+        """Free amplitude over the rule's gap, `optimisation.bounds.reach`; NaN without a rule."""
         return self.case.reach(self.mass)
 
     @property
     def sweep_ratio(self) -> float:
-        """Level of the sweeps without absorber over the stationary one; NaN where nothing is finished. Below `LEAST_RATIO` shares are left out."""
+        """Level of the sweeps without absorber over the stationary level.
+
+        It is NaN if no run is finished. Below `LEAST_RATIO` the shares of the possible reduction
+        are left out.
+        """
         return float(self.without.median[0]) / (
             self.force * stationary_level(self.model, self.resonance, self.limits)
         )
@@ -223,7 +244,10 @@ class GapCheck:
 
     @property
     def out_of_reach(self) -> NDArray[np.bool_]:
-        """Gaps whose limit is not below the stationary level without absorber, (G,): the response is near a node of the resonance."""
+        """Gaps whose limit is not below the stationary level without absorber, (G,).
+
+        For these the response is near a node of the resonance.
+        """
         without = self.force * stationary_level(self.model, self.resonance, self.limits)
         return np.asarray(self.limit >= without)
 
@@ -231,7 +255,8 @@ class GapCheck:
     def share(self) -> Array:
         """Share of the possible reduction that each gap reached, (G,).
 
-        NaN where nothing is finished or nothing is possible (`out_of_reach`), and all NaN for sweeps too fast to tell.
+        NaN where nothing is finished or nothing is possible (`out_of_reach`), and all NaN for
+        sweeps too fast to tell.
         """
         shares = np.full(len(self.gaps), np.nan)
         if not self.sweep_ratio >= LEAST_RATIO:
@@ -263,10 +288,11 @@ class GapCheck:
 class Advice:
     """The gap with the lowest level (``sharp``) and the recommended one, and what they rest on.
 
-    ``check`` has the runs; ``samples`` has their levels by steps from the gap ``reference`` (m). ``sweeps`` counts all runs, one member and one
-    direction each. ``tried`` has what was tried of free variables: name, value, the lowest level of a single run there and its gap (m). The answers
-    are None where nothing was finished. ``widest``: step of the widest gap that was allowed. ``reading``: where the level of the recommended device
-    was read under loads with a schedule.
+    ``check`` has the runs; ``samples`` has their levels by steps from the gap ``reference`` (m).
+    ``sweeps`` counts all runs, one member and one direction each. ``tried`` has what was tried of
+    free variables: name, value, the lowest level of a single run there and its gap (m). The answers
+    are None where nothing was finished. ``widest``: step of the widest gap that was allowed.
+    ``reading``: where the level of the recommended device was read under loads with a schedule.
     """
 
     check: GapCheck
@@ -301,7 +327,10 @@ class Advice:
 
     @cached_property
     def band(self) -> Array:
-        """Ends in m of the interval that holds 90 % of fresh runs at each gap of ``check``, (2, G); NaN where no gap ran twice."""
+        """Ends in m of the interval that holds 90 % of fresh runs at each gap of ``check``, (2, G).
+
+        They are NaN if no gap was run twice.
+        """
         ends = []
         for step, curve in zip(sorted(self.samples.levels), self.check.curves, strict=True):
             values = curve.combined[0][~np.isnan(curve.combined[0])]
@@ -310,7 +339,10 @@ class Advice:
         return np.array(ends).reshape(-1, 2).T
 
     def at_force(self, answer: Answer, factor: float) -> float:
-        """Return the level in m of a device under ``factor`` times the force, by means of ln levels and the scaling law; NaN if not known."""
+        """Return the level in m of a device under ``factor`` times the force.
+
+        It follows from means of ln levels and the scaling law, and is NaN if it is not known.
+        """
         steps, levels = self.samples.means()
         at = math.log(answer.gap / self.reference) - math.log(factor)
         return (
@@ -321,7 +353,10 @@ class Advice:
 
     @property
     def at_end(self) -> bool:
-        """Whether the best gap is the narrowest or the widest that may be tried, other than by a limit."""
+        """Whether the best gap is the narrowest or the widest allowed gap.
+
+        An end that is set by a limit does not count.
+        """
         if self.sharp is None:
             return False
         step = round(math.log(self.sharp.gap / self.reference) / STEP)
@@ -344,7 +379,8 @@ class SearchStopped(Exception):  # noqa: N818 - no error: what is finished is ke
     """A search was interrupted."""
 
 
-# lanes and the number of runs before -> their levels, and their impact speeds where these are wanted
+# lanes and the number of runs before -> their levels, and their impact speeds where these are
+# wanted
 RunLanes = Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
 
 
@@ -352,7 +388,8 @@ RunLanes = Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
 class GapRuns:
     """Runs at gaps by steps from the absorber's own gap, kept and continued member by member.
 
-    ``friction_goes``: the friction limit is in proportion to the gap. ``runs``: number of runs so far.
+    ``friction_goes``: the friction limit is in proportion to the gap. ``runs``: number of runs so
+    far.
     """
 
     case: LoadCase
@@ -378,7 +415,10 @@ class GapRuns:
         )
 
     def curve(self, step: float | None, members: int) -> PerformanceCurve:
-        """Return the levels of the first members at a gap, None for no absorber; those that were run before are not run again."""
+        """Return the levels of the first members at a gap, or without absorber (None).
+
+        Members that were run before are not run again.
+        """
         known = self.curves.get(step)
         have = 0 if known is None else len(known.members)
         if known is not None and have >= members:
@@ -455,15 +495,17 @@ def search_gap(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Advice:
-    """Search the gap of an impact absorber under a load case by simulation, see `optimisation.gap_search`.
+    """Search the gap of an impact absorber under a load case by simulation.
+
+    The search is described in `optimisation.gap_search`.
 
     Parameters
     ----------
     case : SweptForce or AppliedLoads
         What acts on which structure.
     absorber : SlidingAbsorber
-        Mass, restitution and friction; its gap is replaced. Its friction limit is that at the case's `LoadCase.reference_gap`, and in proportion to
-        the gap.
+        Mass, restitution and friction; its gap is replaced. Its friction limit is that at the
+        case's `LoadCase.reference_gap`, and in proportion to the gap.
     tolerance : float
         Share by which the force, or the loads, may be larger or smaller.
     free : sequence of str
@@ -486,8 +528,8 @@ def search_gap(
     Raises
     ------
     ParameterError
-        For numbers out of range, for an absorber without rigid walls, and where no gap that was simulated leaves less than `USELESS` of the level
-        without absorber under a swept force.
+        For numbers out of range, for an absorber without rigid walls, and where no gap that was
+        simulated leaves less than `USELESS` of the level without absorber under a swept force.
 
     Examples
     --------
@@ -608,20 +650,29 @@ def search_gap(
 
 
 def expected_factor(free_over_rule: float) -> float:
-    """Return where a search starts, over the rule's gap, for the free amplitude over the rule's gap: a fit to simulations of other structures."""
+    """Return the gap over the rule's at which a search starts.
+
+    It is a fit to simulations of other structures. ``free_over_rule``: free amplitude over the
+    rule's gap.
+    """
     if free_over_rule < LOW_REACH:
         return max(LOW_REACH_START * free_over_rule, 1e-9)
     return 1.57 / (1 + 1.14 / free_over_rule)
 
 
 def _require_help(sharp: Answer, check: GapCheck) -> None:
-    """Raise ParameterError where even the best gap leaves more than `USELESS` of the level without absorber."""
+    """Raise ParameterError if no gap lowers the level enough.
+
+    This is the case if the best gap leaves more than `USELESS` of the level without absorber.
+    """
     share = sharp.level / float(check.without.median[0])
     if share > USELESS:
         free = free_amplitude(check.model, check.mass, check.force, check.resonance)
         raise ParameterError(
-            f"no gap helps for {check.force:g} N near resonance {check.resonance}: at best {100 * share:.0f} % of the level without absorber, with "
-            f"{1e3 * sharp.gap:.4g} mm to either wall; without it its place moves {1e3 * free:.4g} mm, {check.reach:.3g} of the rule's gap (choose "
+            f"no gap helps for {check.force:g} N near resonance {check.resonance}: at best "
+            f"{100 * share:.0f} % of the level without absorber, with "
+            f"{1e3 * sharp.gap:.4g} mm to either wall; without it its place moves "
+            f"{1e3 * free:.4g} mm, {check.reach:.3g} of the rule's gap (choose "
             "another place, a heavier absorber, or a structure with less damping)"
         )
 
@@ -642,7 +693,11 @@ def _answer(runs: GapRuns, samples: LevelSamples, step: float, tolerance: float)
 
 
 def in_order(sharp: Answer, recommended: Answer) -> tuple[Answer, Answer]:
-    """Return the two answers so that their medians do not contradict their names, as gaps are chosen by means."""
+    """Return the answer with the lower level, then that with the lower worst level.
+
+    Gaps are chosen by means of ln levels, so that medians may contradict the names sharp and
+    recommended.
+    """
     lower = min(sharp, recommended, key=lambda answer: answer.level)
     steadier = min(recommended, sharp, key=lambda answer: answer.worst)
     return lower, steadier
@@ -655,7 +710,11 @@ def _choose_free(
     widest: int,
     tried: list[tuple[str, float, float, float]],
 ) -> int:
-    """Give the runs' absorber the value of a free variable with the lowest single run, the gap searched for each; return the step of that gap."""
+    """Choose the value of a free variable with the lowest level of a single run.
+
+    The gap is searched for each value. The runs' absorber is given the chosen value, and the step
+    of its gap is returned.
+    """
     case = runs.case
     assert isinstance(case, SweptForce)
     usual = runs.absorber
@@ -729,9 +788,10 @@ def check_gap(
 ) -> GapCheck:
     """Simulate sweeps up and down at one force (N) for gaps around the rule's.
 
-    ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its gap is replaced. ``factors`` of the rule's gap must
-    contain 1. ``percent_per_100_periods``: None is `default_rate`. Interruption and the other arguments as in `performance_curves`.
-    Raises ParameterError for numbers out of range, and for an absorber without rigid walls.
+    ``absorber`` gives mass, restitution and friction (default: `scaled_absorber`); its gap is
+    replaced. ``factors`` of the rule's gap must contain 1. ``percent_per_100_periods``: None is
+    `default_rate`. Interruption and the other arguments as in `performance_curves`. Raises
+    ParameterError for numbers out of range, and for an absorber without rigid walls.
     """
     force = usable_force("force", force)
     absorber = scaled_absorber(model, force, resonance) if absorber is None else absorber

@@ -1,21 +1,30 @@
-"""The search for a gap: which gaps to run with how many members, and which of them are the answers. It runs nothing itself.
+"""The search for a gap: which gaps to run with how many members, and which to choose.
 
-Gaps are counted in steps of ``STEP`` of ln gap from a reference gap. On the narrow side of the best gap the level climbs a cliff, on the wide side
-it is in proportion to the gap, and members part by chance, so that a single run misleads.
+This module runs nothing itself.
 
-1. Single runs at four gaps around the start, and at the reference gap; further ones outwards while the lowest level is at an end.
-2. The interval around the lowest level is halved down to ``NEAR`` steps, the wider side first. A second basin is refined too if its level is within
+Gaps are counted in steps of ``STEP`` of ln gap from a reference gap. On the narrow side of the best
+gap the level climbs a cliff, on the wide side it is in proportion to the gap, and members part by
+chance, so that a single run misleads.
+
+1. Single runs at four gaps around the start, and at the reference gap; further ones outwards while
+  the lowest level is at an end.
+2. The interval around the lowest level is halved down to ``NEAR`` steps, the wider side first. A
+  second basin is refined too if its level is within
    ``SECOND_BASIN`` of the lowest.
-3. Whichever gap is the best so far runs with one member more, until it has all of them; then the gaps on which the answer for a tolerance of the
-   force rests. A gap that one lucky run made the best is so replaced by another before the runs are spent.
+3. Whichever gap is the best so far runs with one member more, until it has all of them; then the
+  gaps on which the answer for a tolerance of the
+   force rests. A gap that one lucky run made the best is so replaced by another before the runs are
+   spent.
 4. The answers are chosen among gaps that ran with all members.
-5. The answer for a tolerance stands beside the cliff: under the largest force its members may part over two branches, and all members of a few may
-   lie on the lower one by chance. So it runs there with `CHECK_MEMBERS` members, and if another gap is then better, that gap is checked as well, at
-   most `CHECKS` of them.
+5. The answer for a tolerance stands beside the cliff: under the largest force its members may part
+  over two branches, and all members of a few may
+   lie on the lower one by chance. So it runs there with `CHECK_MEMBERS` members, and if another gap
+   is then better, that gap is checked as well, at most `CHECKS` of them.
 
-By the scaling law a device under k times the force is the device with a k-th of the gap under the force, k times as large: level(k f, g) = k
-level(f, g/k), with a friction limit in proportion to the gap. So the level over a tolerance of the force is in the samples already. A quantity that
-is no length scales with another ``power`` of k: a decay time with 0.
+By the scaling law a device under k times the force is the device with a k-th of the gap under the
+force, k times as large: level(k f, g) = k level(f, g/k), with a friction limit in proportion to the
+gap. So the level over a tolerance of the force is in the samples already. A quantity that is no
+length scales with another ``power`` of k: a decay time with 0.
 """
 
 import math
@@ -52,7 +61,8 @@ RunGap = Callable[[float, int], Array]
 class LevelSamples:
     """The members' levels by step of the gap, a whole number in a search; ``power`` see above.
 
-    ``excess`` has, by step, the ln of how far a gap is beyond the limits on other quantities, 0 or less within them (see `limited`).
+    ``excess`` has, by step, the ln of how far a gap is beyond the limits on other quantities, 0 or
+    less within them (see `limited`).
     """
 
     levels: dict[float, Array] = field(default_factory=dict)
@@ -70,15 +80,19 @@ class LevelSamples:
         return steps, np.log([float(np.median(self.levels[n])) for n in steps])
 
     def means(self) -> tuple[Array, Array]:
-        """Return (steps, means of ln levels), by which gaps are chosen: one run on a higher branch counts, which a median of three leaves out."""
+        """Return (steps, means of ln levels), by which gaps are chosen.
+
+        In a mean a single run on a higher branch counts, which the median of three runs ignores.
+        """
         steps = np.array(sorted(self.levels))
         return steps, np.array([self.mean(n) for n in steps.tolist()])
 
     def mean(self, step: float) -> float:
         """Return the mean of ln levels at a gap.
 
-        Where `CHECK_MEMBERS` or more ran, their standard deviation beyond `ONE_BRANCH` is added: members that part over two branches count nearly as
-        the upper one, as few of them do not say which share takes it.
+        Where `CHECK_MEMBERS` or more ran, their standard deviation beyond `ONE_BRANCH` is added:
+        members that part over two branches count nearly as the upper one, as few of them do not say
+        which share takes it.
         """
         logarithms = np.log(self.levels[step])
         mean = float(np.mean(logarithms))
@@ -87,7 +101,9 @@ class LevelSamples:
         return mean + max(0.0, float(np.std(logarithms, ddof=1)) - ONE_BRANCH)
 
     def groups_near(self, step: float) -> list[Array]:
-        """Return the levels of the gaps whose spread stands for that of a gap: those within `POOLED` steps, or all if these have few runs.
+        """Return the levels of the gaps whose spread is used as that of a gap.
+
+        They are the gaps within `POOLED` steps, or all gaps if these have few runs.
 
         Far down the cliff the spread is another one: members part between two regimes.
         """
@@ -100,9 +116,12 @@ class LevelSamples:
         return self.excess.get(step, 0.0) <= 0
 
     def worst(self, step: float, tolerance: float) -> float:
-        """Return the largest level over the tolerance of the force, by means of ln levels (see `means`); at least the median at the force itself.
+        """Return the largest level over the tolerance of the force, by means of ln levels.
 
-        A median of few members hides a branch that every other run takes. NaN where a gap that this rests on is not known.
+        It is at least the median at the force itself (see `means`).
+
+        A median of few members hides a branch that every other run takes. NaN where a gap that this
+        rests on is not known.
         """
         level = float(np.median(self.levels[step]))
         if tolerance == 0:
@@ -123,7 +142,11 @@ PENALTY = 10.0  # on ln of the level, times ln of the quantity over its limit
 
 
 def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike, power: float = 1.0) -> Array:
-    """Return levels at ln gaps, straight lines in ln of both; beyond the widest as the gap's ``power``, beyond the narrowest NaN."""
+    """Return levels at ln gaps by linear interpolation in the logarithms of both.
+
+    Beyond the widest gap the level is proportional to the gap's ``power``. Below the narrowest gap
+    it is NaN.
+    """
     x = np.asarray(at, dtype=np.float64)
     beyond = np.where(x < ln_gaps[0] - 1e-9, np.nan, power * np.maximum(x - ln_gaps[-1], 0))
     return np.asarray(np.exp(np.interp(x, ln_gaps, ln_levels) + beyond))
@@ -132,7 +155,11 @@ def level_between(ln_gaps: Array, ln_levels: Array, at: ArrayLike, power: float 
 def worst_level(
     ln_gaps: Array, ln_levels: Array, at: ArrayLike, tolerance: float, power: float = 1.0
 ) -> Array:
-    """Return the largest level over force times (1 - tolerance), 1 and (1 + tolerance) of gaps at ln gaps; NaN where a neighbour is not known."""
+    """Return the largest level over the tolerance of the force, of gaps at ln gaps.
+
+    It is the largest for the force times (1 - tolerance), 1 and (1 + tolerance), and NaN if a
+    neighbouring gap is not known.
+    """
     x = np.asarray(at, dtype=np.float64)
     every = [
         k**power * level_between(ln_gaps, ln_levels, x - np.log(k), power)
@@ -144,10 +171,12 @@ def worst_level(
 def find_best(
     samples: LevelSamples, tolerance: float, members: int = 1, between: bool = False
 ) -> tuple[float, float]:
-    """Return the steps with the lowest level (sharp) and with the lowest `worst_level` (robust) of the gaps that ran with ``members`` or more.
+    """Return the steps with the lowest level (sharp) and the lowest `worst_level` (robust).
 
-    ``between``: the robust one may be a gap between those that were run. Gaps that break a limit count only where no other is left. Raises
-    ValueError where no gap has so many members.
+    They are chosen from the gaps that were run with at least ``members`` members.
+
+    ``between``: the robust one may be a gap between those that were run. Gaps that break a limit
+    count only where no other is left. Raises ValueError where no gap has so many members.
     """
     steps, levels = samples.means()
     ran = [n for n in steps.tolist() if len(samples.levels[n]) >= members]
@@ -170,9 +199,12 @@ def bracket(
     ends: tuple[int, int] | None = None,
     wide_runs: bool = True,
 ) -> dict[int, float]:
-    """Return the costs (ln of levels) by step around the lowest, whose neighbours are then `NEAR`; parts 1 and 2 of the search above.
+    """Return the costs (ln of levels) by step around the lowest cost.
 
-    ``ends``: the narrowest and the widest step; ``wide_runs`` False: from the start and its neighbours alone, in one basin.
+    The neighbours of the lowest are then `NEAR`. These are parts 1 and 2 of the search above.
+
+    ``ends``: the narrowest and the widest step; ``wide_runs`` False: from the start and its
+    neighbours alone, in one basin.
     """
     narrowest, widest = ends or (start + NARROWEST, start + WIDEST)
     levels: dict[int, float] = {}
@@ -213,7 +245,10 @@ def _refine(
     basin: int,
     ends: tuple[int, int],
 ) -> None:
-    """Bracket a local minimum that lies at an end of what was run; then halve the intervals beside it, the wider first, down to `NEAR`."""
+    """Bracket a local minimum that lies at an end of the tried steps, and refine it.
+
+    The intervals to both sides are halved, the wider first, down to `NEAR`.
+    """
     best = basin
     while True:
         steps = sorted(levels)
@@ -255,8 +290,9 @@ def search_gaps(
 ) -> None:
     """Fill ``samples`` from a step on, see above.
 
-    ``pairs``: of sweeps, up and down, after which no runs are added but those of the checks, at most `CHECK_PAIRS`.
-    ``ends``: steps of the narrowest and the widest gap; ``also``: a further step that competes, that of the design rule's gap, if it lies between.
+    ``pairs``: of sweeps, up and down, after which no runs are added but those of the checks, at
+    most `CHECK_PAIRS`. ``ends``: steps of the narrowest and the widest gap; ``also``: a further
+    step that competes, that of the design rule's gap, if it lies between.
     """
     narrowest, widest = ends or (start + NARROWEST, start + WIDEST)
 
@@ -275,7 +311,7 @@ def search_gaps(
         return any(len(levels) >= members for levels in samples.levels.values())
 
     def add_members(most: int, neighbours: bool) -> None:
-        """Run what the answers lack, one member at a time, until ``most`` members were run in all."""
+        """Run missing members of the chosen gaps, one at a time, up to ``most`` in total."""
         while True:
             missing = gaps_to_run(samples, tolerance, members)
             if neighbours and not missing and has_answer():
@@ -302,7 +338,10 @@ def search_gaps(
 
 
 def narrower_step(samples: LevelSamples, step: float, tolerance: float) -> float:
-    """Return the step whose level is that of a gap under the largest force of the tolerance, over that force: of a narrower gap.
+    """Return the step with the level of a gap under the largest force of the tolerance.
+
+    By the scaling law it is the step of a narrower gap, and its level is that level divided by the
+    force.
 
     A step that was run and differs by less than `SAME_STEP_TOL` takes its place.
     """

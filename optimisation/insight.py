@@ -1,4 +1,7 @@
-"""A design besides its score: its level over the force, detuned and in its neighbourhood, and the sensitivity to its numbers."""
+"""Analyses of a design: level over the force, detuned, and around it, and sensitivity.
+
+The sensitivity is that of the level to the design's variables.
+"""
 
 import math
 from collections.abc import Sequence
@@ -27,16 +30,22 @@ from optimisation.space import (
 from optimisation.statistics import prediction_band
 
 Array = NDArray[np.float64]
-REPORT_SEEDS = 2  # set of fresh members on which all is run that is shown of a design; others choose and judge a winner
+# set of fresh members on which all is run that is shown of a design; others choose and judge a
+# winner
+REPORT_SEEDS = 2
 SPREAD = 0.2  # of a value, to either side: the neighbourhood of a design
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Response levels in m: ``median`` of the members, the ends ``low`` and ``high`` of the interval that holds 90 % of fresh runs, and ``without``.
+    """Response levels in m of designs under conditions.
 
-    Each is (designs, conditions), but for the level ``without`` absorber, (conditions,). Ends are NaN where the spread is not known. ``ratios``
-    (designs, conditions): where a level was read, over the resonance, 0 under loads; None if that was not asked for.
+    ``median``: of the members. ``low`` and ``high``: ends of the interval that holds 90 % of fresh
+    runs. ``without``: without absorber.
+
+    Each is (designs, conditions), but for the level ``without`` absorber, (conditions,). Ends are
+    NaN where the spread is not known. ``ratios`` (designs, conditions): where a level was read,
+    over the resonance, 0 under loads; None if that was not asked for.
     """
 
     conditions: tuple[Condition, ...]
@@ -61,7 +70,10 @@ def levels(
     progress: Progress | None = None,
     rate: float | None = None,
 ) -> Levels:
-    """Run designs under other conditions than a problem's own, for fresh ``members``, at its sweep rate or another ``rate``."""
+    """Run designs under other conditions than a problem's own.
+
+    They are run for fresh ``members``, at the problem's sweep rate or another ``rate``.
+    """
     worse, without = member_levels(problem, designs, conditions, members, executor, progress, rate)
     low, high = np.moveaxis(np.array([prediction_band(one.T) for one in worse]), 1, 0)
     return Levels(
@@ -78,7 +90,10 @@ def member_levels(
     progress: Progress | None = None,
     rate: float | None = None,
 ) -> tuple[Array, Array]:
-    """Return single members' levels in m, (designs, members, conditions), and that without absorber, (members, conditions)."""
+    """Return single members' levels in m, with and without absorber.
+
+    They are (designs, members, conditions), and (members, conditions) without absorber.
+    """
     members = count("members", members, 1)
     wider = replace(
         problem,
@@ -132,7 +147,11 @@ def varied(space: DesignSpace) -> list[Variable]:
 def neighbourhood(
     space: DesignSpace, design: Design, spread: float = SPREAD
 ) -> tuple[Array, Array]:
-    """Return the ends (variables,) of a box around a design: its `varied` values (SI) times 1 -+ spread, cut to the space's bounds at the design."""
+    """Return the ends (variables,) of a box around a design.
+
+    The box is the design's `varied` values (SI) times 1 -+ spread, cut to the bounds of the space
+    at the design.
+    """
     space = instance("space", space, DesignSpace)
     design = instance("design", design, Design)
     share = fraction("spread", spread)
@@ -152,7 +171,9 @@ def sensitivity(
     executor: Executor,
     progress: Progress | None = None,
 ) -> Sensitivity:
-    """Return the Sobol indices (SciPy, Saltelli's estimator) of the first objective in a design's neighbourhood.
+    """Return the Sobol indices of the first objective in a design's neighbourhood.
+
+    They are computed by SciPy with Saltelli's estimator.
 
     ``samples``, a power of 2, stands for samples * (variables + 2) designs, each run for fresh
     ``members``. Constraints are left out. The objective's own
@@ -179,7 +200,9 @@ def sensitivity(
 
 
 def stationary_limit(problem: Problem, design: Design, condition: Condition) -> float:
-    """Return the stationary limit in m of the level that no device in this design's cavities beats; NaN if an absorber has none, and of loads.
+    """Return the stationary limit in m of the level that no device in the cavities can beat.
+
+    It is NaN if an absorber has no cavity, and under loads.
 
     See `optimisation.bounds`; a sweep's level is near it, not bound by it.
     """

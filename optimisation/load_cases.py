@@ -1,8 +1,12 @@
-"""Load cases: a force that is swept near a resonance, or other loads; which runs they make with an absorber, and what these are measured by.
+"""Load cases: a force that is swept near a resonance, or other loads.
 
-A search for a gap and a comparison of absorbers go through a `LoadCase` and so exist once. Member m of an ensemble is a sweep up and one down with
-the member's phase and factor, whose larger response level counts, or one run under the member's own record of the loads. The runs of a design
-are a `PerformanceCurve` either way: of other loads with one run a member, and their measure (`optimisation.measures`) as the level.
+A load case gives the runs that it makes with an absorber, and their measure.
+
+A search for a gap and a comparison of absorbers go through a `LoadCase` and so exist once. Member m
+of an ensemble is a sweep up and one down with the member's phase and factor, whose larger response
+level counts, or one run under the member's own record of the loads. The runs of a design are a
+`PerformanceCurve` either way: of other loads with one run a member, and their measure
+(`optimisation.measures`) as the level.
 """
 
 import math
@@ -53,7 +57,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Where runs are made: ``threads`` of this process (None: all cores), or an ``executor``; ``progress`` takes finished and all runs of a call."""
+    """Where runs are made, and their progress.
+
+    ``threads`` of this process (None: all cores), or an ``executor``. ``progress`` receives the
+    numbers of finished runs and of all runs of a call.
+    """
 
     threads: int | None = None
     executor: Executor | None = None
@@ -62,7 +70,11 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class Reading:
-    """Where a level under loads with a schedule was read: a frequency in ``hertz``, NaN for other measures; whether at an end of the schedule."""
+    """Frequency at which a level under loads with a schedule was read.
+
+    ``hertz``: that frequency, NaN for other measures. ``at_end``: whether it lies at an end of the
+    schedule.
+    """
 
     hertz: float = math.nan
     at_end: bool = False
@@ -95,15 +107,22 @@ class LoadCase(Protocol):
         """Force in N, or 1 for loads as they are."""
 
     def reference_gap(self, mass: float) -> float:
-        """Return the gap in m from which a search counts, for an absorber's mass in kg: the rule's, or one of the free motion's size."""
+        """Return the reference gap in m of a search for the gap of an absorber.
+
+        It is the design rule's gap for the absorber's ``mass`` in kg, or a gap in proportion to the
+        free motion.
+        """
         ...
 
     def rule_gap(self, mass: float) -> float:
-        """Return the design rule's gap in m for an absorber's mass in kg; NaN where there is no rule."""
+        """Return the design rule's gap in m for an absorber's mass in kg; NaN without a rule."""
         ...
 
     def reach(self, mass: float) -> float:
-        """Return the free amplitude over the rule's gap, for an absorber's mass in kg; NaN where there is no rule."""
+        """Return the free amplitude over the rule's gap, for an absorber's mass in kg.
+
+        It is NaN without a rule.
+        """
         ...
 
     def reference_members(self, members: int) -> int:
@@ -117,7 +136,10 @@ class LoadCase(Protocol):
     def run(
         self, lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
     ) -> tuple[LaneLevels, Array | None]:
-        """Run lanes; return their levels and, with ``speeds``, the largest impact speed of each in m/s, (L,)."""
+        """Run lanes and return their levels.
+
+        With ``speeds`` the largest impact speed of each lane in m/s, (L,), is returned as well.
+        """
         ...
 
 
@@ -125,7 +147,8 @@ class LoadCase(Protocol):
 class SweptForce:
     """A harmonic ``force`` in N, swept up and down near a resonance.
 
-    ``limits``: ends of the sweeps over the resonance's frequency; ``rate`` in % of it per 100 pseudo periods.
+    ``limits``: ends of the sweeps over the resonance's frequency; ``rate`` in % of it per 100
+    pseudo periods.
     """
 
     model: ModalModel
@@ -155,7 +178,10 @@ class SweptForce:
         return reach(self.model, mass, self.resonance)
 
     def reference_members(self, _members: int) -> int:
-        """Return 1: without absorber the members' levels differ by their factors of the force alone, a millionth."""
+        """Return 1, the number of members without absorber.
+
+        Without absorber the members' levels differ only by their factors of the force, a millionth.
+        """
         return 1
 
     def curve_case(self, absorber: Absorber | None, model: ModalModel | None = None) -> CurveCase:
@@ -190,7 +216,10 @@ class SweptForce:
 def run_swept(
     lanes: Sequence[Lane], options: RunOptions, speeds: bool = False
 ) -> tuple[LaneLevels, Array | None]:
-    """Run sweeps; return their response levels and, with ``speeds``, the largest impact speed of each in m/s, (L,)."""
+    """Run sweeps and return their response levels.
+
+    With ``speeds`` the largest impact speed of each sweep in m/s, (L,), is returned as well.
+    """
     if not speeds:
         levels = run_lanes(
             lanes, threads=options.threads, progress=options.progress, executor=options.executor
@@ -210,9 +239,12 @@ def swept_force(
     mass_ratio: float = DEFAULT_MASS_RATIO,
     rate: float | None = None,
 ) -> SweptForce:
-    """Return a force in N swept over the range of all absorbers of a mass ratio, `optimisation.sweep_range`.
+    """Return a force in N that is swept over the range of all absorbers of a mass ratio.
 
-    ``rate`` in % per 100 pseudo periods; None: `impact_env.drive.default_rate`. Raises ParameterError for numbers out of range.
+    The range is that of `optimisation.sweep_range`.
+
+    ``rate`` in % per 100 pseudo periods; None: `impact_env.drive.default_rate`. Raises
+    ParameterError for numbers out of range.
     """
     force = usable_force("force", force)
     limits = find_sweep_range(model, mass_ratio, resonance)
@@ -253,7 +285,10 @@ def measure_level_and_speed(lane: Lane) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class AppliedLoads:
-    """Loads that act on a structure, whose measure is `optimisation.measures.measure_of`; ``resonance``: that of the rule's gap for a swept force.
+    """Loads that act on a structure.
+
+    Their measure is `optimisation.measures.measure_of`. ``resonance``: resonance of the design
+    rule's gap for a swept force.
 
     Raises ParameterError for loads that the structure cannot have.
     """
@@ -284,21 +319,30 @@ class AppliedLoads:
 
     @cached_property
     def free_size(self) -> float:
-        """Size in m of the free motion at the absorber's place, `optimisation.measures.free_size`, of an ensemble's first member."""
+        """Size in m of the free motion at the absorber's place.
+
+        It is `optimisation.measures.free_size` of an ensemble's first member.
+        """
         size = free_size(self.lanes(None, draw_members(1, 0))[0])
         require(size > 0, "load", 0.0, "one that moves the absorber's place")
         return size
 
     @cached_property
     def swept_amplitude(self) -> float:
-        """Amplitude in N of loads that are one swept force, for which there is a rule; NaN for others."""
+        """Amplitude in N of loads that are a single swept force.
+
+        It is NaN for other loads, for which there is no design rule.
+        """
         part = self.loads.parts[0]
         if len(self.loads.parts) > 1 or not isinstance(part, Drive):
             return math.nan
         return part.amplitude
 
     def rule_gap(self, mass: float) -> float:
-        """Return the design rule's gap in m for loads that are one swept force, NaN for others; ``mass`` in kg."""
+        """Return the design rule's gap in m for loads that are a single swept force.
+
+        It is NaN for other loads. ``mass`` in kg.
+        """
         force = self.swept_amplitude
         return (
             math.nan if math.isnan(force) else design_gap(self.model, mass, force, self.resonance)
@@ -313,7 +357,10 @@ class AppliedLoads:
     def absorber(
         self, mass_ratio: float, restitution: float, friction_limit: float | None = None
     ) -> SlidingAbsorber:
-        """Return an impact absorber with the reference gap; ``friction_limit`` in N, None: the paper's by the scaling law."""
+        """Return an impact absorber with the reference gap.
+
+        ``friction_limit`` in N. None: the paper's friction limit by the scaling law.
+        """
         mass = positive("mass_ratio", mass_ratio) * self.model.beam_mass
         gap = self.reference_gap(mass)
         if friction_limit is None:
@@ -321,7 +368,10 @@ class AppliedLoads:
         return impact_absorber(gap, restitution, friction_limit, mass_ratio)
 
     def reach(self, mass: float) -> float:
-        """Return the free amplitude over the rule's gap of loads that are one swept force, NaN for others; ``mass`` in kg."""
+        """Return the free amplitude over the rule's gap for a single swept force.
+
+        It is NaN for other loads. ``mass`` in kg.
+        """
         return (
             math.nan
             if math.isnan(self.swept_amplitude)
@@ -360,7 +410,10 @@ def measure_curve(factors: Array, members: Members, values: Array) -> Performanc
 
 
 def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation) -> Reading:
-    """Return where an absorber's level is read under loads with one schedule, from one run; NaN for other measures, and where there are bands."""
+    """Return where an absorber's level is read under loads with one schedule, from one run.
+
+    The frequency is NaN for other measures, and if there are several bands.
+    """
     if not isinstance(loads, Loads) or measure_of(loads) != LEVEL:
         return NO_READING
     if len(edges_of(model, loads)) > 2:
@@ -376,7 +429,11 @@ def find_reading(model: ModalModel, absorber: Absorber | None, loads: Excitation
 
 
 def measure_bands(lane: Lane) -> tuple[float, ...]:
-    """Run a lane; return the measure of its loads, or that of each band where there are several (`optimisation.signals.edges_of`)."""
+    """Run a lane and return the measure of its loads.
+
+    If there are several bands (`optimisation.signals.edges_of`), the measure of each band is
+    returned.
+    """
     edges = edges_of(lane.scene.model, lane.drive)
     return band_levels(lane) if len(edges) > 2 else (measured(lane),)
 
@@ -390,7 +447,10 @@ def runs_of(
     executor: Executor | None = None,
     progress: LaneProgress | None = None,
 ) -> Array:
-    """Return the measure of each absorber under each drive, (absorbers, drives, ...); raises KeyboardInterrupt where it was interrupted."""
+    """Return the measure of each absorber under each drive, (absorbers, drives, ...).
+
+    Raises KeyboardInterrupt if the runs were interrupted.
+    """
     measured_lanes = each_lane(
         [
             Lane(Scene(model, absorber), drive, steady_start=True)

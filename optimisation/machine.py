@@ -1,4 +1,4 @@
-"""What a study says about itself: when, on which machine and from which sources its numbers are, and how long a run takes."""
+"""Origin of a study's numbers: date, machine and sources, and the duration of a run."""
 
 import datetime
 import hashlib
@@ -53,7 +53,7 @@ def installed(packages: Iterable[str]) -> dict[str, str]:
 
 
 def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
-    """Return the versions of the packages that are installed, and of the sources: the hash of the kernels."""
+    """Return the versions of the installed packages, and the hash of the kernels' sources."""
     return installed(packages) | {"kernels": hash_sources()}
 
 
@@ -70,7 +70,10 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 
 
 def sources(values: Mapping[str, Any]) -> str:
-    """Return a sentence with date, release, machine and versions of a measurement, from its `conditions`."""
+    """Return a sentence with the origin of a measurement, from its `conditions`.
+
+    The sentence has date, release, machine and versions.
+    """
     named = ", ".join(
         f"{'Python' if name == 'python' else name} {number}"
         for name, number in values["versions"].items()
@@ -93,7 +96,10 @@ else:
 
 
 def peak_memory() -> int:
-    """Return the largest resident memory that this process had, in bytes; that of its children is not in it."""
+    """Return the largest resident memory of this process so far, in bytes.
+
+    That of its child processes is not included.
+    """
     if sys.platform == "win32":
         return int(psutil.Process().memory_info().peak_wset)
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
@@ -106,7 +112,11 @@ BARE = Record(level=False)
 
 @dataclass(frozen=True)
 class Timed:
-    """A run that can be timed again and again: compiled and with its tables made by one pseudo period at the resonance, or by a run."""
+    """A run that can be timed repeatedly.
+
+    Its kernels are compiled and its tables made in advance, by one pseudo period at the resonance
+    or by a run.
+    """
 
     scene: Scene
     drive: Excitation
@@ -146,10 +156,13 @@ SEARCHING = (*PACKAGES, "optuna", "cmaes")  # a search is proposed by these as w
 
 @cache
 def source_hash(packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict[str, str]:
-    """Return the hash of the sources that numbers come from as ``code``, and the versions of ``packages`` that are installed.
+    """Return the hash of the sources on which numbers depend, and the versions of packages.
 
-    Two processes with the same fingerprint run the same instructions on one kind of processor. One with another may get other numbers unnoticed: so
-    it does not go on with a study of the first, and does no work for it as a cluster's worker.
+    The hash is ``code``. The versions are those of installed ``packages``.
+
+    Two processes with the same fingerprint run the same instructions on one kind of processor. One
+    with another may get other numbers unnoticed: so it does not go on with a study of the first,
+    and does no work for it as a cluster's worker.
     """
     known = hashlib.sha256()
     for file in sorted(

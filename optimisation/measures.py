@@ -1,7 +1,9 @@
-"""The measures by which a design is judged, from its runs: level, fatigue damage, stroke, impacts, heat; and what is read under loads.
+"""Measures of a design from its runs: level, fatigue damage, stroke, impacts and heat.
 
-A chunk is a handful of lanes with what to measure in them: plain data, so that a thread, or a worker on another machine, turns it into
-the same numbers.
+Under loads other measures are read.
+
+A chunk is a handful of lanes with what to measure in them: plain data, so that a thread, or a
+worker on another machine, turns it into the same numbers.
 """
 
 import hashlib
@@ -25,10 +27,11 @@ from impact_env.sweep import IntegrationError, simulate
 # What is read from a response under loads: one definition for each kind of load, smaller is better.
 #
 # - level: loads with a schedule, which sweep. The paper's response level, as everywhere.
-# - rms: records, random loads and fixed tones. Root mean square of the displacement (relative to the base) where the level is read, after a start
-#   that is left out: `SETTLING` time constants 1/(D omega) of the first mode, at most half of the record.
-# - decay: shocks and strikes. The integral of the structure's energy from the end of the pulse on over its value there, in s: 1/(2 D omega) where it
-#   decays as exp(-2 D omega t).
+# - rms: records, random loads and fixed tones. Root mean square of the displacement (relative to
+#   the base) where the level is read, after a start that is left out: `SETTLING` time constants
+#   1/(D omega) of the first mode, at most half of the record.
+# - decay: shocks and strikes. The integral of the structure's energy from the end of the pulse on
+#   over its value at that end, in s: 1/(2 D omega) where it decays as exp(-2 D omega t).
 
 
 LEVEL = "level"
@@ -74,7 +77,7 @@ def _rms(response: Response) -> float:
 
 
 def after_pulse(response: Response) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the times (S,) in s from the end of the last pulse on, and the energy in J of each mode then, (S, N_m)."""
+    """Return times (S,) in s after the last pulse, and the modes' energies (S, N_m) in J."""
     history = require_recorded("history", response.history)
     late = history.time >= max(
         part.width for part in response.drive.parts if isinstance(part, Shock | Strike)
@@ -108,7 +111,10 @@ def read(response: Response) -> float:
 
 
 def check_sampling(lane: Lane, measures: Container[str] = ()) -> None:
-    """Raise ParameterError where the samples of a lane's run are too few for the measure of its loads, or for others of its motion."""
+    """Raise ParameterError if a lane's run has too few samples.
+
+    The samples must suffice for the measure of its loads and for other ``measures`` of its motion.
+    """
     loads = lane.drive if isinstance(lane.drive, Loads) else None
     record = Record() if loads is None else record_of(loads)
     rms = loads is not None and measure_of(loads) == RMS
@@ -132,9 +138,12 @@ def loads_key(loads: Loads) -> str:
 
 
 def free_size(lane: Lane) -> float:
-    """Return the unit of gaps (m): the root mean square of the motion of the absorber's place over the whole run.
+    """Return the unit of gaps in m, the RMS of the free motion of the absorber's place.
 
-    Of a shock, whose mean square depends on how long it is looked at, it is the largest displacement over the root of two.
+    It is the root mean square over the whole run.
+
+    For a shock, whose mean square depends on the length of the record, it is the largest
+    displacement over the root of two.
     """
     check_sampling(lane)
     history = simulate(lane.scene, lane.drive, initial=lane.start, record=OF_LOADS[RMS][1]).history
@@ -148,17 +157,27 @@ def free_size(lane: Lane) -> float:
 
 
 def design_gap_for(model: ModalModel, loads: Loads) -> float:
-    """Return the gap in m from which a search begins where there is no rule: `START` times `free_size` (0 where nothing moves)."""
+    """Return the gap in m from which a search starts if there is no design rule.
+
+    It is `START` times `free_size`, and 0 if nothing moves.
+    """
     return START * free_size(Lane(Scene(model), loads, steady_start=True))
 
 
 def check_size(scene: Scene, drive: Excitation) -> None:
-    """Raise ParameterError where loads move a place by so little, or so much, beside its absorber's gap that a unit must be wrong."""
+    """Raise ParameterError if a place moves far too little or too much under the loads.
+
+    The motion is compared with the gap of the absorber at that place. A large mismatch means a
+    wrong unit.
+    """
     walls = scene.cavity(0)
     if not isinstance(drive, Loads) or walls is None or walls.gap == 0:
         return
     size = free_size(Lane(Scene(scene.model), drive))
-    allowed = f"from {1 / STRANGE:g} to {STRANGE:g} times the free motion at the absorber, {size:.3g} m: look at the load's units and scale"
+    allowed = (
+        f"from {1 / STRANGE:g} to {STRANGE:g} times the free motion at the absorber, {size:.3g} "
+        "m: look at the load's units and scale"
+    )
     require(size / STRANGE <= walls.gap <= size * STRANGE, "gap", walls.gap, allowed)
 
 
@@ -176,30 +195,63 @@ ACCELERATION = "acceleration"
 STRESS = "stress"
 LEVEL_RATIO = "level_ratio"
 MEASURES = {
-    LEVEL: "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; of loads the measure that belongs to them",
+    LEVEL: (
+        "response level in m (paper, Eq. barqtip) where it is read, on a cantilever the free end; "
+        "of loads the measure that belongs to them"
+    ),
     STROKE: "largest distance of the absorber from the middle of its cavity in m",
-    IMPACT_POWER: "energy lost in impacts over the sweep, or after the start (`settled_after`), per second, in W",
+    IMPACT_POWER: (
+        "energy lost in impacts over the sweep, or after the start (`settled_after`), per second, "
+        "in W"
+    ),
     IMPACT_SPEED: "largest relative velocity before an impact in m/s",
-    IMPACT_RMS: "root of the mean square of the relative velocities before impacts in m/s, after the start",
-    FRICTION_HEAT: "energy lost in dry friction over the sweep, or after the start, per second, in W, from the mean relative speed at the samples",
-    DAMAGE: "sum over the rainflow cycles of the bending moment at the clamp, or of a modal model's stress, to the power of the fatigue exponent",
+    IMPACT_RMS: (
+        "root of the mean square of the relative velocities before impacts in m/s, after the start"
+    ),
+    FRICTION_HEAT: (
+        "energy lost in dry friction over the sweep, or after the start, per second, in W, from "
+        "the mean relative speed at the samples"
+    ),
+    DAMAGE: (
+        "sum over the rainflow cycles of the bending moment at the clamp, or of a modal model's "
+        "stress, to the power of the fatigue exponent"
+    ),
     IMPACT_RATE: "impacts per second over the sweep, or after the start",
-    ACCELERATION: "largest change of velocity where the level is read from sample to sample, over the time between, in m/s^2, impacts included",
-    STRESS: "largest bending moment at the clamp in N m, or of a modal model's stress in the file's unit",
-    RMS: "root of the mean square of the free end's displacement in m over the second half of the run",
-    LEVEL_RATIO: "frequency over the resonance at which the response level of a swept force was read; 0 of other loads",
+    ACCELERATION: (
+        "largest change of velocity where the level is read from sample to sample, over the time "
+        "between, in m/s^2, impacts included"
+    ),
+    STRESS: (
+        "largest bending moment at the clamp in N m, or of a modal model's stress in the file's "
+        "unit"
+    ),
+    RMS: (
+        "root of the mean square of the free end's displacement in m over the second half of the "
+        "run"
+    ),
+    LEVEL_RATIO: (
+        "frequency over the resonance at which the response level of a swept force was read; 0 of "
+        "other loads"
+    ),
 }
 _OF_IMPACTS = {IMPACT_POWER, IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE}
 _OF_SAMPLES = {STROKE, FRICTION_HEAT, DAMAGE, RMS, ACCELERATION, STRESS}
 
 
-FATIGUES = "for a beam that is clamped at its left end, or a modal model whose file gives the stress that fatigues"
+FATIGUES = (
+    "for a beam that is clamped at its left end, or a modal model whose file gives the stress "
+    "that fatigues"
+)
 
 
 def stress_shape(structure: Structure) -> Array | None:
-    """Return the mode shapes (N_m,) of the bending moment at a beam's left clamp in N/sqrt(kg), or of a modal model's stress; None if there is none.
+    """Return the mode shapes (N_m,) of the stress that causes fatigue, or None.
 
-    A Hermite element at the clamp deflects as a x^2 + b x^3, so the curvature 2 a there follows from the shapes at two points of it.
+    For a beam it is the bending moment at the left clamp in N/sqrt(kg), for a modal model the
+    stress of its file. The result is None if there is none.
+
+    A Hermite element at the clamp deflects as a x^2 + b x^3, so the curvature 2 a there follows
+    from the shapes at two points of it.
     """
     if isinstance(structure, ModalModel):
         return structure.stress_shape
@@ -222,7 +274,11 @@ def stress_shape(structure: Structure) -> Array | None:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Lanes and the ``measures`` (columns) wanted of them; ``stress_shape`` (N_m,) as the function of this name gives it."""
+    """Lanes and the measures that are computed from them.
+
+    ``measures``: columns of the result. ``stress_shape`` (N_m,): result of the function of this
+    name.
+    """
 
     lanes: tuple[Lane, ...]
     measures: tuple[str, ...]
@@ -235,9 +291,13 @@ class Chunk:
 
     @property
     def record(self) -> Record:
-        """What the runs must record, and no more: the streaming level, and impacts or samples of the state if a measure needs them.
+        """Recording options of the runs: only what the measures need.
 
-        The energy account would give losses too, but it takes many times the time of the run itself.
+        This is the level during the run, and impacts or samples of the state if a measure needs
+        them.
+
+        The energy account would give losses too, but it takes many times the time of the run
+        itself.
         """
         wanted = set(self.measures)
         loads = [lane.drive for lane in self.lanes if isinstance(lane.drive, Loads)]
@@ -248,7 +308,10 @@ class Chunk:
 
 
 def measure(chunk: Chunk) -> Array:
-    """Run a chunk and return its measures, (lanes, measures); NaN in the lanes that the integrator gives up."""
+    """Run a chunk and return its measures, (lanes, measures).
+
+    The measures are NaN in lanes that the integrator gives up.
+    """
     rows = np.full((len(chunk.lanes), len(chunk.measures)), np.nan)
     for row, lane in zip(rows, chunk.lanes, strict=True):
         try:
@@ -310,7 +373,11 @@ def _of_impacts(name: str, response: Response) -> float:
 
 
 def impact_measures(response: Response) -> tuple[float, float, float, float]:
-    """Return largest and RMS speed of a run's impacts (m/s), their number a second, and the power lost in them (W); see `MEASURES`."""
+    """Return the measures of a run's impacts (see `MEASURES`).
+
+    They are the largest and RMS speed in m/s, the number of impacts in a second, and the power in W
+    lost in them.
+    """
     speed, rms, rate, power = (
         _of_impacts(name, response)
         for name in (IMPACT_SPEED, IMPACT_RMS, IMPACT_RATE, IMPACT_POWER)
@@ -319,7 +386,10 @@ def impact_measures(response: Response) -> tuple[float, float, float, float]:
 
 
 def of_motion(name: str, response: Response) -> float:
-    """Return the stroke, the largest of all absorbers, or the friction heat of them all (`MEASURES`) of a run with samples of the state."""
+    """Return the stroke or the friction heat of a run with samples of the state (`MEASURES`).
+
+    The stroke is the largest of all absorbers, the heat is the sum over all absorbers.
+    """
     history = require_recorded("history", response.history)
     absorber = response.scene.absorber
     if absorber is None:
@@ -357,9 +427,12 @@ def turning_points(values: Array) -> Array:
 
 
 def rainflow_amplitudes(values: Array) -> tuple[Array, Array]:
-    """Return amplitudes (half ranges) and counts (1, or 0.5 for what stays open) of the rainflow cycles of samples (S,).
+    """Return amplitudes and counts of the rainflow cycles of samples (S,).
 
-    The four-point rule: a range between two larger-or-equal neighbours is a closed cycle and is taken out; the rest counts by halves.
+    Amplitudes are half ranges. Counts are 1, or 0.5 for cycles that remain open.
+
+    The four-point rule: a range between two larger-or-equal neighbours is a closed cycle and is
+    taken out; the rest counts by halves.
     """
     amplitudes: list[float] = []
     stack: list[float] = []
@@ -378,6 +451,9 @@ def rainflow_amplitudes(values: Array) -> tuple[Array, Array]:
 
 
 def fatigue_damage(values: Array, exponent: float) -> float:
-    """Return the sum of count times amplitude to the power of ``exponent`` over the rainflow cycles (Miner's rule on a straight Basquin line)."""
+    """Return the fatigue damage of samples by Miner's rule on a straight Basquin line.
+
+    It is the sum over the rainflow cycles of count times amplitude to the power of ``exponent``.
+    """
     amplitudes, counts = rainflow_amplitudes(values)
     return float(np.sum(counts * amplitudes**exponent))

@@ -1,7 +1,8 @@
-"""A structure and where things are on it: the absorber's place, the place where the level is read; and a structure with other frequencies.
+"""A structure with the places of absorber and level, and structures with other frequencies.
 
-A design study asks how quiet a place of the structure is. On a beam that names no response position this is the free end, also where an absorber
-sits elsewhere, or the absorber's own place if the beam has no free end. A modal model has its places.
+A design study asks how quiet a place of the structure is. On a beam that names no response position
+this is the free end, also where an absorber sits elsewhere, or the absorber's own place if the beam
+has no free end. A modal model has its places.
 """
 
 from collections.abc import Mapping
@@ -34,9 +35,12 @@ def with_response_point(structure: Structure) -> Structure:
 
 
 def model_with_absorber_at(structure: Structure, position: float | None = None) -> ModalModel:
-    """Return the modal model with an absorber at a share of the length (None: at the structure's own place) and the level's place.
+    """Return the modal model with the places of absorber and level.
 
-    On a modal model a ``position`` is the number of one of its `places`, counted from 1, and the first is its own.
+    ``position``: place of the absorber as a share of the length (None: the structure's own place).
+
+    On a modal model a ``position`` is the number of one of its `places`, counted from 1, and the
+    first is its own.
     """
     structure = instance("structure", structure, Structure)
     placed = with_response_point(structure)
@@ -53,7 +57,10 @@ def model_with_absorber_at(structure: Structure, position: float | None = None) 
 
 
 def with_more_modes(structure: Structure) -> Beam | None:
-    """Return a beam with twice the modes, as far as its elements allow; None if the structure has no more, or none whose damping is known."""
+    """Return a beam with twice the modes, as far as its elements allow.
+
+    The result is None if the structure has no more modes, or none whose damping is known.
+    """
     if not isinstance(structure, Beam) or isinstance(structure.damping_ratio, tuple):
         return None
     modes = min(2 * structure.modes, structure.freedoms)
@@ -61,9 +68,12 @@ def with_more_modes(structure: Structure) -> Beam | None:
 
 
 def scene_on(structure: Structure, absorber: Absorber | None, *positions: float) -> Scene:
-    """Return the scene of an absorber on a structure at a position (none given: its own), or of several, with one each.
+    """Return the scene of an absorber on a structure at a position, or of several absorbers.
 
-    On a beam several absorbers know their positions, and these are not looked at.
+    Without a position the absorber is at the structure's own place. Each of several absorbers has a
+    position.
+
+    Several absorbers on a beam have their own positions; the argument is then not used.
     """
     structure = instance("structure", structure, Structure)
     if not isinstance(absorber, SeveralAbsorbers):
@@ -98,7 +108,10 @@ def detuned(structure: Structure, share: float) -> Structure:
 
 
 def to_dict(structure: Structure) -> dict[str, object]:
-    """Return a structure's identity as JSON values, without the defaults of a beam that the paper's lacks."""
+    """Return a structure's identity as JSON values.
+
+    Defaults of a beam that the paper's beam lacks are left out.
+    """
     if isinstance(structure, ModalModel):
         return {
             name: x.tolist() if hasattr(x, "tolist") else x

@@ -1,12 +1,17 @@
-"""What makes a design a good one: objectives with a direction, and constraints, over conditions and ensemble members.
+"""Objectives with a direction, and constraints, over conditions and ensemble members.
 
-A design is run under every condition (a resonance, a force, a detuning), swept up and down, for every member of an ensemble. The members
-are the same for all designs, which makes a study repeatable and no more: runs part after some impacts, so the same members of two designs have no
-luck in common (their levels' correlation was measured as -0.17). All that is reported after a search is judged on members that it has not seen.
+They determine how good a design is.
 
-The value of a member is, as in the paper, that of the worse of the two directions. ``over`` says how conditions join: the ``worst`` or
-the ``mean``. The value of the design is the ``quantile`` of its members: the value that this share of the members meets or betters, so
-0.5 is the median and 0.9 the careful choice, whether the objective is minimised or maximised.
+A design is run under every condition (a resonance, a force, a detuning), swept up and down, for
+every member of an ensemble. The members are the same for all designs, which makes a study
+repeatable and no more: runs part after some impacts, so the same members of two designs have no
+luck in common (their levels' correlation was measured as -0.17). All that is reported after a
+search is judged on members that it has not seen.
+
+The value of a member is, as in the paper, that of the worse of the two directions. ``over`` says
+how conditions join: the ``worst`` or the ``mean``. The value of the design is the ``quantile`` of
+its members: the value that this share of the members meets or betters, so 0.5 is the median and 0.9
+the careful choice, whether the objective is minimised or maximised.
 """
 
 import importlib
@@ -70,11 +75,17 @@ LIMITABLE = {
 # what a function of one's own is handed, by name, each (members, conditions, up or down)
 HANDED = (LEVEL, STROKE, IMPACT_POWER, IMPACT_SPEED, FRICTION_HEAT, IMPACT_RATE, ACCELERATION)
 Own = Callable[[dict[str, Array]], Any]
-OWN = "a function of one's own as MODULE:FUNCTION, which can be imported from here and returns a number for each member"
+OWN = (
+    "a function of one's own as MODULE:FUNCTION, which can be imported from here and returns a "
+    "number for each member"
+)
 
 
 def function_of(name: str) -> Own:
-    """Return a function by ``module:function``; the module may lie in the current folder. Raises ParameterError if there is none."""
+    """Return the function named by ``module:function``.
+
+    The module may lie in the current folder. Raises ParameterError if it does not exist.
+    """
     module, _, function = name.partition(":")
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)
@@ -88,7 +99,10 @@ def function_of(name: str) -> Own:
 
 
 def own_values(name: str, measured: dict[str, Array]) -> Array:
-    """Return the values (M,) of a user's function of the measures, one for each member; raises ParameterError for any other result."""
+    """Return the values (M,) of a user's function of the measures, one for each member.
+
+    Raises ParameterError for any other result of the function.
+    """
     members = len(measured[LEVEL])
     values = np.asarray(function_of(name)({key: measured[key] for key in HANDED}), dtype=np.float64)
     require(
@@ -111,11 +125,14 @@ def _check_limits(_name: str, value: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Condition:
-    """What a design must bear: a resonance (counted from 1) swept through ``limits`` times its frequency by a force in N.
+    """A condition under which a design is run.
 
-    ``detuning`` shifts all of the beam's frequencies by this share: the bending stiffness is not what it was thought to be. The sweep
-    follows the frequency that the resonance then has. Other ``loads`` take the place of resonance and limits, and ``force`` is a factor on them; what
-    is the level elsewhere is then their measure (`optimisation.measures`).
+    A resonance (counted from 1) is swept through ``limits`` times its frequency by a force in N.
+
+    ``detuning`` shifts all of the beam's frequencies by this share: the bending stiffness is not
+    what it was thought to be. The sweep follows the frequency that the resonance then has. Other
+    ``loads`` take the place of resonance and limits, and ``force`` is a factor on them; what is the
+    level elsewhere is then their measure (`optimisation.measures`).
     """
 
     resonance: int
@@ -172,7 +189,11 @@ class Condition:
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of objective: what it is, which measure it needs, whether more is better, its unit and whether it is relative to no absorber."""
+    """A kind of objective.
+
+    It has a description, the measure that it needs, whether larger values are better, a unit, and
+    whether it is relative to the structure without absorber.
+    """
 
     text: str
     measure: str
@@ -214,9 +235,13 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Objective:
-    """One objective: a ``kind`` of `KINDS`, how conditions join, the members' quantile, and for a range the ``limit`` of the relative level.
+    """One objective of a design problem.
 
-    A kind ``module:function`` is one of one's own (`own_values`): minimised, and it joins conditions itself.
+    It has a ``kind`` of `KINDS`, a rule ``over`` that combines conditions, the members'
+    ``quantile``, and for a range the ``limit`` of the relative level.
+
+    A kind ``module:function`` is one of one's own (`own_values`): minimised, and it joins
+    conditions itself.
 
     ``resonance`` keeps only the conditions of one resonance (counted from 1); None keeps all.
     """
@@ -278,7 +303,10 @@ class Objective:
         }
 
     def chosen(self, conditions: Sequence[Condition]) -> list[int]:
-        """Return the indices of the conditions that count; raises ParameterError if there are too few."""
+        """Return the indices of the conditions that count.
+
+        Raises ParameterError if there are too few.
+        """
         index = [
             k
             for k, condition in enumerate(conditions)
@@ -302,7 +330,10 @@ class Objective:
         return index
 
     def per_member(self, values: Array, conditions: Sequence[Condition]) -> Array:
-        """Return one value for each member, (M,), from those of its measure, (M, C, 2), relative to no absorber where the kind is."""
+        """Return one value for each member, (M,), from those of its measure, (M, C, 2).
+
+        They are relative to the structure without absorber if the kind of objective is relative.
+        """
         index = self.chosen(conditions)
         worse = np.max(values, axis=2)
         if self.kind == "range":
@@ -327,7 +358,10 @@ class Objective:
 
     @property
     def share(self) -> float:
-        """The quantile of the members' values that is the design's value: `quantile`, from above if more is better."""
+        """Quantile of the members' values that is the design's value.
+
+        It is `quantile`, counted from above if larger values are better.
+        """
         return 1 - self.quantile if self.maximise else self.quantile
 
 
@@ -342,7 +376,11 @@ def _parts(conditions: Sequence[Condition], index: Sequence[int]) -> list[list[i
 
 
 def range_width(forces: Array, levels: Array, limit: float) -> float:
-    """Return the longest stretch of forces (F,), in decades, over which levels (F,) do not exceed ``limit``; straight lines over log force."""
+    """Return the longest interval of forces in which levels do not exceed ``limit``.
+
+    The interval is in decades, for forces (F,) and levels (F,). Levels are interpolated linearly
+    over the logarithm of the force.
+    """
     at = np.log10(forces)
     best = 0.0
     begun = None if levels[0] > limit else at[0]
@@ -361,7 +399,11 @@ def range_width(forces: Array, levels: Array, limit: float) -> float:
 
 @dataclass(frozen=True)
 class Constraint:
-    """An upper ``limit``, in SI units, on what is named (`LIMITABLE`) or on ``module:function``; what is measured is the worst of all runs."""
+    """An upper ``limit``, in SI units, on a quantity.
+
+    The quantity is a name of `LIMITABLE` or ``module:function``. Its worst value of all runs
+    counts.
+    """
 
     name: str
     limit: float
@@ -374,7 +416,7 @@ class Constraint:
         keep_checked(self, limit=labelled(f"limit of {self.name}", positive))
 
     def value(self, design: Design, measured: dict[str, Array]) -> float:
-        """Return the name of the limited quantity."""
+        """Return the value of the limited quantity for a design."""
         if _is_own(self.name):
             return float(np.max(own_values(self.name, measured)))
         return (
@@ -404,7 +446,11 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Score:
-    """A design's ``values``, one an objective, its constraints' ``violations`` (above 0: broken), and whether a run ``failed``."""
+    """Score of a design.
+
+    ``values``: one for each objective. ``violations``: those of the constraints, above 0 if broken.
+    ``failed``: whether a run failed.
+    """
 
     values: tuple[float, ...]
     violations: tuple[float, ...] = field(default=())

@@ -1,11 +1,14 @@
-"""Where, how heavy and which gap: the place, mass and gap of an impact absorber for forces near one or several resonances.
+"""Place, mass and gap of an impact absorber for forces near one or several resonances.
 
 1. `optimisation.place_map` ranks all places for each mass by the linear structure, without a run.
 2. The best few of each mass run at three gaps with one member.
-3. The best of these, and the second where it is close, have their gap searched as by `design gap` (`optimisation.gap_search`), for all resonances
-   together: the search makes small the largest level over that without absorber. Member m of every resonance is one member.
+3. The best of these, and the second where it is close, have their gap searched as by `design gap`
+  (`optimisation.gap_search`), for all resonances
+   together: the search makes small the largest level over that without absorber. Member m of every
+   resonance is one member.
 
-All sweeps go over one range for each resonance, that of the heaviest mass at the places that run, and start from the steady state.
+All sweeps go over one range for each resonance, that of the heaviest mass at the places that run,
+and start from the steady state.
 """
 
 import math
@@ -89,11 +92,14 @@ FLAT = 1.1  # times the level at the recommended gap: the range of gaps that lea
 
 @dataclass(frozen=True, eq=False)
 class ResonanceLevel:
-    """A device's level in m near one resonance: median ``level`` at ``force`` (N), largest level ``worst`` over the tolerance of the force.
+    """A device's level in m near one resonance.
 
-    ``without``: level without absorber. ``prediction``: of a further run's level; None where no gap ran twice. ``frequency_ratio``: where the level
-    was read, over the resonance. ``sweep_range`` over the resonance, ``rate`` in % per 100 pseudo periods. ``limit``: no device in this cavity comes
-    below it.
+    ``level``: median at ``force`` (N). ``worst``: largest level over the tolerance of the force.
+
+    ``without``: level without absorber. ``prediction``: of a further run's level; None where no gap
+    ran twice. ``frequency_ratio``: where the level was read, over the resonance. ``sweep_range``
+    over the resonance, ``rate`` in % per 100 pseudo periods. ``limit``: no device in this cavity
+    comes below it.
     """
 
     resonance: int
@@ -122,10 +128,11 @@ class ResonanceLevel:
 class PlacedDevice:
     """A device at a place that was simulated near all resonances.
 
-    ``place``: index of `Places`. ``share``: median over the members of the largest level over that without absorber; ``worst``: its largest value
-    over the tolerance of the force; ``prediction`` of a further run's. ``parts``: near each resonance. ``members``: runs, each up and down.
-    ``gaps``: the narrowest and the widest gap in m around this one that leave at most `FLAT` times its share. ``runs``: its runs by resonance.
-    ``impact_speed`` in m/s, None if not recorded.
+    ``place``: index of `Places`. ``share``: median over the members of the largest level over that
+    without absorber; ``worst``: its largest value over the tolerance of the force; ``prediction``
+    of a further run's. ``parts``: near each resonance. ``members``: runs, each up and down.
+    ``gaps``: the narrowest and the widest gap in m around this one that leave at most `FLAT` times
+    its share. ``runs``: its runs by resonance. ``impact_speed`` in m/s, None if not recorded.
     """
 
     place: int
@@ -149,7 +156,10 @@ class PlacedDevice:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the interval that holds 90 % of further runs' shares; NaN where no gap ran twice."""
+        """Ends of the interval that holds 90 % of further runs' shares.
+
+        They are NaN if no gap was run twice.
+        """
         return (math.nan, math.nan) if self.prediction is None else self.prediction.interval()
 
     @property
@@ -158,7 +168,10 @@ class PlacedDevice:
         return 0.0 if self.absorber.friction is None else self.absorber.friction.limit
 
     def probability_below(self, limit: float) -> float:
-        """Return the probability that the level stays below a limit in m near all resonances; NaN where no gap ran twice."""
+        """Return the probability that the level stays below a limit in m near all resonances.
+
+        It is NaN if no gap was run twice.
+        """
         known = [part.prediction for part in self.parts if part.prediction is not None]
         if len(known) < len(self.parts):
             return math.nan
@@ -167,7 +180,11 @@ class PlacedDevice:
 
 @dataclass(frozen=True)
 class TrialRun:
-    """A single run of a place at its best of three gaps: index of the place, mass ratio, gap in m, largest level over that without absorber."""
+    """A single run of an absorber at a place, at the best of three gaps.
+
+    It has the index of the place, the mass ratio, the gap in m, and ``share``, the largest level
+    over that without absorber.
+    """
 
     place: int
     mass_ratio: float
@@ -192,8 +209,9 @@ class PlaceAdvice:
     devices : tuple of PlacedDevice
         Devices whose gap was searched, by rising mass, the lower ``worst`` first.
     recommended : PlacedDevice or None
-        The lightest of them that keeps ``limit_level`` with a probability of `SURE`, or without a limit the lightest that leaves no more than
-        `LIGHTEST` times the lowest ``worst``. None where nothing was finished.
+        The lightest of them that keeps ``limit_level`` with a probability of `SURE`, or without a
+        limit the lightest that leaves no more than `LIGHTEST` times the lowest ``worst``. None
+        where nothing was finished.
     without : dict
         Level in m without absorber by resonance.
     tolerance : float
@@ -270,7 +288,9 @@ class PlaceAdvice:
 
 
 def probability_lower(first: Prediction, second: Prediction) -> float:
-    """Return the probability that a further run of the first design has a lower value than one of the second.
+    """Return the probability that a further run of the first design has the lower value.
+
+    It is compared with a further run of the second design.
 
     Both logarithms follow Student's distribution; the integral is over the quantiles of the first.
     """
@@ -286,10 +306,13 @@ def probability_lower(first: Prediction, second: Prediction) -> float:
 
 @dataclass(frozen=True)
 class PlaceStudy:
-    """What is asked of all devices alike: forces in N, sweeps and levels without absorber (m) by resonance, and how gaps are searched.
+    """Requirements and settings that are the same for all devices of a search.
 
-    ``friction_limit`` in N, None: the paper's by the scaling law, in proportion to the gap. ``yield_limit`` becomes a limit on the impact speed for
-    each place and mass.
+    They are forces in N, sweeps and levels without absorber (m) by resonance, and the settings of
+    the gap search.
+
+    ``friction_limit`` in N, None: the paper's by the scaling law, in proportion to the gap.
+    ``yield_limit`` becomes a limit on the impact speed for each place and mass.
     """
 
     forces: dict[int, float]
@@ -310,7 +333,10 @@ class PlaceStudy:
         return self.limits.impact_speed is not None or self.yield_limit is not None
 
     def speed_limit(self, model: ModalModel, mass_ratio: float) -> float:
-        """Return the largest impact speed in m/s that is allowed at a model's place; infinite without a limit."""
+        """Return the largest allowed impact speed in m/s at a model's place.
+
+        It is infinite without a limit.
+        """
         most = math.inf if self.limits.impact_speed is None else self.limits.impact_speed
         if self.yield_limit is None:
             return most
@@ -333,7 +359,11 @@ class PlaceStudy:
         return impact_absorber(gap, self.restitution, limit, mass_ratio)
 
     def _friction_over_gap(self, model: ModalModel, mass_ratio: float) -> float:
-        """Return the friction limit over the gap in N/m, as `optimisation.absorber_rules.scaled_absorber` has it for the widest rule's gap."""
+        """Return the friction limit over the gap in N/m.
+
+        It is that of `optimisation.absorber_rules.scaled_absorber` at the resonance with the widest
+        gap by the design rule.
+        """
         mass = mass_ratio * model.beam_mass
         rules = {r: design_gap(model, mass, force, r) for r, force in self.forces.items()}
         widest = max(rules, key=lambda r: rules[r])
@@ -352,7 +382,10 @@ def expected_gap(model: ModalModel, mass_ratio: float, forces: Mapping[int, floa
 
 @dataclass(eq=False)
 class JointRuns:
-    """Runs of one place and mass at gaps, near all resonances; ``parts`` by resonance, with one reference gap."""
+    """Runs of one place and mass at several gaps, near all resonances.
+
+    ``parts``: runs by resonance, with a common reference gap.
+    """
 
     study: PlaceStudy
     parts: dict[int, GapRuns]
@@ -382,7 +415,9 @@ def search_place(
     run: RunLanes,
     pairs: int = PAIRS,
 ) -> tuple[JointRuns, float]:
-    """Search the gap of an absorber at a model's place near all resonances; return the runs and the step of the best gap over the tolerance.
+    """Search the gap of an absorber at a model's place near all resonances.
+
+    Return the runs and the step of the gap that is best over the tolerance of the force.
 
     Raises `SearchStopped` if it is stopped.
     """
@@ -476,7 +511,10 @@ def describe_device(
 def _flat_range(
     samples: LevelSamples, step: float, share: float, reference: float
 ) -> tuple[float, float]:
-    """Return the narrowest and the widest gap in m around a step that leave at most `FLAT` times a share."""
+    """Return the narrowest and widest gap in m around a step with nearly the lowest level.
+
+    Between them the level is at most `FLAT` times ``share``.
+    """
     steps, levels = samples.known()
     fine = np.arange(steps[0], steps[-1] + 0.01, 0.1)
     good = level_between(STEP * steps, levels, STEP * fine, samples.power) <= FLAT * share * (
@@ -511,7 +549,9 @@ def advise_place(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> PlaceAdvice:
-    """Return the place, mass and gap of an impact absorber for forces near one or several resonances, with their certainty.
+    """Return place, mass and gap of an impact absorber, with their certainty.
+
+    They are for forces near one or several resonances.
 
     Parameters
     ----------
@@ -522,13 +562,15 @@ def advise_place(
     mass_ratios : sequence of float
         Masses to try, over the structure's.
     restitution, friction_limit : float
-        Of the absorber; the limit in N at any gap. None: the paper's 0.1 N by the scaling law, in proportion to the gap.
+        Of the absorber; the limit in N at any gap. None: the paper's 0.1 N by the scaling law, in
+        proportion to the gap.
     limits : Limits, optional
         Limits that the devices keep, if a gap that ran does.
     yield_limit : YieldLimit, optional
         Impacts that the devices keep below the beginning of yield, if a gap that ran does.
     limit_level : float, optional
-        Level in m below which the recommended device stays with a probability of `SURE`, near every resonance.
+        Level in m below which the recommended device stays with a probability of `SURE`, near every
+        resonance.
     tolerance : float
         Share by which the forces may be larger or smaller.
     members : int
@@ -549,15 +591,18 @@ def advise_place(
     Raises
     ------
     ParameterError
-        For numbers out of range, and where no place leaves less than `USELESS` of the level without absorber.
+        For numbers out of range, and where no place leaves less than `USELESS` of the level without
+        absorber.
 
     Examples
     --------
     >>> from impact_env import Beam
-    >>> found = advise_place(Beam(modes=2), {1: 3.5}, mass_ratios=[0.02], trial_places=1, members=1, percent_per_100_periods=40.0)
-    >>> found.recommended.name
+    >>> advice = advise_place(
+    ...     Beam(modes=2), {1: 3.5}, mass_ratios=[0.02], trial_places=1, members=1,
+    ...     percent_per_100_periods=40.0,
+    ... )
+    >>> advice.recommended.name
     '1'
-
     """
     places = structure if isinstance(structure, Places) else find_places(structure)
     ratios = tuple(
@@ -634,19 +679,28 @@ def _require_place(
     words = f"{_words(heaviest.forces)}, mass ratio {heaviest.mass_ratio:g}"
     known = np.where(np.isfinite(heaviest.reach), heaviest.reach, np.nan)
     if np.isnan(known).all():
-        reason = "a lighter absorber: stuck at any place it takes a resonance out of its range; are the mass in kg, the shapes in 1/sqrt(kg)?"
+        reason = (
+            "a lighter absorber: stuck at any place it takes a resonance out of its range; are "
+            "the mass in kg, the shapes in 1/sqrt(kg)?"
+        )
     else:
         largest = ", ".join(
             f"{np.nanmax(row, initial=0.0):.2g} near resonance {r}"
             for r, row in zip(heaviest.forces, known, strict=True)
         )
-        reason = f"forces and places that suit one gap; the largest free amplitude over the rule's gap is {largest}"
+        reason = (
+            "forces and places that suit one gap; the largest free amplitude over the rule's gap "
+            f"is {largest}"
+        )
     require(False, "places", words, f"{reason} ({len(places)} places)")
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Sweeps that a search takes at most, and the longest of its scenes by resonance: scene, force in N, pseudo periods of a sweep."""
+    """Upper bound of the sweeps of a search, and its longest scenes, by resonance.
+
+    ``scenes``: scene, force in N and pseudo periods of a sweep.
+    """
 
     sweeps: dict[int, int]
     scenes: dict[int, tuple[Scene, float, float]]
@@ -713,7 +767,10 @@ class _PlaceSearch:
         return pairs
 
     def _levels(self, cases: Sequence[CurveCase]) -> list[float]:
-        """Return the level in m of a single run of each case; raises `SearchStopped` if it is stopped."""
+        """Return the level in m of a single run of each case.
+
+        Raises `SearchStopped` if the runs are stopped.
+        """
         curves = performance_curves(
             cases,
             1,
@@ -806,9 +863,13 @@ class _PlaceSearch:
 
 
 def recommend(devices: Sequence[PlacedDevice], limit_level: float | None) -> PlacedDevice | None:
-    """Return the lightest device that keeps the limit of the level with a probability of `SURE`, the one most likely to keep it if none does.
+    """Return the lightest device that meets the limit of the level.
 
-    Without a limit: the lightest that leaves no more than `LIGHTEST` times the lowest level over the tolerance. None of no device.
+    It does so with a probability of `SURE`. If no device does, the one most likely to meet the
+    limit is returned.
+
+    Without a limit: the lightest that leaves no more than `LIGHTEST` times the lowest level over
+    the tolerance. None if there is no device.
     """
     if not devices:
         return None
@@ -831,6 +892,7 @@ def _require_help(best: PlacedDevice, forces: Mapping[int, float]) -> None:
         best.share <= USELESS,
         "places",
         _words(forces),
-        f"forces that an absorber at one of the places lowers: the best leaves {100 * best.share:.0f} % of the level without absorber "
+        "forces that an absorber at one of the places lowers: the best leaves "
+        f"{100 * best.share:.0f} % of the level without absorber "
         f"(place {best.name}, mass ratio {best.mass_ratio:g}, gap {1e3 * best.gap:.4g} mm)",
     )

@@ -1,10 +1,12 @@
-"""Where an absorber may sit on a structure, and what the linear structure says of each place: reach, gap, and the level that may be expected.
+"""Places for an absorber, with reach, gap and expected level by the linear structure.
 
-For a mass m_a at a place with mode shapes phi_p the receptances G_pf (from the force), G_pp and G_ep (to the place of the level) give, as in
-`optimisation.bounds`, the design rule's gap, the free amplitude and the limit that no device in a gap can beat:
+For a mass m_a at a place with mode shapes phi_p the receptances G_pf (from the force), G_pp and
+G_ep (to the place of the level) give, as in `optimisation.bounds`, the design rule's gap, the free
+amplitude and the limit that no device in a gap can beat:
 
-    kappa = m_a Omega^2 G_pp,   gap = f min |G_pf|/|kappa| pi/4,   reach = max |f G_pf| / gap,
-    q_e = f A + B r,   A = G_ef + G_ep m_a Omega^2 G_pf/(1 - kappa),   B = G_ep m_a Omega^2/(1 - kappa),   |r| <= 4 g0/pi.
+    kappa = m_a Omega^2 G_pp,   gap = f min |G_pf|/|kappa| pi/4,   reach = max |f G_pf| / gap, q_e =
+    f A + B r,   A = G_ef + G_ep m_a Omega^2 G_pf/(1 - kappa),   B = G_ep m_a Omega^2/(1 - kappa),
+    |r| <= 4 g0/pi.
 
 No run is made here. `optimisation.place_advice` simulates the few places that come out best.
 """
@@ -43,11 +45,13 @@ PEAK_POINTS = 61  # further frequencies around a resonance
 PEAK_WIDTH = 3.0  # damping ratios to either side of it
 LEAST_START = 0.5  # of the resonance with the mass stuck: as in `optimisation.bounds.near_range`
 PLACES_A_CHUNK = 250  # places at a time
-# gaps tried for several resonances together: from the first times the narrowest to the second times the widest of their own
+# gaps tried for several resonances together: from the first times the narrowest to the second times
+# the widest of their own
 GAP_SPAN = (0.4, 1.6)
 GAP_POINTS = 41
-# The level at the best gap of one resonance is about 1/(1 + SHARE_SLOPE reach) of that without absorber: a fit to the simulated structures of
-# docs/gap_method.md, from 0.8 to 1.3 times their levels.
+# The level at the best gap of one resonance is about 1/(1 + SHARE_SLOPE reach) of that without
+# absorber: a fit to the simulated structures of docs/gap_method.md, from 0.8 to 1.3 times their
+# levels.
 SHARE_SLOPE = 0.9
 CLIFF = 2.5  # exponent of the level over a gap that is too narrow
 NODAL = ("universal", "nastran", "ansys", "matrices")  # tables of files with shapes at all nodes
@@ -64,7 +68,8 @@ class Places:
     model : ModalModel
         Its modes, the level at the place that `optimisation.mounting.with_response_point` says.
     names : tuple of str
-        What a place is called (P,): the share of a beam's length, the number of a node, of a row of the matrices or of a place of a modal model.
+        What a place is called (P,): the share of a beam's length, the number of a node, of a row of
+        the matrices or of a place of a modal model.
     kind : str
         What the names are: "of the length", "node", "row" or "place".
     shapes : array
@@ -110,7 +115,11 @@ class Places:
         return f"{self.kind} {self.names[k]}"
 
     def subset(self, wanted: Sequence[float]) -> "Places":
-        """Return the places that are named; raises ParameterError for one that there is not. A beam has every share of its length."""
+        """Return the places that are named.
+
+        Raises ParameterError for a place that does not exist. A beam has a place for every share of
+        its length.
+        """
         if isinstance(self.structure, Beam):
             beam = self.structure
             shares = [replace(beam, absorber_position=x).absorber_position for x in wanted]
@@ -131,15 +140,16 @@ class Places:
 def find_places(structure: Structure, file: Path | None = None) -> Places:
     """Return the places for an absorber on a structure.
 
-    On a beam these are `BEAM_PLACES` over its length. A modal model has its own; where a ``file`` with nodes lists one place only, they are all its
-    nodes in the direction of that place.
+    On a beam these are `BEAM_PLACES` over its length. A modal model has its own; where a ``file``
+    with nodes lists one place only, they are all its nodes in the direction of that place.
 
     Parameters
     ----------
     structure : Beam or ModalModel
         The structure with force, level, and an absorber's place.
     file : path, optional
-        The structure file (docs/scenes.md) that it was read from, for the coordinates and shapes of nodes.
+        The structure file (docs/scenes.md) that it was read from, for the coordinates and shapes of
+        nodes.
 
     Returns
     -------
@@ -169,7 +179,10 @@ def _beam_places(beam: Beam, model: ModalModel, shares: Sequence[float]) -> Plac
 
 
 def _nodal_places(structure: ModalModel, model: ModalModel, file: Path) -> Places | None:
-    """Return the places of a file with nodes: those that it lists if these are several, else all; None for a file without nodes."""
+    """Return the places of a file with nodes, or None for a file without nodes.
+
+    They are the places that the file lists if it lists several, else all nodes.
+    """
     plain = read_plain(file)
     kind = next((name for name in NODAL if name in plain), None)
     if kind is None:
@@ -234,7 +247,8 @@ def _points(
 def _alike(row: int, freedoms: Sequence[tuple[int, int]], points: Array | None) -> list[int]:
     """Return the freedoms in the direction of one.
 
-    Rows of matrices that name no nodes have none: the rows at one point are taken to be in one order at all points.
+    Rows of matrices that name no nodes have none: the rows at one point are taken to be in one
+    order at all points.
     """
     axis = freedoms[row][1]
     if axis != 0:
@@ -251,7 +265,9 @@ def _alike(row: int, freedoms: Sequence[tuple[int, int]], points: Array | None) 
 
 @dataclass(frozen=True, eq=False)
 class PlaceMap:
-    """What the linear structure says of an absorber of one mass at P places, under forces near R resonances.
+    """Properties of an absorber of one mass at P places, under forces near R resonances.
+
+    They follow from the linear structure.
 
     Attributes
     ----------
@@ -260,17 +276,19 @@ class PlaceMap:
     forces : dict
         Force in N by resonance, counted from 1.
     reach : array
-        (R, P), free amplitude over the design rule's gap, for one resonance alone; it does not depend on the force. NaN where the mass is too heavy
-        for the rule, 0 at a node.
+        (R, P), free amplitude over the design rule's gap, for one resonance alone; it does not
+        depend on the force. NaN where the mass is too heavy for the rule, 0 at a node.
     rule : array
         (R, P), the design rule's gap in m for one resonance alone.
     gap : array
-        (P,), the gap in m that may be expected to suit all resonances together; NaN where none is known.
+        (P,), the gap in m that may be expected to suit all resonances together; NaN where none is
+        known.
     share : array
-        (P,), the level to expect with that gap over that without absorber, of the worst resonance; 1 where nothing is known.
+        (P,), the level to expect with that gap over that without absorber, of the worst resonance;
+        1 where nothing is known.
     limit : array
-        (P,), the share below which no device of this mass in that gap comes, of the worst resonance.
-
+        (P,), the share below which no device of this mass in that gap comes, of the worst
+        resonance.
     """
 
     mass_ratio: float
@@ -283,7 +301,9 @@ class PlaceMap:
 
 
 def map_places(places: Places, forces: Mapping[int, float], mass_ratio: float) -> PlaceMap:
-    """Return what the linear structure says of each place, for an absorber of a mass ratio and forces in N by resonance.
+    """Return the properties of each place for an absorber, from the linear structure.
+
+    The absorber has a mass ratio. The forces are in N by resonance.
 
     Raises ParameterError for numbers out of range and for resonances that the structure lacks.
 
@@ -293,7 +313,6 @@ def map_places(places: Places, forces: Mapping[int, float], mass_ratio: float) -
     >>> found = map_places(find_places(Beam()), {1: 3.5}, DEFAULT_MASS_RATIO)
     >>> int(found.share.argmin()) + 1, round(float(found.reach[0, -1]), 2)
     (40, 4.47)
-
     """
     table = table_of(finite)("forces", forces)
     require(len(table) > 0, "forces", dict(table), "at least one resonance with its force in N")
@@ -340,7 +359,10 @@ def _map_chunk(
 def _near_ranges(
     model: ModalModel, shapes: Array, mass: float, resonance: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the ends (P, 2) over omega_r of `optimisation.bounds.near_range`, and where the resonance with the mass stuck lies within, (P,)."""
+    """Return the ends (P, 2) over omega_r of `optimisation.bounds.near_range`.
+
+    The second result (P,) says whether the resonance with the stuck mass lies between them.
+    """
     omega_r = model.resonance_omega(resonance)
     scaled = shapes / model.omega
     stuck = []
@@ -364,7 +386,8 @@ def _linear_terms(
 ) -> tuple[Array, Array, tuple[Array, Array, float]]:
     """Return, for 1 N, the rule's gap and the free amplitude (P,) in m, and the terms of the limit.
 
-    These are |A| (P, F) in m/N, |B| (P, F), and the largest amplitude in m/N without absorber at the place of the level.
+    These are |A| (P, F) in m/N, |B| (P, F), and the largest amplitude in m/N without absorber at
+    the place of the level.
     """
     omega_r = model.resonance_omega(resonance)
     damping = float(model.damping_ratio[resonance - 1])
@@ -399,10 +422,13 @@ def _linear_terms(
 
 
 def expected_gap_and_share(rule: Array, reach: Array) -> tuple[Array, Array]:
-    """Return the gap (P,) in m that suits all resonances together, and the level (P,) to expect, of the worst one, over that without absorber.
+    """Return the gap (P,) in m that suits all resonances together, and the expected level.
 
-    ``rule`` (R, P) in m and ``reach`` (R, P) are those of single resonances. Near one resonance the level is lowest at the gap from which searches
-    start, in proportion to wider gaps, and climbs a cliff at narrower ones.
+    The level (P,) is that of the worst resonance over the level without absorber.
+
+    ``rule`` (R, P) in m and ``reach`` (R, P) are those of single resonances. Near one resonance the
+    level is lowest at the gap from which searches start, in proportion to wider gaps, and climbs a
+    cliff at narrower ones.
     """
     usable = np.isfinite(reach) & np.isfinite(rule) & (reach > 0)
     factor = np.vectorize(expected_factor, otypes=[float])(np.where(usable, reach, 1.0))
@@ -427,7 +453,10 @@ def expected_gap_and_share(rule: Array, reach: Array) -> tuple[Array, Array]:
 
 
 def shortlist(places: Places, place_map: PlaceMap, number: int) -> list[int]:
-    """Return the places to simulate, the most promising first, which differ in their mode shapes by a twentieth or more."""
+    """Return the places to simulate, the most promising first.
+
+    Their mode shapes differ by a twentieth or more.
+    """
     rows = [resonance - 1 for resonance in place_map.forces]
     shapes = places.shapes[:, rows]
     chosen: list[int] = []

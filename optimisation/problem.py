@@ -1,7 +1,10 @@
-"""A design problem: a space, conditions, objectives and constraints; how a design becomes runs, and runs become a score.
+"""A design problem: a space, conditions, objectives and constraints.
 
-`Problem.evaluate` is for optimisers of other packages: arrays in, arrays out, in the order of the designs. All runs of a batch are made in one call,
-on the cores of this machine or on other machines' workers.
+A design becomes runs, and the runs become a score.
+
+`Problem.evaluate` is for optimisers of other packages: arrays in, arrays out, in the order of the
+designs. All runs of a batch are made in one call, on the cores of this machine or on other
+machines' workers.
 """
 
 import math
@@ -84,14 +87,19 @@ FATIGUE_EXPONENT = 5.0
 MEMBERS_A_CHUNK = 4
 GAP_MARGIN = 1e-9  # below a limit on the stroke: an impact is found to rounding
 FAILED = 1e6  # what a design costs whose runs the integrator gives up
-PENALTY = 1e3  # what a broken constraint costs where a method knows no constraints, and more the worse it is broken
+# what a broken constraint costs where a method knows no constraints, and more the worse it is
+# broken
+PENALTY = 1e3
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Which design of a ``space`` is best under ``conditions``. ``rate`` is the sweep's, in percent per 100 pseudo periods.
+    """Problem to find the best design of a ``space`` under ``conditions``.
 
-    It is `usual_rate` unless given. ``uncertain``, as in `optimisation.uncertain`: each member draws its own numbers, the same for every design.
+    ``rate``: sweep rate in % per 100 pseudo periods.
+
+    It is `usual_rate` unless given. ``uncertain``, as in `optimisation.uncertain`: each member
+    draws its own numbers, the same for every design.
     """
 
     space: DesignSpace
@@ -136,7 +144,8 @@ class Problem:
         names = [constraint.name for constraint in self.constraints]
         require(len(set(names)) == len(names), "constraints", names, "each of them once")
         if self.space.concept == TUNED:
-            # a sweep so narrow that an optimiser could push a tuned absorber's second peak out of it is refused
+            # a sweep so narrow that an optimiser could push a tuned absorber's second peak out of
+            # it is refused
             mass = max(
                 [v.high for v in self.space.free if v.name == MASS_RATIO]
                 + [self.space.default.values[MASS_RATIO]]
@@ -154,7 +163,10 @@ class Problem:
             )
 
     def _cut_gaps_by_stroke(self) -> None:
-        """Leave gaps out of the space that are wider than a limit on the stroke, which between rigid walls is the gap."""
+        """Remove gaps from the space that are wider than a limit of the stroke.
+
+        Between rigid walls the gap limits the stroke.
+        """
         strokes = [c.limit for c in self.constraints if c.name == STROKE]
         if not strokes:
             return
@@ -174,7 +186,11 @@ class Problem:
         object.__setattr__(self, "space", replace(self.space, free=tuple(free)))
 
     def _require_uncertain(self) -> None:
-        """Raise ParameterError if what is uncertain is not there, or is given as two numbers where there is no one number that they stand for."""
+        """Raise ParameterError if an uncertain quantity does not exist in the problem.
+
+        The error is also raised if two numbers are given for a quantity that has no single nominal
+        value.
+        """
         require_parts(self.spreads, self.space.default.absorber())
         several = {
             FORCE: len({c.force for c in self.conditions}) > 1,
@@ -195,7 +211,10 @@ class Problem:
         return spreads(self.uncertain)
 
     def _require_loads(self) -> None:
-        """Raise ParameterError for what does not go with loads: forces beside them, what is uncertain, limits in m where a decay is measured."""
+        """Raise ParameterError for options that cannot be combined with loads.
+
+        These are forces, uncertain quantities, and limits in m if a decay is measured.
+        """
         every_load = [
             condition.loads for condition in self.conditions if condition.loads is not None
         ]
@@ -250,12 +269,17 @@ class Problem:
 
     @cached_property
     def model(self) -> ModalModel:
-        """Modal model of the structure without absorber: its tip shape is that of the structure's own place for one."""
+        """Modal model of the structure without absorber.
+
+        Its tip shape is that of the structure's own place for an absorber.
+        """
         return model_with_absorber_at(self.beam)
 
     @cached_property
     def units(self) -> Units:
-        """Units of the structure by which the space counts; of several forces at a resonance their geometric mean.
+        """Units of the structure in which the space counts.
+
+        For several forces at a resonance they follow from the geometric mean of the forces.
 
         Of loads the force counts for which the design rule gives the gap that a search begins with.
         """
@@ -288,18 +312,27 @@ class Problem:
 
     @cached_property
     def usual_rate(self) -> float:
-        """The rate that suits the damping of the least damped of the conditions' resonances, see `default_rate`."""
+        """Sweep rate for the damping of the least damped resonance of the conditions.
+
+        See `default_rate`.
+        """
         return default_rate(self.model, [condition.resonance for condition in self.conditions])
 
     def sweep_ratio(self, condition: Condition) -> float:
-        """Return the level of a condition's sweeps without absorber over the stationary one, see `optimisation.sweep_range`; NaN of loads."""
+        """Return the level of a condition's sweeps without absorber over the stationary level.
+
+        See `optimisation.sweep_range`. The ratio is NaN for a condition with loads.
+        """
         if condition.loads is not None:
             return math.nan
         return sweep_ratio(self.model, self.rate, condition.resonance, condition.limits)
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """What the runs are measured by, the columns of all arrays of measures, in the order of `MEASURES`."""
+        """Measures of the runs, the columns of all arrays of measures.
+
+        They are in the order of `MEASURES`.
+        """
         needed = {
             name
             for parts in (self.objectives, self.constraints)
@@ -310,7 +343,10 @@ class Problem:
 
     @cached_property
     def ensemble(self) -> Members:
-        """The members of a search, the same for every design. Nothing that is reported is judged on them: see `fresh_ensemble`."""
+        """Members of a search, the same for every design.
+
+        Reported results never use them, see `fresh_ensemble`.
+        """
         return draw_members(self.members, self.seed)
 
     def fresh_ensemble(self, members: int, which: int) -> Members:
@@ -321,7 +357,10 @@ class Problem:
         ]  # member 0 is the paper's run in every ensemble
 
     def describe(self) -> dict[str, object]:
-        """Return the problem's identity as JSON values: a study of one problem is not continued with another."""
+        """Return the problem's identity as JSON values.
+
+        A study of one problem cannot be continued with another problem.
+        """
         return {
             "format": FORMAT,
             "space": self.space.describe(),
@@ -337,7 +376,9 @@ class Problem:
         }
 
     def chunks(self, design: Design | None, ensemble: Members, rate: float) -> list[Chunk]:
-        """Return a design's runs, condition by condition and a few members at a time; each member sweeps up and down, or meets the loads once.
+        """Return a design's runs, in chunks of a condition and a few members.
+
+        Each member sweeps up and down, or runs once under the loads.
 
         None is the beam without absorber, under one newton.
         """
@@ -404,7 +445,10 @@ class Problem:
 
     @cached_property
     def _beams(self) -> dict[float, tuple[Structure, Array | None, ModalModel]]:
-        """The structure of each detuning, with what fatigues in it and its modal model with an absorber at its own place."""
+        """Structure of each detuning, with its stress shape and its modal model.
+
+        The modal model has the absorber at the structure's own place.
+        """
         every = {}
         for detuning in {condition.detuning for condition in self.conditions}:
             structure = detuned(self.beam, detuning)
@@ -420,14 +464,21 @@ class Problem:
         return {}
 
     def join(self, parts: Sequence[Array], members: int) -> Array:
-        """Return the measures of a design's chunks as one array, (members, conditions, up or down, measures)."""
+        """Return the measures of a design's chunks as one array.
+
+        Its shape is (members, conditions, up or down, measures).
+        """
         rows = np.concatenate(parts).reshape(len(self.conditions), members, -1, len(self.measures))
         return np.ascontiguousarray(rows.transpose(1, 0, 2, 3))
 
     def reference(self, ensemble: Members, rate: float) -> Array:
-        """Return the measures of the beam without absorber, (members, conditions, up or down, measures), under the conditions' forces.
+        """Return the measures without absorber, under the conditions' forces.
 
-        It is linear, so that one newton serves all forces; loads are met as they are. Kept for the next call.
+        Their shape is (members, conditions, up or down, measures). They are measured on the beam
+        without absorber.
+
+        It is linear, so that one newton serves all forces; loads are simulated as they are. The
+        result is stored for the next call.
         """
         key = (rate, ensemble.key)
         if key not in self._references:
@@ -451,7 +502,10 @@ class Problem:
         return self._references[key]
 
     def score(self, design: Design, measured: Array, ensemble: Members, rate: float) -> Score:
-        """Return a design's score from its measures, (members, conditions, up or down, measures), of these members at this rate."""
+        """Return a design's score from its measures.
+
+        ``measured``: (members, conditions, up or down, measures), of these members at this rate.
+        """
         if np.isnan(measured).any():
             return Score(
                 tuple(-FAILED if o.maximise else FAILED for o in self.objectives),
@@ -468,7 +522,10 @@ class Problem:
         )
 
     def member_values(self, measured: Array, ensemble: Members, rate: float) -> Array:
-        """Return one value for each objective and member, (objectives, members), from a design's measures."""
+        """Return one value for each objective and member, (objectives, members).
+
+        They are computed from a design's measures.
+        """
         reference = self.reference(ensemble, rate)
         rows = []
         for objective in self.objectives:
@@ -482,7 +539,8 @@ class Problem:
                 continue
             kind = objective.of_kind
             column = self.measures.index(kind.measure)
-            # the worse direction over the worse direction, as in the paper's curves: a level of a sweep down has no reference of its own
+            # the worse direction over the worse direction, as in the paper's curves: a level of a
+            # sweep down has no reference of its own
             scale = reference[..., column].max(axis=2, keepdims=True) if kind.relative else 1.0
             rows.append(objective.per_member(measured[..., column] / scale, self.conditions))
         return np.array(rows)
@@ -499,7 +557,10 @@ class Problem:
         return evaluate_arrays(self, X, ensemble, executor, progress, failures)
 
     def cost(self, score: Score) -> float:
-        """Return the cost of the first objective; infinite for a design that breaks a constraint or failed."""
+        """Return the cost of the first objective.
+
+        It is infinite for a design that breaks a constraint or failed.
+        """
         value = -score.values[0] if self.objectives[0].maximise else score.values[0]
         return value if score.feasible else math.inf
 
@@ -509,7 +570,11 @@ class Problem:
 
 
 def scaled_loads(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
-    """Return each member's loads. What a member draws (records, tones' phases) follows from its phase, so that no two members share it."""
+    """Return each member's loads.
+
+    Their random parts (records, phases of tones) follow from the member's phase, so that no two
+    members share them.
+    """
     numbers = np.asarray(ensemble.phases, dtype=np.float64).view(np.uint64).tolist()
     pairs = zip(numbers, ensemble.phases.tolist(), ensemble.factors.tolist(), strict=True)
     return [loads.member(Member(number, phase, factor * own)) for number, phase, own in pairs]
@@ -518,7 +583,10 @@ def scaled_loads(loads: Loads, factor: float, ensemble: Members) -> list[Loads]:
 def run_chunks(
     chunks: Sequence[Chunk], executor: Executor, progress: Progress | None = None
 ) -> Iterator[tuple[int, Array]]:
-    """Yield (number of the chunk, its measures (lanes, measures)) in the order in which they are finished; closing it drops what has not begun."""
+    """Yield (number of the chunk, its measures (lanes, measures)) as chunks are finished.
+
+    If the generator is closed, chunks that have not begun are dropped.
+    """
     total = sum(len(chunk.lanes) for chunk in chunks)
     done = 0
     for k, values in executor.each(
@@ -551,10 +619,13 @@ def evaluate(
     executor: Executor,
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, Array]]:
-    """Yield (number of the design, measures (members, conditions, up or down, measures)) as designs are finished; `rate` as in `Problem`.
+    """Yield (number of the design, its measures) as designs are finished.
 
-    Designs begin in the order given, so that an interrupted call leaves the first ones whole. Raises ParameterError if the simulator
-    refuses a design; a run that the integrator gives up is NaN.
+    The measures are (members, conditions, up or down, measures). ``rate`` as in `Problem`.
+
+    Designs begin in the order given, so that an interrupted call leaves the first ones whole.
+    Raises ParameterError if the simulator refuses a design; a run that the integrator gives up is
+    NaN.
     """
     owned = [problem.chunks(design, ensemble, rate) for design in designs]
     owners = [k for k, own in enumerate(owned) for _ in own]
@@ -576,11 +647,14 @@ def evaluate(
 
 
 class ProblemValues(NamedTuple):
-    """Values, constraints and spread of N designs, row by row in their order; NaN in the rows of designs that failed.
+    """Values, constraints and spread of N designs, in the order of their rows.
 
-    ``F`` (N, objectives): values, all to be minimised (the width of a range and the like have their sign turned). ``G`` (N, constraints): share by
-    which a limit is exceeded, 0 or below if it is kept. ``spread`` (N, objectives): the bootstrap's standard error of F over the members,
-    NaN for one member.
+    The rows of designs that failed are NaN.
+
+    ``F`` (N, objectives): values, all to be minimised (the width of a range and the like have their
+    sign turned). ``G`` (N, constraints): share by which a limit is exceeded, 0 or below if it is
+    kept. ``spread`` (N, objectives): the bootstrap's standard error of F over the members, NaN for
+    one member.
     """
 
     F: Array
@@ -596,11 +670,15 @@ def evaluate_arrays(
     progress: Progress | None = None,
     failures: dict[int, str] | None = None,
 ) -> ProblemValues:
-    """Return F, G and spread of designs at coordinates ``X`` (N, variables), rows in the order of X: see `ProblemValues`.
+    """Return F, G and spread of designs at coordinates ``X`` (N, variables).
 
-    Coordinates are those of ``problem.space`` (`DesignSpace.low` and `high`). ``ensemble`` None is the search's own members (what is to be reported
-    takes `Problem.fresh_ensemble`), ``executor`` None all cores. A row out of bounds, one that the simulator refuses, and one of which the integrator
-    gives up a run are NaN, and ``failures`` takes the reason by the row's number. Raises ParameterError unless X has one column a variable.
+    The rows are in the order of X, see `ProblemValues`.
+
+    Coordinates are those of ``problem.space`` (`DesignSpace.low` and `high`). ``ensemble`` None is
+    the search's own members (what is to be reported takes `Problem.fresh_ensemble`), ``executor``
+    None all cores. A row out of bounds, one that the simulator refuses, and one of which the
+    integrator gives up a run are NaN, and ``failures`` takes the reason by the row's number. Raises
+    ParameterError unless X has one column a variable.
     """
     rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
     free = problem.space.free
@@ -639,7 +717,8 @@ def evaluate_arrays(
             member, condition = (int(x) for x in np.argwhere(lost)[0])
             where = f"member {member} at {problem.conditions[condition].words}"
             reasons[i] = (
-                f"the integrator gave up {int(lost.sum())} of {lost.size} runs, the first of them {where}"
+                f"the integrator gave up {int(lost.sum())} of {lost.size} runs, the first of "
+                f"them {where}"
             )
             continue
         F[i], G[i], spread[i] = _row(problem, designs[i], measured, ensemble)

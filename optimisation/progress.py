@@ -1,4 +1,8 @@
-"""How long the runs of a command will take, by a short run before they begin, and how far they are: bars on a terminal, or lines."""
+"""Expected duration and progress of the runs of a command.
+
+The duration is estimated by a short run before the others begin. The progress is shown by bars on a
+terminal, otherwise by lines.
+"""
 
 import sys
 import time
@@ -18,12 +22,18 @@ from impact_env.sweep import simulate
 from optimisation.measures import measured
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}, {remaining} left]"
-UNIT_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} left]{postfix}"
+UNIT_BAR = (
+    "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}, {remaining} "
+    "left]{postfix}"
+)
 EVERY = 10.0  # s between two lines
 
 
 class Bar(tqdm):  # type: ignore[misc]
-    """tqdm's bar on stderr or, where that is no terminal, a line of the same words every ten seconds."""
+    """tqdm's bar on stderr, or text lines if stderr is not a terminal.
+
+    A line with the same text is written every ten seconds.
+    """
 
     def __init__(self, *arguments: Any, bar_format: str = UNIT_BAR, **options: Any) -> None:
         self.plain = not sys.stderr.isatty()
@@ -53,7 +63,10 @@ class Bar(tqdm):  # type: ignore[misc]
 
 @contextmanager
 def counting_bar(label: str, unit: str, leave: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """Give a function that shows how many are done, and of how many; fewer than before begin a new count."""
+    """Yield a function that shows the numbers of finished and of all items.
+
+    A number that is smaller than the previous one begins a new count.
+    """
     with Bar(total=0, desc=label, unit=unit, leave=leave) as bar:
 
         def show(done: int, total: int) -> None:
@@ -67,7 +80,10 @@ def counting_bar(label: str, unit: str, leave: bool = True) -> Iterator[Callable
 
 @contextmanager
 def stages_bar(label: str, leave: bool = True) -> Iterator[Callable[[str, int, int], None]]:
-    """Give a function that shows what is being done, how many are done, and of how many (0: nobody knows)."""
+    """Yield a function that shows the stage and the numbers of finished and of all items.
+
+    The number of all items is 0 if it is not known.
+    """
     with Bar(total=None, desc=label, bar_format="{desc} [{elapsed}]", leave=leave) as bar:
 
         def show(what: str, done: int, total: int) -> None:
@@ -96,7 +112,11 @@ COARSE_PERIODS = 200.0  # of a sweep, at least, for such an answer
 
 @dataclass(frozen=True, eq=False)
 class PlannedRuns:
-    """A ``number`` of runs of a scene: sweeps near a resonance under about one ``force`` in N, of so many pseudo ``periods`` each."""
+    """Runs of a scene whose duration is estimated.
+
+    They are a ``number`` of sweeps near a resonance under about one ``force`` in N, of ``periods``
+    pseudo periods each.
+    """
 
     scene: Scene
     force: float
@@ -106,7 +126,10 @@ class PlannedRuns:
 
 
 def seconds_per_period(scene: Scene, force: float, resonance: int) -> float:
-    """Return the time in s that a pseudo period takes under a force in N at a resonance, without compilation: the shorter of two runs."""
+    """Return the computing time in s of a pseudo period under a force in N at a resonance.
+
+    It is that of the shorter of two runs, without compilation.
+    """
     schedule = constant_frequency(scene.model.resonance_omega(resonance), 1.0, PROBE_PERIODS)
     return min(simulate(scene, Drive(force, schedule)).wall_time for _ in "12") / PROBE_PERIODS
 
@@ -122,16 +145,22 @@ def duration_in_words(seconds: float) -> str:
 def announce_duration(
     scene: Scene, force: float, resonance: int, periods: float, runs: int, threads: int | None
 ) -> float:
-    """Return about how long so many runs take in s, and print it on standard error where it is long; ``periods``: pseudo periods of a run."""
+    """Estimate how long runs take in s, and print the estimate if it is long.
+
+    It is printed on standard error. ``periods``: pseudo periods of a run.
+    """
     return announce_runs([PlannedRuns(scene, force, resonance, periods, runs)], threads)
 
 
 def announce_runs(
     planned: Sequence[PlannedRuns], threads: int | None, how: str = "A higher --rate takes less."
 ) -> float:
-    """Return about how long runs take in s, and print it on standard error where it is long; ``how`` it takes less, in words.
+    """Estimate how long runs take in s, and print the estimate if it is long.
 
-    The run that is timed has fewer impacts than a whole sweep may have: within a factor of about three.
+    It is printed on standard error. ``how``: a sentence on how to make the runs shorter.
+
+    The run that is timed has fewer impacts than a whole sweep may have: within a factor of about
+    three.
     """
     number = sum(one.number for one in planned)
     cores = max(1.0, min(threads or available_cores(), number))
@@ -145,7 +174,10 @@ def announce_runs(
 
 
 def announce_load_runs(scene: Scene, loads: Loads, runs: int, threads: int | None) -> float:
-    """Return about how long ``runs`` of a scene under loads take in s, and print it on standard error where it is long: one of them is timed."""
+    """Estimate how long ``runs`` of a scene under loads take in s, by timing one of them.
+
+    The estimate is printed on standard error if it is long.
+    """
     lane = Lane(scene, loads, steady_start=True)
     started = time.perf_counter()
     measured(lane)

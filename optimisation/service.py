@@ -1,8 +1,11 @@
-"""A device in service, as its builder needs it: impacts, wear, heat, the forces it serves, other absorbers, and what uncertain numbers do.
+"""A device in service: impacts, wear, heat, force range, baselines and uncertainty.
 
-`service_loads` is for the device of a search for a gap, under one swept force. `service` is for a design of a problem: everything runs on fresh
-members. Its tolerances are tried one by one at both ends, and jointly: each draw has all numbers off at once, uniformly within their tolerances, and
-a member of its own, so that its quantiles cover both chaos and tolerances.
+These are the data that the builder of the device needs.
+
+`service_loads` is for the device of a search for a gap, under one swept force. `service` is for a
+design of a problem: everything runs on fresh members. Its tolerances are tried one by one at both
+ends, and jointly: each draw has all numbers off at once, uniformly within their tolerances, and a
+member of its own, so that its quantiles cover both chaos and tolerances.
 """
 
 from collections.abc import Sequence
@@ -61,7 +64,10 @@ EFFECTIVE_RATIO = 0.5  # of the level without absorber, which a device that work
 
 @dataclass(frozen=True)
 class ImpactLoads:
-    """What impacts do over the worse of a sweep up and down: largest and RMS relative speed (m/s), number a second, and power lost (W).
+    """Loads of impacts over the worse of a sweep up and a sweep down.
+
+    They are the largest and RMS relative speed (m/s), the number of impacts in a second, and the
+    power lost in them (W).
 
     ``omega``: the higher frequency of the structure's level in rad/s.
     """
@@ -77,7 +83,8 @@ class ImpactLoads:
 class ServiceLoads:
     """What a device bears and what else there is: levels in m (RMS).
 
-    ``works`` and ``helps``: lowest and highest force in N of those known where it at least halves the level, and where it lowers it; NaN for none.
+    ``works`` and ``helps``: lowest and highest force in N of those known where it at least halves
+    the level, and where it lowers it; NaN for none.
     """
 
     answer: Answer
@@ -90,7 +97,10 @@ class ServiceLoads:
 
 
 def service_loads(advice: Advice, answer: Answer, executor: Executor) -> ServiceLoads:
-    """Run a device once up and once down with its impacts recorded, and other absorbers; raises KeyboardInterrupt if that is stopped."""
+    """Run a device with its impacts recorded, and baselines.
+
+    The device is run once up and once down. Raises KeyboardInterrupt if the runs are stopped.
+    """
     check = advice.check
     impacts = impact_loads(check.swept.curve_case(answer.absorber), executor)
     forces = check.force * FACTORS
@@ -112,7 +122,10 @@ def service_loads(advice: Advice, answer: Answer, executor: Executor) -> Service
 
 
 def impact_loads(case: CurveCase, executor: Executor) -> ImpactLoads:
-    """Run a case's first force once up and once down with its impacts recorded; raises KeyboardInterrupt if that is stopped."""
+    """Run a case's first force once up and once down with its impacts recorded.
+
+    Raises KeyboardInterrupt if the runs are stopped.
+    """
     lanes = [
         Lane(case.scene, Drive(float(case.forces[0]), schedule), case.steady_start)
         for schedule in case.schedules()
@@ -130,20 +143,29 @@ def impact_loads(case: CurveCase, executor: Executor) -> ImpactLoads:
 def change_with_modes(
     advice: Advice, answer: Answer, structure: Structure, seed: int, executor: Executor
 ) -> str:
-    """Return in words what twice the modes change of a device's level; nothing where the structure has no more."""
+    """Return a text on the change of a device's level with twice the modes.
+
+    The text is empty if the structure has no more modes.
+    """
     beam = with_more_modes(structure)
     check = advice.check
     if beam is None:
         return ""
     case = check.swept.curve_case(answer.absorber, modal_model(beam))
     (curve,) = performance_curves([case], advice.members, seed, executor=executor)
-    return f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, {curve.median[0] / answer.level:.2f} times as high"
+    return (
+        f"; with {beam.modes} the level is {1e3 * curve.median[0]:.4g} mm, "
+        f"{curve.median[0] / answer.level:.2f} times as high"
+    )
 
 
 def uncertain_levels(
     advice: Advice, answer: Answer, every: Sequence[Distribution], executor: Executor
 ) -> tuple[float, float, float]:
-    """Return the 5, 50 and 95 % quantiles of a device's level in m with all that is uncertain drawn; raises KeyboardInterrupt if it is stopped."""
+    """Return the 5, 50 and 95 % quantiles of a device's level in m under uncertainty.
+
+    All uncertain quantities are drawn. Raises KeyboardInterrupt if the runs are stopped.
+    """
     check = advice.check
     case = check.swept.curve_case(answer.absorber)
     ensemble = draw_members(UNCERTAIN_DRAWS + 1, UNSEEN)[1:]
@@ -174,7 +196,10 @@ def _impacts(lane: Lane) -> tuple[float, ...]:
 
 
 def contiguous_range(forces: Array, good: NDArray[np.bool_], middle: int) -> tuple[float, float]:
-    """Return the lowest and highest force of the stretch around a force, by its index, that is good; NaN where that is not."""
+    """Return the lowest and highest force of the good range around a force.
+
+    ``middle``: index of that force. The result is NaN if that force is not good.
+    """
     if not good[middle]:
         return float("nan"), float("nan")
     bad = np.flatnonzero(~good)
@@ -200,7 +225,8 @@ DRAWS = 32
 FEW = 4
 # of the condition's force
 FORCES = np.geomspace(1 / 4, 4, 17)
-# of a lasting vibration: how many, time constants before it is watched, pseudo periods it is watched
+# of a lasting vibration: how many, time constants before it is watched, pseudo periods it is
+# watched
 FREQUENCIES = 21
 SETTLING_CONSTANTS = 8.0
 LASTING_PERIODS = 200.0
@@ -208,13 +234,18 @@ LASTING_PERIODS = 200.0
 
 @dataclass(frozen=True, eq=False)
 class Service:
-    """What is known of a design in service, at each of the problem's C conditions, the last axis of all arrays.
+    """Service data of a design at each of the problem's C conditions.
 
-    ``measures``: for each of `SERVICE_MEASURES` the median of the members between the ends of the interval that holds 90 % of fresh runs, (3, C),
-    in the units of `optimisation.measures.MEASURES`. ``forces`` (2, C) in N: between them it at least halves the level; NaN where it does not at the
-    condition's own force. ``single``: for each tolerance the median level in m with the number too small and too large, (2, C). ``joint``
-    (quantiles, C) in m: `QUANTILES` of the levels of ``draws`` with all of them off. ``level`` (C,) in m: the median with none off.
-    ``lasting`` (C,) in m: the largest RMS of a vibration of constant frequency over the range of the sweep.
+    The conditions are the last axis of all arrays.
+
+    ``measures``: for each of `SERVICE_MEASURES` the median of the members between the ends of the
+    interval that holds 90 % of fresh runs, (3, C), in the units of
+    `optimisation.measures.MEASURES`. ``forces`` (2, C) in N: between them it at least halves the
+    level; NaN where it does not at the condition's own force. ``single``: for each tolerance the
+    median level in m with the number too small and too large, (2, C). ``joint`` (quantiles, C) in
+    m: `QUANTILES` of the levels of ``draws`` with all of them off. ``level`` (C,) in m: the median
+    with none off. ``lasting`` (C,) in m: the largest RMS of a vibration of constant frequency over
+    the range of the sweep.
     """
 
     conditions: tuple[Condition, ...]
@@ -251,7 +282,10 @@ def _chunks(
     ensemble: Members,
     measures: tuple[str, ...],
 ) -> list[Chunk]:
-    """Return a design's runs with numbers off by shares (-1 to 1) of their tolerances; the sweeps follow the beam's own frequency."""
+    """Return a design's runs with numbers off by shares (-1 to 1) of their tolerances.
+
+    The sweeps follow the beam's own frequency.
+    """
     values = {
         name: _shifted(x, *TOLERANCES[parts_of(name)[0]], off[name]) if name in off else x
         for name, x in design.values.items()
@@ -278,7 +312,10 @@ def _run(
     executor: Executor,
     progress: Progress | None,
 ) -> list[Array]:
-    """Return the measures of several sets of runs, each (members, conditions, measures), the larger of up and down."""
+    """Return the measures of several sets of runs, each (members, conditions, measures).
+
+    They are the larger ones of up and down.
+    """
     measured = measured_chunks([chunk for chunks in every for chunk in chunks], executor, progress)
     ends = np.cumsum([0, *(len(chunks) for chunks in every)])
     rows = [np.concatenate(measured[start:stop]) for start, stop in pairwise(ends)]
@@ -317,9 +354,12 @@ def service_measures(
 def lasting_levels(
     problem: Problem, design: Design, executor: Executor, progress: Progress | None = None
 ) -> Array:
-    """Return the largest RMS in m of the free end under a force of constant frequency, over frequencies of each condition's sweep, (C,).
+    """Return the largest RMS in m of the free end under forces of constant frequency, (C,).
 
-    Each run begins at rest, settles for `SETTLING_CONSTANTS` time constants of the resonance, and then is watched for at least 200 pseudo periods.
+    It is the largest over the frequencies of each condition's sweep.
+
+    Each run begins at rest, settles for `SETTLING_CONSTANTS` time constants of the resonance, and
+    then is watched for at least 200 pseudo periods.
     """
     ensemble = problem.fresh_ensemble(1, REPORT_SEEDS)
     begun = problem.chunks(design, ensemble, problem.rate)
@@ -350,9 +390,13 @@ def service(
     draws: int = DRAWS,
     progress: Progress | None = None,
 ) -> Service:
-    """Run a design as it will be used; ``members`` for each point of ranges and tolerances, ``draws`` with all numbers off.
+    """Run a design as it will be used.
 
-    What a run has a part in that the integrator gives up is NaN. Raises ParameterError for numbers out of range.
+    ``members``: number of members for each point of ranges and tolerances. ``draws``: number of
+    draws with all numbers off.
+
+    Values to which a run contributes that the integrator could not finish are NaN. Raises
+    ParameterError for numbers out of range.
     """
     members = count("members", members, 1)
     draws = count("draws", draws, 1)

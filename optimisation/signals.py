@@ -1,22 +1,28 @@
 """Measures of a run's motion and impacts after a start that is left out: one definition each.
 
-Signals are displacement, acceleration and, where the structure has one, stress where the response level is read, relative to the base or absolute.
-The acceleration is the change of velocity from sample to sample over the time between: a mean over that time, impacts included. After rigid impacts
+Signals are displacement, acceleration and, where the structure has one, stress where the response
+level is read, relative to the base or absolute. The acceleration is the change of velocity from
+sample to sample over the time between: a mean over that time, impacts included. After rigid impacts
 it and the stress depend on the modes that are kept, and it on the samples: both are told.
 
 Of each signal x, from samples:
 
-- RMS about zero, and the percentiles of |x|; of the displacement the response level of the whole run as well;
+- RMS about zero, and the percentiles of |x|; of the displacement the response level of the whole
+  run as well;
 - exceedances: how often a second |x| rises above multiples of its RMS;
-- rainflow: cycles by their amplitude, half a range, see `measures.rainflow_amplitudes`; half cycles count 0.5;
-- spectrum: Welch's one-sided density with `SEGMENTS` segments, Hann windows that overlap by half; its integral is the mean square;
-- of several tones, the response level or RMS of what lies in each one's band: bands meet at the geometric mean of neighbouring frequencies. What is
-  cut out of the spectrum rings at both ends of the run, where as much as a level's half window is left out.
+- rainflow: cycles by their amplitude, half a range, see `measures.rainflow_amplitudes`; half cycles
+  count 0.5;
+- spectrum: Welch's one-sided density with `SEGMENTS` segments, Hann windows that overlap by half;
+  its integral is the mean square;
+- of several tones, the response level or RMS of what lies in each one's band: bands meet at the
+  geometric mean of neighbouring frequencies. What is cut out of the spectrum rings at both ends of
+  the run, where as much as a level's half window is left out.
 
-After shocks, the energy of the structure and the share of the modes above the first in it, at equal times from the end of the pulse on, and the decay
-time, see `measures`.
+After shocks, the energy of the structure and the share of the modes above the first in it, at equal
+times from the end of the pulse on, and the decay time, see `measures`.
 
-Of impacts on rigid walls: their number a second, also of those above a velocity, and the energy that they lose a second (the power that wears).
+Of impacts on rigid walls: their number a second, also of those above a velocity, and the energy
+that they lose a second (the power that wears).
 """
 
 from dataclasses import dataclass
@@ -56,7 +62,10 @@ HALVINGS = 6  # of the largest velocity: thresholds of impacts
 
 @dataclass(frozen=True, eq=False)
 class SignalOptions:
-    """What a lane is measured by: plain data. ``samples`` a pseudo period; ``absolute``: of the motion in space, not relative to the base.
+    """Options of the signals that are measured in a lane.
+
+    They are plain data. ``samples``: samples in a pseudo period. ``absolute``: whether the motion
+    is measured in space instead of relative to the base.
 
     ``stress_shape`` (N_m,) as `measures.stress_shape` has it.
     """
@@ -117,7 +126,10 @@ def signal_measures(response: Response, options: SignalOptions) -> dict[str, Any
 
 
 def signals_of(response: Response, options: SignalOptions) -> dict[str, Array]:
-    """Return displacement (m), acceleration (m/s^2) and, if it is known, stress at the samples of a run."""
+    """Return displacement (m), acceleration (m/s^2) and stress at the samples of a run.
+
+    The stress is included if it is known.
+    """
     history = require_recorded("history", response.history)
     model = response.scene.model
     displacement = history.modal_displacement @ model.level_shape
@@ -170,14 +182,20 @@ def decay_of(response: Response) -> dict[str, Any]:
 
 
 def spectrum(values: Array, rate: float) -> tuple[Array, Array]:
-    """Return frequencies in Hz and the one-sided density of samples at a ``rate`` in Hz, in their unit squared per Hz."""
+    """Return frequencies in Hz and the one-sided density of samples at a ``rate`` in Hz.
+
+    The density is in the unit of the samples squared per Hz.
+    """
     segment = max(2 * len(values) // (SEGMENTS + 1), 1)
     frequencies, density = scipy.signal.welch(values, rate, nperseg=segment, detrend=False)
     return frequencies, density
 
 
 def of_signal(values: Array, rate: float) -> dict[str, Any]:
-    """Return the measures of a signal (S,) that is sampled at a ``rate`` in Hz, as JSON values in its unit."""
+    """Return the measures of a signal (S,) that is sampled at a ``rate`` in Hz.
+
+    They are JSON values in the unit of the signal.
+    """
     size = np.abs(values)
     rms = float(np.sqrt(np.mean(values**2)))
     rises = [int(np.sum((size[:-1] <= k * rms) & (size[1:] > k * rms))) for k in MULTIPLES]
@@ -202,7 +220,10 @@ def of_signal(values: Array, rate: float) -> dict[str, Any]:
 
 
 def band_edges(loads: Loads) -> Array:
-    """Return the frequencies in Hz between which the tones of loads lie, from 0 to infinity: (number of tones + 1,)."""
+    """Return the frequencies in Hz that separate the tones of loads, from 0 to infinity.
+
+    Their shape is (number of tones + 1,).
+    """
     tones = []
     for part in loads.parts:
         if isinstance(part, Tones):
@@ -218,9 +239,12 @@ def band_edges(loads: Loads) -> Array:
 
 
 def edges_of(model: ModalModel, loads: Loads) -> Array:
-    """Return the frequencies in Hz between the bands in which loads are measured, from 0 to infinity: one band for each of several tones.
+    """Return the ends in Hz of the bands in which loads are measured, from 0 to infinity.
 
-    Of a sweep one way through several resonances, it is one for each of them; the bands meet at the geometric mean of neighbouring resonances.
+    There is one band for each of several tones.
+
+    Of a sweep one way through several resonances, it is one for each of them; the bands meet at the
+    geometric mean of neighbouring resonances.
     """
     edges = band_edges(loads)
     omegas = loads.schedule.omegas
@@ -231,7 +255,11 @@ def edges_of(model: ModalModel, loads: Loads) -> Array:
 
 
 def band_levels(lane: Lane) -> tuple[float, ...]:
-    """Run a lane, and return response level (with a schedule) or RMS of the displacement in each of the bands of `edges_of`, in m."""
+    """Run a lane and return its level in m in each of the bands of `edges_of`.
+
+    The level is the response level for loads with a schedule, otherwise the RMS of the
+    displacement.
+    """
     ratio = lane.drive.highest_lasting_omega / lane.drive.schedule.reference
     samples = max(SAMPLES, int(np.ceil(LEAST_SAMPLES_PER_CYCLE * ratio)))
     require_sampled(lane.scene, lane.drive, samples)
@@ -251,7 +279,11 @@ def band_levels(lane: Lane) -> tuple[float, ...]:
 
 
 def bands_of(response: Response, displacement: Array) -> list[dict[str, float]]:
-    """Return response level (loads with a schedule) or RMS in the band of each of several tones, none for other loads."""
+    """Return the level in the band of each of several tones.
+
+    The level is the response level for loads with a schedule, otherwise the RMS. Other loads have
+    no bands.
+    """
     drive = response.drive
     if not isinstance(drive, Loads) or len(edges := band_edges(drive)) < 3:
         return []

@@ -1,7 +1,10 @@
-"""Sobol indices of a level, with seeded bootstrap intervals: which of a device's numbers its level depends on.
+"""Sobol indices of a level, with seeded bootstrap intervals.
 
-Points, estimator (Saltelli 2010) and indices are SciPy's; its bootstrap takes no seed, so that its intervals differ from call to call. Here the rows
-of the samples are drawn again by a generator with a seed.
+They show on which parameters of a device its level depends.
+
+Points, estimator (Saltelli 2010) and indices are SciPy's; its bootstrap takes no seed, so that its
+intervals differ from call to call. Here the rows of the samples are drawn again by a generator with
+a seed.
 """
 
 from collections.abc import Callable
@@ -30,7 +33,8 @@ from optimisation.statistics import COVERED
 Array = NDArray[np.float64]
 SOBOL_RESAMPLES = 500
 SOBOL_SEED = 99  # of members that no search has seen
-# half widths of a device's box: shares of gap, friction limit, mass and force, differences of restitution and of the place over the length
+# half widths of a device's box: shares of gap, friction limit, mass and force, differences of
+# restitution and of the place over the length
 DEVICE_BOX = {
     "gap": 0.1,
     "restitution": 0.1,
@@ -52,10 +56,13 @@ BOX_DIFFERENCES = ("restitution", "place")
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Sobol indices of a value around a design, with 95 % bootstrap intervals: share of its variance that a variable causes.
+    """Sobol indices of a value around a design, with 95 % bootstrap intervals.
 
-    Arrays (variables,), intervals (variables, 2). ``first`` is a variable's own share, ``total`` includes what it does with others. ``low`` and
-    ``high`` are the ends of the box of values in SI units, ``spread`` the standard deviation of the value in it.
+    An index is the share of the value's variance that a variable causes.
+
+    Arrays (variables,), intervals (variables, 2). ``first`` is a variable's own share, ``total``
+    includes what it does with others. ``low`` and ``high`` are the ends of the box of values in SI
+    units, ``spread`` the standard deviation of the value in it.
     """
 
     names: tuple[str, ...]
@@ -70,7 +77,9 @@ class Sensitivity:
 
 
 def sobol_points(samples: int, low: ArrayLike, high: ArrayLike, seed: int) -> Array:
-    """Return the points of Saltelli's method in a box, (d + 2, samples, d): A, B, and A with a column of B for each variable.
+    """Return the points of Saltelli's method in a box, (d + 2, samples, d).
+
+    They are A, B, and A with a column of B for each variable.
 
     ``samples``: a power of 2; ``low``, ``high``: ends (d,) of the box.
     """
@@ -91,15 +100,17 @@ def sobol_points(samples: int, low: ArrayLike, high: ArrayLike, seed: int) -> Ar
 def sobol_sensitivity(
     names: tuple[str, ...], low: Array, high: Array, values: ArrayLike, seed: int = 0
 ) -> Sensitivity:
-    """Return the indices of the ``values`` (d + 2, samples) at `sobol_points`, with intervals of a seeded bootstrap over the samples.
+    """Return the indices of the ``values`` (d + 2, samples) at `sobol_points`.
+
+    Their intervals are those of a seeded bootstrap over the samples.
 
     Examples
     --------
     >>> points = sobol_points(256, [0.0, 0.0], [1.0, 1.0], 0)
-    >>> found = sobol_sensitivity(("x", "y"), np.zeros(2), np.ones(2), points[..., 0] + 2 * points[..., 1])
-    >>> found.first.round(1)
+    >>> values = points[..., 0] + 2 * points[..., 1]
+    >>> sensitivity = sobol_sensitivity(("x", "y"), np.zeros(2), np.ones(2), values)
+    >>> sensitivity.first.round(1)
     array([0.2, 0.8])
-
     """
     rows = row("values", values, "a finite number for each point", axes=2)
     samples = rows.shape[1]
@@ -126,7 +137,10 @@ def sobol_sensitivity(
 
 
 def device_box(case: CurveCase, structure: Structure) -> dict[str, tuple[float, float]]:
-    """Return the ends of the box around a case's device by name, SI units, see `DEVICE_BOX`; the place on a beam only."""
+    """Return the ends of the box around a case's device by name, in SI units.
+
+    See `DEVICE_BOX`. The place is included on a beam only.
+    """
     absorber = case.scene.absorber
     if not isinstance(absorber, SlidingAbsorber) or not isinstance(absorber.walls, RigidWalls):
         raise ParameterError(
@@ -170,10 +184,12 @@ def device_sensitivity(
     case : CurveCase
         Scene with an impact absorber between rigid walls, force (the first), resonance and sweeps.
     structure : Beam or ModalModel
-        What the absorber is on: on a beam its place is one of the variables, and the level stays where it is read.
+        What the absorber is on: on a beam its place is one of the variables, and the level stays
+        where it is read.
     samples : int
-        A power of 2; (variables + 2) times as many devices run, each once up and once down, all with one member's phase. What runs differ by chance
-        counts as an interaction of all variables: it shows in the total indices only.
+        A power of 2; (variables + 2) times as many devices run, each once up and once down, all
+        with one member's phase. What runs differ by chance counts as an interaction of all
+        variables: it shows in the total indices only.
     seed : int
         Of the points and the intervals.
     progress, executor

@@ -1,11 +1,14 @@
-"""Design spaces: what may be chosen of an absorber, in which bounds, and what a choice means as a scene.
+"""Design spaces: variables of an absorber, their bounds, and the scene of a design.
 
-A space belongs to one concept, whose `VARIABLES` have the bounds of a search and the paper's values (section 6), in SI units, read from the
-simulator's own defaults where those are the paper's. Gap, friction, stiffness and damping of an absorber are counted in units of the structure
-(`Units`), so that one pair of bounds fits any: a gap in rule gaps, a friction limit in absorber mass times gap times omega squared.
+A space belongs to one concept, whose `VARIABLES` have the bounds of a search and the paper's values
+(section 6), in SI units, read from the simulator's own defaults where those are the paper's. Gap,
+friction, stiffness and damping of an absorber are counted in units of the structure (`Units`), so
+that one pair of bounds fits any: a gap in rule gaps, a friction limit in absorber mass times gap
+times omega squared.
 
-A space is versioned, because a study that was begun in one version of a space cannot be continued in another. A design is in SI units; its
-*coordinates*, in which searches move, count scaled variables in units of the structure.
+A space is versioned, because a study that was begun in one version of a space cannot be continued
+in another. A design is in SI units; its *coordinates*, in which searches move, count scaled
+variables in units of the structure.
 """
 
 from __future__ import annotations
@@ -72,10 +75,14 @@ ABSORBER_IDS = (1, 2)  # numbers of the absorbers of SEVERAL
 
 @dataclass(frozen=True)
 class Variable:
-    """One number of a design: bounds ``low`` and ``high`` of the search in ``unit``; ``log`` if ratios matter, not differences.
+    """A variable of a design.
 
-    ``default`` is in the SI unit ``si``. The bounds of a ``scaled`` variable are in a unit of the structure, those of another are in SI units too.
-    ``whole``: a choice among whole numbers, bounds included; each has the same share of the range.
+    ``low`` and ``high``: bounds of the search in ``unit``. ``log``: whether ratios matter instead
+    of differences.
+
+    ``default`` is in the SI unit ``si``. The bounds of a ``scaled`` variable are in a unit of the
+    structure, those of another are in SI units too. ``whole``: a choice among whole numbers, bounds
+    included; each has the same share of the range.
     """
 
     name: str
@@ -126,7 +133,10 @@ class Variable:
         return replace(self, low=low, high=high, unit=self.si, scaled=False)
 
     def choice(self, number: int) -> Variable:
-        """Return the variable as a choice among the places 1 to ``number``; bounds that are its own by default give way, others stay."""
+        """Return the variable as a choice among the places 1 to ``number``.
+
+        The variable's default bounds are replaced, other bounds remain.
+        """
         ends = (
             (1.0, float(number))
             if (self.low, self.high) == (_POSITION.low, _POSITION.high)
@@ -175,7 +185,10 @@ def of_absorber(name: str, which: int) -> str:
 
 
 def _one_of_several(which: int) -> tuple[Variable, ...]:
-    """Return the variables of one of the two absorbers of SEVERAL. Each has half the paper's friction, as it has half the mass."""
+    """Return the variables of one of the two absorbers of SEVERAL.
+
+    Each has half the paper's friction, because it has half the mass.
+    """
     own = {variable.name: variable for variable in VARIABLES[IMPACT]}
     friction = replace(own[FRICTION_LIMIT], default=PAPER_FRICTION / len(ABSORBER_IDS))
     return tuple(
@@ -240,13 +253,15 @@ VARIABLES: dict[str, tuple[Variable, ...]] = {
         _POSITION,
     ),
 }
-# two impact absorbers on one mass budget: ``mass_ratio`` is that of both, of which the first has ``share``
+# two impact absorbers on one mass budget: ``mass_ratio`` is that of both, of which the first has
+# ``share``
 VARIABLES[SEVERAL] = (
     *(v for which in ABSORBER_IDS for v in _one_of_several(which)),
     Variable(SHARE, "of the mass", 0.1, 0.9, 0.5),
     _MASS,
 )
-# raised when variables, their meaning or their defaults change: a study of another version is not continued
+# raised when variables, their meaning or their defaults change: a study of another version is not
+# continued
 VERSIONS = {IMPACT: 2, FRICTION: 2, TUNED: 2, SEVERAL: 2}
 DEFAULT_FREE = {
     IMPACT: (GAP, RESTITUTION, FRICTION_LIMIT),
@@ -256,19 +271,26 @@ DEFAULT_FREE = {
 }
 
 
-# Units of a structure by which absorbers are counted, so that bounds and start of a search fit any structure.
+# Units of a structure by which absorbers are counted, so that bounds and start of a search fit any
+# structure.
 #
-# The scaling law leaves a design only ratios: its gap over a length of the motion, here the rule's gap, or the free amplitude where that is smaller;
-# its friction limit over m_a g0 omega^2; a stiffness over m_a omega^2 and a damping over 2 m_a omega. A damper has no gap, and its length is the free
-# amplitude. omega is that of the lowest resonance that counts, and of several resonances the widest gap counts (`optimisation.bounds.common_gap`).
+# The scaling law leaves a design only ratios: its gap over a length of the motion, here the rule's
+# gap, or the free amplitude where that is smaller; its friction limit over m_a g0 omega^2; a
+# stiffness over m_a omega^2 and a damping over 2 m_a omega. A damper has no gap, and its length is
+# the free amplitude. omega is that of the lowest resonance that counts, and of several resonances
+# the widest gap counts (`optimisation.bounds.common_gap`).
 
 
 Values = Mapping[str, float]
-MOST_GAPS = 10.0  # the free amplitude counts as no more gaps than this: that of an undamped structure is infinite
+# the free amplitude counts as no more gaps than this: that of an undamped structure is infinite
+MOST_GAPS = 10.0
 
 
 def parts_of(name: str) -> tuple[str, int | None]:
-    """Return the kind of a variable and, of several absorbers, the number of the one that it is of."""
+    """Return the kind of a variable and the number of its absorber.
+
+    The number is None unless there are several absorbers.
+    """
     kind, _, which = name.rpartition("_")
     return (kind, int(which)) if which.isdigit() else (name, None)
 
@@ -299,11 +321,15 @@ class Units:
         return {}
 
     def model(self, position: float | None = None) -> ModalModel:
-        """Return the modal model with the absorber at a share of the length, or at a modal model's place; None: at the structure's own place."""
+        """Return the modal model with the absorber at a position.
+
+        The position is a share of the length, or the number of a modal model's place. None: the
+        structure's own place.
+        """
         if position is not None and isinstance(self.beam, Beam):
-            position = min(
-                position, 1.0
-            )  # a space that is not bound to its modal model yet counts in the paper's units, which know no places
+            # a space that is not bound to its modal model yet counts in the paper's units, which
+            # know no places
+            position = min(position, 1.0)
         if position not in self._models:
             self._models[position] = model_with_absorber_at(self.beam, position)
         return self._models[position]
@@ -340,7 +366,10 @@ class Units:
         return self._length("amplitude", mass_ratio, position)
 
     def of(self, concept: str, name: str, values: Values) -> float:
-        """Return the unit of a scaled variable, in SI units, for a design with these ``values`` of mass, place and, for its friction, gap."""
+        """Return the unit of a scaled variable, in SI units.
+
+        ``values``: mass, place and, for the friction, gap of the design.
+        """
         kind, which = parts_of(name)
         total = values[MASS_RATIO]
         share = 1.0 if which is None else values[SHARE] if which == 1 else 1 - values[SHARE]
@@ -363,7 +392,11 @@ class Units:
         return 2 * inertia / self.omega
 
     def start(self, concept: str, name: str, values: Values) -> float:
-        """Return the start of a search in SI units: the rule's gap, the paper's friction by the scaling law, else the paper's share of the unit."""
+        """Return the start of a search in SI units.
+
+        The gap is the rule's, and the friction is the paper's by the scaling law. For other
+        variables it is the paper's share of the unit.
+        """
         kind, which = parts_of(name)
         if kind == GAP:
             return self.of(concept, name, values)
@@ -396,7 +429,10 @@ AT_BOUND = (
 
 @dataclass(frozen=True)
 class Design:
-    """One absorber of a concept, or two: a value for each of the concept's variables, in SI units."""
+    """One or two absorbers of a concept.
+
+    The design has a value for each of the concept's variables, in SI units.
+    """
 
     concept: str
     values: Values
@@ -428,12 +464,18 @@ class Design:
         return TunedAbsorber(v[MASS_RATIO], v[STIFFNESS], v[DAMPING])
 
     def scene(self, structure: Structure) -> Scene:
-        """Return the absorber on a structure, at the design's positions; the level is read where `optimisation.mounting.with_response_point` says."""
+        """Return the absorber on a structure, at the design's positions.
+
+        The level is read where `optimisation.mounting.with_response_point` says.
+        """
         return scene_on(structure, self.absorber(), *self.positions)
 
     @property
     def positions(self) -> list[float]:
-        """The position of each absorber: a share of a beam's length, or the number of one of a modal model's places."""
+        """Position of each absorber.
+
+        It is a share of a beam's length, or the number of one of a modal model's places.
+        """
         return [
             self.values[name]
             for name in (
@@ -451,10 +493,13 @@ class Design:
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """A concept with its ``free`` variables, within their bounds, and the values, in SI units, of those that are ``fixed``.
+    """A concept with its free and fixed variables.
 
-    ``units`` are those of the structure (a problem puts in its own), which scaled bounds and the values of what is neither free nor fixed follow;
-    None: the paper's beam, on which the start is the paper's design.
+    ``free``: variables within their bounds. ``fixed``: values of other variables in SI units.
+
+    ``units`` are those of the structure (a problem puts in its own), which scaled bounds and the
+    values of what is neither free nor fixed follow; None: the paper's beam, on which the start is
+    the paper's design.
     """
 
     concept: str
@@ -487,11 +532,14 @@ class DesignSpace:
         for share in (
             0.0,
             1.0,
-        ):  # bounds and fixed values that the simulator refuses are named now, not in the middle of a search
+        ):
+            # bounds and fixed values that the simulator refuses are named now, not during a search
             design = self.at([share] * len(self.free))
             mass_ratio = usable_mass_ratio(MASS_RATIO, design.values[MASS_RATIO])
             replace(design, values={**design.values, MASS_RATIO: mass_ratio}).absorber()
-            for x in design.positions:  # 0 is the left end, which a structure may hold or not; 2, 3, ... are places of a modal model
+            # 0 is the left end, which a structure may hold or not; 2, 3, ... are places of a modal
+            # model
+            for x in design.positions:
                 Beam(absorber_position=1.0 if x == 0 or (x > 1 and x == round(x)) else x)
 
     @property
@@ -510,9 +558,15 @@ class DesignSpace:
         return np.array([v.high for v in self.free])
 
     def on_places(self, number: int) -> DesignSpace:
-        """Return the space on a modal model with so many places for absorbers: a position is a choice among them."""
+        """Return the space on a modal model with ``number`` places for absorbers.
+
+        A position is a choice among these places.
+        """
         at = [v.name for v in self.free if parts_of(v.name)[0] == POSITION]
-        allowed = "left out on a modal model with one place: the absorber is where its shapes say, and its file lists no other place"
+        allowed = (
+            "left out on a modal model with one place: the absorber is where its shapes say, and "
+            "its file lists no other place"
+        )
         require(not at or number > 1, at[0] if at else POSITION, "free", allowed)
         for name, value in self.fixed.items():
             if parts_of(name)[0] == POSITION:
@@ -530,7 +584,10 @@ class DesignSpace:
 
     @property
     def paper(self) -> Design:
-        """The paper's design, whatever this space's bounds and fixed values are, at the place of this space's."""
+        """The paper's design, at the place of this space.
+
+        It does not depend on the bounds and the other fixed values of the space.
+        """
         return Design(
             self.concept,
             {
@@ -541,11 +598,18 @@ class DesignSpace:
 
     @property
     def default(self) -> Design:
-        """Where a search begins: the paper's design scaled to the structure (the rule's gap), with the fixed values, within the bounds."""
+        """Start of a search.
+
+        It is the paper's design scaled to the structure (the rule's gap), with the fixed values,
+        within the bounds.
+        """
         return self._resolved(lambda v, unit, start: min(max(start, v.low * unit), v.high * unit))
 
     def _resolved(self, choose: Callable[[Variable, float, float], float]) -> Design:
-        """Return a design, variable by variable in the order in which units follow; ``choose`` takes a free variable, its unit and its start."""
+        """Return a design, variable by variable in the order that their units require.
+
+        ``choose``: function of a free variable, its unit and its start.
+        """
         free = {v.name: v for v in self.free}
         values: dict[str, float] = {}
         # a unit is known after mass and place, and that of a friction limit after the gap
@@ -565,7 +629,10 @@ class DesignSpace:
         return Design(self.concept, {v.name: values[v.name] for v in VARIABLES[self.concept]})
 
     def design(self, values: Values) -> Design:
-        """Return the design with these values (SI) of the free variables; raises ParameterError unless each has one within its bounds."""
+        """Return the design with these values (SI) of the free variables.
+
+        Raises ParameterError unless each variable has a value within its bounds.
+        """
         return self._checked("values", values, counted=False)
 
     def _checked(self, what: str, values: Values, counted: bool) -> Design:
@@ -590,7 +657,10 @@ class DesignSpace:
         return self._resolved(checked)
 
     def decoded(self, coordinates: Values) -> Design:
-        """Return the design at coordinates, one for each free variable; raises ParameterError unless each has one within its bounds."""
+        """Return the design at coordinates, one for each free variable.
+
+        Raises ParameterError unless each variable has a coordinate within its bounds.
+        """
         return self._checked("coordinates", coordinates, counted=True)
 
     def coordinates(self, design: Design) -> dict[str, float]:
@@ -605,7 +675,10 @@ class DesignSpace:
         }
 
     def shares(self, design: Design) -> list[float]:
-        """Return the shares (0 to 1) of the free variables' ranges at which a design lies, cut to them."""
+        """Return a design's place in the ranges of the free variables, as shares from 0 to 1.
+
+        A value outside of its range gives 0 or 1.
+        """
         return [
             v.share_of(x) for v, x in zip(self.free, self.coordinates(design).values(), strict=True)
         ]
@@ -617,7 +690,10 @@ class DesignSpace:
         )
 
     def at_bounds(self, design: Design) -> list[str]:
-        """Return in words which free variables of a design lie at a bound of their range, with the bound; empty if none does."""
+        """Return a text for each free variable of a design that lies at a bound.
+
+        The text names the bound. The list is empty if no variable lies at a bound.
+        """
         values = []
         for v, share in zip(self.free, self.shares(design), strict=True):
             if v.whole:  # a choice has no other side
@@ -666,12 +742,14 @@ def design_space(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     fixed: Values | None = None,
 ) -> DesignSpace:
-    """Return a concept's space with the named variables free, in ``bounds`` (SI) where given, else in the concept's own.
+    """Return a concept's space with the named variables free.
+
+    Their ``bounds`` (SI) are the given ones, or else those of the concept.
 
     Without names those of `FREE` are free that are not fixed.
 
-    What is neither free nor fixed has the paper's value, scaled to the structure. Raises ParameterError for a name that the concept
-    lacks, and for bounds that are empty or inverted.
+    What is neither free nor fixed has the paper's value, scaled to the structure. Raises
+    ParameterError for a name that the concept lacks, and for bounds that are empty or inverted.
     """
     known = _known(concept)
     fixed = {} if fixed is None else instance("fixed", fixed, Mapping)
@@ -691,7 +769,8 @@ def design_space(
     unused = sorted(set(bounds) - set(names))
     if unused:
         raise ParameterError(
-            f"bounds of {', '.join(unused)} are not allowed: bounds are for free variables, which are {', '.join(names)}"
+            f"bounds of {', '.join(unused)} are not allowed: bounds are for free variables, "
+            f"which are {', '.join(names)}"
         )
     variables = [known[name] for name in names]
     chosen = tuple(

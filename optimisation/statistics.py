@@ -1,7 +1,8 @@
 """Two designs compared by noisy values: the ratio of their quantiles, with an interval.
 
-Runs part after some impacts, so the same members (phases, roundings) of two designs have nothing in common: the correlation of their levels was
-measured as -0.17. Pairing them buys nothing, and the interval resamples each design's members on its own.
+Runs part after some impacts, so the same members (phases, roundings) of two designs have nothing in
+common: the correlation of their levels was measured as -0.17. Pairing them buys nothing, and the
+interval resamples each design's members on its own.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,10 @@ RESAMPLES = 2000
 
 @dataclass(frozen=True)
 class Gain:
-    """``ratio`` of two designs' values and the ends of its 95 % bootstrap interval; NaN where the second value is 0, or a run broke down."""
+    """Ratio of two designs' values, with its 95 % bootstrap interval.
+
+    ``ratio``, ``low`` and ``high`` are NaN if the second value is 0, or if a run broke down.
+    """
 
     ratio: float
     low: float
@@ -39,7 +43,11 @@ def _members(name: str, values: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Where a fresh run's value is expected: ln of it follows Student's distribution around ``centre`` with a ``scale`` and ``freedoms``."""
+    """Predictive distribution of a fresh run's value.
+
+    Its logarithm follows Student's distribution around ``centre`` with a ``scale`` and
+    ``freedoms``.
+    """
 
     centre: float
     scale: float
@@ -59,10 +67,13 @@ class Prediction:
 
 
 def predict(values: ArrayLike, groups: Sequence[ArrayLike]) -> Prediction | None:
-    """Return the prediction of a fresh run of a design from its own ``values`` (M,), the spread pooled over all designs that ran.
+    """Return the prediction of a fresh run of a design from its own ``values`` (M,).
 
-    ``groups`` has the values of each of these designs, those of this one among them. Their logarithms have means of their own and one spread in
-    common; for M values the mean's own uncertainty adds 1/M. None where no design ran twice.
+    The spread is pooled over all designs that were run.
+
+    ``groups`` has the values of each of these designs, those of this one among them. Their
+    logarithms have means of their own and one spread in common; for M values the mean's own
+    uncertainty adds 1/M. None where no design ran twice.
     """
     own = np.log(_members("values", values))
     rows = [np.log(_members("groups", group)) for group in groups]
@@ -79,10 +90,13 @@ UNKNOWN = (float("nan"), float("nan"))
 
 
 def prediction_interval(values: ArrayLike, alike: Sequence[ArrayLike] = ()) -> tuple[float, float]:
-    """Return the ends of the interval that holds `PREDICTED` (90 %) of fresh runs of a design, from its ``values`` (M,), NaN left out.
+    """Return the ends of the interval that holds `PREDICTED` (90 %) of fresh runs.
 
-    With fewer than `OWN_MEMBERS` values the spread is pooled with that of ``alike``, rows of designs that have nearly the same one. Values
-    follow a log-normal distribution; where one of them is 0 or below a normal one, cut at 0 where none is below it. NaN where the spread is not
+    They follow from a design's ``values`` (M,), of which NaN are ignored.
+
+    With fewer than `OWN_MEMBERS` values the spread is pooled with that of ``alike``, rows of
+    designs that have nearly the same one. Values follow a log-normal distribution; where one of
+    them is 0 or below a normal one, cut at 0 where none is below it. NaN where the spread is not
     known, as of one value alone.
     """
     own = np.asarray(values, dtype=np.float64)
@@ -109,7 +123,9 @@ def prediction_interval(values: ArrayLike, alike: Sequence[ArrayLike] = ()) -> t
 
 
 def prediction_band(rows: ArrayLike, near: int = 1) -> Array:
-    """Return `prediction_interval` of each of neighbouring designs or forces, values (F, M), as low and high ends (2, F).
+    """Return `prediction_interval` of each row of values (F, M), as low and high ends (2, F).
+
+    The rows belong to neighbouring designs or forces.
 
     Rows of few members share their spread with ``near`` rows to either side.
     """
@@ -123,9 +139,12 @@ def prediction_band(rows: ArrayLike, near: int = 1) -> Array:
 
 
 def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.5) -> Gain:
-    """Return the quantile of ``first`` (M,) over that of ``second`` (K,), values of members; the default is the ratio of medians.
+    """Return the quantile of ``first`` (M,) over that of ``second`` (K,).
 
-    The interval is a percentile bootstrap, of no width where either has one member only. Raises ParameterError for empty rows.
+    Both are values of members. The default is the ratio of medians.
+
+    The interval is a percentile bootstrap, of no width where either has one member only. Raises
+    ParameterError for empty rows.
     """
     a = _members("first", first)
     b = _members("second", second)
@@ -154,7 +173,10 @@ def ratio_of_quantiles(first: ArrayLike, second: ArrayLike, quantile: float = 0.
 
 
 def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
-    """Return the bootstrap's standard error of a quantile of members (M,); NaN for one member, from which nothing can be said."""
+    """Return the bootstrap's standard error of a quantile of members (M,).
+
+    It is NaN for one member.
+    """
     row = _members("values", values)
     if row.size < 2 or not np.all(np.isfinite(row)):
         return float("nan")
@@ -173,14 +195,17 @@ def standard_error(values: ArrayLike, quantile: float = 0.5) -> float:
     return float(interval.standard_error)
 
 
-# Ensembles whose members take two branches of response: one design, force and structure, and two levels.
+# Ensembles whose members take two branches of response: one design, force and structure, and two
+# levels.
 #
-# A median of such members is a level that hardly any run has. So two log-normal branches of one width are fitted beside a single one, and are
-# reported where they fit clearly better: by Schwarz's criterion, with a margin that single samples of 8 to 64 members pass in about one of a hundred.
+# A median of such members is a level that hardly any run has. So two log-normal branches of one
+# width are fitted beside a single one, and are reported where they fit clearly better: by Schwarz's
+# criterion, with a margin that single samples of 8 to 64 members pass in about one of a hundred.
 
 
 MARGIN = 8.0  # of Schwarz's criterion (BIC) for two branches over one
-APART = 1.1  # upper over lower level: what lies closer together is one level to anyone who builds an absorber
+# upper over lower level: what lies closer together is one level to anyone who builds an absorber
+APART = 1.1
 FEWEST = 2  # members that make a branch
 MEMBERS = 8  # fewer tell nothing
 _ROUNDS = 200
@@ -189,7 +214,11 @@ _WIDTH = 1e-6  # of a branch, relative: members that agree to all digits are no 
 
 @dataclass(frozen=True)
 class Branches:
-    """Two branches of levels: ``levels`` (lower, upper; medians of their members, in the members' unit), and the ``shares`` of the members."""
+    """Two branches of levels.
+
+    ``levels``: (lower, upper), the medians of their members in the members' unit. ``shares``: their
+    shares of the members.
+    """
 
     levels: tuple[float, float]
     shares: tuple[float, float]
@@ -204,7 +233,10 @@ class Branches:
 
 
 def _log_likelihood(x: Array, centres: Array, weights: Array, width: float) -> tuple[float, Array]:
-    """Return the log-likelihood of rows (M,) under a mixture, and each member's chances of being of either branch, (M, 2)."""
+    """Return the log-likelihood of rows (M,) under a mixture of two branches.
+
+    The second result, (M, 2), is the probability of each branch for each member.
+    """
     with np.errstate(divide="ignore"):
         terms = (
             np.log(weights)
@@ -216,7 +248,10 @@ def _log_likelihood(x: Array, centres: Array, weights: Array, width: float) -> t
 
 
 def _fit(x: Array, cut: int) -> tuple[float, Array]:
-    """Return the best log-likelihood from a start that parts the sorted members after ``cut``, and the chances, by expectation and maximisation."""
+    """Return the best log-likelihood of a mixture of two branches, and the probabilities.
+
+    It is found by expectation maximisation. The start divides the sorted members after ``cut``.
+    """
     chances = np.zeros((len(x), 2))
     chances[:cut, 0] = chances[cut:, 1] = 1.0
     best = -np.inf
@@ -234,7 +269,11 @@ def _fit(x: Array, cut: int) -> tuple[float, Array]:
 
 
 def branches(members: ArrayLike) -> Branches | None:
-    """Return the two branches of members' levels (M,), above 0; None if one branch does as well, the two lie within a tenth, or fewer than 8."""
+    """Return the two branches of members' levels (M,), above 0, or None.
+
+    The result is None if a single branch fits as well, if the two lie within a tenth of each other,
+    or for fewer than 8 members.
+    """
     levels = np.sort(np.asarray(members, dtype=np.float64))
     if (
         levels.ndim != 1

@@ -1,9 +1,14 @@
-"""Values and sweeps that a study can use: forces, masses, gaps and rates, and one range of frequencies for all absorbers that are compared.
+"""Values and sweeps that a study can use.
 
-What cannot be used is refused with a reason before anything runs. An absorber of some mass changes a resonance within a few times the shift of its
-frequency by the stuck mass (`optimisation.bounds.near_range`), and a tuned absorber splits it into two peaks, which lie between the natural
-frequencies of the undamped system with Den Hartog's tuning. The range holds both, but for the peaks it goes no further than half-way (geometric
-mean) to the neighbouring resonances, which are not the absorber's task.
+The values are forces, masses, gaps and sweep rates. All absorbers that are compared have the same
+range of frequencies.
+
+What cannot be used is refused with a reason before anything runs. An absorber of some mass changes
+a resonance within a few times the shift of its frequency by the stuck mass
+(`optimisation.bounds.near_range`), and a tuned absorber splits it into two peaks, which lie between
+the natural frequencies of the undamped system with Den Hartog's tuning. The range holds both, but
+for the peaks it goes no further than half-way (geometric mean) to the neighbouring resonances,
+which are not the absorber's task.
 """
 
 import math
@@ -26,17 +31,20 @@ from optimisation.tuned import highest_amplitude
 BELOW = 0.97  # of the lower end of `near_range`: where a range begins
 MARGIN = 0.01  # beyond the natural frequencies of the tuned system
 LOWEST = 0.3  # of the resonance
-HALF_WINDOW = 1e-3  # of the level, in units of the resonance, at a rate of 1 % per 100 pseudo periods: 10 of them
+# of the level, in units of the resonance, at a rate of 1 % per 100 pseudo periods: 10 of them
+HALF_WINDOW = 1e-3
 END_SHARES = (0.01, 0.05)  # of the range: the narrowest and widest end
 
 
 def find_sweep_range(
     model: ModalModel, mass_ratio: float, resonance: int = 1
 ) -> tuple[float, float]:
-    """Return (low, high) in units of omega_r for absorbers up to a mass ratio (of the structure's mass) near a resonance.
+    """Return (low, high) in units of omega_r as the range of sweeps near a resonance.
 
-    It holds the paper's range, 0.9 to 1.06, the resonance with the mass stuck to the structure, and both peaks of a tuned absorber. Raises
-    ParameterError for a resonance that the model lacks.
+    The range is for absorbers up to a mass ratio (of the structure's mass).
+
+    It holds the paper's range, 0.9 to 1.06, the resonance with the mass stuck to the structure, and
+    both peaks of a tuned absorber. Raises ParameterError for a resonance that the model lacks.
     """
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     omega_r = model.resonance_omega(resonance)
@@ -57,15 +65,21 @@ def find_sweep_range(
 def find_common_range(
     models: Sequence[ModalModel], mass_ratio: float, resonance: int = 1
 ) -> tuple[float, float]:
-    """Return the range that holds those of several models, as of a structure with the absorber at several places."""
+    """Return the range that contains those of several models.
+
+    The models are, for example, a structure with the absorber at several places.
+    """
     every = [find_sweep_range(model, mass_ratio, resonance) for model in models]
     return min(low for low, _ in every), max(high for _, high in every)
 
 
 def split_frequencies(modal_mass_ratio: float) -> tuple[float, float]:
-    """Return the two natural frequencies, over that of the resonance, of a resonance with an undamped absorber by Den Hartog's tuning.
+    """Return the two natural frequencies of a resonance with an undamped absorber.
 
-    ``modal_mass_ratio``: absorber mass over the effective modal mass. The damped peaks lie between them.
+    They are over the frequency of the resonance, with Den Hartog's tuning.
+
+    ``modal_mass_ratio``: absorber mass over the effective modal mass. The damped peaks lie between
+    them.
     """
     square = 1 / (1 + modal_mass_ratio) ** 2  # of the absorber's frequency
     half = (1 + (1 + modal_mass_ratio) * square) / 2
@@ -74,7 +88,9 @@ def split_frequencies(modal_mass_ratio: float) -> tuple[float, float]:
 
 
 def find_reading_ratios(curve: PerformanceCurve) -> NDArray[np.float64]:
-    """Return where the levels of a curve were read, over the resonance, (F,): the median over the members of that of the larger direction.
+    """Return the frequencies over the resonance at which a curve's levels were read, (F,).
+
+    Each is the median over the members, of the direction with the larger level.
 
     NaN where nothing is finished.
     """
@@ -90,9 +106,12 @@ def find_reading_ratios(curve: PerformanceCurve) -> NDArray[np.float64]:
 
 
 def is_at_end(ratio: float, sweep_range: tuple[float, float], rate: float) -> bool:
-    """Return whether a level was read at an end of sweeps at a rate in % per 100 pseudo periods; ``ratio`` and range over the resonance.
+    """Return whether a level was read at an end of sweeps.
 
-    An end is half the window of the level wide, but from 1 to 5 % of the range. Not a number is not at an end.
+    ``rate`` in % per 100 pseudo periods. ``ratio`` and ``sweep_range`` over the resonance.
+
+    An end is half the window of the level wide, but from 1 to 5 % of the range. Not a number is not
+    at an end.
     """
     low, high = sweep_range
     near = float(np.clip(HALF_WINDOW * rate / (high - low), *END_SHARES)) * (high - low)
@@ -100,13 +119,19 @@ def is_at_end(ratio: float, sweep_range: tuple[float, float], rate: float) -> bo
 
 
 def reading_in_words(ratio: float, sweep_range: tuple[float, float], rate: float) -> str:
-    """Return where a level was read in words; an end of the sweeps is named, as the level may be larger beyond it."""
+    """Return a text that says where a level was read.
+
+    An end of the sweeps is named, because the level may be larger beyond it.
+    """
     words = f"{ratio:.4g} of the resonance"
     return f"{words}, an end of the sweeps" if is_at_end(ratio, sweep_range, rate) else words
 
 
-MOST_FORCE = 1e12  # N: far above what any structure bears, and far below where squares of displacements overflow
-MOST_MASS = 1.0  # of the structure's: design rule, limit and tunings are those of an absorber, not of what it would hang on
+# N: far above what any structure bears, and far below where squares of displacements overflow
+MOST_FORCE = 1e12
+# of the structure's: design rule, limit and tunings are those of an absorber, not of what it would
+# hang on
+MOST_MASS = 1.0
 LEAST_GAP = 1e-6  # m: a tenth of what a fine fit of two parts leaves
 MOST_GAP = 10.0  # m
 LEAST_PERIODS = 5.0  # of a sweep: in fewer the response has not begun to build up
@@ -119,14 +144,24 @@ def usable_force(name: str, value: float) -> float:
 
 
 def usable_gap(name: str, value: object, rule: str, gap: float) -> None:
-    """Raise ParameterError if a rule gives a gap in m for a value that nobody can build, as of numbers in other units; ``value`` with its unit."""
+    """Raise ParameterError if a rule gives a gap in m that nobody can build.
+
+    Such gaps result from numbers in wrong units. ``value``: the value for which the rule gives the
+    gap, with its unit.
+    """
     words = f"{1e3 * gap:.3g} mm"
-    allowed = f"one for which {rule} gives a gap from {1e3 * LEAST_GAP:g} mm to {MOST_GAP:g} m, and not {words}: are all numbers in SI units?"
+    allowed = (
+        f"one for which {rule} gives a gap from {1e3 * LEAST_GAP:g} mm to {MOST_GAP:g} m, and not "
+        f"{words}: are all numbers in SI units?"
+    )
     require(LEAST_GAP <= gap <= MOST_GAP, name, value, allowed)
 
 
 def usable_mass_ratio(name: str, value: float) -> float:
-    """Return an absorber's mass over the structure's; raises ParameterError unless it is above 0 and at most `MOST_MASS`."""
+    """Return an absorber's mass over the structure's.
+
+    Raises ParameterError unless it is above 0 and at most `MOST_MASS`.
+    """
     ratio = positive(name, value)
     require(
         ratio <= MOST_MASS,
@@ -138,25 +173,35 @@ def usable_mass_ratio(name: str, value: float) -> float:
 
 
 def usable_rate(name: str, value: float, sweeps: Iterable[tuple[float, float]]) -> float:
-    """Return a sweep rate in % per 100 pseudo periods; raises ParameterError if a sweep (low, high over omega_r) is over at once or never ends."""
+    """Return a sweep rate in % per 100 pseudo periods.
+
+    Raises ParameterError if one of the ``sweeps`` (low, high over omega_r) takes too few or too
+    many pseudo periods.
+    """
     rate = positive(name, value)
     widths = [
         1e4 * abs(high - low) for low, high in sweeps
     ]  # rate times the number of pseudo periods
     least = max(widths) / MOST_PERIODS
     most = min(widths) / LEAST_PERIODS
-    allowed = f"from {least:.3g} to {most:.4g} % per 100 pseudo periods, so that a sweep takes {LEAST_PERIODS:g} to {MOST_PERIODS:g} of them"
+    allowed = (
+        f"from {least:.3g} to {most:.4g} % per 100 pseudo periods, so that a sweep takes "
+        f"{LEAST_PERIODS:g} to {MOST_PERIODS:g} of them"
+    )
     require(least <= rate <= most, name, value, allowed)
     return rate
 
 
-LEAST_RATIO = 0.95  # of the stationary level that a sweep must reach for a share of the possible reduction to be told
+# of the stationary level that a sweep must reach for a share of the possible reduction to be told
+LEAST_RATIO = 0.95
 
 
 def stationary_level(
     model: ModalModel, resonance: int = 1, limits: tuple[float, float] = PAPER_LIMITS
 ) -> float:
-    """Return the largest stationary RMS where the level is read, in m per newton, over ``limits`` times omega_r, without absorber.
+    """Return the largest stationary RMS where the level is read, without absorber.
+
+    It is in m per newton, over ``limits`` times omega_r.
 
     Infinite if undamped.
     """
@@ -172,7 +217,9 @@ def sweep_ratio(
     limits: tuple[float, float] = PAPER_LIMITS,
     steady: bool = True,
 ) -> float:
-    """Return the level of the sweeps without absorber (the larger of up and down) over `stationary_level`; 0 for an undamped resonance.
+    """Return the level of the sweeps without absorber over `stationary_level`.
+
+    It is 0 for an undamped resonance. The level is the larger one of the sweeps up and down.
 
     They start from the steady state at their first frequency, or from rest (``steady`` False).
     ``rate`` in % of the resonance per 100 pseudo periods, ``limits`` over omega_r.

@@ -1,13 +1,18 @@
-"""How precisely a device must be made: the largest tolerances of gap, restitution and friction with which its level stays below a limit.
+"""Largest manufacturing tolerances with which a device's level stays below a limit.
 
-A quantity is uniform within its tolerance to either side. Let r (0 to 1) be a draw's distance from the nominal device over the widest box that is
-tried: the largest of its coordinates, each over its half width. A box of scale s holds the draws with r <= s, and in d dimensions a uniform draw of
-it has the density d r^(d - 1)/s^d. Draws whose r is uniform in 0 to 1 and whose direction is uniform on the box's surface serve all scales at once:
+They are the tolerances of gap, restitution and friction.
+
+A quantity is uniform within its tolerance to either side. Let r (0 to 1) be a draw's distance from
+the nominal device over the widest box that is tried: the largest of its coordinates, each over its
+half width. A box of scale s holds the draws with r <= s, and in d dimensions a uniform draw of it
+has the density d r^(d - 1)/s^d. Draws whose r is uniform in 0 to 1 and whose direction is uniform
+on the box's surface serve all scales at once:
 
     P(level > limit | s) = d/s^d * integral from 0 to s of r^(d - 1) p(r) dr,
 
-with p(r) the probability at distance r, which does not fall with r: it is the isotonic regression of the draws. The scale is the largest with which
-the level stays below the limit with a probability of `SURE`. Each draw is another member of the ensemble, so chaos is part of the probability.
+with p(r) the probability at distance r, which does not fall with r: it is the isotonic regression
+of the draws. The scale is the largest with which the level stays below the limit with a probability
+of `SURE`. Each draw is another member of the ensemble, so chaos is part of the probability.
 """
 
 import math
@@ -55,13 +60,17 @@ SCALE_STEPS = 2000  # scales
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How precisely a device must be made so that its level stays below ``limit`` (m) with a probability of `SURE`.
+    """Tolerances with which a device's level stays below ``limit`` (m).
 
-    Tolerances are half widths: shares of gap and friction limit, differences of restitution. ``alone``: of each quantity while the others are exact;
-    ``together``: of all at once, the same share of each one's own. One that equals `WIDEST_TOLERANCES` may be larger: no wider box was tried.
-    ``nominal``: share of `NOMINAL_RUNS` runs of the exact device below the limit; where it is below `SURE`, all tolerances are 0. ``checked`` and
-    ``below``: fresh draws within ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0. ``draws``: those from
-    which each of ``alone``, and ``together``, are estimated.
+    It does so with a probability of `SURE`.
+
+    Tolerances are half widths: shares of gap and friction limit, differences of restitution.
+    ``alone``: of each quantity while the others are exact; ``together``: of all at once, the same
+    share of each one's own. One that equals `WIDEST_TOLERANCES` may be larger: no wider box was
+    tried. ``nominal``: share of `NOMINAL_RUNS` runs of the exact device below the limit; where it
+    is below `SURE`, all tolerances are 0. ``checked`` and ``below``: fresh draws within
+    ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0.
+    ``draws``: those from which each of ``alone``, and ``together``, are estimated.
     """
 
     limit: float
@@ -75,7 +84,10 @@ class Tolerances:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the 95 % interval (Wilson's) of the probability that the check found; NaN without a check."""
+        """Ends of the 95 % interval (Wilson's) of the probability that the check found.
+
+        They are NaN without a check.
+        """
         if self.checked == 0:
             return math.nan, math.nan
         ends = scipy.stats.binomtest(self.below, self.checked).proportion_ci(0.95, "wilson")
@@ -119,7 +131,10 @@ def exceedance(distances: ArrayLike, above: ArrayLike, dimension: int, scales: A
 
 
 def largest_scale(distances: ArrayLike, above: ArrayLike, dimension: int) -> float:
-    """Return the largest scale (0 to 1) at and below which levels stay below the limit with `SURE`; arguments as in `exceedance`."""
+    """Return the largest scale (0 to 1) up to which levels stay below the limit.
+
+    They do so with a probability of `SURE`. Arguments are those of `exceedance`.
+    """
     scales = np.arange(1, SCALE_STEPS + 1) / SCALE_STEPS
     good = exceedance(distances, above, dimension, scales) <= 1 - SURE
     first_bad = int(np.argmin(good)) if not good.all() else SCALE_STEPS
@@ -127,7 +142,10 @@ def largest_scale(distances: ArrayLike, above: ArrayLike, dimension: int) -> flo
 
 
 def surface_points(number: int, dimension: int, seed: int) -> tuple[Array, Array]:
-    """Return distances (n,) and points (n, d) in -1 to 1 whose largest coordinate is the distance: distances and directions uniform (Halton)."""
+    """Return distances (n,) and points (n, d) in -1 to 1.
+
+    A point's distance is its largest coordinate. Distances and directions are uniform (Halton).
+    """
     sample = scipy.stats.qmc.Halton(dimension + 1, rng=np.random.default_rng(seed)).random(number)
     distances = np.maximum(sample[:, 0], 1e-9)
     points = 2 * sample[:, 1:] - 1
@@ -139,7 +157,10 @@ def surface_points(number: int, dimension: int, seed: int) -> tuple[Array, Array
 
 
 def tolerances_of(absorber: SlidingAbsorber) -> dict[str, float]:
-    """Return the half widths of the widest boxes of an absorber's quantities; raises ParameterError for one without rigid walls."""
+    """Return the half widths of the widest boxes of an absorber's quantities.
+
+    Raises ParameterError for an absorber without rigid walls.
+    """
     absorber = instance("absorber", absorber, SlidingAbsorber)
     require(isinstance(absorber.walls, RigidWalls), "absorber", absorber, "one between rigid walls")
     return {
@@ -169,7 +190,10 @@ def find_tolerances(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Tolerances:
-    """Return how precisely the impact absorber of a case must be made so that its level stays below a limit with `SURE`.
+    """Return the largest tolerances with which an absorber's level stays below a limit.
+
+    The absorber is the impact absorber of a case. The level stays below the limit with a
+    probability of `SURE`.
 
     Parameters
     ----------
@@ -178,7 +202,8 @@ def find_tolerances(
     limit : float
         Level in m.
     uncertain : sequence of Distribution
-        What else is not known, drawn in all runs; those of gap, restitution and friction are left out.
+        What else is not known, drawn in all runs; those of gap, restitution and friction are left
+        out.
     draws : tuple of int
         Draws of each quantity alone, of all together, and of the check.
     seed : int
@@ -196,7 +221,6 @@ def find_tolerances(
         For an absorber without rigid walls, and numbers out of range.
     KeyboardInterrupt
         If it is stopped.
-
     """
     absorber = case.scene.absorber
     if not isinstance(absorber, SlidingAbsorber):
@@ -253,7 +277,10 @@ class _Draws:
     done: int = 0
 
     def above(self, points: Array, widths: dict[str, float], seed: int) -> Flags:
-        """Return which levels are above the limit, (n,), at ``points`` (n, d) in -1 to 1 of the boxes' half widths."""
+        """Return which levels are above the limit, (n,).
+
+        The ``points`` (n, d) lie in -1 to 1 of the boxes' half widths.
+        """
         number = len(points)
         members = draw_members(number + 1, seed)[1:]
         force = float(self.case.forces[0])

@@ -1,8 +1,12 @@
-"""What is not known of a machine, as distributions: damping, frequency, force, gap, restitution and friction; and runs with all of them drawn.
+"""Uncertain quantities as distributions, and runs with all of them drawn.
 
-``uncertain=`` of Python and ``--uncertain`` of commands say the same: ``{"gap": "5%"}`` is a normal distribution around the number itself with this
-standard deviation, cut at three of them; ``{"gap": (0.9e-3, 1.1e-3)}`` is uniform, in SI units (frequency in Hz); ``("-3%", "5%")`` is uniform around
-the number. The draws of a calibration's posterior are joint: those of one member are one row of them (`posterior_spreads`).
+The quantities are damping, frequency, force, gap, restitution and friction.
+
+``uncertain=`` of Python and ``--uncertain`` of commands say the same: ``{"gap": "5%"}`` is a normal
+distribution around the number itself with this standard deviation, cut at three of them; ``{"gap":
+(0.9e-3, 1.1e-3)}`` is uniform, in SI units (frequency in Hz); ``("-3%", "5%")`` is uniform around
+the number. The draws of a calibration's posterior are joint: those of one member are one row of
+them (`posterior_spreads`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +48,11 @@ UncertainInput = Mapping[str, str | Sequence[float | str]]
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution of the number ``name``: uniform from ``low`` to ``high``, shares if ``relative``; ``normal``: high is the deviation."""
+    """Distribution of the quantity ``name``.
+
+    It is uniform from ``low`` to ``high``, which are shares if ``relative``. If ``normal``,
+    ``high`` is the standard deviation.
+    """
 
     name: str
     low: float
@@ -69,7 +77,10 @@ class Distribution:
         )
 
     def drawn(self, share: float, nominal: float) -> float:
-        """Return the value at a ``share`` (0 to 1) of the distribution of a number that is ``nominal``."""
+        """Return the value at a ``share`` (0 to 1) of the quantity's distribution.
+
+        ``nominal``: nominal value of the quantity.
+        """
         if self.normal:
             return nominal * (1 + self.high * float(scipy.stats.truncnorm.ppf(share, -CUT, CUT)))
         value = self.low + share * (self.high - self.low)
@@ -82,7 +93,10 @@ POSTERIOR_NAMES = {"friction_limit": FRICTION}  # in a calibration, and here
 
 @dataclass(frozen=True)
 class PosteriorDistribution(Distribution):
-    """A quantity's column of the draws of a posterior; all columns of a member are of one row, so that correlations hold."""
+    """A quantity's column of the draws of a posterior.
+
+    All columns of a member are of the same row, so that correlations are preserved.
+    """
 
     values: tuple[float, ...] = ()
 
@@ -103,9 +117,12 @@ class PosteriorDistribution(Distribution):
 
 
 def posterior_spreads(posterior: Posterior, absorber: Absorber) -> tuple[Distribution, ...]:
-    """Return what a posterior says of a device whose gap is to be chosen: restitution, friction, damping and frequency.
+    """Return the distributions of a posterior for a device whose gap is to be chosen.
 
-    The measured gap is that of the measured device, and is left out; so is friction where the absorber has none.
+    They are those of restitution, friction, damping and frequency.
+
+    The measured gap is that of the measured device, and is left out; so is friction where the
+    absorber has none.
     """
     parts = absorber.absorbers if isinstance(absorber, SeveralAbsorbers) else (absorber,)
     has_friction = all(getattr(part, "friction", None) is not None for part in parts)
@@ -130,7 +147,10 @@ def _number(path: str, word: float | str) -> tuple[float, bool]:
 
 
 def spreads(uncertain: UncertainInput) -> tuple[Distribution, ...]:
-    """Return the distributions that are given by name, in the order of `NAMES`; raises ParameterError for what is no distribution."""
+    """Return the distributions that are given by name, in the order of `NAMES`.
+
+    Raises ParameterError for a value that is not a distribution.
+    """
     uncertain = instance("uncertain", uncertain, Mapping)
     distributions = {}
     for name, value in uncertain.items():
@@ -186,7 +206,11 @@ def require_parts(every: Sequence[Distribution], absorber: Absorber) -> None:
 
 
 def shares(every: Sequence[Distribution], members: Members) -> list[dict[str, float]]:
-    """Return for each member its share (0 to 1) of each distribution: drawn by its own phase and factor, so the same in every run of that member."""
+    """Return for each member its share (0 to 1) of each distribution.
+
+    It is drawn from the member's phase and factor, so that it is the same in every run of that
+    member.
+    """
     columns = []
     for phase, factor in zip(members.phases, members.factors, strict=True):
         own = np.random.default_rng(
@@ -203,7 +227,9 @@ def drawn(
     resonance: int,
     force: float,
 ) -> Lane:
-    """Return a lane with each uncertain number at its share; the sweep follows the structure's own frequency. ``force``: that of the drive in N.
+    """Return a lane with each uncertain quantity at its share.
+
+    The sweep follows the structure's own frequency. ``force``: that of the drive in N.
 
     Raises ParameterError where the damping is uncertain and the resonance has none.
     """
@@ -239,7 +265,10 @@ def drawn(
 
 
 def on_another_structure(lane: Lane, damping: float, frequency: float, force: float = 1.0) -> Lane:
-    """Return a lane with damping, frequencies and force times factors; the sweep follows the structure's own frequency."""
+    """Return a lane with damping, frequencies and force multiplied by factors.
+
+    The sweep follows the structure's own frequency.
+    """
     model = lane.scene.model
     drive = lane.drive
     if not isinstance(drive, Drive):

@@ -1,4 +1,7 @@
-"""Which tests run, in which order, and what each takes: the options --quick and --cpu, and the files that start first."""
+"""Options --quick and --cpu of the tests, and their order.
+
+The options choose the tests to run and record the processor time of each. Some files start first.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +17,8 @@ settings.load_profile("workbench")
 HERE = Path(__file__).parent
 
 
-# their commands write some hundred figures, whose pixels no test counts: most of a figure's time goes by its pixels
+# their commands write some hundred figures, whose pixels no test counts: most of a figure's time
+# goes by its pixels
 DRAWING = ("commands", "design", "studies")
 COARSE_DPI = 40.0
 
@@ -59,7 +63,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
-        "plain: a few events of a kind of scene that no other test compiles; scripts/test runs it in plain Python",
+        (
+            "plain: a few events of a kind of scene that no other test compiles; scripts/test "
+            "runs it in plain Python"
+        ),
     )
     config.addinivalue_line(
         "markers",
@@ -67,7 +74,10 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     config.addinivalue_line(
         "markers",
-        "slow: takes long for its file; left out by --quick, and by .ci/run with the arithmetic of an old processor",
+        (
+            "slow: takes long for its file; left out by --quick, and by .ci/run with the "
+            "arithmetic of an old processor"
+        ),
     )
     if config.getoption("--rounding") is not None:
         round_models(config.getoption("--rounding"))

@@ -1,7 +1,10 @@
-"""A portal frame of steel as matrices, by scikit-fem: `pip install scikit-fem`, then `python docs/examples/frame.py`.
+"""A portal frame of steel as matrices, by scikit-fem.
 
-Columns and beam are 20 mm by 20 mm, 0.4 m high and 0.6 m wide, in plane stress with quadratic elements; the feet are clamped. Writes the mass and the
-stiffness matrix and the coordinates of their rows beside this file and prints the rows that frame.toml names.
+Run `pip install scikit-fem`, then `python docs/examples/frame.py`.
+
+Columns and beam are 20 mm by 20 mm, 0.4 m high and 0.6 m wide, in plane stress with quadratic
+elements; the feet are clamped. Writes the mass and the stiffness matrix and the coordinates of
+their rows beside this file and prints the rows that frame.toml names.
 """
 
 from pathlib import Path
@@ -67,7 +70,8 @@ def main() -> None:
         node = np.flatnonzero((abs(at[0, free] - x) < 1e-9) & (abs(at[1, free] - y) < 1e-9))
         print(f"{name} = {int(node[direction])}")
     print(
-        f"mass_kg = {DENSITY * SIZE * SIZE * (WIDTH + 2 * (HEIGHT - SIZE)):.4f}, {len(free)} freedoms"
+        f"mass_kg = {DENSITY * SIZE * SIZE * (WIDTH + 2 * (HEIGHT - SIZE)):.4f}, {len(free)} "
+        "freedoms"
     )
 
 

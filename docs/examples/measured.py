@@ -1,7 +1,10 @@
-"""A simply supported beam as a modal test would find it: `pip install pyuff`, then `python docs/examples/measured.py` writes measured.uff.
+"""A simply supported beam as a modal test would find it, written as measured.uff.
 
-The closed-form modes of a beam of 1 m and 2 kg at seven accelerometers, with the errors of a test: frequencies to 0.1 %, damping ratios to 10 % and
-shapes to 2 % of the largest. The file has normal modes with a modal mass of 1, so the shapes are mass-normalised.
+Run `pip install pyuff`, then `python docs/examples/measured.py`.
+
+The closed-form modes of a beam of 1 m and 2 kg at seven accelerometers, with the errors of a test:
+frequencies to 0.1 %, damping ratios to 10 % and shapes to 2 % of the largest. The file has normal
+modes with a modal mass of 1, so the shapes are mass-normalised.
 """
 
 from pathlib import Path

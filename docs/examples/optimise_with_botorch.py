@@ -1,9 +1,12 @@
-"""Bayesian optimisation by BoTorch of a noisy level: `Problem.evaluate` gives each design's value and its standard error.
+"""Bayesian optimisation of a noisy level by BoTorch.
+
+`Problem.evaluate` gives each design's value and its standard error.
 
     pip install "impact-absorber-workbench[examples]"
     python docs/examples/optimise_with_botorch.py
 
-The Gaussian process is told the noise of every design, and noisy expected improvement chooses the next batch.
+The Gaussian process knows the noise of every design, and noisy expected improvement chooses the
+next batch.
 """
 
 import sys
@@ -34,7 +37,10 @@ LEAST_ERROR = 0.01  # of the logarithm: what a few members' bootstrap may miss
 
 
 def coordinates(problem: Problem, shares: np.ndarray) -> np.ndarray:
-    """Return rows of coordinates at shares (0 to 1) of their ranges, in logarithms where ratios matter."""
+    """Return rows of coordinates at shares (0 to 1) of their ranges.
+
+    Ranges in which ratios matter are divided on a logarithmic scale.
+    """
     return np.array(
         [
             [v.value_at(float(x)) for v, x in zip(problem.space.free, row, strict=True)]
@@ -65,7 +71,7 @@ def proposed(shares: np.ndarray, F: np.ndarray, spread: np.ndarray, batch: int) 
 def main(
     first: int = 16, batches: int = 8, batch: int = 4, members: int = 4, rate: float | None = None
 ) -> float:
-    """Search from the middle of nowhere, judge the best on fresh members, and return its level over no absorber."""
+    """Search, judge the best design on fresh members, and return its level over no absorber."""
     warnings.filterwarnings("ignore", module="botorch|gpytorch|linear_operator")
     torch.manual_seed(0)
     problem = Problem(
@@ -84,7 +90,8 @@ def main(
         F = np.vstack([F, values])
         spread = np.vstack([spread, errors])
         print(
-            f"batch {number + 1} of {batches}: best so far {100 * np.nanmin(F):.1f} % of no absorber"
+            f"batch {number + 1} of {batches}: best so far {100 * np.nanmin(F):.1f} % of no "
+            "absorber"
         )
     finalists = coordinates(problem, shares[np.argsort(F[:, 0])[:4]])
     fresh, _, _ = problem.evaluate(finalists, problem.fresh_ensemble(4 * members, 0))
@@ -94,7 +101,8 @@ def main(
         dict(zip((v.name for v in problem.space.free), map(float, best), strict=True))
     )
     print(
-        f"{design}\non fresh members: {100 * level[0, 0]:.1f} % (+- {100 * error[0, 0]:.1f}) of no absorber"
+        f"{design}\non fresh members: {100 * level[0, 0]:.1f} % (+- {100 * error[0, 0]:.1f}) "
+        "of no absorber"
     )
     return float(level[0, 0])
 

@@ -1,4 +1,6 @@
-"""An impact absorber as a component of OpenMDAO, in a small model of a structure whose thickness is chosen with it.
+"""An impact absorber as a component of OpenMDAO.
+
+The model is a small structure whose thickness is chosen together with the absorber.
 
 pip install "impact-absorber-workbench[examples]"
 python docs/examples/optimise_with_openmdao.py
@@ -22,7 +24,10 @@ LARGEST_SPEED = 0.5  # m/s, of an impact
 
 
 def steel_strip(thickness: float) -> Beam:
-    """Return a steel strip of 1.2 m that is shaken at a quarter of its length; ``thickness`` in m."""
+    """Return a steel strip of 1.2 m that is forced at a quarter of its length.
+
+    ``thickness`` is in m.
+    """
     return Beam(
         length=1.2,
         bending_stiffness=MODULUS * WIDTH * thickness**3 / 12,
@@ -33,12 +38,13 @@ def steel_strip(thickness: float) -> Beam:
 
 
 class ImpactAbsorber(om.ExplicitComponent):
-    """Level and impact speed of a structure with an impact absorber, as medians over an ensemble of runs.
+    """Median level and impact speed of a structure with an impact absorber over several runs.
 
-    Inputs: thickness of the strip (m), gap over the design rule's, friction limit over
-    absorber mass times gap times frequency squared. Outputs: level over that
-    without absorber, and impact speed over its limit less 1 (0 or below: kept). The ensemble is the same at every evaluation, so that
-    the outputs are functions of the inputs; they are not smooth, so no derivatives are declared.
+    Inputs: thickness of the strip (m), gap over the design rule's, friction limit over absorber
+    mass times gap times frequency squared. Outputs: level over that without absorber, and impact
+    speed over its limit less 1 (0 or below: kept). The ensemble is the same at every evaluation, so
+    that the outputs are functions of the inputs; they are not smooth, so no derivatives are
+    declared.
     """
 
     def initialize(self) -> None:
@@ -74,7 +80,7 @@ class ImpactAbsorber(om.ExplicitComponent):
 
 
 def main(evaluations: int = 60, members: int = 4, rate: float | None = None) -> float:
-    """Minimise level plus a price of mass, under a limit of the impact speed; print and return the level found."""
+    """Minimise level plus a price of mass under a limit of the impact speed; return the level."""
     model = om.Group()
     options = {"members": members, "rate": rate}
     model.add_subsystem("absorber", ImpactAbsorber(**options), promotes=["*"])
@@ -94,7 +100,8 @@ def main(evaluations: int = 60, members: int = 4, rate: float | None = None) -> 
     level = float(problem.get_val("level")[0])
     print(
         f"thickness {problem.get_val('thickness', units='mm')[0]:.3g} mm, "
-        f"gap {problem.get_val('gap')[0]:.3g} times the rule's, friction {problem.get_val('friction')[0]:.3g}: "
+        f"gap {problem.get_val('gap')[0]:.3g} times the rule's, friction "
+        f"{problem.get_val('friction')[0]:.3g}: "
         f"level {100 * level:.1f} % of no absorber, impact speed "
         f"{LARGEST_SPEED * (1 + problem.get_val('speed_margin')[0]):.3g} m/s"
     )

@@ -1,4 +1,6 @@
-"""A front of level against impact severity by pymoo's NSGA-II: `Problem.evaluate` takes a population and gives its F and G.
+"""A front of level against impact severity by pymoo's NSGA-II.
+
+`Problem.evaluate` takes a population and gives its F and G.
 
 pip install "impact-absorber-workbench[examples]"
 python docs/examples/optimise_with_pymoo.py
@@ -74,7 +76,8 @@ def main(
             f"gap {1e3 * values['gap']:.3g} mm, friction {1e3 * values['friction_limit']:.3g} mN"
         )
         print(
-            f"{design}: level {100 * level:.1f} % (+- {100 * error:.1f}) of no absorber, {1e3 * power:.3g} mW lost in impacts"
+            f"{design}: level {100 * level:.1f} % (+- {100 * error:.1f}) of no absorber, "
+            f"{1e3 * power:.3g} mW lost in impacts"
         )
     return fresh
 

@@ -1,8 +1,11 @@
-"""Write a synthetic shaker test of the arm: two CSV files, without and with an impact absorber, and the file that describes them.
+"""Write a synthetic shaker test of the arm.
 
-The arm differs from docs/examples/arm.toml as a real one would: it is softer by 3 % and has a damping ratio of 0.75 %. Its
-absorber of 30 g has a clearance of 1.2 mm, a restitution of 0.55 and a friction limit of 0.15 N. The accelerometer at the tip is
-sampled through an anti-aliasing filter, with noise of 0.1 m/s^2.
+Two CSV files, without and with an impact absorber, and the file that describes them.
+
+The arm differs from docs/examples/arm.toml as a real one would: it is softer by 3 % and has a
+damping ratio of 0.75 %. Its absorber of 30 g has a clearance of 1.2 mm, a restitution of 0.55 and a
+friction limit of 0.15 N. The accelerometer at the tip is sampled through an anti-aliasing filter,
+with noise of 0.1 m/s^2.
 """
 
 import sys

@@ -1,4 +1,7 @@
-"""The site: the pages of this repository as they are, a reference from the docstrings, notebooks. ``scripts/docs`` builds it, without a network."""
+"""The site, which ``scripts/docs`` builds without a network.
+
+It has the pages of this repository as they are, a reference from the docstrings, and notebooks.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +87,10 @@ mathjax_path = "mathjax/tex-chtml.js"
 
 
 def toctrees() -> str:
-    """Return the contents under the headings of docs/README.md, which names each page with its question, for the end of the first page."""
+    """Return the contents for the end of the first page.
+
+    The headings are those of docs/README.md, which names each page with its question.
+    """
     groups: dict[str, list[str]] = {}
     for line in (ROOT / "docs" / "README.md").read_text(encoding="utf-8").splitlines():
         if heading := re.match(r"\| \*\*(.*?)\*\* \|", line):
@@ -121,7 +127,7 @@ def refer(app: Any, env: Any, node: Any, content: Any) -> nodes.reference | None
 
 
 def finish(app: Any, error: Exception | None) -> None:
-    """Ship what shows formulas, and give the first page the name that servers and readers look for."""
+    """Copy what renders formulas, and name the first page as servers and readers expect it."""
     if error is not None:
         return
     found = importlib.util.find_spec("sphinx-mathjax-offline")

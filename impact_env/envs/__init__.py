@@ -1,4 +1,6 @@
-"""Gymnasium environments: control tasks around the simulator. Physics only through `impact_env.controlled`.
+"""Gymnasium environments: control tasks based on the simulator.
+
+All physics comes from `impact_env.controlled`.
 
 Importing this package does not import gymnasium; `register_environments` does, if it is installed.
 """
@@ -12,7 +14,12 @@ from impact_env.extras import optional
 
 @dataclass(frozen=True)
 class EnvironmentEntry:
-    """A registered name: the place of its classes, without Env and VectorEnv, their arguments, numbers of an action, whether there is a split."""
+    """An entry of the registry of environments.
+
+    ``place`` is the module and the name of its classes without the endings Env and VectorEnv,
+    ``arguments`` are their arguments, ``numbers`` is the number of values in an action, and
+    ``has_split`` says whether a split exists.
+    """
 
     place: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
@@ -50,9 +57,12 @@ ENVIRONMENTS = {
 
 
 def register_environments() -> None:
-    """Register the environments if gymnasium is installed; what is registered already stays as it is.
+    """Register the environments if gymnasium is installed.
 
-    Only names are given, so nothing else is imported before an environment is made. There is no TimeLimit: the tasks end by themselves.
+    Names that are registered already are not changed.
+
+    Only names are given, so nothing else is imported before an environment is made. There is no
+    TimeLimit: the tasks end by themselves.
     """
     try:
         from gymnasium.envs.registration import register, registry
@@ -69,7 +79,10 @@ def register_environments() -> None:
 
 
 def take_first_step(name: str) -> None:
-    """Take the first step in an environment with its default scene, which compiles its kernels. Needs gymnasium."""
+    """Take the first step in an environment with its default scene to compile its kernels.
+
+    Needs gymnasium.
+    """
     with optional():
         import gymnasium
 

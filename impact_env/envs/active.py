@@ -1,4 +1,8 @@
-"""Environments with an actuator: set every quarter of a period, or with slow walls on a passage; some of them on scenes that are drawn."""
+"""Environments with an actuator that acts within a period or during a passage.
+
+Friction or walls are set every quarter of a period, or slow walls move during a passage. Some of
+the environments draw their scenes.
+"""
 
 from functools import partial
 from typing import Any

@@ -1,4 +1,7 @@
-"""Control within a period: an absorber whose friction or whose walls are set every quarter of a period, at one frequency, from rest."""
+"""Control within a period, at one frequency and from rest.
+
+The friction or the walls of an absorber are set every quarter of a period.
+"""
 
 import math
 from abc import abstractmethod
@@ -72,7 +75,9 @@ def _check_error(name: str, value: Any) -> Range:
 
 
 def vary_damping(scenes: Sequence[Scene], error: Range) -> list[Scene]:
-    """Return scenes with other damping ratios, all modes of a scene by the same factor: each scene once, or one in `PLANTS` ways.
+    """Return scenes with changed damping ratios, by the same factor for all modes of a scene.
+
+    Several scenes are returned once each. A single scene is returned in `PLANTS` variants.
 
     ``error``: range of the relative change; its values are spread evenly.
     """
@@ -105,11 +110,11 @@ class ActiveSettings:
     price : float
         Price of moving the action by 1, or the walls by one half-clearance of the scene.
     friction_error : float or pair
-        Share by which the friction limit is above the limit that the control assumes (0.2: 20 % more), or a
-        pair (low, high) from which each episode draws.
+        Share by which the friction limit is above the limit that the control assumes (0.2: 20 %
+        more), or a pair (low, high) from which each episode draws.
     damping_error : float or pair
-        The same of all damping ratios; a pair gives 16 values to draw from. The reference of the score has the
-        true damping.
+        The same of all damping ratios; a pair gives 16 values to draw from. The reference of the
+        score has the true damping.
 
     """
 
@@ -133,10 +138,13 @@ class ActiveSettings:
 
 
 class ActiveTask(PooledTask):
-    """Lanes at one frequency each, whose absorber is set in every interval, in one of ``scenes`` that differ in damping.
+    """Lanes at one frequency each, whose absorber is set in every interval.
 
-    Of `costs` the level is the RMS over the stationary RMS without absorber, over the number of intervals; the contact force is the mean force of
-    wall and friction on the absorber, from its momentum, over the amplitude of the force.
+    Each lane has one of ``scenes``, which differ in damping.
+
+    Of `costs` the level is the RMS over the stationary RMS without absorber, over the number of
+    intervals; the contact force is the mean force of wall and friction on the absorber, from its
+    momentum, over the amplitude of the force.
     """
 
     cost_names = ("level", "time", "fatigue", "actuator", "contact force")
@@ -187,7 +195,10 @@ class ActiveTask(PooledTask):
         self.squares[lane] = self._speed[lane] = self._rms[lane] = 0.0
 
     def draw_machine(self, lane: int, generator: np.random.Generator) -> None:
-        """Draw damping and friction, see `Task.draw_machine`; the score's reference has the true damping."""
+        """Draw damping and friction, see `Task.draw_machine`.
+
+        The reference of the score has the true damping.
+        """
         if self._draws_damping:
             self.which[lane] = generator.integers(len(self.scenes))
         low, high = self.friction_error
@@ -201,11 +212,14 @@ class ActiveTask(PooledTask):
 
     @abstractmethod
     def set_friction_factor(self, lane: int, factor: float) -> None:
-        """Give a lane's absorber ``factor`` times the friction limit that the control takes it for."""
+        """Set a lane's friction limit to ``factor`` times the limit that the control assumes."""
 
     @abstractmethod
     def act(self, actions: Array) -> None:
-        """Order the absorber's friction or gap in the next interval, for actions (L, 1) from -1 to 1."""
+        """Order the absorber's friction or gap in the next interval.
+
+        ``actions`` (L, 1) are numbers from -1 to 1.
+        """
 
     @abstractmethod
     def moved(self) -> Array:
@@ -217,7 +231,10 @@ class ActiveTask(PooledTask):
         return self._whole, self.ratio, np.zeros(self.lanes, dtype=np.bool_)
 
     def reward(self) -> Array:
-        """Return minus the interval's share of the mean relative RMS, less the price of what was moved."""
+        """Return minus the interval's share of the mean relative RMS, less the actuator's price.
+
+        The actuator's price is paid for each change of the actuator's setting.
+        """
         moved = self.moved()
         self.charge(moved)
         rewards = np.empty(self.lanes)
@@ -247,7 +264,10 @@ class ActiveTask(PooledTask):
         return math.sqrt(2) * self._scale
 
     def fill_state(self, values: Array) -> None:
-        """Write the first of the scaled features into ``values`` (L, features): the state at the interval's end."""
+        """Write the first of the scaled features into ``values`` (L, features).
+
+        They describe the state at the end of the interval.
+        """
         fill_cycle_features(  # type: ignore[no-untyped-call]
             self.runs.reports,
             self.runs.orders,
@@ -261,7 +281,10 @@ class ActiveTask(PooledTask):
         )
 
     def level_shapes(self) -> Array:
-        """Return the modes' shapes where the level is read, (1, N_m) or, for each lane, (L, N_m)."""
+        """Return the mode shapes at the place where the level is measured.
+
+        The result is (1, N_m), or (L, N_m) where the lanes differ.
+        """
         return self._shape
 
     def info(self) -> dict[str, NDArray[Any]]:
@@ -309,7 +332,10 @@ ABSORBER_ACCELERATION = Feature(
 
 
 class RawSensorsTask(ActiveFrictionTask):
-    """Lanes with a friction limit that is set by two accelerometers, whose samples are means over the interval."""
+    """Lanes with a friction limit that is set from the signals of two accelerometers.
+
+    A sample of an accelerometer is its mean over the interval.
+    """
 
     features: Sequence[Feature] = (
         TIP_ACCELERATION,
@@ -371,7 +397,11 @@ class WallActuator(GapRange):
         keep_checked(self, gap_speed=positive, gap_lag=non_negative)
 
     def motion(self, interval: float) -> tuple[float, float]:
-        """Return the share of the way to their target that walls make in an interval (pseudo periods) by the lag, and their longest way in m."""
+        """Return the two limits of the walls' motion in an interval (pseudo periods).
+
+        They are the share of the distance to their target that the walls cover because of the lag,
+        and their longest displacement in m.
+        """
         share = -math.expm1(-interval / self.gap_lag) if self.gap_lag > 0 else 1.0
         return share, self.gap_speed * interval
 
@@ -389,11 +419,17 @@ class MovingWallsTask(VariableGapTask):
         self._before, self._wall_moved = (np.zeros(lanes) for _ in range(2))
 
     def starting_action(self) -> Array:
-        """Return the place of the scene's half-clearance in the range (1,), see `Task.starting_action`."""
+        """Return the position of the scene's half-clearance in the range (1,).
+
+        See `Task.starting_action`.
+        """
         return np.array([find_log_place(self.length, *self.drive.gap_limits)])
 
     def act(self, actions: Array) -> None:
-        """Order half-clearances on the way to those wanted, for actions (L, A) from -1 to 1, of which the first is the walls'."""
+        """Order half-clearances that approach the wanted ones.
+
+        ``actions`` (L, A) are numbers from -1 to 1, and the first column sets the walls.
+        """
         order_wall_motion(actions, *self._motion, self.runs.orders, self._before)  # type: ignore[no-untyped-call]
 
     def moved(self) -> Array:

@@ -9,8 +9,9 @@ Array = NDArray[np.float64]
 class Actuator:
     """Steps and delay of the actions of a number of lanes.
 
-    ``levels``: number of equidistant values from -1 to 1 that an action is rounded to, 0 for any value. ``delay``: control intervals until an
-    action has an effect; until then each number of an action has its value of ``start`` (A,).
+    ``levels``: number of equidistant values from -1 to 1 that an action is rounded to, 0 for any
+    value. ``delay``: control intervals until an action has an effect; until then each number of an
+    action has its value of ``start`` (A,).
     """
 
     def __init__(self, lanes: int, delay: int, levels: int, start: Array) -> None:
@@ -25,7 +26,10 @@ class Actuator:
         return self.levels == 0 and len(self._past) == 0
 
     def apply(self, actions: Array) -> Array:
-        """Return the actions that have an effect now (L, A), for those chosen now (L, A), from -1 to 1."""
+        """Return the actions (L, A) that take effect now.
+
+        ``actions`` (L, A) are those chosen now, from -1 to 1.
+        """
         if self.levels > 0:
             steps = self.levels - 1
             actions = np.round(0.5 * (actions + 1) * steps) * (2 / steps) - 1

@@ -1,4 +1,7 @@
-"""An absorber that is set interval by interval, the half-clearance of its cavity or its friction limit: on a passage, or at one frequency."""
+"""An absorber that is adjusted interval by interval, during a passage or at one frequency.
+
+The half-clearance of its cavity or its friction limit is adjusted.
+"""
 
 import math
 from collections.abc import Sequence
@@ -58,7 +61,10 @@ class GapRange:
 
 
 def find_log_place(value: float, low: float, high: float) -> float:
-    """Return where a value lies from ``low``, -1, to ``high``, 1, on a logarithmic scale; values outside are at the ends."""
+    """Return the position of a value between ``low`` and ``high`` on a logarithmic scale.
+
+    The position is -1 at ``low`` and 1 at ``high``. Values outside are moved to the ends.
+    """
     if low == high:
         return 0.0
     return min(max(2 * math.log(value / low) / math.log(high / low) - 1, -1.0), 1.0)
@@ -93,7 +99,10 @@ class VariableGapTask(Task):
 
 
 class ChosenGapTask(VariableGapTask):
-    """A task whose half-clearances (L,) in m are ``wanted``: they are in use at once, but no smaller than the absorber's distance from the middle."""
+    """A task whose half-clearances take effect immediately.
+
+    They are ``wanted`` (L,) in m, but no smaller than the absorber's distance from the middle.
+    """
 
     wanted: Array
     gap_before: Array
@@ -133,7 +142,10 @@ class SweepGapTask(ChosenGapTask, SweepTask):
         self.described = (passage, cavity)
 
     def starting_action(self) -> Array:
-        """Return the rate in the middle of its range and the scene's half-clearance (2,), see `Task.starting_action`."""
+        """Return the middle of the rate's range and the scene's half-clearance (2,).
+
+        See `Task.starting_action`.
+        """
         return np.array([0.0, find_log_place(self.length, *self.cavity.gap_limits)])
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
@@ -149,9 +161,9 @@ class FrictionRange:
     Parameters
     ----------
     friction_range : pair
-        Smallest and largest friction limit, above 0, in units of m_a g0 omega^2 (mass of the absorber,
-        half-clearance, resonance; 0.72 N in the default scene). Friction of equal size in this unit has equal
-        effect on any structure.
+        Smallest and largest friction limit, above 0, in units of m_a g0 omega^2 (mass of the
+        absorber, half-clearance, resonance; 0.72 N in the default scene). Friction of equal size in
+        this unit has equal effect on any structure.
 
     """
 
@@ -195,11 +207,18 @@ class VariableFrictionTask(Task):
         self.friction[lane], self.place[lane] = self._begin, self._begin_place
 
     def starting_action(self) -> Array:
-        """Return the place of the scene's friction in the range (1,), see `Task.starting_action`."""
+        """Return the position of the scene's friction limit in the range (1,).
+
+        See `Task.starting_action`.
+        """
         return np.clip([self._begin_place], -1, 1)
 
     def order_friction(self, actions: Array, column: int = 0) -> None:
-        """Order the friction limits by their places in the range, a column of the actions (L, A); ``place_moved`` (L,): how far they move."""
+        """Order the friction limits by their positions in the range.
+
+        The positions are a column of the actions (L, A). ``place_moved`` (L,) is set to the
+        distances by which the positions change.
+        """
         order_friction(  # type: ignore[no-untyped-call]
             actions,
             column,
@@ -293,8 +312,8 @@ class GapControl:
 class GapTask(ChosenGapTask):
     """Lanes with a cavity that is set under a force that changes.
 
-    Of `costs` the level is the interval's share of the mean relative response, the actuator moves the walls, in half-clearances of the scene, and
-    impacts are those a pseudo period.
+    Of `costs` the level is the interval's share of the mean relative response, the actuator moves
+    the walls, in half-clearances of the scene, and impacts are those a pseudo period.
     """
 
     cost_names = ("level", "time", "actuator", "impacts")

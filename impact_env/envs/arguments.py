@@ -1,4 +1,7 @@
-"""Arguments of an environment with their defaults and meanings, from the docstrings of their classes."""
+"""Arguments of an environment with their defaults and meanings.
+
+They are read from the docstrings of the classes that define the arguments.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -48,7 +51,9 @@ def list_arguments(kind: type, defaults: Mapping[str, Any]) -> list[Argument]:
 def list_own_arguments(
     groups: Sequence[type], defaults: Mapping[str, Any]
 ) -> tuple[list[Argument], list[Argument]]:
-    """Return the arguments of an environment alone, and those of all environments with another default here.
+    """Return the arguments that only an environment has, and the common ones that it changes.
+
+    The latter are arguments of all environments that have another default here.
 
     Parameters
     ----------

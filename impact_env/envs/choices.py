@@ -1,4 +1,7 @@
-"""Environments whose agent decides once in several periods: passages through a resonance, and a machine at one frequency under forces that change."""
+"""Environments whose agent decides once in several periods.
+
+They are passages through a resonance, and a machine at one frequency under changing forces.
+"""
 
 from functools import partial
 from typing import Any
@@ -21,8 +24,8 @@ from impact_env.extras import optional
 with optional():
     from gymnasium.spaces import Discrete
 
-# The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates, budget and price are chosen such that a
-# slow passage pays in a part of the range only.
+# The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates,
+# budget and price are chosen such that a slow passage pays in a part of the range only.
 RANGE_SETTINGS: dict[str, Any] = {"limits": (0.93, 1.03)}
 HARD_SETTINGS: dict[str, Any] = {
     "modes": 2,
@@ -137,7 +140,8 @@ class SweepRateEnv(TaskEnv):
     (arguments)
 
     ## Version History
-    - v0: first version, also registered as ``ImpactAbsorber/SweepRateHard-v0``: the exploration task, which v1 does not replace
+    - v0: first version, also registered as ``ImpactAbsorber/SweepRateHard-v0``: the exploration
+      task, which v1 does not replace
     """
 
     kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), HARD_SETTINGS, one_number_space)
@@ -188,7 +192,8 @@ class SweepRateV1Env(TaskEnv):
     (arguments)
 
     ## Version History
-    - v1: longer interval, features in another unit, end of the budget is a termination, going back; v0 is `SweepRateEnv`
+    - v1: longer interval, features in another unit, end of the budget is a termination, going back;
+      v0 is `SweepRateEnv`
     """
 
     kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), RATE_V1, one_number_space)
@@ -237,8 +242,8 @@ class SweepAndGapEnv(TaskEnv):
 
     ## Version History
     - v1: the level is in half-clearances, and feature 5 is clipped at 4
-    - v0: first version, with ``level_unit="reference"`` and ``impacts_limit=100``: features 1, 2 and 9 together
-      reveal the force after one interval
+    - v0: first version, with ``level_unit="reference"`` and ``impacts_limit=100``: features 1, 2
+      and 9 together reveal the force after one interval
     """
 
     kind = TaskSpec(
@@ -292,8 +297,8 @@ class FrictionChoiceEnv(TaskEnv):
 
     ## Version History
     - v1: the level is in half-clearances, and feature 5 is clipped at 4
-    - v0: first version, with ``level_unit="reference"`` and ``impacts_limit=100``: features 1, 2 and 9 together
-      reveal the force after one interval
+    - v0: first version, with ``level_unit="reference"`` and ``impacts_limit=100``: features 1, 2
+      and 9 together reveal the force after one interval
     """
 
     kind = TaskSpec(

@@ -1,7 +1,9 @@
-"""Images of an episode: the bent beam with its cavity and absorber, and strips of level and frequency over time.
+"""Images of an episode.
 
-Displacements are exaggerated, all by the same factor. A frame shows the end of a control interval, so that the motion is seen as under a stroboscope;
-the pale band is the amplitude over the interval.
+They show the bent beam with its cavity and absorber, and strips of level and frequency over time.
+
+Displacements are exaggerated, all by the same factor. A frame shows the end of a control interval,
+so that the motion is seen as under a stroboscope; the pale band is the amplitude over the interval.
 """
 
 from __future__ import annotations
@@ -49,14 +51,21 @@ MASS_SIZE = 9.0  # half the side of the absorber in pixels
 
 
 def straight_shapes(model: ModalModel) -> Array:
-    """Return shapes where only the modes are known, (POSITIONS + 1, N_m): a straight line from the support to the absorber's place."""
+    """Return shapes for a model of which only the modes are known, (POSITIONS + 1, N_m).
+
+    Each is a straight line from the support to the absorber's position.
+    """
     return np.linspace(0, 1, POSITIONS + 1)[:, None] * np.array(model.tip_shape)
 
 
 def relative_amplitudes(shapes: Array, level_shape: Array, resonance: int) -> Array:
-    """Return the amplitude of a mode at each place over that where the level is read, (POSITIONS + 1,); ``shapes`` (POSITIONS + 1, N_m).
+    """Return a mode's amplitude at each position relative to that at the level's place.
 
-    It is the resonance's mode; where that has a node at the level's place (N_m,), the mode that moves this place most.
+    The result has the shape (POSITIONS + 1,), ``shapes`` the shape (POSITIONS + 1, N_m). The same
+    mode is used at all positions.
+
+    It is the resonance's mode; where that has a node at the level's place (N_m,), the mode that
+    moves this place most.
     """
     moved = np.abs(level_shape)
     mode = resonance - 1
@@ -253,7 +262,10 @@ class Screen:
             )
 
     def _draw_absorber(self, picture: Picture, x: float, y: float, scale: float, lane: int) -> None:
-        """Draw the absorber beside the tip and, where it has walls, the cavity around it: what is between both is the clearance to scale."""
+        """Draw the absorber next to the tip and, if it has walls, the cavity around it.
+
+        The distance between absorber and cavity is the clearance to scale.
+        """
         half = (
             0.0
             if self.sliding is None or self.sliding.walls is None

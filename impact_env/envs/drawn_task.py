@@ -1,4 +1,7 @@
-"""Tasks whose scene is drawn at random: a passage, and control within a period on structures in units of their first resonance."""
+"""Tasks whose scene is drawn at random.
+
+They are a passage, and control within a period on structures in units of their first resonance.
+"""
 
 import math
 from collections.abc import Sequence
@@ -118,7 +121,10 @@ class RandomisedSettings:
         keep_checked(self, sweep_rates=partial(speeds, limits=self.limits))
 
     def pool(self, scene: Scene) -> list[Scene]:
-        """Return the scenes that episodes draw from: another damping and another restitution each, the same ones always."""
+        """Return the scenes from which episodes draw.
+
+        Each has its own damping and restitution. The scenes are the same at every call.
+        """
         absorber = scene.absorber
         assert isinstance(absorber, SlidingAbsorber)
         assert isinstance(absorber.walls, RigidWalls)
@@ -141,8 +147,9 @@ class RandomisedSettings:
 class LimitedPassageTask(PooledTask, VariableFrictionTask, MovingWallsTask, SweepTask):
     """Lanes that pass through a resonance, each in a scene of a pool, at a rate of its own.
 
-    Of `costs` the level is the rise of the relative level, and the actuator moves the walls. Impacts, a pseudo period of a whole interval, are there
-    in the place of the contact force: over several periods the absorber's momentum says nothing of it, and reports have no impulses.
+    Of `costs` the level is the rise of the relative level, and the actuator moves the walls.
+    Impacts, a pseudo period of a whole interval, are there in the place of the contact force: over
+    several periods the absorber's momentum says nothing of it, and reports have no impulses.
     """
 
     cost_names = ("level", "time", "fatigue", "actuator", "impacts")
@@ -305,7 +312,11 @@ def _beam(ends: str) -> Any:
 
 
 def _plate(generator: Generator) -> ModalModel:
-    """Return two modes of a rectangular plate on hinges: frequencies as m^2/a^2 + n^2/b^2, shapes 2 sin sin/sqrt(mass) (A. W. Leissa 1969)."""
+    """Return two modes of a rectangular plate on hinges.
+
+    Frequencies are proportional to m^2/a^2 + n^2/b^2, shapes are 2 sin sin/sqrt(mass) (A. W. Leissa
+    1969).
+    """
     aspect = generator.uniform(1.1, 1.8)
     force = generator.uniform(0.25, 0.45, 2)
     absorber = generator.uniform(0.35, 0.65, 2)
@@ -319,7 +330,10 @@ def _plate(generator: Generator) -> ModalModel:
 
 
 def _modes(generator: Generator) -> ModalModel:
-    """Return two modes as a measurement might give them: any frequency between twice and eight times the first, shapes of either sign."""
+    """Return two modes as a measurement might give them.
+
+    The second frequency is between twice and eight times the first. The shapes have either sign.
+    """
     signs = np.array([1.0, generator.choice([-1.0, 1.0])])
     force = generator.uniform(0.4, 1.5, 2) * signs
     absorber = generator.uniform(1.2, 2.2, 2)
@@ -346,7 +360,10 @@ FAMILY_SPLITS = {
 
 
 def rescale_model(model: ModalModel, standard: ModalModel) -> ModalModel:
-    """Return a model with the first frequency and the mass of a standard: other units of time and mass, the same structure."""
+    """Return a model with the first frequency and the mass of a standard model.
+
+    The structure is the same in other units of time and mass.
+    """
     time = standard.omega[0] / model.omega[0]
     mass = math.sqrt(model.beam_mass / standard.beam_mass)
     force = model.force_shape * mass
@@ -456,7 +473,11 @@ class StructuresTask(ActiveFrictionTask):
         super().draw(lane, generator)
 
     def draw_force(self, lane: int, generator: Generator) -> float:
-        """Return the force in N that moves a lane's structure at resonance as far as the one that is drawn moves the standard."""
+        """Return a lane's force in N, scaled to its structure.
+
+        It moves the lane's structure at resonance as far as the drawn force moves the standard
+        structure.
+        """
         return super().draw_force(lane, generator) * self._force_unit[self.which[lane]]
 
     def level_shapes(self) -> NDArray[np.float64]:

@@ -1,6 +1,9 @@
-"""Evaluation of a policy on fixed seeds, ``impact_env.evaluate``: scores by seed, bootstrap intervals, paired differences, a table.
+"""Evaluation of a policy on fixed seeds, ``impact_env.evaluate``.
 
-Splits are disjoint ranges of seeds. Nothing enforces that ``test`` is looked at once, after tuning on ``train`` and ``validation``.
+It gives scores by seed, bootstrap intervals, paired differences and a table.
+
+Splits are disjoint ranges of seeds. Nothing enforces that ``test`` is looked at once, after tuning
+on ``train`` and ``validation``.
 """
 
 from __future__ import annotations
@@ -49,11 +52,15 @@ def bootstrap_interval(
     covered: float = INTERVAL_COVERAGE,
     seed: int = 0,
 ) -> Array:
-    """Return (low, high) of a statistic of one or several score arrays by the bootstrap, (2, *shape of the statistic).
+    """Return the bootstrap interval (low, high) of a statistic of one or several score arrays.
 
-    Scores are arrays (R, E): R training runs (1 for a policy that is not trained), E evaluation seeds, the same for all. Both are resampled,
-    the runs of each policy among themselves and the seeds in common (A. B. Owen 2007, "The pigeonhole bootstrap"), so that neither many episodes of
-    one run nor many runs on one seed pass for independent evidence. Raises ParameterError unless all have the same number of seeds.
+    The shape of the result is (2, *shape of the statistic).
+
+    Scores are arrays (R, E): R training runs (1 for a policy that is not trained), E evaluation
+    seeds, the same for all. Both are resampled, the runs of each policy among themselves and the
+    seeds in common (A. B. Owen 2007, "The pigeonhole bootstrap"), so that neither many episodes of
+    one run nor many runs on one seed pass for independent evidence. Raises ParameterError unless
+    all have the same number of seeds.
     """
     columns = scores[0].shape[1]
     require(
@@ -75,7 +82,11 @@ def bootstrap_interval(
 
 @dataclass(frozen=True)
 class PolicyScores:
-    """A policy on the seeds: ``scores`` (E,), their mean, its interval (low, high), the mean of their middle half."""
+    """The scores of a policy on the seeds.
+
+    ``scores`` (E,) has the score of each seed, ``interval`` is the interval (low, high) of their
+    mean, and ``middle`` is the mean of their middle half.
+    """
 
     name: str
     scores: Array
@@ -100,8 +111,9 @@ class PolicyScores:
 class Evaluation:
     """What `evaluate` returns; ``str()`` of it is a table.
 
-    ``policy``: how it did on the ``seeds`` of the ``split``. ``others`` and ``differences``: by name, what it was compared with, and how much higher
-    its mean score is than theirs, with the interval (mean, low, high) of the differences seed by seed.
+    ``policy``: how it did on the ``seeds`` of the ``split``. ``others`` and ``differences``: by
+    name, what it was compared with, and how much higher its mean score is than theirs, with the
+    interval (mean, low, high) of the differences seed by seed.
     """
 
     env_id: str
@@ -118,25 +130,35 @@ class Evaluation:
 
     def __str__(self) -> str:
         lines = [
-            f"{self.env_id}, {self.split}: {len(self.seeds)} episodes, seeds {self.seeds[0]} to {self.seeds[-1]}"
+            (
+                f"{self.env_id}, {self.split}: {len(self.seeds)} episodes, seeds {self.seeds[0]} "
+                f"to {self.seeds[-1]}"
+            )
         ]
         width = 2 + max(22, *(len(row.name) for row in (self.policy, *self.others.values())))
         lines.append(
-            f"{'policy':<{width}}{'mean score':>11}{'95 % interval':>20}{'middle half':>13}{'policy is better by':>28}"
+            f"{'policy':<{width}}{'mean score':>11}{'95 % interval':>20}"
+            f"{'middle half':>13}{'policy is better by':>28}"
         )
         for row in (self.policy, *self.others.values()):
             better = self.differences.get(row.name)
             interval = (
                 "" if better is None else f"{better[0]:.4f} [{better[1]:.4f}, {better[2]:.4f}]"
             )
+            own_interval = f"[{row.interval[0]:.4f}, {row.interval[1]:.4f}]"
             lines.append(
-                f"{row.name:<{width}}{row.mean:>11.4f}{f'[{row.interval[0]:.4f}, {row.interval[1]:.4f}]':>20}{row.middle:>13.4f}{interval:>28}"
+                f"{row.name:<{width}}{row.mean:>11.4f}{own_interval:>20}"
+                f"{row.middle:>13.4f}{interval:>28}"
             )
         return "\n".join(lines)
 
 
 class _Player:
-    """Any kind of policy as one call: a function, a model of stable-baselines3, something with ``start`` and ``act``, or a constant action."""
+    """Any kind of policy, called in one way.
+
+    A policy is a function, a model of stable-baselines3, an object with ``start`` and ``act``, or a
+    constant action.
+    """
 
     def __init__(self, policy: Any, shape: tuple[int, ...]) -> None:
         constant = isinstance(policy, int | float | Sequence | np.ndarray) and not isinstance(
@@ -149,7 +171,10 @@ class _Player:
             known,
             "policy",
             policy,
-            "a function of observations (L, features), a stable-baselines3 model, an agent, or a constant action",
+            (
+                "a function of observations (L, features), a stable-baselines3 model, an agent, "
+                "or a constant action"
+            ),
         )
         self.policy = policy
         self.shape = shape
@@ -185,7 +210,9 @@ class _Player:
 
 @dataclass(frozen=True)
 class EpisodeScores:
-    """What came of one episode for each seed: ``scores`` (E,), sums of the rewards, and ``steps`` (E,), control intervals.
+    """Scores and lengths of one episode for each seed.
+
+    ``scores`` (E,) are the sums of the rewards, ``steps`` (E,) the numbers of control intervals.
 
     With ``vector_reward=True`` the scores are sums of reward vectors (E, costs).
     """
@@ -197,9 +224,12 @@ class EpisodeScores:
 def play(
     policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None
 ) -> EpisodeScores:
-    """Play one episode a seed, each in a lane that rests when it is over; ``policy`` is one of those that `evaluate` takes.
+    """Play one episode for each seed, each in its own lane.
 
-    Raises ParameterError for an unknown environment, no seeds, bad ``arguments`` of the environment, or actions of a wrong shape.
+    A lane rests when its episode is over. ``policy`` is any that `evaluate` takes.
+
+    Raises ParameterError for an unknown environment, no seeds, bad ``arguments`` of the
+    environment, or actions of a wrong shape.
     """
     require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
     require(len(seeds) > 0, "seeds", seeds, "at least one seed")

@@ -1,4 +1,7 @@
-"""What an agent sees: named, scaled features, with noise and delay where a sensor would have them."""
+"""The observations of an agent: named, scaled features.
+
+Features that a sensor would measure have noise and delay.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +18,13 @@ FEW_IMPACTS = 4.0  # the same of feature 5 in newer tasks, so that chatter stays
 
 @dataclass(frozen=True)
 class Feature:
-    """One number of an observation; ``measured`` ones come from sensors and get noise and delay, the others are known to the machine's control.
+    """One number of an observation.
 
-    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables (`shells.list_features`), where braces stand for arguments.
+    A ``measured`` number comes from a sensor and gets noise and delay. The others are known to the
+    machine's control.
+
+    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables
+    (`shells.list_features`), where braces stand for arguments.
     """
 
     name: str
@@ -95,8 +102,9 @@ STATE = (
 class Sensors:
     """Noise, drift and delay of the measured features of a number of lanes.
 
-    ``noise`` is the standard deviation of what is added to each scaled, measured feature; ``drift`` that of the change in an interval of a bias, 0 at
-    the start of an episode; ``delay`` a number of intervals, before which the first observation of an episode is seen again.
+    ``noise`` is the standard deviation of what is added to each scaled, measured feature; ``drift``
+    that of the change in an interval of a bias, 0 at the start of an episode; ``delay`` a number of
+    intervals, before which the first observation of an episode is seen again.
     """
 
     def __init__(
@@ -122,9 +130,12 @@ class Sensors:
         fresh: NDArray[np.bool_] | None = None,
         resting: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.float32]:
-        """Return the observations (L, features) of scaled values (L, features): of all lanes, or of those that are ``fresh``, at their start.
+        """Return the observations (L, features) for scaled values (L, features).
 
-        Lanes that are ``resting`` draw no random numbers: they are reset before their observation is used.
+        They are those of all lanes, or those of the ``fresh`` lanes at the start of their episodes.
+
+        Lanes that are ``resting`` draw no random numbers: they are reset before their observation
+        is used.
         """
         observed = values
         if self.noise > 0 or self.drift > 0:
@@ -158,7 +169,10 @@ class Sensors:
         return np.asarray(bias + self.noise * generator.standard_normal(len(bias)))
 
     def copy_from(self, source: "Sensors", times: int) -> None:
-        """Take over the delayed observations and biases of other sensors, of each lane ``times`` times."""
+        """Copy the delayed observations and biases of other sensors.
+
+        Each lane of ``source`` is copied ``times`` times.
+        """
         self._past = np.repeat(source._past, times, axis=1)
         self._at = source._at
         self._bias = np.repeat(source._bias, times, axis=0)

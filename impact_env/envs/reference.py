@@ -1,4 +1,7 @@
-"""The beam without absorber under one newton: the reference of all scores. It is linear, so levels are proportional to the force."""
+"""The beam without absorber under a force of 1 N, the reference of all scores.
+
+It is linear, so its levels are proportional to the force.
+"""
 
 import math
 from dataclasses import replace
@@ -18,7 +21,10 @@ PERIODS_PER_CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have
 
 
 def drive_shape(model: ModalModel, moves_base: bool) -> Array:
-    """Return the modal forces of a unit of the drive: a force of 1 N, or a base that is accelerated by 1 m/s^2."""
+    """Return the modal forces of a unit of the drive.
+
+    The unit is a force of 1 N, or an acceleration of the base of 1 m/s^2.
+    """
     if not moves_base:
         return model.force_shape
     require(
@@ -42,10 +48,12 @@ def simulate_passage(
     unit: float,
     moves_base: bool = False,
 ) -> tuple[float, float]:
-    """Return (response level in m, damage) of a beam without absorber in a sweep at the rate that suits its damping, under a unit of `drive_shape`.
+    """Return (response level in m, damage) of a beam without absorber in a sweep.
 
-    The sweep goes from ``start`` to ``stop`` (ratios of the resonance); the damage is the sum of |q_tip/unit|^exponent over its samples, 0 for an
-    exponent of 0.
+    The sweep has the rate that suits the beam's damping, and acts with one unit of `drive_shape`.
+
+    The sweep goes from ``start`` to ``stop`` (ratios of the resonance); the damage is the sum of
+    |q_tip/unit|^exponent over its samples, 0 for an exponent of 0.
     """
     omega = scene.model.resonance_omega(resonance)
     percent = default_rate(scene.model, (resonance,))
@@ -87,9 +95,12 @@ def simulate_passage(
 
 
 def stationary_amplitude(model: ModalModel, omega: float, moves_base: bool = False) -> float:
-    """Return the amplitude (m) of the stationary response at the level's place without absorber, under a unit of `drive_shape` at ``omega`` (rad/s).
+    """Return the amplitude (m) of the stationary response without absorber at ``omega`` (rad/s).
 
-    One number at a time and without NumPy, whose calls would cost a reset more than its draws; `impact_env.frequency` has the formula.
+    It is the amplitude at the level's place under a unit of `drive_shape`.
+
+    One number at a time and without NumPy, whose calls would cost a reset more than its draws;
+    `impact_env.frequency` has the formula.
     """
     drive = drive_shape(model, moves_base)
     rows = zip(

@@ -1,4 +1,7 @@
-"""Arguments of the environments that choose scene, force, method and observation: plain values, so that a spec can be written as JSON."""
+"""Arguments of the environments for scene, force, method and observation.
+
+They are plain values, so that a spec can be written as JSON.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -137,7 +140,10 @@ def _plain(value: Any) -> Any:
 
 
 def _file_of(structure: Any) -> tuple[str, int]:
-    """Return a structure's file and when it was last changed, so that a changed file is read anew."""
+    """Return a structure's file and the time of its last change.
+
+    With the time as part of a cache key, a changed file is read again.
+    """
     require(
         isinstance(structure, str | Path),
         "structure",
@@ -186,8 +192,8 @@ def _record(text: str) -> Samples:
 class TaskSettings:
     """Arguments that all environments have: scene, force, method, interval, sensors and actuator.
 
-    Defaults are those of this class; an environment that has others lists them. A wrong value raises
-    `impact_env.ParameterError` with the argument's name.
+    Defaults are those of this class; an environment that has others lists them. A wrong value
+    raises `impact_env.ParameterError` with the argument's name.
 
     Parameters
     ----------
@@ -217,18 +223,18 @@ class TaskSettings:
     observation_delay : int
         Delay of the measured features in intervals.
     observation_drift : float
-        Standard deviation of the change of a bias of each measured feature in an interval; the bias is 0 at
-        the start of an episode.
+        Standard deviation of the change of a bias of each measured feature in an interval; the bias
+        is 0 at the start of an episode.
     action_delay : int
-        Intervals until an action has an effect. Until then the actuator has the value of the scene, or the
-        middle of its range where the scene has none.
+        Intervals until an action has an effect. Until then the actuator has the value of the scene,
+        or the middle of its range where the scene has none.
     action_levels : int or None
         Number of equidistant values from -1 to 1 to which an action is rounded, 2 or more.
     impacts_limit : float
         Upper limit of feature 5, the impacts in a pseudo period; chatter has tens.
     raw_state : bool
-        Whether info has the ``state``: modal displacements, absorber displacement, modal velocities and
-        absorber velocity.
+        Whether info has the ``state``: modal displacements, absorber displacement, modal velocities
+        and absorber velocity.
     threads : int or None
         Threads of a vector environment, by default all cores. Numbers do not depend on it.
     whole_scene : Scene, dict or None
@@ -237,12 +243,12 @@ class TaskSettings:
     structure : str or None
         File of a structure in place of beam and modes (docs/your_structure.md).
     load : dict or None
-        Disturbance in addition to the force: a load of the kind ``random`` or ``samples`` (docs/loads.md). It
-        repeats, and each episode draws its start. Scores and references exclude it. It needs the exact method
-        and rigid contact.
+        Disturbance in addition to the force: a load of the kind ``random`` or ``samples``
+        (docs/loads.md). It repeats, and each episode draws its start. Scores and references exclude
+        it. It needs the exact method and rigid contact.
     moves_base : bool
-        Whether ``force`` is the amplitude of the base's acceleration in m/s^2; displacements are then
-        relative to the base. It needs the exact method and rigid contact.
+        Whether ``force`` is the amplitude of the base's acceleration in m/s^2; displacements are
+        then relative to the base. It needs the exact method and rigid contact.
 
     """
 
@@ -308,7 +314,10 @@ class TaskSettings:
         model = self.scene.model
         keep_checked(self, resonance=lambda _name, value: model.check_resonance(value))
         low, high = self.forces
-        allowed = f"a force in N from {FORCE_BOUNDS[0]:g} to {FORCE_BOUNDS[1]:g}, or a pair (low, high) of such to draw from"
+        allowed = (
+            f"a force in N from {FORCE_BOUNDS[0]:g} to {FORCE_BOUNDS[1]:g}, or a pair (low, high) "
+            "of such to draw from"
+        )
         require(FORCE_BOUNDS[0] <= low <= high <= FORCE_BOUNDS[1], "force", self.force, allowed)
         keep_checked(
             self, samples_per_period=count_from(8, MOST_SAMPLES_PER_PERIOD), interval=positive
@@ -319,7 +328,10 @@ class TaskSettings:
             whole,
             "interval",
             self.interval,
-            f"a multiple of 1/{self.samples_per_period} pseudo periods (one sample), four samples or more",
+            (
+                f"a multiple of 1/{self.samples_per_period} pseudo periods (one sample), four "
+                "samples or more"
+            ),
         )
         keep_checked(
             self,
@@ -396,13 +408,20 @@ class TaskSettings:
 
     @property
     def length(self) -> float:
-        """The unit of displacement in observations in m: the cavity's half-clearance, or the paper's where there is none."""
+        """The unit of displacement in observations in m.
+
+        It is the half-clearance of the cavity, or the paper's half-clearance for a scene without
+        one.
+        """
         absorber = self.scene.absorber
         walls = absorber.walls if isinstance(absorber, SlidingAbsorber) else None
         return RigidWalls.gap if walls is None or walls.gap == 0 else walls.gap
 
     def describe(self) -> dict[str, Any]:
-        """Return the arguments as plain values; without ``threads``, which change no number, and a scene that was not given."""
+        """Return the arguments as plain values.
+
+        ``threads`` is left out, as it changes no result, and so is a scene that was not given.
+        """
         values = {
             f.name: getattr(self, f.name)
             for f in fields(self)

@@ -1,4 +1,7 @@
-"""What gymnasium asks for around a task, and what single and vector environments share: the single one is a vector of one lane without autoreset."""
+"""The interface of a task to gymnasium, shared by single and vector environments.
+
+A single environment is a vector of one lane without autoreset.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -29,9 +32,13 @@ Observation = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class TaskSpec:
-    """How an environment makes its task: ``task`` takes one object of each of ``groups``, the dataclasses of its arguments, and the number of lanes.
+    """The definition of an environment's task.
 
-    ``defaults``: those that differ from the dataclasses'; ``actions`` makes the space of one lane's actions.
+    ``task`` is called with one object of each of ``groups``, the dataclasses of its arguments, and
+    with the number of lanes.
+
+    ``defaults``: those that differ from the dataclasses'; ``actions`` makes the space of one lane's
+    actions.
     """
 
     task: Any  # a class of tasks
@@ -50,7 +57,8 @@ class TaskSpec:
         strange = sorted(set(merged).difference(*names))
         if strange:
             raise ParameterError(
-                f"{strange[0]} is not an argument of this environment: it has {', '.join(sorted(set().union(*names)))}"
+                f"{strange[0]} is not an argument of this environment: it has "
+                f"{', '.join(sorted(set().union(*names)))}"
             )
         parts = [{name: value for name, value in merged.items() if name in own} for own in names]
         return self.task(
@@ -64,7 +72,10 @@ def observation_space(task: Task) -> spaces.Box:
 
 
 def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
-    """Return the space of rewards that are vectors, as MO-Gymnasium has it; None where they are scores."""
+    """Return the space of vector rewards in the form of MO-Gymnasium.
+
+    The result is None if rewards are scores.
+    """
     require(isinstance(wanted, bool), "vector_reward", wanted, "True or False")
     require(
         not wanted or bool(task.cost_names),
@@ -90,9 +101,13 @@ def one_number_space(numbers: int = 1) -> spaces.Box:
 
 
 def check_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
-    """Return actions as an array of the space's shape; real numbers as float64, limited to [-1, 1] as the spaces of `one_number_space` are.
+    """Return actions as an array of the space's shape.
 
-    Raises ParameterError for a wrong shape, for NaN, infinity and complex numbers, and for a discrete action that does not exist.
+    Real numbers become float64 and are limited to [-1, 1], the range of the spaces of
+    `one_number_space`.
+
+    Raises ParameterError for a wrong shape, for NaN, infinity and complex numbers, and for a
+    discrete action that does not exist.
     """
     try:
         values = np.asarray(actions)
@@ -143,7 +158,11 @@ def check_seed(seed: Any) -> int | None:
 
 
 def make_screen(env: Any, is_reset: bool, maker: str) -> Any:
-    """Return an environment's screen, made for its first picture; None, with a warning, without a render mode; ``maker``: what takes one."""
+    """Return an environment's screen, which is made for its first picture.
+
+    Without a render mode a warning is issued and the result is None. ``maker`` is the function of
+    gymnasium that takes a render mode.
+    """
     if env.render_mode is None:
         gymnasium.logger.warn(
             f"render() does nothing without a render_mode: give one to gymnasium.{maker}"
@@ -159,7 +178,10 @@ def make_screen(env: Any, is_reset: bool, maker: str) -> Any:
 
 
 def list_features(kind: TaskSpec) -> list[tuple[str, str]]:
-    """Return what the features of a task are, and their units, for the defaults of its arguments."""
+    """Return descriptions and units of a task's features.
+
+    They hold for the default values of the task's arguments.
+    """
     values = {field.name: field.default for group in kind.groups for field in fields(group)}
     values |= kind.defaults
     from_middle = values.get("frequency_origin") == "middle"
@@ -179,7 +201,10 @@ def list_features(kind: TaskSpec) -> list[tuple[str, str]]:
 
 
 def add_tables(env: Any) -> None:
-    """Replace (features) and (arguments) in the docstring of an environment by a table and a list."""
+    """Fill the tables into the docstring of an environment.
+
+    "(features)" is replaced by a table, "(arguments)" by a list.
+    """
     kind: TaskSpec = env.kind
     rows = [f"| {k} | {what} | {unit} |" for k, (what, unit) in enumerate(list_features(kind), 1)]
     table = "\n".join(("| # | what | unit and scale |", "| --- | --- | --- |", *rows))
@@ -187,7 +212,8 @@ def add_tables(env: Any) -> None:
     lines = [f"- ``{one.name}`` (default {one.default}): {one.meaning}" for one in own]
     lines += [f"- ``{one.name}`` (here {one.default})" for one in other]
     lines.append(
-        "- those of all environments: `impact_env.envs.settings.TaskSettings`, ``render_mode``, ``vector_reward``"
+        "- those of all environments: `impact_env.envs.settings.TaskSettings`, "
+        "``render_mode``, ``vector_reward``"
     )
     text = cleandoc(env.__doc__ or "")
     env.__doc__ = text.replace("(features)", table).replace("(arguments)", "\n".join(lines))
@@ -214,7 +240,10 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Start an episode at rest; ``options`` may choose what would be drawn, by the names in the task's ``options``."""
+        """Start an episode at rest.
+
+        ``options`` may set quantities that would be drawn, by the names in the task's ``options``.
+        """
         chosen = check_options(options, tuple(self.task.options))
         super().reset(seed=check_seed(seed))
         observation = self.task.reset(np.ones(1, dtype=np.bool_), [self.np_random], chosen)[0]
@@ -233,7 +262,8 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
             )
         rewards, ends, cuts = self.task.step(check_actions(self.action_space, action)[None])
         observation = self.task.observe([self.np_random])[0]
-        terminated, truncated = ends.item(), cuts.item()
+        terminated = ends.item()
+        truncated = cuts.item()
         self._over = terminated or truncated
         if self.render_mode == "human":
             self.render()

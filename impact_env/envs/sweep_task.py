@@ -1,4 +1,8 @@
-"""Passage through a resonance: the frequency runs from one side to the other at a rate that is chosen interval by interval, or fixed."""
+"""Passage through a resonance.
+
+The frequency runs from one side of the resonance to the other at a rate that is chosen in each
+interval, or fixed.
+"""
 
 import math
 from collections.abc import Sequence
@@ -31,10 +35,17 @@ PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequ
 
 
 def speeds(name: str, value: Any, limits: Range) -> Range:
-    """Return (slowest, fastest) of rates at which the range of frequencies takes a pseudo period at least: faster ones would leave no response."""
+    """Return (slowest, fastest) of the rates.
+
+    At the fastest allowed rate the whole range of frequencies takes one pseudo period. Faster rates
+    would leave no response.
+    """
     slow, fast = check_range(name, value)
     most = (limits[1] - limits[0]) / PER_PERIOD
-    allowed = f"in % per 100 pseudo periods, above 0 and at most {most:.6g}, at which the whole of limits takes one pseudo period"
+    allowed = (
+        f"in % per 100 pseudo periods, above 0 and at most {most:.6g}, at which the whole of "
+        "limits takes one pseudo period"
+    )
     require(slow > 0 and fast <= most * (1 + 1e-9), name, value, allowed)
     return slow, fast
 
@@ -70,8 +81,8 @@ class PassageSettings:
     frequency_unit : float
         Unit of features 7 and 10, as a frequency ratio.
     level_unit : str
-        Unit of feature 9: ``"reference"`` (level without absorber) or ``"gap"`` (half-clearance, from which a
-        random force cannot be inferred).
+        Unit of feature 9: ``"reference"`` (level without absorber) or ``"gap"`` (half-clearance,
+        from which a random force cannot be inferred).
 
     """
 
@@ -114,8 +125,8 @@ class PassageSettings:
 class SweepTask(Task):
     """Lanes that pass through a resonance.
 
-    Of `costs` the level is the rise of the relative level (or damage), time is that over the time budget, and impacts are those a pseudo period of a
-    whole interval.
+    Of `costs` the level is the rise of the relative level (or damage), time is that over the time
+    budget, and impacts are those a pseudo period of a whole interval.
     """
 
     cost_names: Sequence[str] = ("level", "time", "actuator", "impacts")
@@ -181,7 +192,10 @@ class SweepTask(Task):
         return np.where(share < 0, share * back, interpolate_log(np.maximum(share, 0), slow, fast))
 
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
-        """Go on at the chosen rate, but no further than the far end, and not back beyond the start."""
+        """Continue at the chosen rate.
+
+        The frequency goes no further than the far end of the range, and not back beyond its start.
+        """
         low, high = self.passage.limits
         duration = np.empty(self.lanes)
         ratio = np.empty(self.lanes)
@@ -200,7 +214,11 @@ class SweepTask(Task):
         return duration, ratio, ended
 
     def reward(self) -> Array:
-        """Return the fall of the relative level (or damage) in the interval, less the price of its time and of a passage cut off here."""
+        """Return the fall of the relative level (or damage) in the interval, less prices.
+
+        The prices are those of the interval's time and of a passage that is cut off in this
+        interval.
+        """
         before = self._potential.copy() if self.cost_names else self._potential
         price = self.passage.time_price / 100
         fine = float(self.passage.unfinished_price)
@@ -236,7 +254,11 @@ class SweepTask(Task):
         self.costs[:, 3] = self.runs.reports["impact_count"] / self.interval
 
     def level(self) -> Array:
-        """Return the level so far: relative to that of the reference passage, which knows the force, or in half-clearances."""
+        """Return the level up to now.
+
+        It is relative to the level of the reference passage under the same force, or in
+        half-clearances.
+        """
         return self.runs.reports["level"] / (self.length if self.absolute else self.level_scale)
 
     def expected_amplitude(self) -> Array:
@@ -290,7 +312,10 @@ class OneRateSettings:
     fatigue_exponent: float = PassageSettings.fatigue_exponent
 
     def passage(self, settings: TaskSettings) -> PassageSettings:
-        """Return the passage, at the rate that suits the resonance's damping if none is given; the time suffices to finish it."""
+        """Return the passage with enough time to finish it.
+
+        If no rate is given, it has the rate that suits the damping of the resonance.
+        """
         low, high = check_range("limits", self.limits)
         rate = (
             default_rate(settings.scene.model, (settings.resonance,))

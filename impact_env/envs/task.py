@@ -1,7 +1,9 @@
-"""A control task over many lanes at once: the part that single and vector environments share, so that a lane is a single environment.
+"""A control task over many lanes at once, shared by single and vector environments.
 
-Only arithmetic that gives the same digits for one number and for an array is done on arrays over lanes; anything else (powers, roots of several
-terms, draws) is done lane by lane or in a kernel.
+Each lane behaves as a single environment.
+
+Only arithmetic that gives the same digits for one number and for an array is done on arrays over
+lanes; anything else (powers, roots of several terms, draws) is done lane by lane or in a kernel.
 """
 
 from abc import ABC, abstractmethod
@@ -34,7 +36,11 @@ FREQUENCY_SCALE = 0.1
 
 
 class Task(ABC):
-    """Lanes of one task. ``reset`` starts episodes, ``step`` advances all lanes by one control interval; shapes are those of a vector environment."""
+    """Lanes of one task.
+
+    ``reset`` starts episodes and ``step`` advances all lanes by one control interval. Shapes are
+    those of a vector environment.
+    """
 
     features: Sequence[Feature]
     level_name: str
@@ -52,8 +58,9 @@ class Task(ABC):
     ) -> None:
         """``steps``: control intervals of the time budget; ``exponent`` of the damage, 0 for none.
 
-        An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What is set in ``limit`` cuts it off after that
-        number of intervals, as gymnasium's TimeLimit does from outside: the task knows nothing of it.
+        An episode that has spent its budget is cut off, or ended where ``budget_terminates``. What
+        is set in ``limit`` cuts it off after that number of intervals, as gymnasium's TimeLimit
+        does from outside: the task knows nothing of it.
         """
         self.settings = settings
         self.lanes = lanes
@@ -108,9 +115,12 @@ class Task(ABC):
         self._period = 2 * np.pi / self.omega
 
     def copy_from(self, source: "Task", times: int = 1) -> None:
-        """Go on from the episodes of another task with the same settings, each of which is taken ``times`` times, one after the other.
+        """Continue from the episodes of another task with the same settings.
 
-        What sensors and actuator delay is copied, too. Raises ParameterError unless this task has ``times`` as many lanes as ``source``.
+        Each episode of ``source`` is copied to ``times`` lanes in succession.
+
+        The delayed observations and actions are copied, too. Raises ParameterError unless this task
+        has ``times`` as many lanes as ``source``.
         """
         self.runs.copy_from(source.runs, times)
         self.actuator.copy_from(source.actuator, times)
@@ -128,7 +138,7 @@ class Task(ABC):
         return self.scene.model
 
     def starting_action(self) -> Array:
-        """Return the action (A,) that leaves the actuator where it is at the start of an episode."""
+        """Return the action (A,) that leaves the actuator in its state at the episode's start."""
         return np.zeros(1)
 
     def make_runs(self, **arguments: Any) -> ControlledRuns:
@@ -141,9 +151,12 @@ class Task(ABC):
         generators: Sequence[np.random.Generator],
         chosen: Mapping[str, Any] | None = None,
     ) -> NDArray[np.float32]:
-        """Start episodes in the lanes of a mask; return observations (L, features), of which theirs are new.
+        """Start episodes in the lanes of a mask and return observations (L, features).
 
-        ``chosen`` takes the place of what is drawn: of each name in `options` one number, or one for each lane.
+        Only the observations of these lanes are new.
+
+        ``chosen`` takes the place of what is drawn: of each name in `options` one number, or one
+        for each lane.
         """
         self._chosen = {name: self._checked(name, value) for name, value in (chosen or {}).items()}
         for lane in np.flatnonzero(which).tolist():
@@ -160,9 +173,13 @@ class Task(ABC):
         return self.sensors.see(self.values(), generators, which)
 
     def step(self, actions: NDArray[Any], resting: Mask | None = None) -> tuple[Array, Mask, Mask]:
-        """Advance all lanes by one control interval; return rewards (L,), and whether episodes ended or were cut off (L,).
+        """Advance all lanes by one control interval.
 
-        Lanes of the mask ``resting`` (L,) stay where they are; their reward is 0, and what else is said of them holds only after a `reset`.
+        The results are rewards (L,), whether episodes ended (L,), and whether they were cut off
+        (L,).
+
+        Lanes of the mask ``resting`` (L,) stay where they are; their reward is 0, and what else is
+        said of them holds only after a `reset`.
         """
         chosen = np.asarray(actions, dtype=np.float64)
         duration, ratio, terminated = self.decide(
@@ -216,7 +233,10 @@ class Task(ABC):
         return self.sensors.see(self.values(), generators, None, resting)
 
     def begin(self, lane: int) -> None:
-        """Put a lane's time and score to zero, and what is set interval by interval to what the scene has."""
+        """Set a lane's time, score and costs to zero.
+
+        Quantities that are set interval by interval are set to their values in the scene.
+        """
         for values in (self.time, self.score, self.elapsed, self.costs):
             values[lane] = 0
 
@@ -225,20 +245,30 @@ class Task(ABC):
         """Set what an episode draws before the force's phase, and the lane's first orders."""
 
     def draw_machine(self, lane: int, generator: np.random.Generator) -> None:  # noqa: B027 - most tasks have nothing to draw
-        """Draw how the machine differs from what its control takes it for: last, so that the same seed has the same episode without that."""
+        """Draw the differences between the machine and the control's model of it.
+
+        They are drawn last, so that the same seed has the same episode without them.
+        """
 
     @abstractmethod
     def decide(self, actions: NDArray[Any]) -> tuple[Array, Array, Mask]:
-        """Return each lane's duration (pseudo periods), frequency ratio at the end, and whether its episode ends there (a new array)."""
+        """Return each lane's duration, frequency ratio and end.
+
+        They are the duration in pseudo periods, the frequency ratio at the interval's end, and
+        whether the episode ends with it (a new array).
+        """
 
     @abstractmethod
     def reward(self) -> Array:
         """Return the rewards (L,) of the interval that was just made, a new array."""
 
     def charge(self, moved: Array) -> None:
-        """Fill what all tasks have among the interval's ``costs`` (L, 5), of which the actuator's way (L,) is given.
+        """Fill in the costs of the interval that all tasks have, among ``costs`` (L, 5).
 
-        The others are time, over the time budget, and fatigue: (|q|/g0)^m summed over the samples, over the number of them in a whole interval.
+        ``moved`` (L,) is the actuator's displacement.
+
+        The others are time, over the time budget, and fatigue: (|q|/g0)^m summed over the samples,
+        over the number of them in a whole interval.
         """
         fill_costs(  # type: ignore[no-untyped-call]
             self.runs.reports,
@@ -302,7 +332,10 @@ class Task(ABC):
         )
 
     def further(self) -> tuple[Array, ...]:
-        """Return the last of the scaled features, (L,) each: those that a task has beside what all tasks have."""
+        """Return the last scaled features, (L,) each.
+
+        They are those that a task has in addition to the features of all tasks.
+        """
         return ()
 
     def info(self) -> dict[str, NDArray[Any]]:
@@ -343,7 +376,10 @@ class Task(ABC):
         self.actuator.restore(snapshot["actuator"])
 
     def describe(self) -> dict[str, Any]:
-        """Return the environment's arguments as plain values, also those left at their defaults; without ``threads``, which change no number."""
+        """Return the environment's arguments as plain values, including defaults.
+
+        ``threads`` is left out, as it changes no result.
+        """
         return self.settings.describe() | {
             name: value for group in self.described for name, value in asdict(group).items()
         }
@@ -372,7 +408,10 @@ class PooledTask(Task):
         return np.zeros(self.lanes, dtype=np.int64)
 
     def draw_scene(self, name: str, lane: int, generator: np.random.Generator) -> int:
-        """Draw a lane's scene, and return its number; a reset may choose it by ``name``, under which info has it."""
+        """Draw a lane's scene and return its number.
+
+        A reset may choose the number by ``name``, which is also its name in info.
+        """
         self.which[lane] = number = int(
             self.drawn(name, lane, float(generator.integers(len(self.scenes))))
         )

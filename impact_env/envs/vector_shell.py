@@ -1,4 +1,7 @@
-"""The native vector: all lanes of a task in one call of the simulator, with each of gymnasium's three kinds of autoreset."""
+"""The native vector environment: all lanes of a task in one call of the simulator.
+
+It has each of gymnasium's three kinds of autoreset.
+"""
 
 import sys
 from collections.abc import Sequence
@@ -34,22 +37,29 @@ with optional():
 
 
 def read_autoreset_mode(mode: Any) -> AutoresetMode:
-    """Return gymnasium's autoreset mode for itself, its name ("SAME_STEP") or its value ("SameStep")."""
+    """Return gymnasium's autoreset mode.
+
+    ``mode`` is the mode itself, its name ("SAME_STEP") or its value ("SameStep").
+    """
     for known in AutoresetMode:
         if mode in (known, known.name, known.value):
             return known
     allowed = ", ".join(known.name for known in AutoresetMode)
     raise ParameterError(
-        f"autoreset_mode = {mode!r} is not allowed: one of {allowed}, as text or as gymnasium's enum"
+        f"autoreset_mode = {mode!r} is not allowed: one of {allowed}, as text or as "
+        "gymnasium's enum"
     )
 
 
 class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
-    """All lanes of a task in one call, which ``kind`` makes of the ``arguments``; lane i is the single environment with seed + i.
+    """All lanes of a task in one call.
 
-    ``autoreset_mode`` (gymnasium's enum, or its name or value as text) says when a lane that is over starts again: in the same step, in the next one,
-    whose action it ignores, or only by `reset` with a ``reset_mask``. ``max_episode_steps`` cuts episodes off as gymnasium's TimeLimit does around a
-    single environment; None or -1: the task's own budget alone.
+    ``kind`` makes the task from the ``arguments``. Lane i is the single environment with seed + i.
+
+    ``autoreset_mode`` (gymnasium's enum, or its name or value as text) says when a lane that is
+    over starts again: in the same step, in the next one, whose action it ignores, or only by
+    `reset` with a ``reset_mask``. ``max_episode_steps`` cuts episodes off as gymnasium's TimeLimit
+    does around a single environment; None or -1: the task's own budget alone.
     """
 
     metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - as gymnasium declares it
@@ -107,7 +117,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         return tuple(self._seeds)
 
     def _seed(self, seeds: Sequence[int | None], which: NDArray[np.bool_]) -> None:
-        """Give lanes of a mask new generators where a seed is given, and all lanes one if they have none yet."""
+        """Set new generators for the lanes of a mask for which a seed is given.
+
+        If no lane has a generator yet, all lanes get one.
+        """
         if not self._generators:
             made = [
                 seeding.np_random(seed if wanted else None)
@@ -126,9 +139,12 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, Info]:
-        """Start episodes at rest, in all lanes or in those of ``options["reset_mask"]`` (num_envs,), bool.
+        """Start episodes at rest in all lanes or in those of a mask.
 
-        Other ``options`` choose what would be drawn, by the names in the task's ``options``: a number for all lanes, or one for each.
+        The mask is ``options["reset_mask"]`` (num_envs,), bool.
+
+        Other ``options`` choose what would be drawn, by the names in the task's ``options``: a
+        number for all lanes, or one for each.
 
         ``seed``: a number from which lane i gets seed + i, or one seed (or None) for each lane.
         """
@@ -176,9 +192,12 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         return np.asarray(mask)
 
     def rest(self, mask: NDArray[np.bool_]) -> None:
-        """Let the lanes of a mask (num_envs,), bool, stay where they are until they are reset, and all others go on.
+        """Let the lanes of a mask rest until they are reset, and all others continue.
 
-        A lane that rests costs next to nothing, ignores its action, has a reward of 0, does not end, and shows its last observation again.
+        The mask has the shape (num_envs,) and is bool.
+
+        A lane that rests costs next to nothing, ignores its action, has a reward of 0, does not
+        end, and shows its last observation again.
         """
         ok = (
             isinstance(mask, np.ndarray)
@@ -194,9 +213,11 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
         """Advance all lanes by one control interval.
 
-        With autoreset in the same step, lanes that ended start again at once; their last observation and info are in ``final_obs``, ``final_info``
-        of info, with the masks ``_final_obs``, ``_final_info``. With autoreset in the next step, lanes that ended in the last one start again
-        instead of acting, with reward 0. Without autoreset they must have been reset: raises ResetNeeded.
+        With autoreset in the same step, lanes that ended start again at once; their last
+        observation and info are in ``final_obs``, ``final_info`` of info, with the masks
+        ``_final_obs``, ``_final_info``. With autoreset in the next step, lanes that ended in the
+        last one start again instead of acting, with reward 0. Without autoreset they must have been
+        reset: raises ResetNeeded.
         """
         if self._observations is None:
             raise ResetNeeded("call reset() before step()")
@@ -210,7 +231,8 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if self.autoreset_mode is AutoresetMode.DISABLED and (self._over & ~self._rest).any():
             lanes = np.flatnonzero(self._over & ~self._rest).tolist()
             raise ResetNeeded(
-                f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with these lanes before step()'
+                f'lanes {lanes[:8]} are over: call reset(options={{"reset_mask": mask}}) with '
+                "these lanes before step()"
             )
         stays = still if resting is None else resting if still is None else still | resting
         rewards, terminated, truncated = self.task.step(actions, stays)
@@ -246,7 +268,11 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info)}
 
     def _masked(self, info: Info, which: NDArray[np.bool_] | None = None) -> Info:
-        """Return info with its masks, zeros where it does not apply, as gymnasium's own vectors have it; without a mask it applies to all lanes."""
+        """Return info with a mask for each entry, in the form of gymnasium's own vectors.
+
+        Entries are zero in lanes to which they do not apply. Without ``which``, info applies to all
+        lanes.
+        """
         masked = Info()
         mask = self._all.copy() if which is None else which.copy()
         others = None if which is None else ~which
@@ -258,7 +284,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         return masked
 
     def snapshot(self) -> dict[str, Any]:
-        """Return all that the next steps depend on, for `restore`: plain values and arrays, which can be pickled."""
+        """Return everything on which the next steps depend, for `restore`.
+
+        The snapshot consists of plain values and arrays and can be pickled.
+        """
         if self._observations is None:
             raise ResetNeeded("call reset() before snapshot()")
         generators = [generator.bit_generator.state for generator in self._generators]
@@ -271,7 +300,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         }
 
     def restore(self, snapshot: dict[str, Any]) -> Observation:
-        """Go on from the snapshot of an environment with the same arguments, bit for bit; return the observations (num_envs, features)."""
+        """Continue bit for bit from the snapshot of an environment with the same arguments.
+
+        Returns the observations (num_envs, features).
+        """
         require(
             len(snapshot["seeds"]) == self.num_envs,
             "lanes of the snapshot",
@@ -307,10 +339,17 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
 
 def environment(single: type[TaskEnv]) -> type[TaskEnv]:
-    """Complete an environment: features and arguments in its docstring, and its native vector, named after it, in its module."""
+    """Complete an environment's class.
+
+    Its features and arguments are written into its docstring, and its native vector environment,
+    named after it, is added to its module.
+    """
     add_tables(single)
     name = single.__name__.replace("Env", "VectorEnv")
-    text = f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one with seed + i."
+    text = (
+        f"Native vector of `{single.__name__}`, see `TaskVectorEnv`; lane i is the single one "
+        "with seed + i."
+    )
     vector = type(
         name,
         (TaskVectorEnv,),

@@ -1,4 +1,6 @@
-"""Periodic responses: exact orbits with their stability, branches, and how regimes last; docs/periodic_python.md has examples.
+"""Periodic responses: exact orbits with their stability, branches, and lifetimes of regimes.
+
+Examples are in docs/periodic_python.md.
 
 The names below are the public interface; a module is imported when one of its names is asked for.
 """

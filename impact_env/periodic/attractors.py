@@ -1,7 +1,9 @@
-"""What a run ends on: no impacts, a periodic, a quasi-periodic or a chaotic motion, with the features by which attractors are compared.
+"""The motion on which a run ends: without impacts, periodic, quasi-periodic or chaotic.
 
-Runs are those of the exact method. They begin at any phase of the force and are compared at phase 0, once in each period of the force: the
-stroboscopic section.
+The module also computes the features by which attractors are compared.
+
+Runs are those of the exact method. They begin at any phase of the force and are compared at phase
+0, once in each period of the force: the stroboscopic section.
 """
 
 from __future__ import annotations
@@ -73,7 +75,10 @@ class MotionKind(StrEnum):
 
 @dataclass(frozen=True)
 class SettleOptions:
-    """How long runs are: ``periods`` of the force at most before the ``window`` of those that are not periodic, and the longest period sought.
+    """Lengths of runs.
+
+    A run lasts at most ``periods`` of the force before the ``window`` of a motion that is not
+    periodic. ``most_multiple`` is the longest period sought.
 
     Raises ParameterError for numbers out of range.
     """
@@ -97,9 +102,13 @@ class SettleOptions:
 
 @dataclass(frozen=True, eq=False)
 class PoincareSection:
-    """Poincare sections of a motion: states (n, 2 N_m + 2) at phase 0 of the force, one for each period, and the impacts between (K,).
+    """Poincare sections of a motion.
 
-    ``impact_phase`` in rad, ``impact_velocity``: relative velocity absorber - structure before an impact in m/s, ``wall`` -1 or 1.
+    ``states`` (n, 2 N_m + 2) are those at phase 0 of the force, one for each period. The impacts
+    between them are (K,).
+
+    ``impact_phase`` in rad, ``impact_velocity``: relative velocity absorber - structure before an
+    impact in m/s, ``wall`` -1 or 1.
     """
 
     states: Array
@@ -127,7 +136,8 @@ class SettledMotion:
     impacts_per_period : float
         Mean number of impacts in a period of the force.
     offset : float
-        Mean relative displacement of the absorber over the gap; the mirror image has the opposite sign.
+        Mean relative displacement of the absorber over the gap; the mirror image has the opposite
+        sign.
     state : (2 N_m + 2,) ndarray
         State at the end, at phase 0 of the force.
     section : PoincareSection
@@ -135,7 +145,8 @@ class SettledMotion:
     periods : int
         Periods of the force that the run was observed for.
     captured : int or None
-        Periods from the start until the run stays close to the motion, None for a motion that is neither periodic nor without impacts.
+        Periods from the start until the run stays close to the motion, None for a motion that is
+        neither periodic nor without impacts.
     exponent : Exponent or None
         Largest Lyapunov exponent, of motions that do not repeat.
     rotation : RotationNumber or None
@@ -158,7 +169,11 @@ class SettledMotion:
 
     @property
     def name(self) -> str:
-        """The kind in words, with period and symmetry of a periodic motion and the number of circles of a quasi-periodic one."""
+        """The kind of motion as text.
+
+        It includes period and symmetry of a periodic motion, and the number of circles of a
+        quasi-periodic one.
+        """
         if self.kind is MotionKind.PERIODIC:
             return f"period {self.multiple}{', symmetric' if self.symmetric else ''}"
         if self.kind is MotionKind.QUASI_PERIODIC and self.rotation and self.rotation.circles > 1:
@@ -166,7 +181,10 @@ class SettledMotion:
         return str(self.kind)
 
     def orbit(self) -> Orbit | None:
-        """Return the periodic orbit next to a periodic motion, by Newton's method; None where it finds none."""
+        """Return the periodic orbit next to a periodic motion.
+
+        It is found by Newton's method. The result is None if none is found.
+        """
         if self.kind is not MotionKind.PERIODIC:
             return None
         result = orbit_next_to(self.case, 0.0, self.state, self.symmetric, self.multiple)
@@ -194,7 +212,10 @@ class SettledMotion:
 
 
 def change_parameter(case: Case, name: str, value: float) -> Case:
-    """Return the case with another value of one of `PARAMETERS`; a frequency is over the first resonance's."""
+    """Return the case with another value of one of `PARAMETERS`.
+
+    A frequency is given relative to the first resonance.
+    """
     field = PARAMETERS[one_of("parameter", name, tuple(PARAMETERS))]
     factor = float(case.model.omega[0]) if name == FREQUENCY else 1.0
     return case.changed(**{field: factor * value})
@@ -207,7 +228,10 @@ def parameter_of(case: Case, name: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Whole periods of a run from phase 0 on: states (n + 1, 2 N_m + 2) at phase 0, samples, and the impacts' times in s."""
+    """Whole periods of a run from phase 0 on.
+
+    It contains states (n + 1, 2 N_m + 2) at phase 0, samples, and the impacts' times in s.
+    """
 
     states: Array
     displacement: Array  # where the response is read, in m
@@ -256,7 +280,10 @@ def _run(case: Case, state: Array, periods: int) -> _Stretch:
 
 
 def _to_phase_zero(case: Case, state: Array, phase: float) -> Array:
-    """Return the state when the force's phase, from ``phase`` (rad) on, is next a whole number of turns."""
+    """Return the state at the next time at which the force's phase is a whole number of turns.
+
+    The run starts at ``phase`` (rad).
+    """
     left = (-phase) % (2 * np.pi)
     if left < 1e-9:
         return state
@@ -284,22 +311,25 @@ def settle_motion(
     case
         Structure, absorber, force and frequency.
     state
-        State (2 N_m + 2,) at the start: modal displacements, the absorber's displacement in m, and their velocities. None: rest.
+        State (2 N_m + 2,) at the start: modal displacements, the absorber's displacement in m, and
+        their velocities. None: rest.
     phase
         Phase of the force at the start, in rad.
     options
         How long runs are.
     with_exponent
-        False: what does not repeat is quasi-periodic if both halves of the window give the same rotation number, and else chaotic; `judge_motion`
-        decides it by the exponent later.
+        False: what does not repeat is quasi-periodic if both halves of the window give the same
+        rotation number, and else chaotic; `judge_motion` decides it by the exponent later.
 
     Returns
     -------
     SettledMotion
-        A motion has no impacts if the last 100 periods have none, or if it repeats without any. It is periodic if its states at phase 0 repeat to
-        within 1e-6 of gap and gap times omega, or to within 1e-3 at the end. Otherwise it is chaotic if the 95 % interval of its largest Lyapunov
-        exponent lies above 0, and quasi-periodic if that interval contains 0, is at most 0.02 per period wide, both halves of the window give the
-        same rotation number to within 1e-3, and the section keeps its size to within 10 %. What is left undecided has a window of four times the
+        A motion has no impacts if the last 100 periods have none, or if it repeats without any. It
+        is periodic if its states at phase 0 repeat to within 1e-6 of gap and gap times omega, or to
+        within 1e-3 at the end. Otherwise it is chaotic if the 95 % interval of its largest Lyapunov
+        exponent lies above 0, and quasi-periodic if that interval contains 0, is at most 0.02 per
+        period wide, both halves of the window give the same rotation number to within 1e-3, and the
+        section keeps its size to within 10 %. What is left undecided has a window of four times the
         length.
 
     Raises
@@ -371,7 +401,11 @@ def settle_motion(
 
 
 def judge_motion(motion: SettledMotion, options: SettleOptions | None = None) -> SettledMotion:
-    """Return a motion that does not repeat with its largest exponent over the same window, and of the kind that follows; others as they are."""
+    """Return a motion that does not repeat with its largest exponent and its kind.
+
+    The exponent is computed over the same window, and the kind follows from it. Other motions are
+    returned unchanged.
+    """
     if motion.exponent is not None or motion.captured is not None:
         return motion
     options = SettleOptions() if options is None else options
@@ -390,7 +424,9 @@ def _find_rotation(
 def _judge_longer(
     case: Case, y: Array, done: int, options: SettleOptions, last_impact: float
 ) -> SettledMotion:
-    """Return the motion from a state (2 N_m + 2,) on that does not repeat; what a window leaves undecided has a longer one.
+    """Return the motion that does not repeat, from a state (2 N_m + 2,) on.
+
+    If a window does not decide the kind of motion, a longer window is computed.
 
     ``last_impact``: periods from the start to the last impact before that state.
     """
@@ -422,7 +458,10 @@ def _judge_longer(
 def _settled_late(
     case: Case, stretch: _Stretch, done: int, options: SettleOptions, last_impact: float
 ) -> SettledMotion | None:
-    """Return the motion on which a run of at least the window has settled, periodic or without impacts; None if it has not."""
+    """Return the motion on which a run of at least the window has settled.
+
+    It is periodic or without impacts. The result is None if the run has not settled.
+    """
     points = stretch.states / units_of(case)
     last = last_impact
     if len(stretch.time):
@@ -510,7 +549,8 @@ def _settled(
 def _find_multiple(states: Array, most: int, near: float) -> int:
     """Return the least number of periods after which the last of states (n, d) repeat, 0 for none.
 
-    It is not yet known where they nearly repeat after a part of these periods: a slow approach that alternates looks like a doubled period.
+    It is not yet known where they nearly repeat after a part of these periods: a slow approach that
+    alternates looks like a doubled period.
     """
     last = states[-COMPARED_PERIODS:]
     misses = [
@@ -534,7 +574,10 @@ def _is_symmetric(samples: Array, multiple: int, near: float) -> bool:
 
 
 def _capture_time(passed: Array, last: Array, multiple: int) -> int:
-    """Return the number of periods before a run stays within `CAPTURE_TOL` of the periodic motion that it ends on."""
+    """Return the number of periods before a run stays close to its final periodic motion.
+
+    It is close if it is within `CAPTURE_TOL` of this motion.
+    """
     final = last[-multiple - 1 : -1]  # phase k of the motion at period len(passed) - multiple + k
     places = (np.arange(len(passed)) - len(passed)) % multiple
     far = np.max(np.abs(passed - final[places]), axis=1) > CAPTURE_TOL
@@ -542,10 +585,12 @@ def _capture_time(passed: Array, last: Array, multiple: int) -> int:
 
 
 def _twin_exponent(case: Case, states: Array) -> Exponent:
-    """Return the largest exponent per period from neighbouring runs that begin next to the states (n, d) of a run at phase 0.
+    """Return the largest exponent per period, computed from neighbouring runs.
 
-    Each lasts a few periods, and the next one begins at the same small distance in the direction in which the last one ended (Benettin et al.,
-    Meccanica 15, 1980).
+    They begin close to the states (n, d) of a run at phase 0.
+
+    Each lasts a few periods, and the next one begins at the same small distance in the direction in
+    which the last one ended (Benettin et al., Meccanica 15, 1980).
     """
     result = exponent_of(_twin_growth(case, states, STRETCH_LENGTH))
     if result.value < FAST_GROWTH:
@@ -592,7 +637,11 @@ def settle_runs(
     threads: int | None = None,
     progress: LaneProgress | None = None,
 ) -> list[SettledMotion | None]:
-    """Return what runs end on, one for each case, state (2 N_m + 2,) and phase (rad), on several threads; None where an interrupt came first."""
+    """Return the motions on which runs end, computed on several threads.
+
+    ``starts`` contains case, state (2 N_m + 2,) and phase (rad) of each run. The result is None for
+    runs that an interrupt prevented.
+    """
     options = SettleOptions() if options is None else options
     lanes = [
         Lane(
@@ -616,8 +665,9 @@ CHAOTIC_TOL = 0.2  # of the others, whose means vary from window to window
 def feature_distance(one: SettledMotion, other: SettledMotion) -> float:
     """Return the largest difference of two motions' features.
 
-    It is that of the levels over the larger one, of the impacts per period over the larger one or 1, and of the offsets' sizes over the gap.
-    Mirror images have distance 0. Without impacts only levels count.
+    It is that of the levels over the larger one, of the impacts per period over the larger one or
+    1, and of the offsets' sizes over the gap. Mirror images have distance 0. Without impacts only
+    levels count.
     """
     level = abs(one.level - other.level) / max(one.level, other.level, 1e-300)
     if one.kind is MotionKind.NO_IMPACTS and other.kind is MotionKind.NO_IMPACTS:
@@ -630,7 +680,8 @@ def feature_distance(one: SettledMotion, other: SettledMotion) -> float:
 def group_motions(motions: Sequence[SettledMotion]) -> Iterator[list[int]]:
     """Yield the numbers of motions that are one attractor, with its mirror image.
 
-    They have one kind and period, and features within 0.02 of those of the group's first motion (0.2 for chaotic and undecided motions).
+    They have one kind and period, and features within 0.02 of those of the group's first motion
+    (0.2 for chaotic and undecided motions).
     """
     groups: list[list[int]] = []
     for k, motion in enumerate(motions):

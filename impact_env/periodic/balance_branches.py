@@ -1,4 +1,6 @@
-"""Branches of harmonic balance over a range of frequencies, and how far the method is from the exact orbit.
+"""Branches of harmonic balance over a range of frequencies.
+
+The module also compares the method with the exact orbit.
 
 The main branches are begun at the ends of the range, isolas at exact orbits.
 """
@@ -36,7 +38,9 @@ BranchProgress = Callable[
 ]  # what is followed, number of points, frequency in rad/s
 START_FREQUENCIES = 24  # frequencies at which exact orbits are tried as starts
 BALANCE_BRANCH_STEPS = Steps(first=0.02, most=0.15, least=1e-6, points=1500)
-PARAMETER_WIDTH = 0.05  # of the first frequency: the change of frequency that counts as much as a displacement of the size of the gap
+# of the first frequency: the change of frequency that counts as much as a displacement of the size
+# of the gap
+PARAMETER_WIDTH = 0.05
 # relative: a known point may be near; it is the same if Newton's method goes there
 NEAR_POINT = 0.2
 SAME_SOLUTION_TOL = 1e-5
@@ -60,7 +64,9 @@ def frequency_problem(balance: Balance, low: float, high: float) -> Continuation
 
 
 def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
-    """Return unknowns of an exact symmetric orbit: ``impulse`` (N s) on the absorber at the lower wall, at a ``phase`` of the force in rad.
+    """Return the unknowns of an exact symmetric orbit.
+
+    ``impulse`` (N s) acts on the absorber at the lower wall, at a ``phase`` of the force in rad.
 
     Friction, if there is any, is taken as one-signed from impact to impact.
     """
@@ -77,7 +83,11 @@ def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
 
 
 def _starts(balance: Balance, low: float, high: float, seeds: int) -> Iterator[tuple[float, Real]]:
-    """Yield frequency and unknowns: the free absorber at both ends, then exact orbits of either branch at frequencies between."""
+    """Yield frequency and unknowns of the starts of branches.
+
+    The first are those of the free absorber at both ends, then follow exact orbits of either branch
+    at frequencies in between.
+    """
     for omega in (low, high):
         yield omega, balance.at(OMEGA_PARAMETER, omega).free()
     gap = getattr(balance.law, "gap", None)
@@ -107,10 +117,13 @@ def balance_branches(
     seeds: int = START_FREQUENCIES,
     progress: BranchProgress | None = None,
 ) -> tuple[Branch, ...]:
-    """Return the branches between two frequencies in rad/s, those from the ends first; Ctrl-C ends with what is known so far.
+    """Return the branches between two frequencies in rad/s, those from the ends first.
 
-    Isolas are reached where one of ``seeds`` frequencies has an exact symmetric orbit in closed form from which the method converges; what lies on a
-    known branch is not followed again. Raises ParameterError for a bad range, NoConvergenceError if no start leads anywhere.
+    After Ctrl-C the branches found so far are returned.
+
+    Isolas are reached where one of ``seeds`` frequencies has an exact symmetric orbit in closed
+    form from which the method converges; what lies on a known branch is not followed again. Raises
+    ParameterError for a bad range, NoConvergenceError if no start leads anywhere.
     """
     require(
         0 < low < high,
@@ -164,10 +177,14 @@ def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
 
 @dataclass(frozen=True)
 class BalanceRow:
-    """Errors are relative to the exact orbit: of the largest tip displacement at the frequency asked for, and of the branch's peak.
+    """Errors of harmonic balance relative to the exact orbit.
 
-    ``weight`` in m_a omega_1^2; folds over omega_1; time is that of the processor, so that other work on the machine does not
-    count; ``reason`` says why there is no solution, the other values then are None.
+    They are those of the largest tip displacement at the given frequency, and of the peak of the
+    branch.
+
+    ``weight`` in m_a omega_1^2; folds over omega_1; time is that of the processor, so that other
+    work on the machine does not count; ``reason`` says why there is no solution, the other values
+    then are None.
     """
 
     harmonics: int
@@ -191,7 +208,10 @@ BALANCE_COLUMNS = tuple(field.name for field in fields(BalanceRow))
 
 @dataclass(frozen=True, eq=False)
 class ReferenceOrbit:
-    """The exact orbit with the larger impulse: start for harmonic balance, its motion, and the curve of its branch."""
+    """The exact orbit with the larger impulse.
+
+    It contains the start for harmonic balance, the orbit's motion, and the curve of its branch.
+    """
 
     case: Case
     impulse: float
@@ -201,7 +221,10 @@ class ReferenceOrbit:
 
 
 def exact_orbit(case: Case, low: float, high: float) -> ReferenceOrbit:
-    """Return the orbit with the larger impulse and its branch between two ratios; raises ParameterError where there is none."""
+    """Return the orbit with the larger impulse and its branch between two frequency ratios.
+
+    Raises ParameterError if no such orbit exists.
+    """
     pushed = [orbit for orbit in closed_form(case) if orbit.pushes]
     require(
         len(pushed) > 0,
@@ -232,7 +255,10 @@ def balance_rows(
     settings: Iterable[tuple[int, float]],
     traced: bool = True,
 ) -> Iterator[BalanceRow]:
-    """Yield a row for each pair of harmonics and weight; ``traced``: the branch is followed and timed too."""
+    """Yield a row for each pair of harmonics and weight.
+
+    ``traced`` says whether the branch is followed and timed as well.
+    """
     for harmonics, weight in settings:
         balance = harmonic_balance(
             exact.case.scene, exact.case.omega, exact.case.force, harmonics, weight

@@ -1,4 +1,8 @@
-"""Basins of attraction: on which motions runs from random initial states end, and their shares with intervals."""
+"""Basins of attraction.
+
+The module finds the motions on which runs from random initial states end, and their shares with
+intervals.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -50,7 +54,10 @@ BASIN_CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Share:
-    """The share of ``runs`` that ``ended`` on a motion: ``value``, with the limits ``low`` and ``high`` of Wilson's 95 % interval."""
+    """The share of ``runs`` that ``ended`` on a motion.
+
+    It has a ``value``, and the limits ``low`` and ``high`` of Wilson's 95 % interval.
+    """
 
     ended: int
     runs: int
@@ -83,10 +90,13 @@ class Share:
 
 @dataclass(frozen=True, eq=False)
 class Basins:
-    """On what runs from random initial states ended after so many ``periods`` of the force, or before that at a stable orbit.
+    """The motions on which runs from random initial states end.
 
-    ``orbits`` with impacts, all of them stable, and ``ended`` (as many): the runs on each. ``without_impacts``: runs whose impacts had come to an
-    end. ``nothing_periodic``: all others, which are chaotic, quasi-periodic, of a longer period, or still on their way.
+    A run ends after ``periods`` of the force, or earlier at a stable orbit.
+
+    ``orbits`` with impacts, all of them stable, and ``ended`` (as many): the runs on each.
+    ``without_impacts``: runs whose impacts had come to an end. ``nothing_periodic``: all others,
+    which are chaotic, quasi-periodic, of a longer period, or still on their way.
     """
 
     orbits: tuple[Orbit, ...]
@@ -135,9 +145,10 @@ class Basins:
 def draw_start(case: Case, reach: float, rng: np.random.Generator) -> tuple[Array, float]:
     """Return a random state (2 N_m + 2,) and phase of the force in rad.
 
-    All are uniform: the phase over a turn, the relative displacement over the clearance, and between both signs of these the relative velocity up to
-    ``reach`` (m) times the force's frequency, each mode's velocity at the tip up to ``reach`` times the first resonance, and its displacement up to
-    that over its own resonance.
+    All are uniform: the phase over a turn, the relative displacement over the clearance, and
+    between both signs of these the relative velocity up to ``reach`` (m) times the force's
+    frequency, each mode's velocity at the tip up to ``reach`` times the first resonance, and its
+    displacement up to that over its own resonance.
     """
     model = case.model
     largest = float(np.max(np.abs(model.tip_shape))) or 1.0
@@ -162,7 +173,9 @@ def find_basins(
     reach: float | None = None,
     progress: RunProgress | None = None,
 ) -> Basins:
-    """Return on which motions runs from random initial states end: what they come to is brought to an orbit by Newton's method.
+    """Return the motions on which runs from random initial states end.
+
+    Newton's method computes the orbit that a run approaches.
 
     Parameters
     ----------
@@ -179,14 +192,16 @@ def find_basins(
     most_multiple
         The longest period sought, in periods of the force.
     reach
-        How far initial states reach, in m. None: 1.5 times the larger of the clearance and the known orbits' tip displacements.
+        How far initial states reach, in m. None: 1.5 times the larger of the clearance and the
+        known orbits' tip displacements.
     progress
         Called with the number of finished runs and of all.
 
     Returns
     -------
     Basins
-        Orbits, and the shares of the runs that end on each, without impacts, and on nothing periodic.
+        Orbits, and the shares of the runs that end on each, without impacts, and on nothing
+        periodic.
 
     Raises
     ------
@@ -232,7 +247,11 @@ def _find_attractor(
     most_multiple: int,
     stable: Sequence[Orbit],
 ) -> Orbit | bool:
-    """Return the stable orbit with impacts that a run ends on, one of the known ones if it is; else whether it ends without impacts."""
+    """Return the stable orbit with impacts on which a run ends.
+
+    If it is one of the known orbits, this object is returned. Without such an orbit the result says
+    whether the run ends without impacts.
+    """
     done = 0
     silent = False
     for share in CHECKED_SHARES:
@@ -261,7 +280,10 @@ def _find_attractor(
 
 
 def _find_orbit_near(case: Case, state: Array, phase: float, most_multiple: int) -> Orbit | None:
-    """Return the stable orbit with impacts next to a state that nearly comes again, of its smallest period; None where there is none."""
+    """Return the stable orbit with impacts next to a state that nearly repeats.
+
+    It is the orbit with the smallest period. The result is None if no such orbit exists.
+    """
     symmetric, multiple, _ = find_return(case, state, phase, most_multiple)
     if multiple == 0:
         return None
@@ -274,7 +296,10 @@ def _find_orbit_near(case: Case, state: Array, phase: float, most_multiple: int)
 
 
 def distance_to(orbit: Orbit, state: Array, phase: float) -> float:
-    """Return how far a state (2 N_m + 2,) at a phase (rad) lies from an orbit, in units of the gap and the gap times omega."""
+    """Return the distance of a state (2 N_m + 2,) at a phase (rad) from an orbit.
+
+    Its units are the gap, and the gap times omega.
+    """
     phases = phase + 2 * np.pi * np.arange(orbit.schedule.period_multiple)
     miss = np.abs(orbit.motion.states(phases) - state) / units_of(orbit.case)
     return float(np.min(np.max(miss, axis=1)))
@@ -298,8 +323,9 @@ class Lifetimes:
     rate : ExitRate
         Maximum-likelihood rate of leaving per period with its 95 % interval.
     constant : float
-        Probability of as uneven a split of the exits between the first and the second half of the time at risk if the rate is constant; NaN
-        without exits. A small value says that lifetimes are not exponential.
+        Probability of as uneven a split of the exits between the first and the second half of the
+        time at risk if the rate is constant; NaN without exits. A small value says that lifetimes
+        are not exponential.
     burn_in : float
         Periods left out at the start of each run.
     """
@@ -382,7 +408,11 @@ def fit_lifetimes(
 
 
 def _constancy(rest: Stays) -> float:
-    """Return the two-sided probability of the exits' split between both halves of the time at risk, in the order of the runs' ages."""
+    """Return the two-sided p-value of a test for a constant rate of exits.
+
+    The test compares the numbers of exits in the two halves of the time at risk, in the order of
+    the runs' ages.
+    """
     exits = rest.durations[rest.ended]
     if len(exits) == 0:
         return float("nan")
@@ -400,9 +430,13 @@ def _constancy(rest: Stays) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Attractor:
-    """An attractor at one point of the parameters: its ``label``, the same along a parameter, a ``motion`` on it, and its ``share`` of the runs.
+    """An attractor at one point of the parameters.
 
-    A mirror image counts as the same attractor. ``orbit``: the periodic orbit, None for other kinds and where Newton's method finds none.
+    It has a ``label``, which is the same along a parameter, a ``motion`` on it, and its ``share``
+    of the runs.
+
+    A mirror image counts as the same attractor. ``orbit``: the periodic orbit, None for other kinds
+    and where Newton's method finds none.
     """
 
     label: int
@@ -425,8 +459,9 @@ class Attractor:
 class BasinPoint:
     """Basin fractions at one ``value`` of a ``parameter`` (None: of the case as it is).
 
-    ``attractors`` by falling share; those with share 0 were reached only from the attractors of the point before. ``lifetimes``: of runs that end
-    on periodic motions or without impacts, with chaotic and undecided runs as censored.
+    ``attractors`` by falling share; those with share 0 were reached only from the attractors of the
+    point before. ``lifetimes``: of runs that end on periodic motions or without impacts, with
+    chaotic and undecided runs as censored.
     """
 
     case: Case
@@ -461,22 +496,27 @@ def basin_fractions(
     threads: int | None = None,
     progress: RunProgress | None = None,
 ) -> Iterator[BasinPoint]:
-    """Yield the share of random initial states that ends on each attractor, at one point or along a parameter.
+    """Yield the share of random initial states that ends on each attractor.
 
-    At each value after the first, further runs begin on the attractors of the value before and say which attractor continues which; they do not
-    count for shares. An attractor has the label of the one that leads to it, or else of the nearest earlier one, if the features of both differ
-    by ``match_tolerance`` at most (see `attractors.feature_distance`).
+    The shares are computed at one point or along a parameter.
+
+    At each value after the first, further runs begin on the attractors of the value before and say
+    which attractor continues which; they do not count for shares. An attractor has the label of the
+    one that leads to it, or else of the nearest earlier one, if the features of both differ by
+    ``match_tolerance`` at most (see `attractors.feature_distance`).
 
     Parameters
     ----------
     case
         Structure, absorber, force and frequency.
     parameter
-        One of "frequency" (over the first resonance), "force", "gap", "restitution", "friction-limit" and "mass-ratio"; None: only the case.
+        One of "frequency" (over the first resonance), "force", "gap", "restitution",
+        "friction-limit" and "mass-ratio"; None: only the case.
     values
         Values of the parameter, in SI units, in the order in which attractors are followed.
     starts
-        Number of random initial states at each value (see `draw_start`), the same ones at all values.
+        Number of random initial states at each value (see `draw_start`), the same ones at all
+        values.
     options
         How long runs are.
     reach
@@ -564,7 +604,9 @@ def basin_fractions(
 
 
 def _judged_groups(motions: list[SettledMotion], options: SettleOptions) -> list[list[int]]:
-    """Return the groups of motions; the first motion of each is replaced by the one that its exponent was computed of.
+    """Return the groups of motions.
+
+    The first motion of each group is replaced by the motion for which its exponent was computed.
 
     Groups whose first motions turn out to be of one kind are one.
     """
@@ -582,7 +624,11 @@ def _match_groups(
     leads: dict[int, int],
     tolerance: float,
 ) -> list[int]:
-    """Return a label for each group: of the earlier attractor whose run ended in it, else of the nearest one, else a new one; each once."""
+    """Return a label for each group.
+
+    It is that of the earlier attractor whose run ended in the group, or else of the nearest earlier
+    attractor, or else a new one. Each label is used once.
+    """
     pairs = []
     for number, group in enumerate(groups):
         motion = motions[group[0]]
@@ -606,7 +652,10 @@ def _match_groups(
 
 
 def _lifetimes_of(motions: Sequence[SettledMotion], burn_in: float) -> Lifetimes:
-    """Return the lifetimes of runs; quasi-periodic ones, whose capture has no time, are left out."""
+    """Return the lifetimes of runs.
+
+    Quasi-periodic runs are left out, because their capture has no definite time.
+    """
     durations: list[float] = []
     ended: list[bool] = []
     for motion in motions:
@@ -623,7 +672,8 @@ def _lifetimes_of(motions: Sequence[SettledMotion], burn_in: float) -> Lifetimes
 class AttractorMap:
     """What one run ends on at each point of two parameters.
 
-    ``names``: the parameters. ``first`` (n,), ``second`` (m,): their values. ``motions``: n rows of m motions, None where an interrupt came first.
+    ``names``: the parameters. ``first`` (n,), ``second`` (m,): their values. ``motions``: n rows of
+    m motions, None where an interrupt came first.
     """
 
     names: tuple[str, str]
@@ -678,7 +728,8 @@ def attractor_map(
     first, second
         Their values (n,) and (m,), in SI units.
     random_start
-        Seed of the random initial state, the same at all points (see `draw_start`). None: runs start from rest.
+        Seed of the random initial state, the same at all points (see `draw_start`). None: runs
+        start from rest.
     options
         How long runs are.
     threads

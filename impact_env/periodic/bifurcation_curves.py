@@ -1,7 +1,9 @@
-"""Curves of folds, broken symmetry, doubled periods, tori, grazing and loss of contact over the frequency and a second parameter.
+"""Bifurcation curves over the frequency and a second parameter.
 
-Each is a branch of the conditions in `defining_systems`. Special points on it, at which a second condition
-is met, are located as zeros of the test functions in `codimension_two`.
+They are curves of folds, broken symmetry, doubled periods, tori, grazing and loss of contact.
+
+Each is a branch of the conditions in `defining_systems`. Special points on it, at which a second
+condition is met, are located as zeros of the test functions in `codimension_two`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -154,7 +156,11 @@ class CurveContinuation(OrbitContinuation):
         return DefiningSystem(*common)
 
     def monitors(self) -> tuple[Monitor, ...]:
-        """See `OrbitContinuation`. Behind grazing the orbit is none, but the curve may come back, and is followed."""
+        """Return the monitors, see `OrbitContinuation`.
+
+        Beyond a grazing point the solution is not an orbit, but the curve may return to orbits and
+        is therefore followed.
+        """
         low, high = self.frequencies
         within = Monitor(
             END_OF_FREQUENCIES,
@@ -187,7 +193,10 @@ class CurveContinuation(OrbitContinuation):
         return (*own, within, *alike)
 
     def critical_point(self, z: Array, value: float) -> CriticalPoint:
-        """Return multipliers and normal form at a point; its critical vector has the direction of that at the last point passed."""
+        """Return multipliers and normal form at a point.
+
+        The direction of its critical vector is that of the last point passed.
+        """
         key = (self.schedule, value, z.tobytes())
         if key not in self.points:
             if len(self.points) >= CACHED_POINTS:
@@ -211,7 +220,10 @@ class CurveContinuation(OrbitContinuation):
         return float(np.min(np.delete(impulses, self.lost), initial=1.0))
 
     def _other_clearance(self, z: Array, value: float) -> float:
-        """Return the least distance from a wall, over the gap, at all turns of the relative velocity but that which touches it."""
+        """Return the smallest distance from a wall, relative to the gap, at the other reversals.
+
+        All reversals of the relative velocity are considered, except the one that touches the wall.
+        """
         solution = self.solution(z, value)
         phases, distances = turns_after_first(solution)
         if len(phases) == 0:
@@ -223,7 +235,10 @@ class CurveContinuation(OrbitContinuation):
         return plus_one_test(self.motion(z, value))
 
     def _along_start(self, side: float, z: Array, value: float) -> float:
-        """Return by how much the halves differ in the way in which they do at the start: zero where they get alike, and maybe elsewhere."""
+        """Return the difference of the halves, projected onto their difference at the start.
+
+        It is zero where the halves become equal, and possibly elsewhere.
+        """
         assert self.start is not None
         here = compute_half_difference(self.solution(z, value), side)
         reference = compute_half_difference(self.start, side)
@@ -257,7 +272,10 @@ class CurveContinuation(OrbitContinuation):
         return self.chart(guess, float(z[0]), (case.omega,), self.scale)
 
     def _follow_touch(self, motion: Motion) -> bool:
-        """Move the place at which the wall is touched to where it is in a motion; return whether it has moved far enough for a new residual."""
+        """Move the place of the wall's contact to its place in a motion.
+
+        Returns whether it has moved so far that a new residual is needed.
+        """
         solution = motion.solution
         phases, _ = turns_after_first(solution)
         if len(phases) == 0:
@@ -275,7 +293,9 @@ class CurveContinuation(OrbitContinuation):
 
 @dataclass(frozen=True, eq=False)
 class BifurcationCurve(Scheduled):
-    """A curve of bifurcations of a ``kind`` over the frequency and another parameter: ``branch.parameter``, with its values in ``branch.parameters``.
+    """A curve of bifurcations of a ``kind`` over the frequency and another parameter.
+
+    The other parameter is ``branch.parameter``, and its values are ``branch.parameters``.
 
     A `FOLD` located on it is where the curve turns in the other parameter.
     """
@@ -295,7 +315,10 @@ class BifurcationCurve(Scheduled):
 
     @cached_property
     def orbits(self) -> tuple[Orbit | NoOrbit, ...]:
-        """Each point's orbit, confirmed by the exact method and with a multiplier on the unit circle, or why it is none."""
+        """Each point's orbit, or why it is none.
+
+        An orbit is confirmed by the exact method and has a multiplier on the unit circle.
+        """
         return tuple(
             self._confirmed(motion_of(self.solution(k))) for k in range(len(self.schedules))
         )
@@ -319,7 +342,11 @@ class BifurcationCurve(Scheduled):
         return tuple(orbits)
 
     def _confirmed(self, motion: Motion) -> Orbit | NoOrbit:
-        """Return the orbit at a point of the curve, or why there is none; two multipliers that meet at 1 or -1 have the root of their rounding."""
+        """Return the orbit at a point of the curve, or why none exists.
+
+        Two multipliers that meet at 1 or -1 are only accurate to the square root of the rounding
+        error.
+        """
         if self.kind == LOSS_OF_CONTACT:
             return confirm_loss(motion)
         if self.kind == GRAZING:
@@ -333,7 +360,10 @@ class BifurcationCurve(Scheduled):
 
     @cached_property
     def critical_points(self) -> tuple[CriticalPoint | None, ...]:
-        """Multipliers and normal form of each point; None on a curve of grazing or loss of contact."""
+        """Multipliers and normal form of each point.
+
+        They are None on a curve of grazing or loss of contact.
+        """
         if self.kind not in MULTIPLIER_KINDS:
             return (None,) * len(self.schedules)
         return tuple(
@@ -342,7 +372,10 @@ class BifurcationCurve(Scheduled):
         )
 
     def critical(self, k: int) -> complex:
-        """Return the multiplier on the unit circle at point ``k``, over the schedule's span: 1, -1, or of a torus's pair the one above."""
+        """Return the multiplier on the unit circle at point ``k``, over the schedule's span.
+
+        It is 1, -1, or that of a torus's pair with positive imaginary part.
+        """
         point = self.critical_points[k]
         if point is None:
             return complex(np.nan, np.nan)
@@ -350,7 +383,10 @@ class BifurcationCurve(Scheduled):
         return complex(values[np.argmax(values.imag)])
 
     def to_plain(self) -> dict[str, Any]:
-        """Return lists, numbers and strings; values of the parameter in SI units, orbits as `packed` has them."""
+        """Return lists, numbers and strings.
+
+        Values of the parameter are in SI units, and orbits are in the form of `packed`.
+        """
         events = [event for event in self.branch.located if event.kind != KINK]
         first_resonance = float(self.case.model.omega[0])
         places = [
@@ -407,12 +443,14 @@ def bifurcation_curve(
     steps: Steps = CURVE_STEPS,
     progress: PointProgress | None = None,
 ) -> BifurcationCurve:
-    """Return the curve of bifurcations through one of ``kind`` next to a solution, over the frequency (limits in rad/s) and ``parameter``.
+    """Return the curve of bifurcations through one of ``kind`` next to a solution.
+
+    The curve extends over the frequency (limits in rad/s) and ``parameter``.
 
     It is followed to both sides, and ends at its limits, where a wall would have to pull, where a
-    torus's multipliers meet at 1 or -1 (R1, R2), on the curve of broken symmetry or doubled periods that it begins on,
-    or where it is back at its start; Ctrl-C ends it with what is known so far. Raises
-    NoConvergenceError if there is no such bifurcation here, ParameterError for bad input.
+    torus's multipliers meet at 1 or -1 (R1, R2), on the curve of broken symmetry or doubled periods
+    that it begins on, or where it is back at its start; Ctrl-C ends it with what is known so far.
+    Raises NoConvergenceError if there is no such bifurcation here, ParameterError for bad input.
     """
     require(kind in CURVE_KINDS, "kind", kind, f"one of {', '.join(CURVE_KINDS)}")
     require(
@@ -461,7 +499,10 @@ def bifurcation_curve(
 
 
 def _contact_of(solution: Solution, kind: str) -> tuple[float, int]:
-    """Return where a solution comes closest to a wall (rad after its first event), and the number of its weakest impact."""
+    """Return the place of a solution's closest approach to a wall, and its weakest impact.
+
+    The place is given in rad after the first event, the impact by its number.
+    """
     touch = 0.0
     if kind == GRAZING:
         phases, distances = turns_after_first(solution)
@@ -492,7 +533,10 @@ def _without_false_labels(curve: BifurcationCurve) -> BifurcationCurve:
 
 
 def _explain_end(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
-    """Return a way that ends where both halves of its orbits get alike, on the curve of the bifurcation there.
+    """Return a branch with its end at a bifurcation at which both halves of its orbits agree.
+
+    If the branch ends at such a bifurcation, it is cut there and the reason for its end is the kind
+    of the bifurcation. Otherwise it is unchanged.
 
     It breaks down there, or passes over to the orbits' mirror images.
     """
@@ -547,7 +591,9 @@ def bifurcation_curves(
     frequencies: tuple[float, float],
     progress: Callable[[str, int, float], None] | None = None,
 ) -> Iterator[BifurcationCurve]:
-    """Yield the curves of ``kinds`` through what was located on branches in frequency, each once; see `bifurcation_curve`.
+    """Yield the curves of ``kinds`` through bifurcations located on branches in frequency.
+
+    Each curve is yielded once, see `bifurcation_curve`.
 
     The last one has ended as `INTERRUPTED` after Ctrl-C. A place from which Newton's method does
     not come to a curve is left out, and so is a curve on which no point is an orbit.

@@ -1,9 +1,11 @@
 """Bifurcations of orbits: their kinds, test functions that vanish there, and their confirmation.
 
-A multiplier on the unit circle makes a bifurcation: 1 at a fold, -1 where the symmetry breaks (over half a period) or the period doubles, a complex
-pair at a torus (Kuznetsov, Elements of Applied Bifurcation Theory, 2004). Determinants of the return map's derivative M have poles where an impact
-gets infinitely slow, and change their sign there. The test functions here are products of one bounded factor for each multiplier, or pair of them,
-times signs of the impacts' velocities and the reversals' accelerations: they pass a pole without a change of sign.
+A multiplier on the unit circle makes a bifurcation: 1 at a fold, -1 where the symmetry breaks (over
+half a period) or the period doubles, a complex pair at a torus (Kuznetsov, Elements of Applied
+Bifurcation Theory, 2004). Determinants of the return map's derivative M have poles where an impact
+gets infinitely slow, and change their sign there. The test functions here are products of one
+bounded factor for each multiplier, or pair of them, times signs of the impacts' velocities and the
+reversals' accelerations: they pass a pole without a change of sign.
 """
 
 import numpy as np
@@ -36,15 +38,19 @@ NEAR_BIRTH = (
     1e-3  # the same next to a birth, and where the root search broke down on its way to one
 )
 LOST_BIRTH = 0.05
-# share of the parameter: how far from a birth on a branch the orbit is sought that it leaves, and how sharply
+# share of the parameter: how far from a birth on a branch the orbit is sought that it leaves, and
+# how sharply
 BIRTH_REACH = 1e-6
 BIRTH_TOL = 1e-14
 
 
 def critical_multipliers(kind: str, multipliers: Complex, tolerance: float = ON_CIRCLE) -> Complex:
-    """Return the multipliers over the schedule's span that make a bifurcation of a ``kind``; empty where there is none.
+    """Return the multipliers over the schedule's span that make a bifurcation of a ``kind``.
 
-    That is one next to 1 or -1, or for a torus the upper one of a complex pair with a modulus next to 1.
+    The result is empty without such a multiplier.
+
+    That is one next to 1 or -1, or for a torus the upper one of a complex pair with a modulus next
+    to 1.
     """
     values = np.asarray(multipliers, dtype=complex)
     if kind == TORUS:
@@ -54,13 +60,19 @@ def critical_multipliers(kind: str, multipliers: Complex, tolerance: float = ON_
 
 
 def compute_multipliers(motion: AnyMotion) -> Complex | None:
-    """Return the multipliers (2 N_m + 2,) over the schedule's span, None where an impact has no speed at all."""
+    """Return the multipliers (2 N_m + 2,) over the schedule's span.
+
+    The result is None if an impact has zero velocity.
+    """
     matrix = motion.derivative
     return np.linalg.eigvals(matrix).astype(complex) if np.all(np.isfinite(matrix)) else None
 
 
 def find_objection(kind: str, motion: AnyMotion) -> str | None:
-    """Return why a motion has no bifurcation of a ``kind``, None where it has a multiplier for it."""
+    """Return why a motion has no bifurcation of a ``kind``.
+
+    The result is None if it has a multiplier of this bifurcation.
+    """
     multipliers = compute_multipliers(motion)
     if multipliers is None:
         return "an impact without speed has no multipliers"
@@ -72,7 +84,11 @@ def find_objection(kind: str, motion: AnyMotion) -> str | None:
 
 
 def confirmed_bifurcation(kind: str, motion: AnyMotion) -> Orbit | NoOrbit:
-    """Return the orbit at a bifurcation of a ``kind`` if the exact method confirms it and a multiplier is in its place, or why there is none."""
+    """Return the orbit at a bifurcation of a ``kind``, or why none exists.
+
+    The exact method must confirm the orbit, and a multiplier must have the value that the
+    bifurcation requires.
+    """
     reason = find_objection(kind, motion)
     if reason is not None:
         solution = motion.solution
@@ -81,19 +97,29 @@ def confirmed_bifurcation(kind: str, motion: AnyMotion) -> Orbit | NoOrbit:
 
 
 def _orientation_of_impacts(motion: Motion) -> float:
-    """Return 1 or -1: the sign of the product of the relative velocities, towards their walls, before all impacts."""
+    """Return the sign, 1 or -1, of the product of the relative velocities before all impacts.
+
+    Each velocity is positive towards its wall.
+    """
     solution = motion.solution
     wall = solution.schedule.order.wall
     return float(np.prod(np.where(wall * solution.impulses > 0, -1.0, 1.0)))
 
 
 def _orientation_of_reversals(motion: Motion) -> float:
-    """Return 1 or -1: the sign of the product of the relative accelerations before all reversals, over what friction changes them by."""
+    """Return the sign, 1 or -1, of a product over all reversals.
+
+    The factors are the relative accelerations before the reversals divided by the changes that
+    friction causes.
+    """
     return float(np.prod(np.where(motion.turning > 0, -1.0, 1.0)))
 
 
 def minus_one_test(motion: Motion) -> float:
-    """Return a function from -1 to 1 that is zero where a multiplier is -1, without a pole; NaN where an impact has no speed."""
+    """Return a function from -1 to 1 that is zero where a multiplier is -1, without a pole.
+
+    The result is NaN if an impact has zero velocity.
+    """
     values = compute_multipliers(motion)
     if values is None:
         return np.nan
@@ -103,7 +129,10 @@ def minus_one_test(motion: Motion) -> float:
 
 
 def plus_one_test(motion: Motion) -> float:
-    """Return a function from -1 to 1 that is zero where a multiplier is 1, without a pole; NaN where an impact has no speed."""
+    """Return a function from -1 to 1 that is zero where a multiplier is 1, without a pole.
+
+    The result is NaN if an impact has zero velocity.
+    """
     values = compute_multipliers(motion)
     if values is None:
         return np.nan
@@ -113,10 +142,13 @@ def plus_one_test(motion: Motion) -> float:
 
 
 def torus_test(motion: Motion) -> float:
-    """Return a function from -1 to 1 that is zero where two multipliers have the product 1, without a pole; NaN where an impact has no speed.
+    """Return a function from -1 to 1 that is zero where two multipliers have the product 1.
 
-    A slow impact leaves the determinant of M as it is: with one multiplier that grows without bounds another vanishes, their product stays, and an
-    even number of products change their sign. At a reversal the determinant grows too, and an odd number does.
+    It has no pole. The result is NaN if an impact has zero velocity.
+
+    A slow impact leaves the determinant of M as it is: with one multiplier that grows without
+    bounds another vanishes, their product stays, and an even number of products change their sign.
+    At a reversal the determinant grows too, and an odd number does.
     """
     values = compute_multipliers(motion)
     if values is None:
@@ -128,7 +160,11 @@ def torus_test(motion: Motion) -> float:
 
 
 def compute_half_difference(solution: Solution, side: float) -> Array:
-    """Return the second half less the first one times ``side``: phases in rad, and shares of the largest impulse; infinite for an odd number."""
+    """Return the second half of the events less the first half times ``side``.
+
+    The differences are those of phases in rad, and of impulses relative to the largest one. They
+    are infinite for an odd number of events.
+    """
     half = len(solution.phases) // 2
     if len(solution.phases) % 2:
         return np.array([np.inf])
@@ -146,7 +182,10 @@ def largest_half_difference(solution: Solution, side: float) -> float:
 
 
 def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
-    """Return the bifurcations at which one of these orbits may be born, each with the sign between halves that are alike there."""
+    """Return the bifurcations from which one of these orbits may emerge.
+
+    Each has the sign that relates the two halves of the orbit, which are equal at the bifurcation.
+    """
     if schedule.symmetric:
         return ()
     return (
@@ -157,10 +196,14 @@ def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
 def find_parent_at_birth(
     solution: Solution, parameter: str, apart: float = NEAR_BIRTH
 ) -> tuple[str, Solution] | None:
-    """Return the kind of bifurcation and the orbit at which orbits without symmetry, or of a doubled period, are born next to a solution.
+    """Return the bifurcation from which the orbits next to a solution emerge.
 
-    The orbit is the one that is left, over half of the span, where its multiplier is -1 in the ``parameter``. None where both halves differ by more
-    than ``apart`` (rad and shares of the largest impulse), or no such orbit is found.
+    The result is the kind of bifurcation and the orbit at it. The orbits have no symmetry or a
+    doubled period.
+
+    The orbit is the one that is left, over half of the span, where its multiplier is -1 in the
+    ``parameter``. None where both halves differ by more than ``apart`` (rad and shares of the
+    largest impulse), or no such orbit is found.
     """
     for side, kind in kinds_of_birth(solution.schedule):
         if not largest_half_difference(solution, side) < apart:
@@ -187,7 +230,11 @@ def find_parent_at_birth(
 
 
 def _solve_for_minus_one(start: Solution, parameter: str) -> Solution | None:
-    """Return the orbit next to a solution at which `minus_one_test` vanishes in the parameter, None if the secant method does not come to one."""
+    """Return the orbit next to a solution at which `minus_one_test` vanishes.
+
+    The parameter is varied by the secant method. The result is None if it does not converge to such
+    an orbit.
+    """
     last = [start]
 
     def test(value: float) -> float:

@@ -1,8 +1,12 @@
-"""A branch of solutions as data, Newton's method that finds its points, and what happens between two of them.
+"""A branch of solutions as data.
 
-X = (z/scale, parameter/parameter scale) has n + 1 entries; arclength is measured in it. Points lie in a plane across the branch; folds, branch
-points and zeros of monitors are found by a root search on the branch itself. See Allgower and Georg, Numerical Continuation Methods (1990),
-chapters 2 and 6.
+The module contains Newton's method that finds its points, and the location of special points
+between two of them.
+
+X = (z/scale, parameter/parameter scale) has n + 1 entries; arclength is measured in it. Points lie
+in a plane across the branch; folds, branch points and zeros of monitors are found by a root search
+on the branch itself. See Allgower and Georg, Numerical Continuation Methods (1990), chapters 2 and
+6.
 """
 
 from __future__ import annotations
@@ -21,7 +25,8 @@ Residual = Callable[
     [Real, float], tuple[Real, Real]
 ]  # (z (n,), parameter) -> residual (n,), Jacobian (n, n + 1) by z and parameter
 # why a branch ended
-CLOSED = "closed"  # it came back to its first point, or to a later one where the unknowns changed: an isola
+# it came back to its first point, or to a later one where the unknowns changed: an isola
+CLOSED = "closed"
 PARAMETER_LIMIT = "limit"  # the parameter's limit
 POINT_LIMIT = "number of points"
 MINIMUM_STEP = "minimum step"  # no convergence, or a lost branch, whatever the step
@@ -33,10 +38,12 @@ KINK = "kink"
 
 @dataclass(frozen=True, eq=False)
 class SpecialPoint:
-    """A point of the branch where something happens: ``kind`` is "fold", "branch point", "kink", or that of a monitor.
+    """A special point of the branch.
 
-    It lies behind point number ``after``, or is that point where the root search broke down; ``tangent`` (n + 1,) is in the units of the branch's
-    scaled arclength.
+    ``kind`` is "fold", "branch point", "kink", or that of a monitor.
+
+    It lies behind point number ``after``, or is that point where the root search broke down;
+    ``tangent`` (n + 1,) is in the units of the branch's scaled arclength.
     """
 
     kind: str
@@ -50,8 +57,9 @@ class SpecialPoint:
 class Branch:
     """Solutions z of residual(z, parameter) = 0 in the order of arclength, m of them.
 
-    ``points`` m rows (n,), whose length changes where the caller changes its unknowns; ``parameters`` (m,); ``ended`` one of the reasons above or
-    the kind of a monitor, and ``message`` the same in words.
+    ``points`` m rows (n,), whose length changes where the caller changes its unknowns;
+    ``parameters`` (m,); ``ended`` one of the reasons above or the kind of a monitor, and
+    ``message`` the same in words.
     """
 
     parameter: str
@@ -66,7 +74,10 @@ class Branch:
 
     @property
     def closed(self) -> bool:
-        """Whether the last point is the first one again, or a later one at which the unknowns changed."""
+        """Whether the branch is closed.
+
+        Its last point is then the first one again, or a later one at which the unknowns changed.
+        """
         return self.ended == CLOSED
 
     def of(self, kind: str) -> tuple[SpecialPoint, ...]:
@@ -74,7 +85,10 @@ class Branch:
         return tuple(event for event in self.located if event.kind == kind)
 
     def joined(self, backward: Branch) -> Branch:
-        """Return one branch from a second one that left the same first point the other way: that one turned round, then this one."""
+        """Return one branch made of this one and one in the other direction.
+
+        ``backward`` starts at the same point. It is reversed and put before this branch.
+        """
         m = len(backward)
         before = [
             SpecialPoint(e.kind, m - 2 - e.after, e.point, e.parameter, -e.tangent)
@@ -100,7 +114,11 @@ class NoConvergenceError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class ScaledSystem:
-    """A residual in scaled unknowns: ``scale`` (n + 1,), the parameter's last; points are found to ``tolerance`` of 1 + |X|."""
+    """A residual in scaled unknowns.
+
+    ``scale`` (n + 1,) ends with that of the parameter. Points are found to ``tolerance`` times 1 +
+    |X|.
+    """
 
     residual: Residual
     scale: Real
@@ -117,7 +135,10 @@ class ScaledSystem:
         return values[:-1], float(values[-1])
 
     def __call__(self, x: Real) -> tuple[Real, Real]:
-        """Return residual (n,) and its Jacobian (n, n + 1) by X; raises NoConvergenceError where they are not finite."""
+        """Return the residual (n,) and its Jacobian (n, n + 1) by X.
+
+        Raises NoConvergenceError if they are not finite.
+        """
         n = len(x) - 1
         values, jacobian = self.residual(*self.plain(x))
         require(
@@ -143,10 +164,12 @@ def _solve_bordered(matrix: Real, right: Real) -> Real:
 def correct_point(
     system: ScaledSystem, guess: Real, normal: Real, offset: float | None = None
 ) -> tuple[Real, Real, int]:
-    """Return the branch's point X in the plane normal . X = ``offset`` (None: through the guess), its Jacobian by X, and how many steps that took.
+    """Return the branch's point X in a plane, its Jacobian by X, and the number of steps.
 
-    The step's size decides, and the residual need not have a scale: once a step is below the root of the tolerance the next one, quadratically
-    smaller, is the last. Raises NoConvergenceError.
+    The plane is normal . X = ``offset`` (None: the plane through the guess).
+
+    The step's size decides, and the residual need not have a scale: once a step is below the root
+    of the tolerance the next one, quadratically smaller, is the last. Raises NoConvergenceError.
     """
     x = guess.copy()
     offset = float(normal @ guess) if offset is None else offset
@@ -189,7 +212,11 @@ def compute_tangent(jacobian: Real, along: Real) -> Real:
 
 @dataclass(frozen=True)
 class Monitor:
-    """A function of (z, parameter) whose zeros are located, and called ``kind``; with ``ends`` the branch ends at the first. NaN: not known here."""
+    """A function of (z, parameter) whose zeros are located and called ``kind``.
+
+    If ``ends``, the branch ends at the first zero. NaN means that the value is not known at a
+    point.
+    """
 
     kind: str
     value: Callable[[Real, float], float]
@@ -198,7 +225,9 @@ class Monitor:
 
 @dataclass(frozen=True, eq=False)
 class BranchState:
-    """A point X (n + 1,) of the branch, its unit tangent t, the Jacobian J (n, n + 1), and sign and logarithm of det [J; t].
+    """A point X (n + 1,) of the branch with its tangent and Jacobian.
+
+    It contains the unit tangent t, the Jacobian J (n, n + 1), and sign and logarithm of det [J; t].
 
     That determinant is zero only where branches cross.
     """
@@ -218,14 +247,21 @@ def make_state(x: Real, jacobian: Real, along: Real) -> BranchState:
 
 @dataclass(frozen=True, eq=False)
 class ReturnGate:
-    """A place that closes the branch when it is met again: the first one, and the first in each set of unknowns (the start's may not come again)."""
+    """A point of the branch that closes it when the branch passes it again.
+
+    It is the first point of the branch, or the first one in each set of unknowns, because those of
+    the start may not return.
+    """
 
     index: int
     system: ScaledSystem
     place: BranchState
 
     def returned(self, before: BranchState, after: BranchState) -> bool:
-        """Return whether the step goes over the place: next to the chord, and Newton's method from there ends in it."""
+        """Return whether a step passes this point.
+
+        The point must be close to the chord, and Newton's method must lead from the chord to it.
+        """
         chord = after.x - before.x
         first = self.place
         if len(chord) != len(first.x) or first.tangent @ chord <= 0:
@@ -246,14 +282,20 @@ class ReturnGate:
 
 @dataclass(frozen=True, eq=False)
 class _Between:
-    """The branch between two places, as a function of the share s of the way: Newton's method from a cubic through both."""
+    """The branch between two points as a function of the share s of the chord.
+
+    Points are found by Newton's method from a cubic through both points.
+    """
 
     system: ScaledSystem
     begin: BranchState
     end: BranchState
 
     def __call__(self, s: float) -> BranchState:
-        """Return the place in the plane across the chord at a share of it; raises NoConvergenceError."""
+        """Return the branch's point in the plane across the chord, at a share of the chord.
+
+        Raises NoConvergenceError.
+        """
         chord = self.end.x - self.begin.x
         length = float(np.linalg.norm(chord))
         a = length * self.begin.tangent - chord
@@ -321,9 +363,12 @@ def locate_zeros(
     end: BranchState,
     after: int,
 ) -> tuple[SpecialPoint, ...]:
-    """Return the zeros of monitors between two places, point number ``after`` and the next, in the order of the branch.
+    """Return the zeros of monitors between two points, in the order of the branch.
 
-    Two zeros of one function in one step cancel and are missed: the continuation's limit on the tangent's turn is there to keep steps short of that.
+    The points are number ``after`` and the next one.
+
+    Two zeros of one function in one step cancel and are missed: the continuation's limit on the
+    tangent's turn is there to keep steps short of that.
     """
     between = _Between(system, begin, end)
     result = []

@@ -1,4 +1,4 @@
-"""One point of the parameters that periodic orbits are looked for at: structure, absorber, force and frequency."""
+"""One point of the parameters of periodic orbits: structure, absorber, force and frequency."""
 
 from __future__ import annotations
 
@@ -47,7 +47,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A modal model with an impact absorber under ``force`` cos(omega t): N, rad/s; ``gap`` in m, ``friction_limit`` in N (0: none).
+    """A modal model with an impact absorber under ``force`` cos(omega t).
+
+    The force is in N, omega in rad/s, ``gap`` in m and ``friction_limit`` in N (0: none).
 
     Raises ParameterError for values out of range.
     """
@@ -92,7 +94,11 @@ class Case:
 
     @property
     def scale(self) -> Scale:
-        """Units of unknowns and residuals: the gap, the gap in a radian of the first mode, and the impulse that moves the absorber so."""
+        """Units of unknowns and residuals.
+
+        They are the gap, the gap per radian of the first mode, and the impulse that gives the
+        absorber this velocity.
+        """
         velocity = self.gap * float(self.model.omega[0])
         return Scale(self.gap, velocity, velocity * self.mass_ratio * self.model.beam_mass)
 
@@ -113,14 +119,18 @@ class Case:
 
     @property
     def absorber_position(self) -> float:
-        """Absorber's place as a share of the beam's length; ParameterError for a modal model without a beam."""
+        """The absorber's position as a fraction of the beam's length.
+
+        Raises ParameterError for a modal model without a beam.
+        """
         return position_of(self.model)
 
     def changed(self, **values: float) -> Case:
         """Return the case with other parameters.
 
-        Beside its own, ``damping_ratio`` is that of the first mode, to which all others keep their ratio,
-        and ``absorber_position`` a share of the beam's length; the response level is read where it was.
+        Beside its own, ``damping_ratio`` is that of the first mode, to which all others keep their
+        ratio, and ``absorber_position`` a share of the beam's length; the response level is read
+        where it was.
         """
         model = self.model
         if DAMPING_RATIO in values:
@@ -141,7 +151,10 @@ class Case:
 
 
 def case_of(scene: Scene, force: float, omega: float) -> Case:
-    """Return the case of a scene with one impact absorber, rigid walls and rigid friction or none; ParameterError for any other scene."""
+    """Return the case of a scene with one impact absorber, rigid walls and rigid or no friction.
+
+    Raises ParameterError for any other scene.
+    """
     scene = instance("scene", scene, Scene)
     absorber = scene.absorber
     allowed = (
@@ -170,7 +183,10 @@ def case_of(scene: Scene, force: float, omega: float) -> Case:
 def make_scene(
     model: ModalModel, gap: float, restitution: float, limit: float, mass_ratio: float
 ) -> Scene:
-    """Return a scene; the same one for the same arguments, since the exact method keeps its tables by scene."""
+    """Return a scene, which is the same object for the same arguments.
+
+    The exact method stores its tables by scene.
+    """
     return Scene(model, impact_absorber(gap, restitution, limit, mass_ratio))
 
 

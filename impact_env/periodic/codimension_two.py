@@ -1,9 +1,11 @@
-"""Special points on curves of folds, doubled periods (broken symmetry) and tori: where a second condition of a bifurcation is met.
+"""Special points on curves of bifurcations, at which a second condition is satisfied.
 
-Names and conditions are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), chapter 9. All
-of them are zeros of a `Monitor`: of products over the multipliers that are not critical, of the angle
-between left and right critical vectors, or of a normal form's coefficient. A coefficient has poles where
-another condition is met, so it is multiplied by what vanishes there.
+The curves are those of folds, doubled periods (broken symmetry) and tori.
+
+Names and conditions are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), chapter
+9. All of them are zeros of a `Monitor`: of products over the multipliers that are not critical, of
+the angle between left and right critical vectors, or of a normal form's coefficient. A coefficient
+has poles where another condition is met, so it is multiplied by what vanishes there.
 """
 
 from __future__ import annotations
@@ -53,13 +55,20 @@ UPPER_TOL = 1e-6  # least imaginary part of a complex multiplier
 
 
 def bound(value: float) -> float:
-    """Return a function of a value that has its zeros and lies between -1 and 1; what is rounding, as without losses, is zero everywhere."""
+    """Return a function of a value that has its zeros and lies between -1 and 1.
+
+    Values below rounding, as in systems without losses, give zero.
+    """
     return 0.0 if abs(value) < ROUNDING else value / (1 + abs(value))
 
 
 @dataclass(frozen=True, eq=False)
 class CriticalPoint:
-    """A fixed point of a map at a bifurcation of a ``kind``: its ``forms`` (see `MapForms`), and a vector that its q is not opposite to."""
+    """A fixed point of a map at a bifurcation of a ``kind``.
+
+    It has ``forms`` (see `MapForms`) and a ``reference`` vector, to which its critical vector q is
+    not opposite.
+    """
 
     kind: str
     forms: MapForms
@@ -97,7 +106,10 @@ class CriticalPoint:
 
     @cached_property
     def multiplier(self) -> complex:
-        """The critical multiplier: 1, -1, or of a pair that with a positive imaginary part, on the unit circle."""
+        """The critical multiplier.
+
+        It is 1, -1, or that of a pair on the unit circle with positive imaginary part.
+        """
         if self.kind != TORUS:
             return complex(self.side)
         return complex(np.exp(1j * np.arccos(np.clip(self.pair_sum / 2, -1, 1))))
@@ -112,7 +124,11 @@ class CriticalPoint:
 
     @cached_property
     def coefficient(self) -> float:
-        """Coefficient of the normal form: see `fold_coefficient`, `flip_coefficient` and `torus_coefficient`; NaN where there is none."""
+        """Coefficient of the normal form.
+
+        See `fold_coefficient`, `flip_coefficient` and `torus_coefficient`. It is NaN if it does not
+        exist.
+        """
         if not np.all(np.isfinite(self.forms.matrix)):
             return np.nan
         try:
@@ -128,19 +144,28 @@ class CriticalPoint:
 
     @property
     def criticality(self) -> str | None:
-        """Whether what is born is supercritical or subcritical; None at a fold, or where it is not known."""
+        """Whether the bifurcation is supercritical or subcritical.
+
+        The result is None at a fold, or if it is not known.
+        """
         if self.kind == FOLD or not np.isfinite(self.coefficient):
             return None
         stable = self.coefficient < 0 if self.kind == TORUS else self.coefficient > 0
         return SUPERCRITICAL if stable else SUBCRITICAL
 
     def distance(self, value: float) -> float:
-        """Return a product from -1 to 1 over all other multipliers, zero where one of them is 1 or -1 (``value``)."""
+        """Return a product from -1 to 1 over all other multipliers.
+
+        It is zero if one of them equals ``value``, which is 1 or -1.
+        """
         others = self.others
         return float(np.prod((others - value) / (1 + np.abs(others))).real)
 
     def reciprocal(self) -> float:
-        """Return a product from -1 to 1 over pairs of all other multipliers, zero where two of them have the product 1."""
+        """Return a product from -1 to 1 over pairs of all other multipliers.
+
+        It is zero if two of them have the product 1.
+        """
         others = self.others
         first, second = np.triu_indices(len(others), 1)
         products = others[first] * others[second]
@@ -154,14 +179,20 @@ class CriticalPoint:
         return abs(others[first[k]].imag) > UPPER_TOL
 
     def test(self, label: str) -> float:
-        """Return the bounded test function of a special point, NaN where the map has no derivative."""
+        """Return the bounded test function of a special point.
+
+        The result is NaN if the map has no derivative.
+        """
         if not np.all(np.isfinite(self.forms.matrix)):
             return np.nan
         return float(_TESTS[label](self))
 
 
 def _test_flip(point: CriticalPoint) -> float:
-    """Return the cubic coefficient without its poles, where a second multiplier is -1, or one is 1."""
+    """Return the cubic coefficient, multiplied such that it has no poles.
+
+    It has poles where a second multiplier is -1, or where one is 1.
+    """
     return bound(point.coefficient * point.vectors.angle * point.distance(1.0))
 
 
@@ -191,7 +222,10 @@ TORUS_ENDS = (R1, R2)  # behind them the pair is real, and no torus
 def codimension_two_monitors(
     kind: str, point_at: Callable[[Array, float], CriticalPoint]
 ) -> tuple[Monitor, ...]:
-    """Return the monitors of the special points on a curve of a ``kind``, from its points as a function of unknowns and parameter."""
+    """Return the monitors of the special points on a curve of a ``kind``.
+
+    ``point_at`` gives the curve's points as a function of unknowns and parameter.
+    """
 
     def value(label: str, z: Array, parameter: float) -> float:
         return point_at(z, parameter).test(label)
@@ -203,7 +237,11 @@ def codimension_two_monitors(
 
 
 def is_special(point: CriticalPoint, label: str) -> bool:
-    """Return whether a test function vanishes at what is located, rather than jumps or has a pole, and not by two real multipliers."""
+    """Return whether a located zero of a test function is a special point.
+
+    The function must vanish at the point, not jump or have a pole, and its zero must not come from
+    two real multipliers.
+    """
     if not abs(point.test(label)) < ZERO_TOL:
         return False
     needs_pair = label in NEEDS_PAIR and not (point.kind == TORUS and label != DOUBLE_TORUS)

@@ -1,9 +1,13 @@
-"""Contact laws in the frequency domain: the force on the absorber from the relative displacement, both as trigonometric polynomials.
+"""Contact laws in the frequency domain.
 
-Rigid laws by the dynamic Lagrangian method (Nacivet, Pierre, Thouverez and Jezequel, Journal of Sound and Vibration 265, 2003): the force that the
-motion asks for is corrected by ``weight`` times the violation of the law, and the corrected one is projected onto what is allowed. Elastic Coulomb
-friction (paper, Eq. elCoulomb) is a spring in series with a slider, from turning point to turning point. The intervals of contact, stick and slip are
-exact roots, the coefficients are in closed form.
+They give the force on the absorber for a relative displacement, both as trigonometric polynomials.
+
+Rigid laws by the dynamic Lagrangian method (Nacivet, Pierre, Thouverez and Jezequel, Journal of
+Sound and Vibration 265, 2003): the force that the motion asks for is corrected by ``weight`` times
+the violation of the law, and the corrected one is projected onto what is allowed. Elastic Coulomb
+friction (paper, Eq. elCoulomb) is a spring in series with a slider, from turning point to turning
+point. The intervals of contact, stick and slip are exact roots, the coefficients are in closed
+form.
 """
 
 from dataclasses import dataclass
@@ -36,7 +40,10 @@ from impact_env.periodic.trigonometric import (
 
 
 class Hysteresis(NamedTuple):
-    """Polynomial (n,) of the force on the absorber in N, and its derivatives by motion (n, n), limit (n,) and stiffness (n,)."""
+    """Polynomial (n,) of the force on the absorber in N, with its derivatives.
+
+    The derivatives are those by motion (n, n), limit (n,) and stiffness (n,).
+    """
 
     force: Real
     by_motion: Real
@@ -70,10 +77,12 @@ class _Slip(NamedTuple):
 
 
 def elastic_coulomb_force(motion: Real, limit: float, stiffness: float) -> Hysteresis:
-    """Return the periodic force for a relative displacement ``motion`` (2H + 1,) in m; limit in N, stiffness in N/m.
+    """Return the periodic force for a relative displacement ``motion`` (2H + 1,) in m.
 
-    The stretches' ends are roots of r' and of r less a constant, so nothing is sampled. If nothing slips, the force is -k r without its mean: where
-    the spring is at rest is free then.
+    ``limit`` is in N, ``stiffness`` in N/m.
+
+    The stretches' ends are roots of r' and of r less a constant, so nothing is sampled. If nothing
+    slips, the force is -k r without its mean: where the spring is at rest is free then.
     """
     h = harmonics_of(motion)
     turns = find_roots(derivative(motion)[None])[0]
@@ -98,7 +107,10 @@ def elastic_coulomb_force(motion: Real, limit: float, stiffness: float) -> Hyste
 def _cycle(
     motion: Real, turns: Real, rows: Real, limit: float, stiffness: float, state: _State
 ) -> tuple[_State, bool, list[_Stick | _Slip]]:
-    """Go once round from the first turning point; return the state in the end, whether anything slipped, and the stretches."""
+    """Follow the slider through one period from the first reversal on.
+
+    Returns the final state, whether any slip occurred, and the intervals of stick and slip.
+    """
     reached = rows @ motion
     count = len(turns)
     slipped = False
@@ -166,7 +178,10 @@ def _sum_stretches(
 
 
 class ContactForce(NamedTuple):
-    """Force on the absorber (n,) in N and its derivatives by relative displacement and by dynamic force (n, n), frequency and the parameter (n,).
+    """Force on the absorber (n,) in N with its derivatives.
+
+    They are those by relative displacement and by dynamic force (n, n), and by frequency and the
+    parameter (n,).
 
     ``by_rate`` (n, n): by the relative velocity (m/s), whose harmonics ``by_motion`` has in it.
     """
@@ -183,9 +198,12 @@ class ContactForceLaw(Protocol):
     """What harmonic balance asks of a contact law."""
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:
-        """Return the force for relative displacement (n,) in m, dynamic force (n,) in N and the fundamental frequency in rad/s.
+        """Return the force for relative displacement (n,) in m and dynamic force (n,) in N.
 
-        ``parameter`` names the field to derive by; another name is none of the law's and has the derivative zero.
+        ``omega`` is the fundamental frequency in rad/s.
+
+        ``parameter`` names the field to derive by; another name is none of the law's and has the
+        derivative zero.
         """
 
 
@@ -193,8 +211,9 @@ class ContactForceLaw(Protocol):
 class RigidContact:
     """Signorini's and Coulomb's laws (paper, Eqs. signorini and coulomb); absent parts are None.
 
-    ``gap`` in m, ``friction_limit`` in N; ``weight`` in N/m and ``friction_weight`` in N s/m are the method's own: they change the result as long as
-    the harmonics are too few. Impacts have no restitution here: what is approached is conservative contact.
+    ``gap`` in m, ``friction_limit`` in N; ``weight`` in N/m and ``friction_weight`` in N s/m are
+    the method's own: they change the result as long as the harmonics are too few. Impacts have no
+    restitution here: what is approached is conservative contact.
     """
 
     gap: float | None
@@ -235,7 +254,11 @@ class RigidContact:
     def _with_friction(
         self, motion: Real, dynamic: Real, omega: float, parameter: str, wall: ContactForce
     ) -> ContactForce:
-        """Add friction: what the walls leave of the dynamic force, less the weighted velocity, clipped to the limit."""
+        """Add friction to the force of the walls.
+
+        It is the dynamic force less that of the walls and less the weighted velocity, clipped to
+        the limit.
+        """
         h = harmonics_of(motion)
         limit = float(self.friction_limit or 0.0)
         weight = self.friction_weight
@@ -267,10 +290,12 @@ class RigidContact:
 
 @dataclass(frozen=True)
 class CompliantContact:
-    """Unilateral springs and elastic Coulomb friction (paper, Eqs. elSignorini and elCoulomb); absent parts are None.
+    """Unilateral springs and elastic Coulomb friction (paper, Eqs. elSignorini and elCoulomb).
 
-    ``gap`` in m with ``stiffness`` in N/m, ``friction_limit`` in N with ``friction_stiffness`` in N/m. There is no weight: these laws give a force by
-    themselves.
+    Parts that the absorber lacks are None.
+
+    ``gap`` in m with ``stiffness`` in N/m, ``friction_limit`` in N with ``friction_stiffness`` in
+    N/m. There is no weight: these laws give a force by themselves.
     """
 
     gap: float | None
@@ -321,7 +346,11 @@ class _Walls(NamedTuple):
 
 
 def _walls(free: Real, weight: float, gap: float | None, parameter: str) -> _Walls:
-    """Return min(0, free + weight gap) + max(0, free - weight gap), the window of both contacts, and the derivative by the gap."""
+    """Return the force of both walls, their window and the derivative by the gap.
+
+    The force is min(0, free + weight gap) + max(0, free - weight gap). The window is that of both
+    contacts.
+    """
     n = len(free)
     h = harmonics_of(free)
     if gap is None:

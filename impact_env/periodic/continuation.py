@@ -1,8 +1,12 @@
-"""Pseudo-arclength continuation: one code for exact orbits and harmonic balance, and for any parameter.
+"""Pseudo-arclength continuation.
 
-Tangent predictor, Newton corrector across the tangent, a step that follows Newton's effort and the branch's bend (Allgower and Georg, Numerical
-Continuation Methods, 1990; Seydel, Practical Bifurcation and Stability Analysis, 2010). Located on the way: folds (the tangent's share of the
-parameter changes sign), branch points (the bordered determinant does), and the zeros of the caller's monitors.
+The same code serves exact orbits and harmonic balance, and any parameter.
+
+Tangent predictor, Newton corrector across the tangent, a step that follows Newton's effort and the
+branch's bend (Allgower and Georg, Numerical Continuation Methods, 1990; Seydel, Practical
+Bifurcation and Stability Analysis, 2010). Located on the way: folds (the tangent's share of the
+parameter changes sign), branch points (the bordered determinant does), and the zeros of the
+caller's monitors.
 """
 
 from collections.abc import Callable
@@ -38,7 +42,11 @@ PointProgress = Callable[[int, float], None]  # number of points, parameter
 
 @dataclass(frozen=True)
 class Steps:
-    """How a branch is followed: steps of arclength (first, least, most), largest ``turn`` of the tangent in a step (rad), Newton's limits."""
+    """Options of the continuation of a branch.
+
+    They are steps of arclength (first, smallest, largest), the largest ``turn`` of the tangent in a
+    step (rad), and limits of Newton's method.
+    """
 
     first: float = 0.01
     least: float = 1e-7
@@ -69,7 +77,9 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class ContinuationChart:
-    """The same branch in other unknowns, as after a change of the event order: ``tangent`` (n + 1,) says which way it goes, in plain units.
+    """The same branch in other unknowns, as after a change of the event order.
+
+    ``tangent`` (n + 1,) in plain units is the direction in which the branch continues.
 
     ``monitors`` are those of the new unknowns.
     """
@@ -88,10 +98,14 @@ Recentre = Callable[
 
 @dataclass(frozen=True, eq=False)
 class ContinuationProblem:
-    """What is continued. ``scale`` (n,) or one number: the size of the unknowns; ``parameter_scale``: the parameter's change that counts as much.
+    """A problem for continuation.
 
-    ``limits`` of the parameter; ``monitors`` whose zeros are located; ``recentre`` is asked after every point whether the unknowns change, and
-    ``closes`` after every step, with both its points, whether it goes over the first point where that has other unknowns.
+    ``scale`` (n,) or one number is the size of the unknowns. ``parameter_scale`` is the change of
+    the parameter that has the same weight.
+
+    ``limits`` of the parameter; ``monitors`` whose zeros are located; ``recentre`` is asked after
+    every point whether the unknowns change, and ``closes`` after every step, with both its points,
+    whether it goes over the first point where that has other unknowns.
     """
 
     residual: Residual
@@ -124,9 +138,13 @@ def start_branch(
     direction: float | Real = 1.0,
     steps: Steps | None = None,
 ) -> tuple[ScaledSystem, BranchState]:
-    """Return the branch's point at a parameter, next to ``z``, and the tangent in a direction: the sign of the parameter's change, or (n + 1,).
+    """Return the branch's point at a parameter next to ``z``, and its tangent.
 
-    A direction (n + 1,) in plain units also is the normal of the plane in which the point is sought. Raises NoConvergenceError.
+    The direction of the tangent is given by the sign of the parameter's change, or by a vector (n +
+    1,).
+
+    A direction (n + 1,) in plain units also is the normal of the plane in which the point is
+    sought. Raises NoConvergenceError.
     """
     steps = Steps() if steps is None else steps
     z = np.asarray(z, dtype=np.float64)
@@ -163,9 +181,12 @@ def follow_branch(
     steps: Steps | None = None,
     progress: PointProgress | None = None,
 ) -> Branch:
-    """Return the branch through the point next to ``z`` (n,) at a parameter, one way: see `start_branch` and `Branch`.
+    """Return the branch in one direction through the point next to ``z`` (n,) at a parameter.
 
-    Ctrl-C ends it with what is known so far. Raises NoConvergenceError only if there is no point to start from, ParameterError for bad input.
+    See `start_branch` and `Branch`.
+
+    Ctrl-C ends it with what is known so far. Raises NoConvergenceError only if there is no point to
+    start from, ParameterError for bad input.
     """
     steps = Steps() if steps is None else steps
     way: list[tuple[Real, float]] = []
@@ -233,7 +254,10 @@ def _end_step(
     kink: bool,
     index: int,
 ) -> tuple[BranchState, tuple[SpecialPoint, ...], str | None, str]:
-    """Return where a step from point number ``index`` ends, what is located on it, and why the branch ends there (None: it does not), with words."""
+    """Return the end of a step from point number ``index``, and the special points in it.
+
+    The last two results are the reason why the branch ends (None: it does not) and a message.
+    """
     ended = None
     message = ""
     gate = next(
@@ -275,7 +299,10 @@ def _end_step(
 def _take_step(
     system: ScaledSystem, state: BranchState, size: float, steps: Steps
 ) -> tuple[BranchState, float, bool]:
-    """Return the next place, the size of the step after it, and whether the tangent jumps between; raises NoConvergenceError below the least step."""
+    """Return the next point, the size of the following step, and whether the tangent jumps.
+
+    Raises NoConvergenceError if the smallest step fails.
+    """
     while True:
         why = ""
         try:
@@ -333,7 +360,10 @@ def follow_both_ways(
     steps: Steps | None = None,
     progress: PointProgress | None = None,
 ) -> Branch:
-    """Return the branch through a point to both sides, first towards larger parameters; a closed one once round."""
+    """Return the branch through a point in both directions.
+
+    It is followed first towards larger parameters. A closed branch is followed once.
+    """
     forward = follow_branch(problem, z, parameter, 1.0, steps, progress)
     if forward.closed or forward.ended == INTERRUPTED:
         return forward
@@ -346,10 +376,13 @@ def switch_at_branch_point(
     size: float = 0.01,
     steps: Steps | None = None,
 ) -> tuple[tuple[Real, float, Real], ...]:
-    """Return starts (z, parameter, direction) of the other branch through a branch point, to both sides where it has two.
+    """Return starts (z, parameter, direction) of the other branch through a branch point.
 
-    The kernel of the Jacobian is a plane there; the start is sought ``size`` of arclength away, across the known tangent. ``direction`` is what
-    `follow_branch` takes. Raises NoConvergenceError if neither side has a point.
+    They lie on both sides if the other branch has two sides.
+
+    The kernel of the Jacobian is a plane there; the start is sought ``size`` of arclength away,
+    across the known tangent. ``direction`` is what `follow_branch` takes. Raises NoConvergenceError
+    if neither side has a point.
     """
     steps = Steps() if steps is None else steps
     system = problem.system(len(event.point), steps)
@@ -370,6 +403,7 @@ def switch_at_branch_point(
             why = str(error)
     if not result:
         raise NoConvergenceError(
-            f"no other branch within {size:g} of the branch point at {problem.parameter} = {event.parameter:.10g}: {why}"
+            f"no other branch within {size:g} of the branch point at {problem.parameter} = "
+            f"{event.parameter:.10g}: {why}"
         )
     return tuple(result)

@@ -1,14 +1,15 @@
 """The conditions of a bifurcation over two parameters: those of an orbit's events, and one more.
 
 With the derivative M of the return map, of half a period for a symmetric orbit, a matrix A(M) is
-singular. It is M - I at a fold, M + I where the symmetry breaks or the period doubles, and at a torus the
-second compound of M, whose eigenvalues are the products of two multipliers, less I (Kuznetsov, Elements of
-Applied Bifurcation Theory, 2004, chapter 10). The condition is A's smallest singular value with the sign
-of its determinant: smooth where it vanishes, and finite where an impact gets as slow as a graze and M
-grows without bounds.
+singular. It is M - I at a fold, M + I where the symmetry breaks or the period doubles, and at a
+torus the second compound of M, whose eigenvalues are the products of two multipliers, less I
+(Kuznetsov, Elements of Applied Bifurcation Theory, 2004, chapter 10). The condition is A's smallest
+singular value with the sign of its determinant: smooth where it vanishes, and finite where an
+impact gets as slow as a graze and M grows without bounds.
 
-At grazing the additional condition is the distance from a wall where the relative velocity turns. At a
-loss of contact it is an impulse. Where friction begins to hold, it is the acceleration at a reversal.
+At grazing the additional condition is the distance from a wall where the relative velocity turns.
+At a loss of contact it is an impulse. Where friction begins to hold, it is the acceleration at a
+reversal.
 """
 
 from collections.abc import Callable
@@ -31,7 +32,10 @@ MATRIX_DIFFERENCE_STEP = 1e-6  # of the unknowns' scales, for the derivatives of
 
 
 def second_compound(matrix: Array) -> Array:
-    """Return the second compound (n (n - 1)/2,)^2 of a matrix (n, n): its minors of two rows and two columns."""
+    """Return the second compound of a matrix (n, n), of shape (n (n - 1)/2,)^2.
+
+    It consists of the matrix's minors of two rows and two columns.
+    """
     i, j = np.triu_indices(len(matrix), 1)
     return np.asarray(
         matrix[np.ix_(i, i)] * matrix[np.ix_(j, j)] - matrix[np.ix_(i, j)] * matrix[np.ix_(j, i)]
@@ -40,7 +44,10 @@ def second_compound(matrix: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class DefiningSystem:
-    """The conditions of a bifurcation as a residual(y, value) over a parameter: unknowns y (m + 1,) are those of the orbit, and omega in rad/s."""
+    """The conditions of a bifurcation as a residual(y, value) over a parameter.
+
+    The unknowns y (m + 1,) are those of the orbit, and omega in rad/s.
+    """
 
     case: Case
     schedule: EventSchedule
@@ -52,8 +59,8 @@ class DefiningSystem:
     def solution(self, x: Array) -> Solution:
         """Return the solution at all unknowns and the parameter (m + 2,).
 
-        Beyond its limits the parameter may have no meaning, as a restitution above 1: the solution is
-        that at the limit.
+        Beyond its limits the parameter may have no meaning, as a restitution above 1: the solution
+        is that at the limit.
         """
         return solution_in(
             self.case,
@@ -63,7 +70,10 @@ class DefiningSystem:
         )
 
     def matrix(self, x: Array) -> Array:
-        """Return A at all unknowns and the parameter (m + 2,), in units of gap and gap times the start's frequency."""
+        """Return A at all unknowns and the parameter (m + 2,).
+
+        It is in units of the gap, and of the gap times the frequency of the start.
+        """
         if not x[-2] > 0:
             return np.full((1, 1), np.nan)
         units = units_of(self.case)
@@ -84,7 +94,10 @@ class DefiningSystem:
         return np.append(residual, last), np.vstack([jacobian, gradient])
 
     def last_condition(self, x: Array) -> tuple[float, Array]:
-        """Return the bifurcation's own condition and its derivatives (m + 2,); NaN where the map has no derivative."""
+        """Return the bifurcation's own condition and its derivatives (m + 2,).
+
+        They are NaN if the map has no derivative.
+        """
         matrix = self.matrix(x)
         if not np.all(np.isfinite(matrix)):
             return np.nan, np.full(len(x), np.nan)
@@ -98,7 +111,10 @@ class DefiningSystem:
         return float(sign * sizes[-1]), sign * self.gradient(projected, x)
 
     def gradient(self, function: Callable[[Array], float], x: Array) -> Array:
-        """Return the derivatives (m + 2,) of a function of all unknowns and the parameter, by central differences."""
+        """Return the derivatives (m + 2,) of a function of all unknowns and the parameter.
+
+        They are computed by central differences.
+        """
         steps = MATRIX_DIFFERENCE_STEP * self.scale
         result = np.empty(len(x))
         for k, step in enumerate(steps):
@@ -112,12 +128,19 @@ class DefiningSystem:
 
 @dataclass(frozen=True, eq=False)
 class GrazingSystem(DefiningSystem):
-    """The conditions of an orbit that touches a wall without impact, where the relative velocity turns at ``touch`` (rad) after the first event."""
+    """The conditions of an orbit that touches a wall without impact.
+
+    It touches the wall where the relative velocity reverses at ``touch`` (rad) after the first
+    event.
+    """
 
     touch: float = 0.0
 
     def last_condition(self, x: Array) -> tuple[float, Array]:
-        """See `DefiningSystem`: the distance from the wall, over the gap; NaN where no velocity turns between impacts."""
+        """See `DefiningSystem`: the distance from the wall divided by the gap.
+
+        It is NaN where the relative velocity does not reverse between impacts.
+        """
 
         def distance(at: Array) -> float:
             solution = self.solution(at)
@@ -131,7 +154,10 @@ class GrazingSystem(DefiningSystem):
 
 @dataclass(frozen=True, eq=False)
 class LossSystem(DefiningSystem):
-    """The conditions of an orbit one of whose impacts has no speed: the ``number``-th of them, counted from 0."""
+    """The conditions of an orbit with an impact of zero velocity.
+
+    It is impact ``number``, counted from 0.
+    """
 
     number: int = 0
 
@@ -159,6 +185,9 @@ def turns_after_first(solution: Solution) -> tuple[Array, Array]:
 
 
 def nearest_turn(phases: Array, touch: float, span: float) -> int:
-    """Return which of the phases (K,) lies nearest to ``touch`` in a span (rad) that comes again."""
+    """Return which of the phases (K,) is nearest to ``touch``.
+
+    Phases repeat after a span (rad).
+    """
     late = np.abs(phases - touch) % span
     return int(np.argmin(np.minimum(late, span - late)))

@@ -1,4 +1,8 @@
-"""Bifurcation diagrams by brute force: runs along a parameter, up and down, each from the end of the one before, and exact branches beside them."""
+"""Bifurcation diagrams by brute force.
+
+Runs are made along a parameter, up and down, and each starts from the end of the previous one.
+Exact branches are added.
+"""
 
 from __future__ import annotations
 
@@ -64,14 +68,20 @@ PointProgress = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class DiagramPoint:
-    """What a run ended on at one value of the parameter, on the way "up" or "down", or from a "random" state."""
+    """The motion on which a run ended at one value of the parameter.
+
+    The direction is "up" or "down" along the parameter, or "random" for a run from a random state.
+    """
 
     direction: str
     value: float
     motion: SettledMotion
 
     def quantities(self) -> dict[str, Array]:
-        """Return what diagrams show: relative displacement over the gap and tip displacement (m) at phase 0, impact phases (rad), level (m).
+        """Return the quantities of diagrams.
+
+        They are the relative displacement over the gap and the tip displacement (m) at phase 0, the
+        impact phases (rad), and the level (m).
 
         A periodic motion has its points once, and others those of the last periods.
         """
@@ -104,7 +114,10 @@ class DiagramPoint:
         } | self.motion.to_plain()
 
     def rows(self) -> Iterator[list[Any]]:
-        """Yield the values of `DIAGRAM_COLUMNS`, a row for each number of each quantity but the level."""
+        """Yield the values of `DIAGRAM_COLUMNS`.
+
+        Each number of each quantity except the level has its own row.
+        """
         plain = self.motion.to_plain()
         common = [self.direction, self.value]
         common += [
@@ -127,10 +140,12 @@ class DiagramPoint:
 
 @dataclass(frozen=True, eq=False)
 class BranchPoints:
-    """An exact branch as a diagram shows it: ``values`` (n,) of the parameter, ``stable`` (n,), and quantities as of `DiagramPoint`.
+    """An exact branch in the form that a diagram shows.
 
-    ``relative`` and ``displacement`` are (n, multiple), ``impact_phase`` is a tuple of rows, since the number of impacts may change; points without
-    an orbit are NaN.
+    It has ``values`` (n,) of the parameter, ``stable`` (n,), and the quantities of `DiagramPoint`.
+
+    ``relative`` and ``displacement`` are (n, multiple), ``impact_phase`` is a tuple of rows, since
+    the number of impacts may change; points without an orbit are NaN.
     """
 
     multiple: int
@@ -203,20 +218,24 @@ def diagram_points(
     threads: int | None = None,
     progress: PointProgress | None = None,
 ) -> Iterator[DiagramPoint]:
-    """Yield what runs end on along a parameter; each run begins with the state at the end of the one before.
+    """Yield the motions on which runs end along a parameter.
+
+    Each run begins with the state at the end of the previous one.
 
     Parameters
     ----------
     case
         Structure, absorber, force and frequency.
     parameter
-        One of "frequency" (over the first resonance), "force", "gap", "restitution", "friction-limit" and "mass-ratio".
+        One of "frequency" (over the first resonance), "force", "gap", "restitution",
+        "friction-limit" and "mass-ratio".
     values
         Values of the parameter, rising, in SI units.
     directions
         "up", "down" or both, in this order.
     starts
-        Number of further runs at each value, from random initial states (see `basins.draw_start`); their direction is "random".
+        Number of further runs at each value, from random initial states (see `basins.draw_start`);
+        their direction is "random".
     random_start
         Whether the first run of each direction begins at a random state, not at rest.
     seed
@@ -244,7 +263,8 @@ def diagram_points(
     >>> from impact_env.periodic import Case, diagram_points
     >>> model = modal_model(Beam(modes=1))
     >>> case = Case(model, 0.95 * float(model.omega[0]), 0.1, gap=1e-3)
-    >>> [point.motion.name for point in diagram_points(case, "force", [0.05, 0.1], directions=["up"])]
+    >>> points = diagram_points(case, "force", [0.05, 0.1], directions=["up"])
+    >>> [point.motion.name for point in points]
     ['no impacts', 'no impacts']
     """
     rising = np.asarray(values, dtype=np.float64)
@@ -304,18 +324,23 @@ def diagram_branches(
     longest: int = 2,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[BranchPoints]:
-    """Yield exact branches over a parameter: symmetric orbits with two impacts a period, what leaves them, and those through the orbits of runs.
+    """Yield exact branches over a parameter.
 
-    Over the frequency these are all symmetric ones between the limits, and branches that leave them where the symmetry breaks or the period doubles.
-    Over another parameter they are those through the orbits at the case's own value. Branches through orbits on which runs ended are added, unless
-    they lie on a known branch.
+    They are the symmetric orbits with two impacts a period, the branches that emerge from them, and
+    those through the orbits of runs.
+
+    Over the frequency these are all symmetric ones between the limits, and branches that leave them
+    where the symmetry breaks or the period doubles. Over another parameter they are those through
+    the orbits at the case's own value. Branches through orbits on which runs ended are added,
+    unless they lie on a known branch.
 
     Parameters
     ----------
     case
         Structure, absorber, force and frequency.
     parameter
-        One of "frequency" (over the first resonance), "force", "gap", "restitution" and "friction-limit".
+        One of "frequency" (over the first resonance), "force", "gap", "restitution" and
+        "friction-limit".
     limits
         Least and largest value of the parameter.
     points

@@ -1,7 +1,11 @@
-"""Folds of orbits with given events, located by Newton's method on the fold's own conditions; births and mergers where their force is level.
+"""Folds of orbits with given events, and births and mergers of branches.
 
-A fold is where the Jacobian F_z of the conditions has a null vector v (Moore and Spence): F = 0, F_z v = 0, |v| = 1. With the left null vector w the
-fold moves by df/domega = -(w F_omega)/(w F_f), so a valley or ridge of the fold force over the frequency is a zero of w F_omega.
+Folds are located by Newton's method on the fold's own conditions. Births and mergers are folds
+whose force has zero slope over the frequency.
+
+A fold is where the Jacobian F_z of the conditions has a null vector v (Moore and Spence): F = 0,
+F_z v = 0, |v| = 1. With the left null vector w the fold moves by df/domega = -(w F_omega)/(w F_f),
+so a valley or ridge of the fold force over the frequency is a zero of w F_omega.
 """
 
 from dataclasses import dataclass
@@ -29,7 +33,8 @@ Array = NDArray[np.float64]
 MOST_FOLD_STEPS = 25
 FOLD_DIFFERENCE_STEP = 1e-5
 FOLD_TOL = 1e-12
-# of the unknowns and of the scaled conditions of a fold: beyond them Newton's method has not come to one
+# of the unknowns and of the scaled conditions of a fold: beyond them Newton's method has not come
+# to one
 STEP_TOL = 1e-8
 RESIDUAL_TOL = 1e-9
 START_FACTORS = (
@@ -43,7 +48,10 @@ LEVEL_FOLD_TOL = 1e-11  # rad/s of the frequency, relative
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """A fold in one parameter: the motion there, and ``slope`` = df/domega of the force at which it lies (N s)."""
+    """A fold in one parameter.
+
+    It has a motion, and the ``slope`` df/domega of the force of the fold (N s).
+    """
 
     motion: Motion
     slope: float
@@ -55,13 +63,19 @@ class Fold:
 
 
 def _null_vectors(jacobian: Array) -> tuple[Array, Array]:
-    """Return the left and the right vector (m,) of the smallest singular value of a square matrix."""
+    """Return the left and the right singular vector (m,) of a square matrix.
+
+    They belong to its smallest singular value.
+    """
     left, _, right = np.linalg.svd(jacobian)
     return left[:, -1], right[-1]
 
 
 def find_fold(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
-    """Return the fold next to a solution with the same events, in a parameter of `PARAMETERS`, or why none was found."""
+    """Return the fold next to a solution with the same events, or why none was found.
+
+    It is a fold in a parameter of `PARAMETERS`.
+    """
     case = solution.case
     schedule = solution.schedule
     conditions = Conditions(case, schedule, parameter)
@@ -130,7 +144,9 @@ def _fold_from_solution(solution: Solution) -> Fold | NoOrbit:
 
 
 def shift_from_fold(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array:
-    """Return the unknowns (m,) of about one of the two orbits that leave a fold at ``z`` (m,), at ``share`` times its force.
+    """Return approximate unknowns (m,) of one of the two orbits that emerge from a fold.
+
+    ``z`` (m,) are the unknowns at the fold. The orbit is at ``share`` times the force of the fold.
 
     To second order z moves along the null vector v by s with (w D_v F_z v) s^2/2 + w F_f df = 0.
     """
@@ -149,9 +165,13 @@ def shift_from_fold(case: Case, schedule: EventSchedule, z: Array, share: float)
 def find_reordered_fold(
     case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega"
 ) -> Fold | NoOrbit:
-    """Return the fold near ``case`` and ``start`` (unknowns) whose schedule has the reversals that its motion shows, or why there is none.
+    """Return the fold near ``case`` and ``start`` with consistent reversals, or why none exists.
 
-    Newton's method for orbits fails at a fold, so the order of events is first sought at a slightly larger force.
+    ``start`` contains unknowns. The reversals in the fold's schedule are those that occur in its
+    motion.
+
+    Newton's method for orbits fails at a fold, so the order of events is first sought at a slightly
+    larger force.
     """
     motion = _find_reordered_orbit(case, schedule, start)
     for _ in range(MOST_FOLD_REORDERINGS):
@@ -188,7 +208,10 @@ def _find_reordered_orbit(case: Case, schedule: EventSchedule, start: Array) -> 
 
 
 def find_level_fold(fold: Fold, reach: float) -> Fold | NoOrbit:
-    """Return the fold within ``reach`` (rad/s) of ``fold`` whose force is level over the frequency: a birth or a merger."""
+    """Return the fold near ``fold`` whose force has zero slope over the frequency.
+
+    It is within ``reach`` (rad/s) and is a birth or a merger.
+    """
     last = [fold]
     lost = list[NoOrbit]()
 

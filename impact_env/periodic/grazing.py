@@ -1,8 +1,9 @@
 """Confirmation of orbits that touch a wall without impact, or by an impact without speed.
 
-Whether the exact method finds an impact at a touch is decided by the last bits of the motion, and the
-return map has no derivative there. The orbit is therefore confirmed next to it: at a force at which the
-absorber stays clear of the wall by a tiny share of the gap, or at which the impact has a small impulse.
+Whether the exact method finds an impact at a touch is decided by the last bits of the motion, and
+the return map has no derivative there. The orbit is therefore confirmed next to it: at a force at
+which the absorber stays clear of the wall by a tiny share of the gap, or at which the impact has a
+small impulse.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +18,8 @@ TRIAL_SHARE = 1e-6  # of the force: the difference that says how the touch depen
 MOST_SHARE = (
     1e-3  # of the force: a touch that depends on it less is not confirmed, as next to a fold
 )
-# tried in turn, as a slow impact leaves a residual in the exact method that comes and goes with them
+# tried in turn, as a slow impact leaves a residual in the exact method that comes and goes with
+# them
 CLEAR_SHARES = (1e-5, 1e-4)  # of the gap: below a millionth of it the exact method finds an impact
 SMALL_IMPULSES = (1e-4, 3e-5, 3e-4, 1e-3)  # scaled
 NEAR_ENOUGH = 0.5  # of the clearance or impulse sought
@@ -43,7 +45,10 @@ def _weakest_impulse(motion: Motion) -> float:
 def _confirm_nearby(
     motion: Motion, value_of: Callable[[Motion], float], wanted: Sequence[float]
 ) -> Orbit | NoOrbit:
-    """Return the orbit confirmed at the force where a function of the motion that vanishes here has one of the values ``wanted``."""
+    """Return the orbit confirmed at a force close to that of a motion.
+
+    At this force a function that vanishes for the motion itself has one of the values ``wanted``.
+    """
     solution = motion.solution
     here = value_of(motion)
     trial = _at_force(solution, solution.case.force * (1 + TRIAL_SHARE))

@@ -1,4 +1,7 @@
-"""Free and sliding orbits by the periodic Green's function: the state is linear in the impulses, and only the events' phases need Newton's method."""
+"""Free and sliding orbits by the periodic Green's function.
+
+The state is linear in the impulses, so that only the phases of the events need Newton's method.
+"""
 
 from dataclasses import dataclass
 
@@ -46,7 +49,10 @@ ALL_PARAMETERS = (*PARAMETERS, *MODEL_PARAMETERS)  # in which orbits and curves 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Events of an orbit that fulfil the conditions: ``phases`` (n,) in rad of the force, ``impulses`` (n,) on the absorber in N s (0 at reversals).
+    """Events of an orbit that satisfy the conditions.
+
+    ``phases`` (n,) are in rad of the force, and ``impulses`` (n,) on the absorber in N s (0 at
+    reversals).
 
     ``error``: largest scaled residual of the conditions, ``steps`` of Newton's method.
     """
@@ -62,7 +68,10 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class NoOrbit:
-    """Why there is no orbit here, and how far the search came: ``phases`` (n,) in rad where it ended."""
+    """The reason why no orbit exists, and the end of the search.
+
+    ``phases`` (n,) in rad are those at which the search ended.
+    """
 
     case: Case
     schedule: EventSchedule
@@ -71,7 +80,10 @@ class NoOrbit:
 
 
 def read_unknowns(solution: Solution) -> Array:
-    """Return a solution's unknowns (m,): phases in rad, scaled impulses and, of a whole period, the scaled mean distance."""
+    """Return a solution's unknowns (m,).
+
+    They are phases in rad, scaled impulses and, for a whole period, the scaled mean distance.
+    """
     case = solution.case
     schedule = solution.schedule
     parts = [solution.phases, solution.impulses[schedule.order.wall != 0] / case.scale.impulse]
@@ -83,7 +95,10 @@ def read_unknowns(solution: Solution) -> Array:
 def make_solution(
     case: Case, schedule: EventSchedule, unknowns: Array, error: float, steps: int = 0
 ) -> Solution:
-    """Return the solution with these unknowns (m,), its first phase within the first turn of the force."""
+    """Return the solution with these unknowns (m,).
+
+    Its first phase is moved into the first period.
+    """
     n = len(schedule.events)
     wall = schedule.order.wall
     impulses = np.zeros(n)
@@ -102,7 +117,10 @@ def new_system(m: int) -> OrbitEquations:
 def residual_and_jacobian(
     case: Case, schedule: EventSchedule, unknowns: Array
 ) -> tuple[Array, Array]:
-    """Return the scaled conditions (m,) and their derivatives (m, m + 5): by the unknowns, then by `PARAMETERS` in SI units."""
+    """Return the scaled conditions (m,) and their derivatives (m, m + 5).
+
+    The derivatives are those by the unknowns, then by `PARAMETERS` in SI units.
+    """
     order = schedule.order
     structure = case.structure
     m = len(unknowns)
@@ -123,7 +141,11 @@ def residual_and_jacobian(
 
 
 def linear_states(case: Case, schedule: EventSchedule, phases: ArrayLike) -> Array:
-    """Return all unknowns (m,) for given phases (n,): impulses and mean distance fulfil the conditions, linear in them, in the least squares."""
+    """Return all unknowns (m,) for given phases (n,).
+
+    Impulses and mean distance are the least-squares solution of the conditions, which are linear in
+    them.
+    """
     start = np.zeros(schedule.unknowns)
     n = len(schedule.events)
     start[:n] = phases
@@ -133,10 +155,14 @@ def linear_states(case: Case, schedule: EventSchedule, phases: ArrayLike) -> Arr
 
 
 def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | NoOrbit:
-    """Return the orbit near ``start``: unknowns (m,), or only phases (n,) in rad, from which the others follow.
+    """Return the orbit near ``start``.
 
-    Newton's method with an analytic Jacobian. What comes back fulfils the conditions at the events; whether nothing happens between them is for
-    `impact_env.periodic.orbit` to say. Raises ParameterError for a schedule with joined segments.
+    ``start`` contains the unknowns (m,), or only the phases (n,) in rad, from which the other
+    unknowns follow.
+
+    Newton's method with an analytic Jacobian. What comes back fulfils the conditions at the events;
+    whether nothing happens between them is for `impact_env.periodic.orbit` to say. Raises
+    ParameterError for a schedule with joined segments.
     """
     unknowns = np.array(start, dtype=float)
     z = (
@@ -165,7 +191,10 @@ def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | N
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """The conditions at the events as a residual(z, parameter) for continuation in one of `ALL_PARAMETERS`, in SI units."""
+    """The conditions at the events as a residual(z, parameter) for continuation.
+
+    The parameter is one of `ALL_PARAMETERS`, in SI units.
+    """
 
     case: Case
     schedule: EventSchedule
@@ -175,14 +204,17 @@ class Conditions:
         keep_checked(self, parameter=word_of(ALL_PARAMETERS))
 
     def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
-        """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1) by the unknowns and by the parameter."""
+        """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1).
+
+        The derivatives are those by the unknowns and by the parameter.
+        """
         return self.over(z, {self.parameter: value})
 
     def over(self, z: Array, values: dict[str, float]) -> tuple[Array, Array]:
         """Return the same with several parameters: one more column (m,) for each.
 
-        The derivatives by parameters of the modal model are differences of fourth order. Beyond their
-        domains the conditions go on along their tangent.
+        The derivatives by parameters of the modal model are differences of fourth order. Beyond
+        their domains the conditions go on along their tangent.
         """
         z = np.ascontiguousarray(z, dtype=float)
         point = self.case.point._replace(
@@ -213,7 +245,10 @@ class Conditions:
         return residual, np.hstack(columns)
 
     def _fill(self, z: Array, point: Point, others: dict[str, float]) -> OrbitEquations:
-        """Return the system at other parameters of the modal model; the units stay those of the case itself."""
+        """Return the system at other parameters of the modal model.
+
+        The units remain those of the original case.
+        """
         order = self.schedule.order
         structure = (self.case.changed(**others) if others else self.case).structure
         system = new_system(len(z))

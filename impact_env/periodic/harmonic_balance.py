@@ -1,14 +1,20 @@
-"""Harmonic balance of a mass that rubs and impacts in a cavity (paper, section 2.5), condensed to the relative displacement.
+"""Harmonic balance of a mass with friction and impacts in a cavity (paper, section 2.5).
 
-The unknowns are the harmonics of r = absorber less tip: 2H + 1 of them whatever the number of modes, or those of odd order for orbits that repeat
-themselves with the other sign after half a period. The residual is the force that the motion asks for less the contact law's, harmonic by harmonic;
-its Jacobian is analytic.
+The equations are condensed to the relative displacement.
 
-How stable a solution is, is told by Hill's method (G. W. Hill, Acta Mathematica 8, 1886; as a matrix: A. Lazarus, O. Thomas, 2010). A disturbance is
-harmonics, as many as the solution has, times exp(mu t): of modes and absorber, velocities, and the force between them, which follows the contact law
-linearised along the solution. Most eigenvalues mu are copies of others, moved by multiples of the frequency and cut off, so that those count whose
-harmonics are the lowest. The contact comes again after half a period of a symmetric solution, and after one of any other, so that harmonics of even
-and of odd order of that span do not meet: one kind has the sign of exp(mu t) after it, the other kind the opposite one.
+The unknowns are the harmonics of r = absorber less tip: 2H + 1 of them whatever the number of
+modes, or those of odd order for orbits that repeat themselves with the other sign after half a
+period. The residual is the force that the motion asks for less the contact law's, harmonic by
+harmonic; its Jacobian is analytic.
+
+How stable a solution is, is told by Hill's method (G. W. Hill, Acta Mathematica 8, 1886; as a
+matrix: A. Lazarus, O. Thomas, 2010). A disturbance is harmonics, as many as the solution has, times
+exp(mu t): of modes and absorber, velocities, and the force between them, which follows the contact
+law linearised along the solution. Most eigenvalues mu are copies of others, moved by multiples of
+the frequency and cut off, so that those count whose harmonics are the lowest. The contact comes
+again after half a period of a symmetric solution, and after one of any other, so that harmonics of
+even and of odd order of that span do not meet: one kind has the sign of exp(mu t) after it, the
+other kind the opposite one.
 """
 
 from __future__ import annotations
@@ -54,17 +60,21 @@ PAPER_DAMPER = 0.001  # N s/m between absorber and ground (paper, section 2.5)
 # in absorber mass times omega_1^2, and times omega_1
 WEIGHT = 100.0
 FRICTION_WEIGHT = 10.0
-# of the frequency, in which exponents are looked for: a little more than the half that holds each once, since truncation may put one that is at its
-# edge on either side
+# of the frequency, in which exponents are looked for: a little more than the half that holds each
+# once, since truncation may put one that is at its edge on either side
 STRIP = 0.6
-# relative: a multiplier at the strip's edge is found in both kinds of order, as two values that truncation keeps apart by less. Two that are closer
-# and of one kind are two multipliers, and stay
+# relative: a multiplier at the strip's edge is found in both kinds of order, as two values that
+# truncation keeps apart by less. Two that are closer and of one kind are two multipliers, and stay
 MULTIPLIER_TOL = 0.1
 CENTRING = 1e-9  # of the weight: a spring that chooses the mean of r where no wall does
 
 
 class Dynamics(NamedTuple):
-    """Of harmonics 0 to H, complex (H + 1,): force per relative displacement (N/m), force per newton of the drive, and both derivatives by omega."""
+    """Dynamics of the harmonics 0 to H, complex (H + 1,).
+
+    They are the force per relative displacement (N/m), the force per newton of the drive, and the
+    derivatives of both by omega.
+    """
 
     stiffness: Complex
     drive: Complex
@@ -74,10 +84,13 @@ class Dynamics(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointOfMass:
-    """A mass in kg beside a beam's tip: r = absorber less tip. The force on the absorber is lambda = (r + G_tf f)/(G_a + G_tt).
+    """A mass in kg at a beam's tip, with the relative displacement r = absorber less tip.
 
-    G_a = 1/(-m w^2 + i c w) with a damper c (N s/m) between absorber and ground; w are the multiples of omega/``multiple``. The mean of the force is
-    zero: the absorber hangs on nothing else.
+    The force on the absorber is lambda = (r + G_tf f)/(G_a + G_tt).
+
+    G_a = 1/(-m w^2 + i c w) with a damper c (N s/m) between absorber and ground; w are the
+    multiples of omega/``multiple``. The mean of the force is zero: the absorber hangs on nothing
+    else.
     """
 
     model: ModalModel
@@ -97,7 +110,10 @@ class JointOfMass:
         keep_checked(self, multiple=count_from(1, self.harmonics))
 
     def dynamics(self, omega: float) -> Dynamics:
-        """Return the dynamics at the drive's frequency in rad/s; raises ParameterError where an undamped mode is met exactly."""
+        """Return the dynamics at the drive's frequency in rad/s.
+
+        Raises ParameterError at exactly the frequency of an undamped mode.
+        """
         share = np.arange(1, self.harmonics + 1) / self.multiple
         tip = self.model.tip_shape
         w = share * omega
@@ -123,7 +139,10 @@ class JointOfMass:
         )
 
     def tip(self, dynamic: Complex, force: float, omega: float) -> Complex:
-        """Return the displacement (H + 1,) in m where the response is read, from the force on the absorber (H + 1,) and the drive's force in N."""
+        """Return the displacement (H + 1,) in m at the place of the response level.
+
+        It follows from the force on the absorber (H + 1,) and the drive's force, both in N.
+        """
         w = np.arange(self.harmonics + 1) * omega / self.multiple
         level = self.model.level_shape
         moved = -receptance(self.model, w, level, self.model.tip_shape) * dynamic
@@ -146,7 +165,10 @@ def real_row(values: Complex) -> Real:
 
 @dataclass(frozen=True)
 class HarmonicResponse:
-    """A solution: harmonics (H + 1,) of relative displacement, tip displacement (m) and force on the absorber (N), x = Re sum X_k exp(i k angle)."""
+    """A solution as harmonics (H + 1,), with x = Re sum X_k exp(i k angle).
+
+    They are those of relative displacement, tip displacement (m) and force on the absorber (N).
+    """
 
     relative: NDArray[np.complex128]
     tip: NDArray[np.complex128]
@@ -154,7 +176,10 @@ class HarmonicResponse:
 
     @property
     def tip_amplitude(self) -> float:
-        """Half of peak to peak of the tip's displacement in m: the paper's response level of a periodic response."""
+        """Half the peak-to-peak value of the tip's displacement in m.
+
+        It is the paper's response level of a periodic response.
+        """
         low, high = find_largest(real_row(self.tip))
         return (high - low) / 2
 
@@ -171,9 +196,12 @@ class HarmonicResponse:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A structure, a contact law, the drive's frequency (rad/s) and force (N): everything but the unknowns.
+    """A structure, a contact law, and the drive's frequency (rad/s) and force (N).
 
-    ``symmetric`` keeps odd harmonics only. ``centring`` (N/m) is a spring on the mean of r, which has no influence on a symmetric orbit.
+    The unknowns are not included.
+
+    ``symmetric`` keeps odd harmonics only. ``centring`` (N/m) is a spring on the mean of r, which
+    has no influence on a symmetric orbit.
     """
 
     linear: JointOfMass
@@ -206,7 +234,10 @@ class Balance:
         return row
 
     def at(self, parameter: str, value: float) -> Balance:
-        """Return the same with one parameter changed: "omega", "force", or a field of the contact law such as "gap"."""
+        """Return the same balance with one parameter changed.
+
+        The parameter is "omega", "force", or a field of the contact law such as "gap".
+        """
         if parameter in (OMEGA_PARAMETER, FORCE_PARAMETER):
             return replace(self, **{parameter: value})  # type: ignore[arg-type]
         law: Any = self.law
@@ -262,7 +293,10 @@ class Balance:
         )
 
     def free(self) -> Real:
-        """Return z of the absorber that does not feel the beam: where the force on it is zero, and a start where nothing is touched."""
+        """Return z of an absorber that the beam does not influence.
+
+        The force on it is zero. This z is a start for motions without contact.
+        """
         d = self.linear.dynamics(self.omega)
         relative = np.zeros_like(d.stiffness)
         relative[1:] = -self.force * d.drive[1:] / d.stiffness[1:]
@@ -271,7 +305,8 @@ class Balance:
     def solved(self, z: Real) -> Real:
         """Return the solution next to z at this frequency and force; raises NoConvergenceError.
 
-        Levenberg and Marquardt's method first, since Newton's own needs a start that an exact orbit's harmonics are not; then Newton's.
+        Levenberg and Marquardt's method first, since Newton's own needs a start that an exact
+        orbit's harmonics are not; then Newton's.
         """
         scale = max(float(np.linalg.norm(z)), np.finfo(float).tiny)
 
@@ -297,9 +332,12 @@ class Balance:
         impulses: Real,
         friction: Callable[[Real], NDArray[np.complex128]] | None = None,
     ) -> Real:
-        """Return z of an orbit with impulses on the absorber (N s) at angles of the fundamental (rad): a start from an exact orbit.
+        """Return z of an orbit with impulses on the absorber (N s) at angles (rad).
 
-        ``friction`` maps the orders k (H,) to the harmonics of the friction force in N, complex (H,); None: there is none.
+        The angles are those of the fundamental. This z is a start from an exact orbit.
+
+        ``friction`` maps the orders k (H,) to the harmonics of the friction force in N, complex
+        (H,); None: there is none.
         """
         d = self.linear.dynamics(self.omega)
         order = np.arange(1.0, len(d.stiffness))
@@ -358,7 +396,10 @@ def _law(
             walls,
             "RigidWalls or CompliantWalls: the dynamic Lagrangian method knows no impact law",
         )
-        allowed = "1, for the dynamic Lagrangian method knows no impact law, only conservative contact (exact orbits take any restitution)"
+        allowed = (
+            "1, for the dynamic Lagrangian method knows no impact law, only conservative contact "
+            "(exact orbits take any restitution)"
+        )
         require(walls.restitution == 1, "restitution", walls.restitution, allowed)
     assert friction is None or isinstance(friction, CoulombFriction)
     if friction is not None:
@@ -380,13 +421,18 @@ def harmonic_balance(
     symmetric: bool = True,
     multiple: int = 1,
 ) -> Balance:
-    """Return the harmonic balance of a scene with one sliding absorber, at a frequency in rad/s and a force in N.
+    """Return the harmonic balance of a scene with one sliding absorber.
 
-    ``weight`` of the rigid contact in m_a omega_1^2, ``friction_weight`` in m_a omega_1; ``grounded_damper`` in N s/m (`PAPER_DAMPER`); the period is
-    ``multiple`` times the force's. ``symmetric`` keeps odd harmonics alone; without it there are the mean and even ones too. Friction subtracts the
-    wall's force as the harmonics have it, cut off: 2e-4 of the largest displacement with 20. `hill_multipliers` says how stable a solution is.
+    The frequency is in rad/s, the force in N.
 
-    Raises ParameterError for another absorber, restitution below 1, an even multiple of a symmetric orbit.
+    ``weight`` of the rigid contact in m_a omega_1^2, ``friction_weight`` in m_a omega_1;
+    ``grounded_damper`` in N s/m (`PAPER_DAMPER`); the period is ``multiple`` times the force's.
+    ``symmetric`` keeps odd harmonics alone; without it there are the mean and even ones too.
+    Friction subtracts the wall's force as the harmonics have it, cut off: 2e-4 of the largest
+    displacement with 20. `hill_multipliers` says how stable a solution is.
+
+    Raises ParameterError for another absorber, restitution below 1, an even multiple of a symmetric
+    orbit.
     """
     absorber = scene.absorber
     require(
@@ -419,10 +465,13 @@ def harmonic_balance(
 
 
 def hill_multipliers(balance: Balance, z: Real) -> Complex:
-    """Return the 2 N_m + 2 Floquet multipliers of a solution z, the largest first; of a symmetric balance over half a period, mirrored.
+    """Return the 2 N_m + 2 Floquet multipliers of a solution z, the largest first.
 
-    At compliant walls they converge; at rigid ones a fast pair's size does not (docs/harmonic_balance.md): `Orbit.stability` has those. Raises
-    ParameterError for elastic friction, whose force depends on the motion's past.
+    For a symmetric balance they are those over half a period with the mirror image.
+
+    At compliant walls they converge; at rigid ones a fast pair's size does not
+    (docs/harmonic_balance.md): `Orbit.stability` has those. Raises ParameterError for elastic
+    friction, whose force depends on the motion's past.
     """
     linear = balance.linear
     law = balance.law
@@ -451,7 +500,10 @@ def hill_multipliers(balance: Balance, z: Real) -> Complex:
 
 
 def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, float]:
-    """Return exponents (1/s) of disturbances of even (0) or odd (1) order, the mean order of each, and the frequency (rad/s) that orders count."""
+    """Return the exponents (1/s) of disturbances of even (0) or odd (1) order.
+
+    The other results are the mean order of each, and the frequency (rad/s) to which orders refer.
+    """
     linear = balance.linear
     law = balance.law
     rows = [balance.polynomial(z), real_row(balance.response(z).contact)]
@@ -485,7 +537,11 @@ def _exponents(balance: Balance, z: Real, kind: int) -> tuple[Complex, Real, flo
     size = len(across) * len(selected)
     flow = np.block([
         [-np.kron(bodies, turn), np.eye(size), np.zeros((size, len(selected)))],
-        [-np.kron(np.diag(np.append(model.omega**2, 0.0)), one), -np.kron(bodies, turn) - np.kron(np.diag(losses), one), np.kron(push[:, None], one)],
+        [
+            -np.kron(np.diag(np.append(model.omega**2, 0.0)), one),
+            -np.kron(bodies, turn) - np.kron(np.diag(losses), one),
+            np.kron(push[:, None], one),
+        ],
         [np.kron(across[None], slope - rate @ turn), np.kron(across[None], rate), held - one],
     ])  # fmt: skip
     exponents, vectors = scipy.linalg.eig(

@@ -76,8 +76,10 @@ HYBRID_PARAMETERS = {"force": 0, "omega": 1}  # to the columns of `HybridTraject
 HYBRID_STEPS = Steps(first=0.01, least=1e-6, most=0.2, points=400, tolerance=1e-10)
 SECTION_SHARE = 0.2  # of the way between two events: how near to one of them the section may lie
 SHORT_SECTION = 0.4  # of the longest way between two events: the section's own is no shorter
-SECTION_PHASES = 64  # in a period of the force, that sections are moved to: a closed branch comes back to the same
-GRAZING_SHARE = 0.02  # of the unit of velocities, or of the clearance: an impact as slow, or a miss as close, is a graze
+# in a period of the force, that sections are moved to: a closed branch comes back to the same
+SECTION_PHASES = 64
+# of the unit of velocities, or of the clearance: an impact as slow, or a miss as close, is a graze
+GRAZING_SHARE = 0.02
 SAME_PLACE_TOL = (
     1e-6  # of parameter and displacement: two places of one kind closer than this are one
 )
@@ -113,7 +115,8 @@ class HybridBranch:
     conditions : tuple of ReturnCondition
         What each point fulfils: its section.
     located : tuple of LocatedOrbit
-        Folds and bifurcations, each confirmed by the exact method and a multiplier on the unit circle.
+        Folds and bifurcations, each confirmed by the exact method and a multiplier on the unit
+        circle.
     unconfirmed : tuple of (str, str)
         Kind and reason of places that are none.
     """
@@ -262,7 +265,10 @@ class _HybridContinuation:
         self.gate = ReturnGate(0, replace(system, residual=start.residual), state)
 
     def closes(self, z: Array, value: float, new: Array, new_value: float) -> bool:
-        """Return whether a step from one point to another goes over the first point of the branch, whatever the section is now."""
+        """Return whether a step between two points passes the first point of the branch.
+
+        The present section may be any section.
+        """
         if self.gate is None or self.condition.free_phase:
             return False
         try:
@@ -361,8 +367,9 @@ def hybrid_branch(
     Returns
     -------
     HybridBranch
-        It ends at its limits, where no step is possible (mostly because an impact grazes a wall; its
-        message says so), or where it is back at its start. Ctrl-C ends it with what is known so far.
+        It ends at its limits, where no step is possible (mostly because an impact grazes a wall;
+        its message says so), or where it is back at its start. Ctrl-C ends it with what is known so
+        far.
 
     Raises
     ------
@@ -431,7 +438,10 @@ def _follow_one_way(
 
 
 def _explain_end(branch: Branch, trajectory: HybridTrajectory) -> Branch:
-    """Return a branch that no step leads on from with the reason, where the motion at its end shows one."""
+    """Return a branch that no step continues, with the reason for its end.
+
+    The reason is set if the motion at the end of the branch shows one.
+    """
     at = f"{branch.parameter} = {branch.parameters[-1]:.6g}"
     if compute_graze(trajectory) < GRAZING_SHARE:
         return replace(branch, ended=GRAZE_AT_END, message=f"an impact grazes a wall next to {at}")
@@ -453,7 +463,10 @@ def compute_coincidence(trajectory: HybridTrajectory) -> float:
 
 
 def is_same_place(one: LocatedOrbit, other: LocatedOrbit, parameter: str) -> bool:
-    """Return whether two places located are one, met at the begin of a closed branch and again at its end."""
+    """Return whether two located places are the same one.
+
+    A place is located twice if it is at the begin of a closed branch and again at its end.
+    """
     values = [float(getattr(place.orbit.case, parameter)) for place in (one, other)]
     return (
         one.kind == other.kind
@@ -465,7 +478,10 @@ def is_same_place(one: LocatedOrbit, other: LocatedOrbit, parameter: str) -> boo
 def _confirm_place(
     condition: ReturnCondition, parameter: str, event: SpecialPoint
 ) -> LocatedOrbit | str:
-    """Return a place located if it is an orbit with a multiplier on the unit circle, or why it is none."""
+    """Return a located place if it is confirmed, or why it is not.
+
+    It must be an orbit with a multiplier on the unit circle.
+    """
     orbit = orbit_at(condition, parameter, event.point, event.parameter)
     if isinstance(orbit, NoHybridOrbit):
         return orbit.reason

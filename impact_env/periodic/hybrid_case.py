@@ -142,7 +142,10 @@ class HybridCase:
 
     @cached_property
     def compliance(self) -> Array:
-        """Relative acceleration (n, n) of each absorber by a unit force between each and the structure, in 1/kg."""
+        """Relative acceleration (n, n) of each absorber in 1/kg.
+
+        It is that under a unit force between each absorber and the structure.
+        """
         shapes = self.scene.absorber_shapes
         return np.asarray(shapes @ shapes.T + np.diag(1 / self.laws.mass))
 

@@ -123,7 +123,10 @@ def regime_model(case: HybridCase, regime: ContactRegime) -> RegimeModel:
 
 @dataclass(frozen=True, eq=False)
 class LinearPiece:
-    """The motion in one regime from ``time`` (s after the section) on, where the force has ``phase`` (rad) and the state is ``begin`` (S,)."""
+    """The motion in one regime from ``time`` (s after the section) on.
+
+    At this time the force has ``phase`` (rad) and the state is ``begin`` (S,).
+    """
 
     case: HybridCase
     regime: ContactRegime
@@ -153,7 +156,11 @@ class LinearPiece:
 
     @cached_property
     def _amplitudes(self) -> tuple[Complex, Complex, Complex]:
-        """Slots (J,) of the forced motion that turn with the force and against it at phase 0, per newton, and of the constant forces."""
+        """Modal amplitudes (J,) of the forced motion at phase 0.
+
+        They are those that rotate with the force and against it, per newton, and those of the
+        constant forces.
+        """
         model = self.model
         omega = self.case.omega
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -247,7 +254,9 @@ class LinearPiece:
         return matrix
 
     def parameter_columns(self, dt: float) -> Array:
-        """Return the derivatives (S, 2) of the state after ``dt`` (s) by the force (N) and by its frequency (rad/s), the state before given.
+        """Return the derivatives (S, 2) of the state after ``dt`` (s), for a given initial state.
+
+        They are those by the force (N) and by its frequency (rad/s).
 
         By the frequency at a given time: the force has the phase that it had at the section, plus
         the frequency times the time.
@@ -286,7 +295,10 @@ class LinearPiece:
         return np.vstack([columns, slider])
 
     def contact_forces(self, dt: float, state: Array) -> Array:
-        """Return the force (n,) in N on each absorber at ``dt`` (s), where the ``state`` (S,) is."""
+        """Return the force (n,) in N on each absorber at ``dt`` (s).
+
+        ``state`` (S,) is the state at this time.
+        """
         case = self.case
         model = self.model
         displacement, rate = relative_rows(case)
@@ -314,7 +326,10 @@ class LinearPiece:
         )
 
     def rate(self, dt: float, state: Array) -> Array:
-        """Return the time derivative (S,) of the state at ``dt`` (s), where the ``state`` (S,) is."""
+        """Return the time derivative (S,) of the state at ``dt`` (s).
+
+        ``state`` (S,) is the state at this time.
+        """
         case = self.case
         half = case.scene.model.modes + case.scene.places
         force = self.contact_forces(dt, state)
@@ -342,12 +357,18 @@ def _relative_rows(scene: Scene, slider: bool) -> tuple[Array, Array]:
 
 
 def relative_rows(case: HybridCase) -> tuple[Array, Array]:
-    """Return the rows (n, S) that make a state's relative displacements (m) and velocities (m/s), absorber minus structure."""
+    """Return the rows (n, S) that give relative motion when multiplied by a state.
+
+    They give relative displacements (m) and velocities (m/s), absorber minus structure.
+    """
     return _relative_rows(case.scene, case.laws.has_slider)
 
 
 def impulse_columns(case: HybridCase) -> Array:
-    """Return the changes (S, n) of a state by a unit impulse on each absorber, and its opposite on the structure."""
+    """Return the changes (S, n) of a state by unit impulses.
+
+    Each impulse acts on one absorber, and the opposite impulse on the structure.
+    """
     scene = case.scene
     places, n = scene.absorber_shapes.shape
     half = n + places

@@ -120,7 +120,10 @@ class HybridOrbit:
 
     @cached_property
     def events(self) -> tuple[HybridEvent, ...]:
-        """Events of a whole period by rising time in s after the section, the mirrored half of a symmetric orbit too."""
+        """Events of a whole period by ascending time in s after the section.
+
+        The mirrored half of a symmetric orbit is included.
+        """
         own = self.trajectory.events
         if not self.symmetric:
             return tuple(own)
@@ -151,7 +154,11 @@ class HybridOrbit:
         return self.level[1]
 
     def states(self, phases: ArrayLike) -> Array:
-        """Return the states (K, S) at phases (K,) of the force in rad, any number of periods ahead or back; a slider's place is the last number."""
+        """Return the states (K, S) at phases (K,) of the force in rad.
+
+        The phases may be any number of periods ahead or back. The last entry of a state is the
+        slider's position, if there is a slider.
+        """
         angles = np.asarray(phases, dtype=float)
         require(
             angles.ndim == 1 and bool(np.all(np.isfinite(angles))),
@@ -229,7 +236,10 @@ class ReturnCondition:
         return phase, unknowns[:core] * self.units
 
     def follow(self, unknowns: Array, case: HybridCase | None = None) -> HybridTrajectory:
-        """Return the trajectory of unknowns (m,), at another ``case`` of the same scene if given."""
+        """Return the trajectory of unknowns (m,).
+
+        If ``case`` is given, the trajectory is that of this case of the same scene.
+        """
         case = self.case if case is None else case
         phase, state = self.plain(unknowns)
         return follow_hybrid(case, phase, state, self.turn / case.omega)
@@ -244,7 +254,10 @@ class ReturnCondition:
         return np.append(miss, stretch / self.case.length)
 
     def jacobian(self, trajectory: HybridTrajectory) -> Array:
-        """Return the derivatives (m, m + 2) of the residual by the unknowns, the force (N) and the frequency (rad/s)."""
+        """Return the derivatives (m, m + 2) of the residual.
+
+        They are those by the unknowns, the force (N) and the frequency (rad/s).
+        """
         case = trajectory.case
         core = len(self.units)
         derivative = trajectory.derivative
@@ -275,7 +288,9 @@ def shoot_hybrid(
     symmetric: bool = False,
     period_multiple: int = 1,
 ) -> HybridOrbit | NoHybridOrbit:
-    """Return the orbit whose state at a phase of the force is near a given one, or why there is none.
+    """Return the orbit whose state at a phase of the force is near a given one.
+
+    If no orbit is found, the reason is returned.
 
     Parameters
     ----------
@@ -339,7 +354,10 @@ def shoot_hybrid(
 def confirm_hybrid(
     condition: ReturnCondition, z: Array, trajectory: HybridTrajectory
 ) -> HybridOrbit | NoHybridOrbit:
-    """Return the orbit of a trajectory that comes back, if the run of the exact method does, and something touches on it."""
+    """Return the orbit of a trajectory that returns to its start, if it is confirmed.
+
+    The run of the exact method must return as well, and a contact must occur.
+    """
     case = trajectory.case
     phase, state = condition.plain(z)
     if not any(trajectory.events):
@@ -349,7 +367,10 @@ def confirm_hybrid(
     if not residual <= HYBRID_RESIDUAL_BAR:
         return NoHybridOrbit(
             case,
-            f"the exact method comes back with a residual of {residual:.1e}, more than {HYBRID_RESIDUAL_BAR:g}",
+            (
+                f"the exact method comes back with a residual of {residual:.1e}, more than "
+                f"{HYBRID_RESIDUAL_BAR:g}"
+            ),
         )
     whole = 2 * np.pi * condition.period_multiple
     return HybridOrbit(
@@ -366,7 +387,10 @@ def confirm_hybrid(
 def _damped_step(
     condition: ReturnCondition, z: Array, step: Array, size: float
 ) -> tuple[Array, HybridTrajectory, Array] | None:
-    """Return unknowns, trajectory and residual after as much of a step as makes the residual smaller than ``size``, or None."""
+    """Return unknowns, trajectory and residual after a damped step, or None.
+
+    The step is shortened until the residual is smaller than ``size``.
+    """
     share = 1.0
     for _ in range(MOST_HALVINGS):
         new = z + share * step
@@ -522,7 +546,11 @@ def _states_later(case: HybridCase, phase: float, first: Array, most: int) -> It
 def _find_return(
     case: HybridCase, phase: float, first: Array, most: int
 ) -> tuple[bool, int, float]:
-    """Return whether the motion mirrors itself after half of its period, that period in periods of the force (0: none), and the least miss."""
+    """Return whether the motion is symmetric, its period, and the smallest deviation.
+
+    A symmetric motion mirrors itself after half of its period. The period is in periods of the
+    force (0: none).
+    """
     least = np.inf
     for half, state in enumerate(_states_later(case, phase, first, most), 1):
         symmetric = half % 2 == 1
@@ -562,7 +590,10 @@ def is_same_hybrid(one: HybridOrbit, other: HybridOrbit) -> bool:
 def find_hybrid_orbits(
     case: HybridCase, starts: int = 8, seed: int = 0, settle: int = SETTLING_PERIODS
 ) -> Iterator[HybridOrbit | NoHybridOrbit]:
-    """Yield the orbits that runs from rest and from random initial states come to, each once, with mirror images; and why other runs come to none.
+    """Yield the orbits to which runs converge, each once, with mirror images.
+
+    The runs start from rest and from random initial states. For runs that do not converge to an
+    orbit the reason is yielded.
 
     The states are uniform up to 1.5 times `HybridCase.length`: displacements of the absorbers in
     their cavities, velocities of the first mode and of the absorbers.

@@ -1,4 +1,6 @@
-"""A motion with any contact from a section of the force's phase on, with its derivatives by state, force and frequency.
+"""A motion with any contact from a section of the force's phase on.
+
+It has derivatives by state, force and frequency.
 
 The exact method says when events are. Between them the motion is in closed form (`hybrid_flow`);
 at each event the derivative is multiplied by the saltation matrix DR + (f+ - DR f-) h'/(h' f-)
@@ -31,7 +33,8 @@ from impact_env.sweep import IntegrationError, simulate
 
 Array = NDArray[np.float64]
 SAME_TIME_TOL = 1e-10  # rad of the force: marks of the exact method closer than this are one event
-# how far the closed form may end from the exact method: of the units times the largest derivative, but never more than the second
+# how far the closed form may end from the exact method: of the units times the largest derivative,
+# but never more than the second
 END_TOL = 1e-9
 MOST_END_MISS = 1e-5
 COMPLIANT_RECORD = Record(level=False, events=True)
@@ -217,7 +220,11 @@ class _RigidBuilder(_Builder):
         self.holds = [self._joined_intervals(a) for a in range(self.places)]
 
     def _joined_intervals(self, absorber: int) -> list[tuple[float, float, int]]:
-        """Return begin and end (s) of the joined phases of an absorber, and the wall that holds first; what follows without a break is one."""
+        """Return begin and end (s) of the joined phases of an absorber, and the wall that holds it.
+
+        Phases that follow each other without a break are merged. The wall is then that of the last
+        one.
+        """
         phases = self.run.recorded.phases
         rows: list[tuple[float, float, int]] = []
         for k in np.flatnonzero(phases.absorber == absorber):
@@ -231,7 +238,10 @@ class _RigidBuilder(_Builder):
         return rows
 
     def _wall_of(self, absorber: int, time: float) -> int | None:
-        """Return the wall that holds an absorber from a time (s) on, 0 for friction, None where it is not joined."""
+        """Return the wall that holds an absorber from a time (s) on.
+
+        The result is 0 for friction and None if the absorber is not joined.
+        """
         last = self.trajectory.span
         for begin, end, wall in self.holds[absorber]:
             open_end = end >= last - self.tolerance
@@ -251,7 +261,10 @@ class _RigidBuilder(_Builder):
         return self.trajectory
 
     def _direction(self, absorber: int, rate: float, joined: bool, otherwise: int) -> int:
-        """Return the slip direction of an absorber by its relative velocity (m/s), 0 without friction."""
+        """Return the slip direction of an absorber for its relative velocity (m/s).
+
+        The result is 0 without friction.
+        """
         if joined or self.case.laws.limit[absorber] == 0:
             return 0
         return int(np.sign(rate)) or otherwise
@@ -341,7 +354,10 @@ class _RigidBuilder(_Builder):
         return ContactRegime(joined, tuple(sign))
 
     def _at_rest(self, state: Array, regime: ContactRegime) -> Array:
-        """Return a state without what rounding left of the relative velocities of joined absorbers."""
+        """Return a state with zero relative velocities of joined absorbers.
+
+        They are not exactly zero before because of rounding.
+        """
         held = [a for a, joined in enumerate(regime.joined) if joined]
         if not held:
             return state
@@ -398,7 +414,9 @@ class _RigidBuilder(_Builder):
                 self.note(time, STICK if joined[b] else SLIP, b, self._wall_of(b, time) or 0)
 
     def _apply_law(self, mark: HybridEvent, rate: float) -> tuple[float, float]:
-        """Return impulse over relative velocity (N s^2/m), and the impulse (N s) of an impact at a relative velocity ``rate`` (m/s).
+        """Return impulse over relative velocity (N s^2/m), and the impulse (N s) of an impact.
+
+        The impact has the relative velocity ``rate`` (m/s).
 
         The last bounce of a chatter takes all of the relative velocity with it, whatever the
         restitution.

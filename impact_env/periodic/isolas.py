@@ -1,8 +1,11 @@
-"""Folds, births and mergers of isolas of symmetric two-impact orbits, and what becomes of them over restitution, friction and number of modes.
+"""Folds, births and mergers of isolas of symmetric two-impact orbits.
 
-They are found on the fold force's map over frequency, then with all reversals of friction. With many modes the order of events changes so close to a
-fold that Newton's method on its conditions runs from one order to the other. The branch over the force takes each change where it comes; the smallest
-force on it is what the closed form's fold force stands for (`find_lowest_fold`).
+The module also follows them over restitution, friction and number of modes.
+
+They are found on the fold force's map over frequency, then with all reversals of friction. With
+many modes the order of events changes so close to a fold that Newton's method on its conditions
+runs from one order to the other. The branch over the force takes each change where it comes; the
+smallest force on it is what the closed form's fold force stands for (`find_lowest_fold`).
 """
 
 from __future__ import annotations
@@ -63,14 +66,19 @@ SAME_PLACE_TOL = (
 )
 EDGE_SHARE = 0.02  # of the range: a level place this close to its end lies elsewhere
 SAME_FORCE_TOL = 1e-3  # of the force
-# of frequency and force: where the smallest force changes faster than so it has gone over to another fold
+# of frequency and force: where the smallest force changes faster than so it has gone over to
+# another fold
 FOLD_SHIFT = 1e-4
 MOST_JUMP = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Threshold:
-    """A fold: ``orbit`` there, or why it is none. ``kind``: isolas are born there (a valley of the fold force), merge (a ridge), or neither."""
+    """A fold with its ``orbit``, or the reason why it is none.
+
+    ``kind`` says whether isolas are born at it (a valley of the fold force), merge (a ridge), or
+    neither.
+    """
 
     kind: str
     force: float
@@ -81,12 +89,16 @@ class Threshold:
 def find_folds(
     case: Case, low: float, high: float, branches: Iterable[OrbitBranch] | None = None
 ) -> tuple[Threshold, ...]:
-    """Return the folds of symmetric two-impact orbits at the case's force between two frequency ratios, those that are no orbits too.
+    """Return the folds of symmetric two-impact orbits at the case's force.
 
-    They are those of the closed form, where friction is taken as one-signed. With friction each of them is found again with its reversals, and the
-    branches beside it are followed: where reversals come and go a branch may fold more than once, and as the order of events changes at a point of
-    the branch, how finely it is followed decides which of these are met. So it is done with steps of two sizes. ``branches``: those of
-    `orbit_branches` where they are known; None: they are followed here. Ctrl-C breaks it off.
+    They lie between two frequency ratios, and include those that are no orbits.
+
+    They are those of the closed form, where friction is taken as one-signed. With friction each of
+    them is found again with its reversals, and the branches beside it are followed: where reversals
+    come and go a branch may fold more than once, and as the order of events changes at a point of
+    the branch, how finely it is followed decides which of these are met. So it is done with steps
+    of two sizes. ``branches``: those of `orbit_branches` where they are known; None: they are
+    followed here. Ctrl-C breaks it off.
     """
     result = []
     reach = (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
@@ -117,7 +129,11 @@ def find_folds(
 
 
 def _find_both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
-    """Return the closed form's fold if nothing turns there, and the one with the reversals that its neighbours show; at least one of them."""
+    """Return the closed form's fold and the fold with consistent reversals.
+
+    The former is left out if its motion has reversals. The latter has the reversals that its
+    neighbours show. At least one fold is returned.
+    """
     schedule = symmetric_schedule(case.friction_limit > 0)
     line = compute_line(case.structure, case.point)
     impulse = fold_impulse(case)
@@ -149,10 +165,13 @@ def _same(one: Threshold, other: Threshold) -> bool:
 
 
 def find_thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
-    """Return births and mergers of isolas of symmetric two-impact orbits between two frequency ratios, those that are no orbits too.
+    """Return births and mergers of isolas of symmetric two-impact orbits.
 
-    They are valleys and ridges of the closed form's fold force, found again with all reversals where something turns: by Newton's method on the
-    fold's own conditions, and along branches over the force where that does not settle. Ctrl-C breaks it off.
+    They lie between two frequency ratios, and include those that are no orbits.
+
+    They are valleys and ridges of the closed form's fold force, found again with all reversals
+    where something turns: by Newton's method on the fold's own conditions, and along branches over
+    the force where that does not settle. Ctrl-C breaks it off.
     """
     result = []
     for kind, force, omega in find_level_places(case, low, high):
@@ -178,7 +197,10 @@ def _orbit_of(fold: Fold | NoOrbit) -> Orbit | NoOrbit:
 
 @dataclass(frozen=True)
 class LevelPoint:
-    """A birth or a merger (``kind``) at a force in N and a frequency ratio; ``refused``: why it is no orbit, else empty."""
+    """A birth or a merger (``kind``) at a force in N and a frequency ratio.
+
+    ``refused`` is the reason why it is no orbit, or empty.
+    """
 
     kind: str
     force: float
@@ -188,7 +210,10 @@ class LevelPoint:
 
 @dataclass(frozen=True, eq=False)
 class IsolaCell:
-    """Births and mergers at a number of modes, a restitution and a friction limit in N, in the order of frequency."""
+    """Births and mergers at one cell of the map, in the order of frequency.
+
+    A cell is a number of modes, a restitution and a friction limit in N.
+    """
 
     modes: int
     restitution: float
@@ -197,7 +222,10 @@ class IsolaCell:
 
     @property
     def pair(self) -> tuple[LevelPoint | None, LevelPoint | None]:
-        """Birth and merger of the isola next to the resonance: the last merger below it, and the last birth before that; None where there is none.
+        """Birth and merger of the isola next to the resonance.
+
+        They are the last merger below the resonance, and the last birth before this merger. Each is
+        None if it does not exist.
 
         Without a merger below the resonance it is the last one of the range.
         """
@@ -211,7 +239,10 @@ class IsolaCell:
         return (births[-1] if births else None), mergers[-1]
 
     def rows(self) -> list[tuple[object, ...]]:
-        """Return a row of `ISOLA_COLUMNS` for each: "orbit" is "yes", or why the exact method refuses it."""
+        """Return a row of `ISOLA_COLUMNS` for each birth and merger.
+
+        "orbit" is "yes", or the reason why the exact method refuses it.
+        """
         own = (self.modes, self.restitution, self.friction_limit)
         return [
             (*own, level.kind, level.force, level.omega_ratio, level.refused or "yes")
@@ -244,7 +275,10 @@ def make_cell(case: Case, low: float, high: float) -> IsolaCell:
 
 @dataclass(frozen=True, eq=False)
 class IsolaMap:
-    """Fold force (m,) in N over ``omega_ratio`` (m,) of one case, and the cells of the map; ``complete`` is False after Ctrl-C."""
+    """Fold force (m,) in N over ``omega_ratio`` (m,) of one case, and the cells of the map.
+
+    ``complete`` is False after Ctrl-C.
+    """
 
     case: Case
     omega_ratio: Array
@@ -294,10 +328,14 @@ def isola_map(
     limits: Sequence[float] = (),
     keep: ComputeOrLoad = compute_uncached,
 ) -> IsolaMap:
-    """Return the fold force of a case between two ratios of its first resonance, its thresholds, and those of a map.
+    """Return a case's fold force and thresholds, and those of a map.
 
-    The map is over numbers of modes, restitutions and friction ``limits`` in N (none: the case's own). The case's own model has the largest number of
-    modes that is asked for. ``keep`` takes finished cells and gives them back. Ctrl-C ends it with what is known so far. Raises ParameterError.
+    The frequencies lie between two ratios of the case's first resonance.
+
+    The map is over numbers of modes, restitutions and friction ``limits`` in N (none: the case's
+    own). The case's own model has the largest number of modes that is asked for. ``keep`` takes
+    finished cells and gives them back. Ctrl-C ends it with what is known so far. Raises
+    ParameterError.
     """
     require(
         0 < low < high,
@@ -346,7 +384,10 @@ def isola_map(
 
 
 def find_lowest_fold(case: Case) -> Fold | NoOrbit:
-    """Return the orbit with the smallest force at the case's frequency, whose force is not asked for, or why none is found. Ctrl-C breaks it off."""
+    """Return the orbit with the smallest force at the case's frequency, or why none is found.
+
+    The force of the case is ignored. Ctrl-C interrupts the search.
+    """
     schedule = symmetric_schedule(case.friction_limit > 0)
     reason = "no orbit above the fold"
     lowest = float(fold_force(case, [case.omega])[0])
@@ -371,7 +412,10 @@ def find_lowest_fold(case: Case) -> Fold | NoOrbit:
 
 
 def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]:
-    """Return the folds that are orbits on the branch over the force (N) through a solution; raises NoConvergenceError where it has no branch."""
+    """Return the folds that are orbits on the branch over the force (N) through a solution.
+
+    Raises NoConvergenceError if the solution has no branch.
+    """
     branch = orbit_branch(solution, "force", (low, high), ISOLA_STEPS)
     if branch.branch.ended == INTERRUPTED:
         raise KeyboardInterrupt
@@ -384,7 +428,10 @@ def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]
 
 
 def find_lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
-    """Return the fold within ``reach`` (rad/s) of the case's frequency at which the smallest force is least, or greatest where ``kind`` is a merger.
+    """Return the fold at which the smallest force has a minimum over the frequency.
+
+    The minimum is sought within ``reach`` (rad/s) of the case's frequency. For a merger (``kind``)
+    it is a maximum.
 
     The level place itself, or the corner where two orders of events meet. Ctrl-C breaks it off.
     """

@@ -1,4 +1,7 @@
-"""The interface by which finished pieces of long work are kept and read again, for example in a file of an earlier run (`optimisation.files`)."""
+"""The interface by which finished pieces of long computations are stored and read again.
+
+They may be stored in a file of an earlier run (`optimisation.files`), for example.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, TypeVar
@@ -24,7 +27,11 @@ class ComputeOrLoad(Protocol):
         read: Callable[[dict[str, Any]], PlainResult],
         /,
     ) -> Iterator[PlainResult]:
-        """Yield what ``make`` yields, or what it has yielded before to its end for the same ``name``, ``read`` from its `to_plain`."""
+        """Yield the results of ``make``, or the stored results of an earlier call.
+
+        Results are stored if an earlier call with the same ``name`` was completed. They are made
+        from their `to_plain` by ``read``.
+        """
 
 
 def compute_uncached(

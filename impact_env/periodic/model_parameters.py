@@ -1,4 +1,7 @@
-"""Parameters of an orbit's structure and absorber that change its modal model: mass ratio, damping ratio, and the absorber's place on a beam."""
+"""Parameters of structure and absorber that change an orbit's modal model.
+
+They are the mass ratio, the damping ratio, and the absorber's position on a beam.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,8 @@ CACHED_MODELS = (
 )
 ANY_POSITION = 0.3  # of the absorber, where modes do not depend on it
 END_MARGIN = 1e-9  # of the length: how close to an end that is held an absorber may sit
-# of a parameter's size: the step of five-point differences, whose error and rounding are about equal there
+# of a parameter's size: the step of five-point differences, whose error and rounding are about
+# equal there
 DIFFERENCE_SHARE = 1e-3
 CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12)
 ONE_SIDED = (
@@ -38,7 +42,11 @@ def damping_of(model: ModalModel) -> float:
 
 @lru_cache(maxsize=CACHED_MODELS)
 def with_damping(model: ModalModel, ratio: float) -> ModalModel:
-    """Return the model with another damping ratio of its first mode, and those of all others in proportion; all alike if none is damped."""
+    """Return the model with another damping ratio of its first mode.
+
+    The damping ratios of the other modes change in proportion. If no mode is damped, all get the
+    same ratio.
+    """
     own = damping_of(model)
     if own == ratio:
         return model
@@ -54,17 +62,24 @@ def with_damping(model: ModalModel, ratio: float) -> ModalModel:
 
 
 def position_of(model: ModalModel) -> float:
-    """Return the absorber's place on the model's beam, as a share of its length; ParameterError for a model of no beam."""
+    """Return the absorber's position on the model's beam, as a fraction of its length.
+
+    Raises ParameterError for a model without a beam.
+    """
     if model.beam is None:
         raise ParameterError(
-            "absorber_position is not allowed here: a modal model without a beam has single places, and none between them"
+            "absorber_position is not allowed here: a modal model without a beam has single "
+            "places, and none between them"
         )
     return float(model.beam.absorber_position)
 
 
 @lru_cache(maxsize=CACHED_MODELS)
 def with_position(model: ModalModel, position: float) -> ModalModel:
-    """Return the model with its absorber at another place of the beam; the level is read where it was."""
+    """Return the model with its absorber at another position on the beam.
+
+    The place of the level is unchanged.
+    """
     own = position_of(model)
     if own == position:
         return model
@@ -83,7 +98,10 @@ def with_position(model: ModalModel, position: float) -> ModalModel:
 
 
 class _ByContent:
-    """A beam as a key of a cache: equal to another one that differs in the place of its absorber and of the response alone."""
+    """A beam as the key of a cache.
+
+    It equals any other beam that differs only in the positions of its absorber and of its response.
+    """
 
     def __init__(self, beam: Beam) -> None:
         self.beam = beam
@@ -116,9 +134,13 @@ def domain_of(model: ModalModel, name: str) -> tuple[float, float]:
 
 
 def difference_rule(value: float, domain: tuple[float, float], size: float) -> tuple[Array, Array]:
-    """Return the points (K,) within a domain, and weights (K,), of the derivative by a parameter at a value: that of a sum of weights times values.
+    """Return points (K,) and weights (K,) of a difference rule for a derivative.
 
-    Five points, of fourth order: around the value, or on one side of it next to an end of its domain.
+    The derivative by a parameter at ``value`` is the sum of weights times values. The points lie
+    within a domain.
+
+    Five points, of fourth order: around the value, or on one side of it next to an end of its
+    domain.
     """
     step = DIFFERENCE_SHARE * size
     low, high = domain

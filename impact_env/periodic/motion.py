@@ -1,7 +1,10 @@
-"""The motion of a solution: states at any time, the tip's extremes, events that its schedule does not list, and its stability.
+"""The motion of a solution.
 
-Floquet multipliers are the eigenvalues of the return map's derivative: what becomes of a small disturbance in a period, or in half of one and its
-mirror image.
+The module computes states at any time, the tip's extremes, events that the schedule does not list,
+and the stability.
+
+Floquet multipliers are the eigenvalues of the return map's derivative: what becomes of a small
+disturbance in a period, or in half of one and its mirror image.
 """
 
 from abc import abstractmethod
@@ -45,14 +48,21 @@ TINY = np.finfo(float).tiny
 
 @dataclass(frozen=True, eq=False)
 class Periodic:
-    """A motion that comes again: what orbits whose absorber only flies (`Motion`) and those that shooting found (`ShotMotion`) have in common."""
+    """A motion that repeats.
+
+    It is the common base of orbits whose absorber is never joined (`Motion`) and of those found by
+    shooting (`ShotMotion`).
+    """
 
     solution: Solution
 
     @property
     @abstractmethod
     def derivative(self) -> Array:
-        """Derivative (2 N_m + 2,)^2 of the map over the schedule's span, mirrored back where that is half a period."""
+        """Derivative (2 N_m + 2,)^2 of the map over the schedule's span.
+
+        If the span is half a period, the derivative is mirrored back.
+        """
 
     @property
     @abstractmethod
@@ -66,7 +76,10 @@ class Periodic:
     @property
     @abstractmethod
     def level(self) -> tuple[float, float]:
-        """Largest displacement and root of its mean square, in m, where the model's response is read: at the tip unless it says another place."""
+        """Largest displacement and root mean square, in m, at the place of the response.
+
+        This place is the tip unless the model defines another one.
+        """
 
     @property
     def tip_max(self) -> float:
@@ -83,7 +96,10 @@ class Periodic:
         """Return the time (s) after `begin` of the middle of the longest flight."""
 
     def states(self, phases: ArrayLike) -> Array:
-        """Return states (S, 2 N_m + 2), as `InitialState.vector`, at phases (S,) of the force in rad, any number of periods ahead or back."""
+        """Return states (S, 2 N_m + 2), as `InitialState.vector`, at phases (S,) of the force.
+
+        The phases are in rad, any number of periods ahead or back.
+        """
         angles = np.asarray(phases, dtype=float)
         schedule = self.solution.schedule
         require(
@@ -105,17 +121,23 @@ class Periodic:
         return np.asarray(self.states([phase])[0])
 
     def mid_flight(self) -> tuple[float, Array]:
-        """Return the phase (rad) of the force in the middle of the longest flight, where nothing is near, and the state (2 N_m + 2,) there."""
+        """Return the phase (rad) of the force and the state in the middle of the longest flight.
+
+        The state is (2 N_m + 2,). No event is close to this time.
+        """
         phase = self.begin + self.solution.case.omega * self.middle()
         return phase, self.state_at(phase)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion(Periodic):
-    """The motion of a solution whose absorber is free or slides. ``distance_max`` (relative displacement) in m.
+    """The motion of a solution whose absorber is free or slides.
 
-    ``at_absorber``: what `level` is there. ``turns`` (K,): phases (rad) of the force at which the relative velocity changes its sign between impacts,
-    whatever the schedule says. ``fits``: whether the signs so found lead from impact to impact.
+    ``distance_max`` is the largest relative displacement in m.
+
+    ``at_absorber``: what `level` is there. ``turns`` (K,): phases (rad) of the force at which the
+    relative velocity changes its sign between impacts, whatever the schedule says. ``fits``:
+    whether the signs so found lead from impact to impact.
     """
 
     flights: Flights
@@ -132,7 +154,11 @@ class Motion(Periodic):
 
     @cached_property
     def clearance(self) -> float:
-        """Least distance from a wall, in m, where the relative velocity turns between impacts: 0 is grazing, below it a wall is passed."""
+        """Smallest distance from a wall, in m, at reversals of the relative velocity.
+
+        The reversals are those between impacts. A distance of 0 is grazing, and below 0 a wall is
+        passed.
+        """
         gap = self.solution.case.gap
         n = self.solution.case.model.modes
         if len(self.turns) == 0:
@@ -185,9 +211,13 @@ class Motion(Periodic):
 
     @property
     def turning(self) -> Array:
-        """How each event turns the absorber, (n,): the relative acceleration before a reversal over the change that friction brings.
+        """The effect of each event on the absorber, (n,).
 
-        -1 or below where the absorber slides on the other way, in between friction would hold it, above 0 it never got there; -inf at impacts.
+        It is the relative acceleration before a reversal, divided by the change of it that friction
+        causes.
+
+        -1 or below where the absorber slides on the other way, in between friction would hold it,
+        above 0 it never got there; -inf at impacts.
         """
         return self._monodromy[1]
 
@@ -213,7 +243,10 @@ def _monodromy_of(solution: Solution, flights: Flights) -> tuple[Array, Array]:
 
 
 def derivative_of(solution: Solution) -> Array:
-    """Return `Motion.derivative` without a look at what the motion does between its events; next to a solution too."""
+    """Return `Motion.derivative` without a check of the motion between its events.
+
+    This also works next to a solution.
+    """
     case = solution.case
     order = solution.schedule.order
     return _monodromy_of(
@@ -223,7 +256,10 @@ def derivative_of(solution: Solution) -> Array:
 
 
 def motion_of(solution: Solution) -> Motion:
-    """Return the motion of a solution, by its exponentials from event to event; it is sampled several times in a radian of the fastest mode."""
+    """Return the motion of a solution by its exponentials from event to event.
+
+    It is sampled several times in a radian of the fastest mode.
+    """
     case = solution.case
     order = solution.schedule.order
     structure = case.structure
@@ -245,7 +281,10 @@ def motion_of(solution: Solution) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class ShotMotion(Periodic):
-    """A solution and the passage over its span, whose first state is at the section: in the middle of a flight."""
+    """A solution and its trajectory over the span.
+
+    Its first state is at the section, in the middle of a flight.
+    """
 
     passage: OrbitTrajectory
 
@@ -287,7 +326,11 @@ AnyMotion = Motion | ShotMotion
 
 
 def level_of(case: Case, pieces: Sequence[tuple[States, float]]) -> tuple[float, float]:
-    """Return the largest |displacement| and the RMS (m) where the response is read, over pieces: their states by the time, and lengths in s."""
+    """Return the largest |displacement| and the RMS (m) at the place of the response.
+
+    They are computed over pieces. Each piece is given by its states as a function of time, and its
+    length in s.
+    """
     shape = case.model.level_shape
     n = case.model.modes
     fastest = max(float(np.max(np.abs(case.structure.s))), case.omega)
@@ -306,9 +349,12 @@ def level_of(case: Case, pieces: Sequence[tuple[States, float]]) -> tuple[float,
 
 
 def piece_extremes(response: Response, length: float, fastest: float) -> tuple[float, float]:
-    """Return the largest |displacement| (m) in a piece of a ``length`` in s, and the integral of its square (m^2 s).
+    """Return the largest |displacement| (m) and the integral of its square (m^2 s).
 
-    ``response``: displacement (m) and velocity (m/s) by times (K,) in s; ``fastest`` (1/s): of the exponentials in it.
+    They are those of a piece of a ``length`` in s.
+
+    ``response``: displacement (m) and velocity (m/s) by times (K,) in s; ``fastest`` (1/s): of the
+    exponentials in it.
     """
     panels = max(1, int(np.ceil(length * fastest / PANEL)))
     step = length / panels
@@ -324,7 +370,10 @@ def piece_extremes(response: Response, length: float, fastest: float) -> tuple[f
 
 
 def _peak(response: Response, low: float, high: float) -> float:
-    """Return |displacement| (m) where the velocity turns between two times (s), by the secant method."""
+    """Return |displacement| (m) where the velocity reverses between two times (s).
+
+    The time is found by the secant method.
+    """
     ends = [low, high]
     rates = [float(response(np.array([dt]))[1][0]) for dt in ends]
     for _ in range(8):
@@ -338,10 +387,14 @@ def _peak(response: Response, low: float, high: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """``multipliers`` (2 N_m + 2,) over the schedule's span, the largest first; ``half``: that is half a period, with the mirror image taken.
+    """The stability of an orbit.
 
-    Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``: the places (2,) of the pair whose disturbances
-    lie most in the resonant mode and die out as slowly as that mode's own vibration; all others are fast.
+    ``multipliers`` (2 N_m + 2,) are those over the schedule's span, the largest first. ``half``
+    says that the span is half a period, with the mirror image.
+
+    Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``:
+    the places (2,) of the pair whose disturbances lie most in the resonant mode and die out as
+    slowly as that mode's own vibration; all others are fast.
     """
 
     multipliers: Complex
@@ -365,7 +418,10 @@ class Stability:
 
     @property
     def slowly_stable(self) -> bool:
-        """Whether the slow pair dies out: a regime may then live around an orbit that is unstable by a fast pair."""
+        """Whether the disturbances of the slow pair decay.
+
+        In this case a regime may exist around an orbit that is unstable by a fast pair.
+        """
         return bool(np.max(np.abs(self.slow_multipliers)) < 1)
 
     @property
@@ -386,10 +442,12 @@ def stability_of(motion: AnyMotion) -> Stability:
 
 
 def _slow_pair(motion: AnyMotion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
-    """Return the places of the pair that lives like the beam's vibration in the mode nearest to the force's frequency.
+    """Return the indices of the pair of multipliers that belongs to the beam's own vibration.
 
-    Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the span. A pair is a complex multiplier and its
-    conjugate, or two real ones.
+    The pair belongs to the vibration in the mode nearest to the force's frequency.
+
+    Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the
+    span. A pair is a complex multiplier and its conjugate, or two real ones.
     """
     case = motion.solution.case
     model = case.model

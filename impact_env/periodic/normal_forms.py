@@ -1,10 +1,12 @@
-"""Normal forms of maps at a multiplier on the unit circle: on which side of a bifurcation its new orbits lie.
+"""Normal forms of maps at a multiplier on the unit circle.
 
-The coefficients are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), sections 5.4 and
-9.7: of a fold b = <p, B(q, q)>/2, of a doubled period (or, of a map over half a period, of broken
-symmetry) and of a torus the cubic coefficient on the centre manifold. A is the map's derivative at its
-fixed point, B and C its second and third derivatives, q and p the right and left eigenvectors with
-<p, q> = 1 and |q| = 1 in the norm of the forms.
+They decide on which side of a bifurcation its new orbits lie.
+
+The coefficients are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), sections 5.4
+and 9.7: of a fold b = <p, B(q, q)>/2, of a doubled period (or, of a map over half a period, of
+broken symmetry) and of a torus the cubic coefficient on the centre manifold. A is the map's
+derivative at its fixed point, B and C its second and third derivatives, q and p the right and left
+eigenvectors with <p, q> = 1 and |q| = 1 in the norm of the forms.
 """
 
 from __future__ import annotations
@@ -29,10 +31,12 @@ def euclidean(vector: Vector) -> float:
 
 @dataclass(frozen=True, eq=False)
 class MapForms:
-    """Derivatives of a map of R^n at its fixed point: ``matrix`` A (n, n), and its multilinear forms.
+    """Derivatives of a map of R^n at its fixed point.
 
-    ``second(u, v)`` returns B(u, v) (n,), ``third(u, v, w)`` returns C(u, v, w) (n,), of vectors (n,) that
-    may be complex. ``norm(u)`` is the size of a vector in which coefficients are given.
+    They are ``matrix`` A (n, n) and its multilinear forms.
+
+    ``second(u, v)`` returns B(u, v) (n,), ``third(u, v, w)`` returns C(u, v, w) (n,), of vectors
+    (n,) that may be complex. ``norm(u)`` is the size of a vector in which coefficients are given.
     """
 
     matrix: Array
@@ -43,11 +47,14 @@ class MapForms:
 
 @dataclass(frozen=True, eq=False)
 class CriticalVectors:
-    """Unit right eigenvector ``right`` q (n,), left one ``left`` p (n,) with <p, q> = 1, and ``angle`` = det(U V) <u, v>.
+    """Critical eigenvectors of a map.
 
-    The angle is between the unit vectors u and v of the smallest singular value of A - mu I, with the sign
-    of the determinants of all of them. It is real for a real multiplier, continuous, and zero where the
-    multiplier is a double one.
+    They are the unit right eigenvector ``right`` q (n,), the left one ``left`` p (n,) with <p, q> =
+    1, and ``angle`` = det(U V) <u, v>.
+
+    The angle is between the unit vectors u and v of the smallest singular value of A - mu I, with
+    the sign of the determinants of all of them. It is real for a real multiplier, continuous, and
+    zero where the multiplier is a double one.
     """
 
     right: Vector
@@ -67,13 +74,19 @@ def find_critical_vectors(matrix: Array, multiplier: complex) -> CriticalVectors
 
 
 def fold_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
-    """Return b of w -> w + b w^2 at a fold, where w is the amplitude of q; its sign is that of q."""
+    """Return b of w -> w + b w^2 at a fold, where w is the amplitude of q.
+
+    The sign of b changes with that of q.
+    """
     q = vectors.right
     return float(0.5 * vectors.left @ forms.second(q, q)) / forms.norm(q)
 
 
 def flip_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
-    """Return c of w -> -w + c w^3 at a multiplier of -1: above 0 the bifurcation is supercritical."""
+    """Return c of w -> -w + c w^3 at a multiplier of -1.
+
+    For c above 0 the bifurcation is supercritical.
+    """
     q = vectors.right
     square: Vector = np.asarray(
         np.linalg.solve(np.eye(len(q)) - forms.matrix, forms.second(q, q)), dtype=float
@@ -83,7 +96,9 @@ def flip_coefficient(forms: MapForms, vectors: CriticalVectors) -> float:
 
 
 def torus_coefficient(forms: MapForms, vectors: CriticalVectors, multiplier: complex) -> float:
-    """Return a of |w| -> |w| + a |w|^3 at a complex pair on the unit circle: below 0 the torus is supercritical.
+    """Return a of |w| -> |w| + a |w|^3 at a complex pair on the unit circle.
+
+    For a below 0 the torus is supercritical.
 
     The state is w q and its complex conjugate, so that its amplitude is 2 |w|.
     """

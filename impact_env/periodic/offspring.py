@@ -1,9 +1,13 @@
-"""Orbits beyond the symmetric ones over a range of frequencies: pairs without symmetry, doubled periods, and what runs settle to.
+"""Orbits beyond the symmetric ones over a range of frequencies.
 
-Each comes from a branch known before, at a place where a multiplier is -1. Over half a period of a symmetric orbit it breaks the symmetry, and leads
-to the pair without it; over the period of an orbit without symmetry it doubles the period. A symmetric orbit does not double its period in one
-parameter: that would take a pair of half-period multipliers at +i and -i, and their modulus and angle are two conditions (Swift and Wiesenfeld,
-Phys. Rev. Lett. 52, 1984). What no such way leads to, as a period of three, comes from runs of the exact method.
+They are pairs without symmetry, orbits with doubled periods, and orbits to which runs settle.
+
+Each comes from a branch known before, at a place where a multiplier is -1. Over half a period of a
+symmetric orbit it breaks the symmetry, and leads to the pair without it; over the period of an
+orbit without symmetry it doubles the period. A symmetric orbit does not double its period in one
+parameter: that would take a pair of half-period multipliers at +i and -i, and their modulus and
+angle are two conditions (Swift and Wiesenfeld, Phys. Rev. Lett. 52, 1984). What no such way leads
+to, as a period of three, comes from runs of the exact method.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -57,16 +61,20 @@ SearchProgress = Callable[
     [str, int, int], None
 ]  # what is done, how many frequencies or branches of how many (0: not known)
 MOST_EVENTS_OF_BRANCH = 100  # on a branch: Newton's method takes the third power of them
-# of a branch in a search for orbits, in a row: solutions at which friction would do something else; the
-# frequencies at which branches begin lie closer to each other than these reach
+# of a branch in a search for orbits, in a row: solutions at which friction would do something else;
+# the frequencies at which branches begin lie closer to each other than these reach
 MOST_WRONG_POINTS = 30
 MOST_BRANCHES = 30  # in a range: without losses they leave one another without end
 DESCENDANT_STEPS = Steps(first=0.01, least=1e-8, most=0.1, points=400)
-RANGE_MARGIN = 0.02  # of the first resonance: how far beyond the range branches are followed, since a pair may leave there
+# of the first resonance: how far beyond the range branches are followed, since a pair may leave
+# there
+RANGE_MARGIN = 0.02
 
 
 def switch_branch(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
-    """Yield a solution beside each place of a branch at which the symmetry breaks or the period doubles (``kind``), on the branch that leaves there.
+    """Yield solutions on the branches that emerge from a branch.
+
+    They emerge where the symmetry breaks or the period doubles (``kind``).
 
     A place from which no such solution is found is left out.
     """
@@ -93,7 +101,10 @@ def switch_branch(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
 
 
 def _start_next_to_fold(solution: Solution, side: float, parameter: str) -> Solution | None:
-    """Return an orbit of the branch that leaves at a solution whose second half is its first one, times ``side``; None if no point of it is found."""
+    """Return an orbit of the branch that emerges at a solution, or None if none is found.
+
+    The second half of the solution is its first half, times ``side``.
+    """
     conditions = Conditions(solution.case, solution.schedule, parameter)
     value = getattr(solution.case, parameter)
     problem = ContinuationProblem(
@@ -120,7 +131,11 @@ def _start_next_to_fold(solution: Solution, side: float, parameter: str) -> Solu
 
 
 def _is_tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
-    """Return the unit tangent of the branch that is left (m + 1,): the direction of the Jacobian's kernel in which both halves move alike."""
+    """Return the unit tangent of the original branch (m + 1,).
+
+    It is the direction of the Jacobian's kernel in which both halves of the orbit move in the same
+    way.
+    """
     n = len(solution.schedule.events)
     m = solution.schedule.impacts
     shift = np.zeros((jacobian.shape[1], jacobian.shape[1]))
@@ -143,11 +158,14 @@ def descendants(
     most: int = MOST_BRANCHES,
     most_wrong: int | None = None,
 ) -> Iterator[OrbitBranch | NoOrbit]:
-    """Yield the branches in frequency, within limits in rad/s, that leave ``branches`` by broken symmetry or doubled periods, and so on.
+    """Yield the branches in frequency that emerge from ``branches``, and their descendants.
 
-    ``longest``: the largest multiple of the force's period. Of two branches that mirror each other one is followed, and none with more than
-    `MOST_EVENTS_OF_BRANCH`, nor more than ``most`` in all: for those what comes is the reason. The last one has ended as `INTERRUPTED` after Ctrl-C.
-    ``most_wrong`` as of `orbit_branch`.
+    They emerge by broken symmetry or doubled periods. The limits are in rad/s.
+
+    ``longest``: the largest multiple of the force's period. Of two branches that mirror each other
+    one is followed, and none with more than `MOST_EVENTS_OF_BRANCH`, nor more than ``most`` in all:
+    in their place comes the reason, a `NoOrbit`. The last one has ended as `INTERRUPTED` after
+    Ctrl-C. ``most_wrong`` as of `orbit_branch`.
     """
     queue = list(branches)
     known: list[tuple[OrbitBranch, Array]] = []
@@ -164,7 +182,10 @@ def descendants(
                 ):
                     continue
                 if len(known) >= most:
-                    reason = f"there are more branches that leave others than the {MOST_BRANCHES} that are followed in a range"
+                    reason = (
+                        f"there are more branches that leave others than the {MOST_BRANCHES} that "
+                        "are followed in a range"
+                    )
                     yield NoOrbit(solution.case, solution.schedule, reason, solution.phases)
                     return
                 side = -1.0 if kind == SYMMETRY_BREAKING else 1.0
@@ -187,7 +208,8 @@ def follow_descendants(
 ) -> OrbitBranch | NoOrbit:
     """Return the branch in frequency through a solution, or why it is not followed.
 
-    ``side``: it leaves a branch whose orbits' second half is the first one times that, and ends where it comes back to it.
+    ``side``: it leaves a branch whose orbits' second half is the first one times that, and ends
+    where it comes back to it.
     """
     events = len(solution.schedule.events)
     if events > MOST_EVENTS_OF_BRANCH:
@@ -212,7 +234,11 @@ def follow_descendants(
 
 
 def _cut_at_return(orbits: OrbitBranch, side: float) -> OrbitBranch:
-    """Return a branch without its ends on the one that it left, whose orbits stand there twice: where both meet, a step may turn onto that."""
+    """Return a branch without those ends that lie on the branch from which it emerged.
+
+    Orbits on these ends are repetitions of those of the other branch. A step may lead onto it where
+    both branches meet.
+    """
     apart = np.flatnonzero(
         [
             largest_half_difference(orbits.solution(k), side) > LEAST_HALF_DIFFERENCE
@@ -255,12 +281,15 @@ def all_orbits_over(
     starts: int = DEFAULT_RUNS,
     seed: int = 0,
 ) -> Iterator[OrbitSearch]:
-    """Yield the orbits of a case at each of rising frequency ratios (M,): symmetric, without symmetry, and of up to ``longest`` periods of the force.
+    """Yield the orbits of a case at each of ascending frequency ratios (M,).
 
-    ``settle``: runs from ``starts`` random initial states at each ratio (`find_basins`, with a ``seed``) add the stable orbits that no branch leads
-    to, and `Found.basins` has the shares of all. Where no orbit is stable one run from rest and one from beside each orbit come before. Orbits with
-    impacts count, and their branches are followed. Ctrl-C yields what is known so far and goes on to the caller. Raises ParameterError for ratios
-    that do not rise.
+    They are symmetric, without symmetry, and of up to ``longest`` periods of the force.
+
+    ``settle``: runs from ``starts`` random initial states at each ratio (`find_basins`, with a
+    ``seed``) add the stable orbits that no branch leads to, and `Found.basins` has the shares of
+    all. Where no orbit is stable one run from rest and one from beside each orbit come before.
+    Orbits with impacts count, and their branches are followed. Ctrl-C yields what is known so far
+    and goes on to the caller. Raises ParameterError for ratios that do not rise.
     """
     search = _DescendantSearch(case, ratios, longest, progress)
     try:
@@ -277,7 +306,10 @@ def all_orbits_over(
 
 @dataclass(eq=False)
 class _DescendantSearch:
-    """What is known so far: a group of orbits for each frequency, and the branches that they lie on."""
+    """The results of a search so far.
+
+    They are a group of orbits for each frequency, and the branches on which these lie.
+    """
 
     case: Case
     ratios: Array
@@ -345,7 +377,10 @@ class _DescendantSearch:
             raise KeyboardInterrupt
 
     def settle(self) -> None:
-        """Run from rest and from beside the orbits where none is stable, and follow what is found."""
+        """Make runs at frequencies without a stable orbit, and follow the orbits that they find.
+
+        The runs start from rest and from states close to the orbits.
+        """
         for k in range(len(self.groups)):
             self._tell("runs", k, len(self.groups))
             group = self.groups[k]

@@ -1,4 +1,8 @@
-"""A validated orbit and how it is computed: solve, check the motion between events, re-order events, propagate exactly, judge stability."""
+"""A validated orbit and its computation.
+
+The steps are to solve, to check the motion between events, to reorder events, to propagate exactly,
+and to judge stability.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -33,12 +37,16 @@ MOST_SHOOTING_REORDERINGS = 12
 REVERSAL_HOLDS = "friction would hold the absorber at a reversal"
 VELOCITY_TURNS = "the relative velocity turns"
 REORDERABLE = (REVERSAL_HOLDS, JOINED_FOR_A_WHILE, VELOCITY_TURNS)  # what shooting may reorder
-NEIGHBOUR = 0.05  # of gap and gap times omega: how far from the motion that it starts with the orbit may lie then
+# of gap and gap times omega: how far from the motion that it starts with the orbit may lie then
+NEIGHBOUR = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """One impact: ``phase`` of the force in rad, ``impulse`` on the absorber in N s, ``wall`` -1 or 1."""
+    """One impact.
+
+    ``phase`` of the force is in rad, ``impulse`` on the absorber in N s, and ``wall`` is -1 or 1.
+    """
 
     phase: float
     impulse: float
@@ -47,9 +55,12 @@ class Impact:
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A periodic orbit that the exact method confirmed: ``residual`` is that of its propagation (see `validation.Validation`).
+    """A periodic orbit that the exact method has confirmed.
 
-    ``recorded``: the impacts of that propagation where a chatter comes to its end, so that there are as many as rounding lets there be; else None.
+    ``residual`` is that of its propagation (see `validation.Validation`).
+
+    ``recorded``: the impacts of that propagation where a chatter comes to its end, so that there
+    are as many as rounding lets there be; else None.
     """
 
     motion: AnyMotion
@@ -74,10 +85,13 @@ class Orbit:
 
     @property
     def impacts(self) -> tuple[Impact, ...]:
-        """All impacts of a whole period, the mirrored half of a symmetric orbit too, by rising phase from 0 on.
+        """All impacts of a whole period, in ascending order of the phase from 0 on.
 
-        A complete chatter has those of the exact method's run: it ends with the bounce behind which the heights of all others add up to less than the
-        rounding of the distance, and which takes the rest of the relative velocity with it.
+        The mirrored half of a symmetric orbit is included.
+
+        A complete chatter has those of the exact method's run: it ends with the bounce behind which
+        the heights of all others add up to less than the rounding of the distance, and which takes
+        the rest of the relative velocity with it.
         """
         schedule = self.schedule
         solution = self.solution
@@ -133,15 +147,22 @@ def _is_chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...]
 def shot_orbit(
     case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1
 ) -> Orbit | NoOrbit:
-    """Return the confirmed orbit by shooting from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) where the absorber flies, or why there is none."""
+    """Return the confirmed orbit found by shooting, or why none exists.
+
+    Shooting starts from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) at which the absorber is not
+    joined.
+    """
     result = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
     return result if isinstance(result, NoOrbit) else confirmed(result)
 
 
 def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
-    """Return the orbit next to a motion whose only fault is that friction would hold the absorber for a while; or why the motion is none.
+    """Return the orbit next to a motion in which friction would hold the absorber for a while.
 
-    Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from the motion that leaves it out.
+    If the motion has another fault, or no orbit is found, the reason is returned.
+
+    Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from
+    the motion that leaves it out.
     """
     result = confirmed(motion)
     case = motion.solution.case
@@ -164,7 +185,11 @@ def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
 
 
 def mirror_orbit(orbit: Orbit) -> Orbit | NoOrbit:
-    """Return the mirror image of an orbit: every sign turned, half a period of the force later. A symmetric orbit is its own."""
+    """Return the mirror image of an orbit.
+
+    Its signs are reversed, and it is shifted by half a period of the force. A symmetric orbit is
+    its own mirror image.
+    """
     if isinstance(orbit.motion, ShotMotion):
         phase, state = orbit.motion.mid_flight()
         return shot_orbit(
@@ -186,7 +211,11 @@ def mirror_orbit(orbit: Orbit) -> Orbit | NoOrbit:
 
 
 def find_physical_objection(motion: Motion) -> str | None:
-    """Return why a motion is no orbit, without propagating it, or None: an impulse that pulls, a wall passed, friction in the wrong sense."""
+    """Return why a motion is no orbit, or None.
+
+    The motion is not propagated. Reasons are an impulse that pulls, a wall that is passed, or
+    friction in the wrong direction.
+    """
     solution = motion.solution
     schedule = motion.solution.schedule
     if np.any(solution.impulses * schedule.order.wall > 0):
@@ -194,7 +223,10 @@ def find_physical_objection(motion: Motion) -> str | None:
     if motion.penetration > 0:
         return f"the absorber passes a wall by {motion.penetration:.3g} m"
     if solution.case.friction_limit > 0 and not is_consistent(motion):
-        return f"{VELOCITY_TURNS} {len(motion.turns)} times between impacts, not {schedule.reversals} times as in the schedule"
+        return (
+            f"{VELOCITY_TURNS} {len(motion.turns)} times between impacts, not "
+            f"{schedule.reversals} times as in the schedule"
+        )
     return REVERSAL_HOLDS if has_held_phase(motion) else None
 
 
@@ -203,8 +235,9 @@ def find_orbit_at(
 ) -> Orbit | NoOrbit:
     """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
 
-    ``reorder``: with friction the reversals of the schedule may be wrong at the start; they are replaced by those that the motion shows, until both
-    agree, and where friction would hold the absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
+    ``reorder``: with friction the reversals of the schedule may be wrong at the start; they are
+    replaced by those that the motion shows, until both agree, and where friction would hold the
+    absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
     """
     result = (
         reorder_events(case, schedule, start) if reorder else settle_order(case, schedule, start)
@@ -223,8 +256,9 @@ def settle_order(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motio
 def reorder_events(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
     """Return the motion near ``start`` whose schedule has the reversals that it shows.
 
-    Two reversals that change places are left out. Where friction holds the absorber for a moment no order of reversals is right: then what comes
-    back is a motion without those that it would hold at, or none; `confirmed` says so.
+    Two reversals that change places are left out. Where friction holds the absorber for a moment no
+    order of reversals is right: then what comes back is a motion without those that it would hold
+    at, or none; `confirmed` says so.
     """
     start = np.asarray(start, dtype=float)
     motion = settle_order(case, schedule, start)
@@ -272,7 +306,10 @@ def is_consistent(motion: Motion) -> bool:
 
 
 def order_of_motion(motion: Motion) -> tuple[EventSchedule, Array]:
-    """Return the schedule with the turns that a motion shows as its reversals, and the phases (n,) of its events in rad."""
+    """Return a motion's schedule and the phases (n,) of its events in rad.
+
+    The reversals of the schedule are those that occur in the motion.
+    """
     solution = motion.solution
     old = motion.solution.schedule
     hits = old.order.wall != 0
@@ -282,7 +319,11 @@ def order_of_motion(motion: Motion) -> tuple[EventSchedule, Array]:
 
 
 def drop_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule, Array]:
-    """Return the schedule and phases (n,) without the two neighbouring reversals that are closest to each other, or unchanged if there are none."""
+    """Return the schedule and phases (n,) without the two closest reversals.
+
+    They are the neighbouring reversals that are closest to each other. If no such pair exists, both
+    are returned unchanged.
+    """
     wall = schedule.order.wall
     pairs = [
         (phases[k + 1] - phases[k], k)
@@ -296,7 +337,11 @@ def drop_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule,
 
 
 def drop_held(motion: Motion) -> tuple[EventSchedule, Array]:
-    """Return the schedule and phases (n,) of a motion without the reversals at which friction would hold, and their partners."""
+    """Return the schedule and phases (n,) of a motion without some reversals.
+
+    The reversals at which friction would hold the absorber are left out, together with their
+    partners.
+    """
     solution = motion.solution
     old = motion.solution.schedule
     turning = motion.turning
@@ -374,9 +419,12 @@ def plain_orbit(orbit: Orbit) -> dict[str, Any]:
 
 
 def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
-    """Return the orbit of a JSON file's entry, confirmed anew; KeyError or ParameterError if it is something else.
+    """Return the orbit of a JSON file's entry, confirmed again.
 
-    It is found from its ``events``, or where the absorber is held by shooting from its ``start``, which over many periods would lose an unstable one.
+    Raises KeyError or ParameterError for any other entry.
+
+    It is found from its ``events``, or where the absorber is held by shooting from its ``start``,
+    which over many periods would lose an unstable one.
     """
     case = case_of(to_scene(plain["scene"]), plain["force_N"], plain["omega_rad_s"])
     start = plain["start"]
@@ -401,7 +449,11 @@ def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
 
 
 def packed(orbits: Sequence[Orbit | NoOrbit]) -> dict[str, Any]:
-    """Return the orbits of a branch or curve: ``common`` what all of them share, ``points`` the rest of each, None where there is no orbit."""
+    """Return the orbits of a branch or curve as plain data.
+
+    ``common`` contains the common data of all orbits, and ``points`` the remaining data of each, or
+    None for a point without an orbit.
+    """
     return packed_plain(
         [plain_orbit(orbit) if isinstance(orbit, Orbit) else None for orbit in orbits]
     )
@@ -425,5 +477,8 @@ def packed_plain(plain: Sequence[dict[str, Any] | None]) -> dict[str, Any]:
 
 
 def unpacked(orbits: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the entries of `packed` that are orbits, each as `plain_orbit` wrote it but for the order, to be read by `orbit_of`."""
+    """Yield the entries of `packed` that are orbits, for `orbit_of`.
+
+    Each is as `plain_orbit` wrote it, except for the order of its items.
+    """
     return (orbits["common"] | one for one in orbits["points"] if one is not None)

@@ -1,4 +1,6 @@
-"""Branches of orbits by continuation, and all of symmetric two-impact orbits over a range of frequencies.
+"""Branches of orbits by continuation.
+
+The module also finds all branches of symmetric two-impact orbits over a range of frequencies.
 
 The events' conditions are the residual, in another order of events where the motion shows one.
 """
@@ -92,7 +94,10 @@ KNOWN_BRANCH_DISTANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Scheduled:
-    """A branch with the schedule of each of its points: ``schedules`` has one for each, ``located_schedules`` one for each place located."""
+    """A branch with the schedule of each of its points.
+
+    ``schedules`` has one for each point, and ``located_schedules`` one for each located place.
+    """
 
     case: Case
     branch: Branch
@@ -115,7 +120,10 @@ class Scheduled:
 
 @dataclass(frozen=True, eq=False)
 class Unconfirmed:
-    """A place located on a branch that is no bifurcation of an orbit: its ``kind``, the ``solution`` there, and the ``reason``."""
+    """A place located on a branch that is no bifurcation of an orbit.
+
+    It has its ``kind``, the ``solution`` at this place, and the ``reason``.
+    """
 
     kind: str
     solution: Solution
@@ -143,7 +151,10 @@ class OrbitBranch(Scheduled):
             yield shoot_held_orbit(motion_of(self.solution(k)))
 
     def folds(self) -> tuple[Fold | NoOrbit, ...]:
-        """Return the folds located on the branch, the unconfirmed ones too, finished by Newton's method."""
+        """Return the folds located on the branch, computed to full accuracy by Newton's method.
+
+        Unconfirmed folds are included.
+        """
         return tuple(
             find_fold(solution, self.branch.parameter)
             for solution in (
@@ -153,7 +164,10 @@ class OrbitBranch(Scheduled):
         )
 
     def of(self, kind: str) -> tuple[Motion, ...]:
-        """Return the motions at the places located of a kind, such as `GRAZING`; births on the branch of another orbit are not among them."""
+        """Return the motions at the located places of a kind, such as `GRAZING`.
+
+        Births on the branch of another orbit are not included.
+        """
         return tuple(
             motion_of(solution)
             for each, solution in self.places()
@@ -185,7 +199,10 @@ class OrbitBranch(Scheduled):
 
 
 def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
-    """Return a branch with the places located that are bifurcations of orbits, births under their own kind, and the others as unconfirmed.
+    """Return a branch whose located places are confirmed.
+
+    They are bifurcations of orbits, where births have their own kind. All other places are listed
+    as unconfirmed.
 
     At a birth the determinant of the conditions vanishes too: a branch point or kink on the same
     step of the branch is that birth again.
@@ -228,7 +245,10 @@ def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
 
 
 def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
-    """Return why the branch next to its end at a wall, at a ``value`` of the parameter, is no orbit, None where it is one."""
+    """Return why the branch is no orbit next to its end at a wall, or None if it is one.
+
+    The end is at a ``value`` of the parameter.
+    """
     branch = orbits.branch
     last = len(branch) - 1
     at_end = abs(branch.parameters[last] - value) < abs(branch.parameters[0] - value)
@@ -251,7 +271,10 @@ def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
 def _birth(
     orbits: OrbitBranch, event: SpecialPoint, schedule: EventSchedule
 ) -> tuple[SpecialPoint, EventSchedule] | None:
-    """Return what is located at a birth, the orbit that is left in the units of the branch's own case; None where it is no confirmed birth."""
+    """Return the located place of a birth and its schedule, or None if it is not confirmed.
+
+    The place contains the original orbit in the units of the branch's own case.
+    """
     if event.kind not in (FOLD, BRANCH_POINT):
         return None
     solution = orbits.at(schedule, event.point, event.parameter)
@@ -269,13 +292,19 @@ def _birth(
 def solution_in(
     units: Case, schedule: EventSchedule, z: Array, values: dict[str, float]
 ) -> Solution:
-    """Return the solution with unknowns (m,) in the units of a branch's own case, at values of its parameters."""
+    """Return the solution with unknowns (m,) at values of a branch's parameters.
+
+    The unknowns are in the units of the branch's own case.
+    """
     case = units.changed(**values)
     return make_solution(case, schedule, in_units(case, schedule, z, units), 0.0)
 
 
 def in_units(new: Case, schedule: EventSchedule, z: Array, old: Case) -> Array:
-    """Return unknowns (m,) in the units of a ``new`` case, from those in the units of an ``old`` one."""
+    """Return unknowns (m,) in the units of a ``new`` case.
+
+    ``z`` contains the unknowns in the units of an ``old`` case.
+    """
     n = len(schedule.events)
     units = np.ones(len(z))
     units[n : n + schedule.impacts] = old.scale.impulse / new.scale.impulse
@@ -285,7 +314,10 @@ def in_units(new: Case, schedule: EventSchedule, z: Array, old: Case) -> Array:
 
 @dataclass(eq=False)
 class OrbitContinuation:
-    """What a continuation needs to know on its way: the schedule in use, and those of the points passed."""
+    """The state of a continuation of orbits.
+
+    It includes the present schedule and those of the points passed.
+    """
 
     case: Case
     parameter: str
@@ -316,7 +348,10 @@ class OrbitContinuation:
         return Conditions(self.case, self.schedule, self.parameter)
 
     def clearance(self, z: Array, value: float) -> float:
-        """Return the distance to a wall at the closest approach, zero where the absorber grazes it."""
+        """Return the distance to a wall at the closest approach, relative to the gap.
+
+        It is zero if the absorber grazes the wall.
+        """
         return self.motion(z, value).clearance / self.case.gap
 
     def monitors(self) -> tuple[Monitor, ...]:
@@ -342,7 +377,10 @@ class OrbitContinuation:
         return np.nan if self._is_left_out(motion) else minus_one_test(motion)
 
     def _is_left_out(self, motion: Motion) -> bool:
-        """Return whether no bifurcation is sought at a motion: in a search for orbits, where friction would do something else."""
+        """Return whether no bifurcation is sought at a motion.
+
+        In a search for orbits this is the case where friction would cause a different motion.
+        """
         return (
             self.most_wrong is not None
             and motion.solution.case.friction_limit > 0
@@ -356,12 +394,19 @@ class OrbitContinuation:
         return float(np.min(-order.wall[order.wall != 0] * z[n : n + self.schedule.impacts]))
 
     def schedules(self, first: EventSchedule, number: int) -> list[EventSchedule]:
-        """Return those of the points passed: point k > 0 was found with the one that was in use before it was asked whether to change."""
+        """Return the schedules of the points passed.
+
+        Point k > 0 was found with the schedule that was in use before a change of the schedule was
+        considered.
+        """
         passed = [first, *self.passed]
         return [*passed, *[self.schedule] * (number - len(passed))][:number]
 
     def recentre(self, z: Array, value: float, along: Array) -> ContinuationChart | None:
-        """Return the unknowns of the order of events that the motion shows, if it is another one."""
+        """Return the unknowns of another order of events, if the motion shows one.
+
+        Otherwise the result is None.
+        """
         self.passed.append(self.schedule)
         if self.case.changed(**{self.parameter: value}).friction_limit == 0:
             return None
@@ -382,7 +427,10 @@ class OrbitContinuation:
         return self.chart(result.solution, float(z[0]))
 
     def right(self, motion: Motion, along: Array) -> bool:
-        """Return whether the schedule is the motion's; the way ``along`` the branch is remembered then."""
+        """Return whether the schedule is that of the motion.
+
+        If it is, the direction ``along`` the branch is stored.
+        """
         right = shows_schedule(motion)
         hits = self.schedule.order.wall != 0
         if self.heading is None or right:
@@ -396,7 +444,10 @@ class OrbitContinuation:
         more: tuple[float, ...] = (),
         scale: Array | float = 1.0,
     ) -> ContinuationChart:
-        """Return the unknowns of a solution, the first event's phase counted on from ``first`` (rad); the way on is that at the last orbit passed.
+        """Return the unknowns of a solution for the continuation of the branch.
+
+        The first event's phase is counted on from ``first`` (rad). The direction is that at the
+        last orbit passed.
 
         Where two reversals meet the unknowns have a fold of their own, behind which the old tangent
         leads back. ``more`` unknowns come behind those of the solution.
@@ -418,7 +469,10 @@ class OrbitContinuation:
 
 
 def shows_schedule(motion: Motion) -> bool:
-    """Return whether a motion has the reversals of its schedule, and friction holds the absorber at none."""
+    """Return whether a motion has the reversals of its schedule.
+
+    Friction must not hold the absorber at any of them.
+    """
     return is_consistent(motion) and not has_held_phase(motion)
 
 
@@ -447,7 +501,11 @@ def _follow_one_way(
 
 
 def compute_size(parameter: str, value: float, limits: tuple[float, float]) -> float:
-    """Return the scale of a parameter, of which changes are shares: its value for the frequency, the largest one within its limits for all others."""
+    """Return the scale of a parameter, to which its changes are related.
+
+    It is the value itself for the frequency, and the largest absolute value within the limits for
+    all other parameters.
+    """
     if parameter == "omega":
         return abs(value)
     return max((abs(x) for x in (value, *limits) if math.isfinite(x)), default=0.0) or 1.0
@@ -461,13 +519,15 @@ def orbit_branch(
     progress: PointProgress | None = None,
     most_wrong: int | None = None,
 ) -> OrbitBranch:
-    """Return the branch through a solution, to both sides, in a parameter of `PARAMETERS` (SI units) within ``limits``.
+    """Return the branch in both directions through a solution.
+
+    It is a branch in a parameter of `PARAMETERS` (SI units) within ``limits``.
 
     It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where
     it is back at its start; Ctrl-C ends it with what is known so far. Bifurcations are located on
-    the way, and confirmed in the end. ``most_wrong``: with friction it ends behind so many points in
-    a row whose motion has other reversals than its events, or is held, and no bifurcation is sought
-    at those.
+    the way, and confirmed in the end. ``most_wrong``: with friction it ends behind so many points
+    in a row whose motion has other reversals than its events, or is held, and no bifurcation is
+    sought at those.
     """
     result = OrbitBranch(
         solution.case,
@@ -513,7 +573,9 @@ def orbit_branches(
     progress: Callable[[str, int, float], None] | None = None,
     most_wrong: int | None = None,
 ) -> Iterator[OrbitBranch]:
-    """Yield the branches of symmetric two-impact orbits between two frequencies in rad/s, from the closed form's orbits at frequencies between.
+    """Yield the branches of symmetric two-impact orbits between two frequencies in rad/s.
+
+    They start from the closed form's orbits at frequencies in between.
 
     They are begun at `SEED_FREQUENCIES` frequencies, beside the closed form's folds, and at
     frequencies given ``also``; what lies on a known branch is not followed again. ``steps``:
@@ -557,7 +619,10 @@ def orbit_branches(
 
 
 def make_place(solution: Solution) -> Array:
-    """Return phase, impulse and frequency of the first impact, (3,), in the units of the continuation."""
+    """Return phase, impulse and frequency of the first impact, (3,).
+
+    They are in the units of the continuation.
+    """
     z = read_unknowns(solution)
     return np.array(
         [z[0], z[len(solution.schedule.events)], math.log(solution.case.omega) / PARAMETER_SHARE]
@@ -570,12 +635,17 @@ def list_places(branch: OrbitBranch) -> Array:
 
 
 def lies_on(places: Array, solution: Solution) -> bool:
-    """Return whether a solution lies next to the polyline through the places (m, 3) of a branch's points."""
+    """Return whether a solution lies close to a branch.
+
+    The branch is given by the polyline through the places (m, 3) of its points.
+    """
     return is_near(places, make_place(solution))
 
 
 def mirror_places(places: Array, solution: Solution, *more: float) -> bool:
-    """Return whether a solution or its mirror image lies next to the polyline through places (m, 3), whichever impact it is counted from.
+    """Return whether a solution or its mirror image lies close to a polyline.
+
+    The polyline passes through places (m, 3). Any impact of the solution may be the first one.
 
     ``more``: what places have behind their three numbers.
     """
@@ -597,7 +667,10 @@ def is_near(places: Array, point: Array) -> bool:
 
 
 def compute_distance(places: Array, point: Array) -> float:
-    """Return how far a place (3,) lies from the polyline through others (m, 3); phases count to within whole turns. Infinite without a line."""
+    """Return the distance of a place (3,) from the polyline through others (m, 3).
+
+    Whole turns of the phase are ignored. The distance is infinite without a line.
+    """
     points = places - point
     points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi
     begin = points[:-1]

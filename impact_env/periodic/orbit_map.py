@@ -1,10 +1,13 @@
-"""The return map of an orbit as a Taylor polynomial: its second and third derivatives without differences.
+"""The return map of an orbit as a Taylor polynomial.
 
-States are truncated polynomials in three small numbers e_1, e_2, e_3 with e_k^2 = 0, eight coefficients
-each. From a start x + e_1 u + e_2 v + e_3 w the coefficient of e_1 e_2 of the map is B(u, v), and that of
-e_1 e_2 e_3 is C(u, v, w), to rounding. An event moves in time with the state, so its time is such a
-polynomial as well. The map is smooth as long as the order of events stays the same. Where an impact has
-no speed, or friction begins to hold at a reversal, that order changes and the derivatives do not exist.
+It gives the map's second and third derivatives without differences.
+
+States are truncated polynomials in three small numbers e_1, e_2, e_3 with e_k^2 = 0, eight
+coefficients each. From a start x + e_1 u + e_2 v + e_3 w the coefficient of e_1 e_2 of the map is
+B(u, v), and that of e_1 e_2 e_3 is C(u, v, w), to rounding. An event moves in time with the state,
+so its time is such a polynomial as well. The map is smooth as long as the order of events stays the
+same. Where an impact has no speed, or friction begins to hold at a reversal, that order changes and
+the derivatives do not exist.
 """
 
 from __future__ import annotations
@@ -46,16 +49,22 @@ def _real_if(result: Vector, *directions: Vector) -> Vector:
 
 
 def critical_point_of(kind: str, motion: Motion, reference: Vector | None = None) -> CriticalPoint:
-    """Return multipliers and normal form of a motion at a bifurcation of a ``kind`` (see `CriticalPoint`)."""
+    """Return multipliers and normal form of a motion at a bifurcation of a ``kind``.
+
+    See `CriticalPoint`.
+    """
     return CriticalPoint(kind, OrbitMap(motion).forms(), reference)
 
 
 class OrbitMap:
-    """The map over the span of an orbit's schedule, mirrored back where that is half a period, from just after its first event on.
+    """The map over the span of an orbit's schedule.
 
-    States are in units of the gap, and of the gap times the force's frequency. The derivative is that of
-    `impact_env.periodic.motion.Motion`. Coefficients are those of a critical vector that has the length 1
-    in the middle of the longest flight, whichever event is the first.
+    It begins just after the first event of the orbit. If the span is half a period, the map is
+    mirrored back.
+
+    States are in units of the gap, and of the gap times the force's frequency. The derivative is
+    that of `impact_env.periodic.motion.Motion`. Coefficients are those of a critical vector that
+    has the length 1 in the middle of the longest flight, whichever event is the first.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -85,11 +94,16 @@ class OrbitMap:
         return _real_if(self.propagate((u, v, w))[:, 7], u, v, w)
 
     def norm(self, vector: Vector) -> float:
-        """Return the length that a small disturbance (2 N_m + 2,) has in the middle of the longest flight."""
+        """Return the length of a small disturbance in the middle of the longest flight.
+
+        The disturbance has the shape (2 N_m + 2,).
+        """
         return euclidean(self.propagate((vector,), to_middle=True)[:, 1])
 
     def propagate(self, directions: tuple[Vector, ...], to_middle: bool = False) -> Polynomial:
-        """Return the polynomial (2 N_m + 2, 8) to which the map takes the orbit's start plus e_k times the k-th direction.
+        """Return the map's polynomial (2 N_m + 2, 8) for a disturbed start.
+
+        The disturbed start is the orbit's start plus e_k times the k-th direction.
 
         ``to_middle``: to the middle of the longest flight, instead of over the whole span.
         """
@@ -126,7 +140,10 @@ class OrbitMap:
         friction: float,
         wall: float,
     ) -> tuple[Polynomial, Polynomial]:
-        """Return the state just before the event next to a ``time`` (s), and by how much the event is late (8,)."""
+        """Return the state just before the event next to a ``time`` (s), and the event's delay.
+
+        The delay has the shape (8,).
+        """
         shift = np.zeros(8, complex)
         n = self.modes
         row = slice(n, n + 1) if wall != 0 else slice(2 * n + 1, 2 * n + 2)
@@ -144,7 +161,10 @@ class OrbitMap:
         return end, shift
 
     def _rate(self, state: NDArray[np.float64], time: float, friction: float, wall: float) -> float:
-        """Return the derivative by time of an event's condition: relative velocity at a wall, acceleration at a reversal."""
+        """Return the time derivative of an event's condition.
+
+        It is the relative velocity at a wall, and the acceleration at a reversal.
+        """
         n = self.modes
         tip = self.structure.tip
         if wall != 0:
@@ -174,7 +194,10 @@ class OrbitMap:
         end: tuple[float, Polynomial],
         friction: float,
     ) -> Polynomial:
-        """Return the state after a flight between two times (s, and what they are late) with a constant force of friction (N) on the absorber."""
+        """Return the state after a flight between two times.
+
+        Each time is given in s with its delay. The friction force (N) on the absorber is constant.
+        """
         n = self.modes
         structure = self.structure
         span = end[0] - begin[0]
@@ -205,7 +228,10 @@ class OrbitMap:
         return result
 
     def _particular(self, at: tuple[float, Polynomial], friction: float) -> Polynomial:
-        """Return the modes' forced displacements and velocities (2, N_m, 8) at a time, with the rest that friction gives them."""
+        """Return the modes' forced displacements and velocities (2, N_m, 8) at a time.
+
+        They include the static deflection due to friction.
+        """
         omega = self.case.omega
         turning = self.forced * np.exp(1j * omega * at[0])
         series = np.array([(turning * (1j * omega) ** k).real for k in range(ORDERS + 1)]).T

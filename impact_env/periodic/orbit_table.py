@@ -1,4 +1,6 @@
-"""One table for orbits, branches, folds, births and mergers of isolas, and curves of bifurcations: a row for each, in SI units.
+"""One table for all results of periodic motions, in SI units.
+
+It has a row for each orbit, branch, fold, birth and merger of isolas, and curve of bifurcations.
 
 Rows are made of plain forms, as JSON files have them, so that both say the same.
 """
@@ -53,7 +55,10 @@ def make_row(known: Mapping[str, object]) -> Row:
 
 
 def read_orbit(plain: Plain) -> dict[str, object]:
-    """Return what a row holds of an orbit in its plain form; a scene of several absorbers has no gap of its own."""
+    """Return the entries of a row for an orbit in its plain form.
+
+    A scene of several absorbers has no common gap.
+    """
     absorber = plain["scene"]["absorber"]
     single = absorber.get("kind") != "several"
     multipliers = plain.get("half_multipliers", plain.get("multipliers", []))
@@ -90,7 +95,10 @@ def read_orbit(plain: Plain) -> dict[str, object]:
 
 
 def orbit_rows(orbits: Iterable[Plain]) -> Iterator[Row]:
-    """Yield a row for each orbit in its plain form; with ``kind`` and ``orbit``, for each fold, birth or merger."""
+    """Yield a row for each orbit in its plain form.
+
+    An entry with ``kind`` and ``orbit`` is a fold, birth or merger and gets a row as well.
+    """
     for number, plain in enumerate(orbits, 1):
         own = plain.get(ORBIT, plain)
         head = {"number": number, "kind": plain.get("kind", ORBIT)}
@@ -98,7 +106,10 @@ def orbit_rows(orbits: Iterable[Plain]) -> Iterator[Row]:
 
 
 def _orbits_of(curve: Plain, points: int) -> list[dict[str, Any] | None]:
-    """Return the orbit of each point of a curve's plain form, None where there is none, as everywhere in harmonic balance."""
+    """Return the orbit of each point of a curve's plain form.
+
+    It is None for points without an orbit, as for all points of harmonic balance.
+    """
     packed = curve.get("orbits")
     if packed is None:
         return [None] * points
@@ -126,7 +137,9 @@ def _shared(orbits: list[dict[str, Any] | None], key: str) -> dict[str, object]:
 
 
 def branch_rows(curves: Iterable[Plain], key: str = "omega_ratio") -> Iterator[Row]:
-    """Yield a row for each point of branches in their plain forms, then for what was located on each.
+    """Yield a row for each point of branches in their plain forms.
+
+    After the points of each branch follow its located places.
 
     ``key``: column of their parameter. Points without a solution are left out.
     """
@@ -165,7 +178,9 @@ def branch_rows(curves: Iterable[Plain], key: str = "omega_ratio") -> Iterator[R
 
 
 def bifurcation_rows(curves: Iterable[Plain], key: str) -> Iterator[Row]:
-    """Yield a row for each point of curves of bifurcations in their plain forms, then for what was located.
+    """Yield a row for each point of curves of bifurcations in their plain forms.
+
+    After the points of each curve follow its located places.
 
     ``key``: column of the second parameter.
     """
@@ -207,6 +222,9 @@ def bifurcation_rows(curves: Iterable[Plain], key: str) -> Iterator[Row]:
 
 
 def isola_rows(cells: Iterable[Plain]) -> Iterator[Row]:
-    """Yield a row for each birth and merger of isolas, from rows of `isolas.ISOLA_COLUMNS` by name."""
+    """Yield a row for each birth and merger of isolas.
+
+    ``cells`` contains rows of `isolas.ISOLA_COLUMNS` by name.
+    """
     for number, cell in enumerate(cells, 1):
         yield make_row({"number": number, "method": EXACT_ORBITS, **cell})

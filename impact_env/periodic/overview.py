@@ -1,4 +1,8 @@
-"""What a frequency response shows: curves of periodic responses, the linear ones, sweeps over them, and the stationary responses of many runs."""
+"""The contents of a frequency response.
+
+They are curves of periodic responses, linear responses, sweeps, and the stationary responses of
+many runs.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +49,10 @@ LINEAR_POINTS = 801
 
 @dataclass(frozen=True, eq=False)
 class LinearCurves:
-    """Amplitudes of the tip (m,) in m over ``omega_ratio`` (m,): of the beam alone and with a stuck absorber."""
+    """Amplitudes of the tip (m,) in m over ``omega_ratio`` (m,).
+
+    They are those of the beam alone and of the beam with a stuck absorber.
+    """
 
     omega_ratio: Real
     alone: Real
@@ -54,7 +61,10 @@ class LinearCurves:
 
 @dataclass(frozen=True, eq=False)
 class SweepEnvelope:
-    """Largest displacement of the tip (m,) in m in each pseudo period of a sweep, over its frequency (m,)."""
+    """Largest displacement of the tip (m,) in m in each pseudo period of a sweep.
+
+    It is given over the frequency (m,) of the sweep.
+    """
 
     omega_ratio: Real
     tip_max: Real
@@ -74,7 +84,11 @@ class SweepEnvelope:
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """All of it for one scene and force (N); frequencies over ``reference`` (rad/s). ``complete`` is False if Ctrl-C ended the work early."""
+    """The complete frequency response of one scene under one force (N).
+
+    Frequencies are relative to ``reference`` (rad/s). ``complete`` is False if Ctrl-C ended the
+    computation early.
+    """
 
     scene: Scene
     force: float
@@ -115,7 +129,10 @@ class Overview:
 
 
 def require_sliding(scene: Scene) -> SlidingAbsorber:
-    """Return the scene's absorber; raises ParameterError if it is not one with walls, friction or both."""
+    """Return the scene's absorber, which must have walls, friction or both.
+
+    Raises ParameterError for any other absorber.
+    """
     absorber = scene.absorber
     require(
         isinstance(absorber, SlidingAbsorber),
@@ -154,9 +171,13 @@ def sweep_envelope(
     method: Method | None = None,
     phase: float = 0.0,
 ) -> SweepEnvelope:
-    """Return the envelope of a sweep from rest, from one ratio of ``reference`` (rad/s) to another; ``method`` and errors as `simulate`.
+    """Return the envelope of a sweep from rest.
 
-    ``percent_per_100_periods``: None is what suits the damping of the resonance nearest to ``reference``; ``phase``: the force's initial one in rad.
+    The sweep goes from one ratio of ``reference`` (rad/s) to another. ``method`` and errors are
+    those of `simulate`.
+
+    ``percent_per_100_periods``: None is what suits the damping of the resonance nearest to
+    ``reference``; ``phase``: the force's initial one in rad.
     """
     if percent_per_100_periods is None:
         percent_per_100_periods = _rate(scene, reference)
@@ -183,9 +204,12 @@ def exact_curves(
     pairs: bool = False,
     progress: OverviewProgress | None = None,
 ) -> Iterator[ResponseCurve]:
-    """Yield the curves of symmetric orbits with one impact a wall between two ratios; none for an absorber without rigid walls.
+    """Yield the curves of symmetric orbits with one impact a wall between two ratios.
 
-    Their folds are those of `isolas.find_folds`. ``pairs``: with the orbits without symmetry that leave them, and those of doubled periods.
+    Nothing is yielded for an absorber without rigid walls.
+
+    Their folds are those of `isolas.find_folds`. ``pairs``: with the orbits without symmetry that
+    leave them, and those of doubled periods.
     """
     if not isinstance(require_sliding(scene).walls, RigidWalls):
         return
@@ -244,8 +268,10 @@ def balance_curves(
 class OverviewOptions:
     """What is shown beside the linear responses; a part that is absent is None, False or empty.
 
-    ``exact``: exact orbits, ``pairs``: also those without symmetry. ``balance``: harmonic balance, with ``hill`` its stability. ``sweeps``: pairs of
-    ratios, from and to, swept at a rate in % per 100 pseudo periods (None: what suits the damping). ``runs``: the stationary responses of many runs.
+    ``exact``: exact orbits, ``pairs``: also those without symmetry. ``balance``: harmonic balance,
+    with ``hill`` its stability. ``sweeps``: pairs of ratios, from and to, swept at a rate in % per
+    100 pseudo periods (None: what suits the damping). ``runs``: the stationary responses of many
+    runs.
     """
 
     exact: bool = False
@@ -267,9 +293,13 @@ def compute_overview(
     progress: OverviewProgress | None = None,
     keep: ComputeOrLoad = compute_uncached,
 ) -> Overview:
-    """Return the frequency response of a scene between two ratios of ``reference`` (rad/s) under a force in N: linear, and what is ``asked`` for.
+    """Return the frequency response of a scene between two ratios of ``reference`` (rad/s).
 
-    ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with what is known so far. Raises ParameterError for bad values.
+    The force is in N. The response contains the linear curves and the parts that ``options``
+    selects.
+
+    ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with what is known so far.
+    Raises ParameterError for bad values.
     """
     force = finite("force", force)
     require(

@@ -1,7 +1,9 @@
-"""A motion from a section of the force's phase on, with its derivative: the exact method's events, and flights and saltation matrices between.
+"""A motion from a section of the force's phase on, with its derivative.
 
-The exact method says when impacts, reversals and joined phases are. The pieces between are in closed form, in the free (or sliding) regime or the
-joined one.
+The events are those of the exact method. Flights and saltation matrices connect them.
+
+The exact method says when impacts, reversals and joined phases are. The pieces between are in
+closed form, in the free (or sliding) regime or the joined one.
 """
 
 from dataclasses import dataclass, field
@@ -36,7 +38,11 @@ class TrajectoryError(RuntimeError):
 
 
 class OrbitEvent(NamedTuple):
-    """One event: ``time`` in s after the section, what it was and led to, and the ``impulse`` on the absorber in N s (0 if none)."""
+    """One event of a motion.
+
+    It has the ``time`` in s after the section, the ``event`` with the regime that follows it, and
+    the ``impulse`` on the absorber in N s (0 if none).
+    """
 
     time: float
     event: Event
@@ -61,7 +67,10 @@ class Flow:
         return np.asarray(self.up * np.exp(1j * phase) + self.down * np.exp(-1j * phase))
 
     def derivative(self, dt: float) -> Array:
-        """Return the derivative (2 N_m + 2,)^2 of the state after ``dt`` (s) by the state before."""
+        """Return the derivative (2 N_m + 2,)^2 of the state after ``dt`` (s).
+
+        It is the derivative by the state before.
+        """
         n = self.case.model.modes
         modes = self.modes
         matrix = np.real((modes.out * np.exp(modes.values * dt)) @ modes.into)
@@ -87,7 +96,10 @@ def _modes(model: ModalModel, mass: float, joined: bool) -> RegimeModes:
 
 
 def _flow(case: Case, joined: bool) -> Flow:
-    """Return a regime of a case. A mode without damping at resonance has no steady answer: it is infinite."""
+    """Return a regime of a case.
+
+    The steady response of a mode without damping at resonance is infinite.
+    """
     modes = _modes(case.model, case.structure.mass, joined)
     with np.errstate(divide="ignore", invalid="ignore"):
         up, down = (
@@ -99,9 +111,13 @@ def _flow(case: Case, joined: bool) -> Flow:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The motion from ``time`` (s after the section) on, ``phase`` (rad) of the force there, with a constant ``force`` (N) on a sliding absorber.
+    """The motion from ``time`` (s after the section) on.
 
-    ``begin`` (2 N_m + 2,): the state there. ``sign`` of the relative velocity, ``wall`` that holds a joined absorber (0: friction does).
+    At this time the force has ``phase`` (rad). ``force`` (N) is the constant force on a sliding
+    absorber.
+
+    ``begin`` (2 N_m + 2,): the state there. ``sign`` of the relative velocity, ``wall`` that holds
+    a joined absorber (0: friction does).
     """
 
     flow: Flow
@@ -149,7 +165,10 @@ class Piece:
         return np.asarray(states)
 
     def bend(self, dt: float, state: Array) -> float:
-        """Return the relative acceleration (m/s^2) at ``dt`` (s), where the ``state`` is, under the constant force alone."""
+        """Return the relative acceleration (m/s^2) at ``dt`` (s) under the constant force alone.
+
+        ``state`` is the state at this time.
+        """
         structure = self.flow.case.structure
         n = self.flow.case.model.modes
         pull = self.flow.case.force * np.cos(self.phase + self.flow.case.omega * dt)
@@ -162,7 +181,10 @@ class Piece:
 
     @property
     def force_on(self) -> float:
-        """Force (N) on the absorber at the piece's start; on a joined one it keeps the relative acceleration zero."""
+        """Force (N) on the absorber at the piece's start.
+
+        On a joined absorber it is the force for which the relative acceleration is zero.
+        """
         return (
             -self.bend(0.0, self.begin) / self.flow.case.structure.compliance
             if self.flow.joined
@@ -172,9 +194,13 @@ class Piece:
 
 @dataclass(eq=False)
 class OrbitTrajectory:
-    """A motion over ``span`` (s): its pieces, events, the ``end`` state (2 N_m + 2,) and the ``derivative`` of it by the state at the start.
+    """A motion over ``span`` (s).
 
-    The derivative (2 N_m + 2,)^2 loses rank by one where friction takes hold of the absorber, and by two where a chatter ends on a wall.
+    It contains its pieces, its events, the ``end`` state (2 N_m + 2,), and the ``derivative`` of
+    this state by the state at the start.
+
+    The derivative (2 N_m + 2,)^2 loses rank by one where friction takes hold of the absorber, and
+    by two where a chatter ends on a wall.
     """
 
     case: Case
@@ -187,12 +213,19 @@ class OrbitTrajectory:
 
     @property
     def flights(self) -> tuple[Array, Array]:
-        """When each piece begins and the last one ends, (p + 1,) in s, and how long the absorber flies in each, (p,) in s."""
+        """Times of the pieces (p + 1,) in s, and the durations of flight (p,) in s.
+
+        The times are the begins of all pieces and the end of the last one. The durations are those
+        of flight within each piece.
+        """
         times = np.array([piece.time for piece in self.pieces] + [self.span])
         return times, np.diff(times) * [not piece.flow.joined for piece in self.pieces]
 
     def states(self, times: Array) -> Array:
-        """Return the states (S, 2 N_m + 2) at times (S,) in s after the section, within the span."""
+        """Return the states (S, 2 N_m + 2) at times (S,) in s after the section.
+
+        The times must be within the span.
+        """
         which = np.searchsorted([piece.time for piece in self.pieces], times, side="right") - 1
         states = np.empty((len(times), 2 * self.case.model.modes + 2))
         for k in np.unique(which):
@@ -201,7 +234,9 @@ class OrbitTrajectory:
 
 
 def follow_trajectory(case: Case, phase: float, state: Array, span: float) -> OrbitTrajectory:
-    """Return the motion from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) of the force over a ``span`` (s); raises PassageError.
+    """Return the motion from a ``state`` (2 N_m + 2,) over a ``span`` (s).
+
+    The state is that at a ``phase`` (rad) of the force. Raises TrajectoryError.
 
     A state that rounding or Newton's method put beyond a wall is put on it.
     """
@@ -216,9 +251,11 @@ def follow_trajectory(case: Case, phase: float, state: Array, span: float) -> Or
     except (IntegrationError, ParameterError) as error:
         raise TrajectoryError(str(error)) from error
     walk.follow(initial.vector(case.scene), run)
-    if not (np.all(np.isfinite(walk.found.end)) and np.all(np.isfinite(walk.found.derivative))):
+    if not (
+        np.all(np.isfinite(walk.trajectory.end)) and np.all(np.isfinite(walk.trajectory.derivative))
+    ):
         raise TrajectoryError("the motion or its derivative is not finite")
-    return walk.found
+    return walk.trajectory
 
 
 class _MarkKind(IntEnum):
@@ -231,7 +268,11 @@ class _MarkKind(IntEnum):
 
 
 class _Mark(NamedTuple):
-    """An event of the exact method at a ``time`` (s): the ``wall`` hit or holding, an impact's restitution, whether the wall ``holds`` then."""
+    """An event of the exact method at a ``time`` (s).
+
+    ``wall`` is the wall that is hit or that holds the absorber, ``restitution`` that of an impact,
+    and ``holds`` says whether the wall holds the absorber afterwards.
+    """
 
     time: float
     what: _MarkKind
@@ -241,7 +282,10 @@ class _Mark(NamedTuple):
 
 
 def _list_marks(case: Case, run: Response) -> list[_Mark]:
-    """Return the events of a run in the order of time; where an impact or a reversal leads to a joined phase, that is one mark."""
+    """Return the events of a run in the order of time.
+
+    An impact or reversal that leads to a joined phase is a single event with this phase.
+    """
     assert run.impacts is not None
     assert run.phases is not None
     assert run.reversals is not None
@@ -292,7 +336,7 @@ class _TrajectoryBuilder:
     def __init__(self, case: Case, phase: float, span: float) -> None:
         n = case.model.modes
         self.case = case
-        self.found = OrbitTrajectory(case, phase, span, np.eye(2 * n + 2))
+        self.trajectory = OrbitTrajectory(case, phase, span, np.eye(2 * n + 2))
         self.free = _flow(case, joined=False)
         self.joined = _flow(case, joined=True)
         self.sliding = Regime.SLIDING if case.friction_limit > 0 else Regime.FREE
@@ -308,7 +352,7 @@ class _TrajectoryBuilder:
         self._go_on(self.free, 0.0, state, 1 if float(self.speed @ state) > 0 else -1)
         for mark in _list_marks(self.case, run):
             self._meet(mark)
-        self.found.end = self._advance(self.found.span)[1]
+        self.trajectory.end = self._advance(self.trajectory.span)[1]
 
     def _meet(self, mark: _Mark) -> None:
         piece, state, bend = self._advance(mark.time)
@@ -322,10 +366,13 @@ class _TrajectoryBuilder:
             self._release(piece, mark.time, state)
 
     def _advance(self, time: float) -> tuple[Piece, Array, float]:
-        """Fly or be held until a time (s); return the piece, the state then, and the relative acceleration of a flight."""
-        piece = self.found.pieces[-1]
+        """Advance the present piece to a time (s).
+
+        Returns the piece, the state at this time, and the relative acceleration of a flight.
+        """
+        piece = self.trajectory.pieces[-1]
         dt = time - piece.time
-        self.found.derivative = piece.flow.derivative(dt) @ self.found.derivative
+        self.trajectory.derivative = piece.flow.derivative(dt) @ self.trajectory.derivative
         state = piece.states(np.array([dt]))[0]
         return piece, state, 0.0 if piece.flow.joined else piece.bend(dt, state)
 
@@ -338,24 +385,34 @@ class _TrajectoryBuilder:
     def _piece(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
         force = 0.0 if flow.joined else -sign * self.case.friction_limit
         return Piece(
-            flow, time, self.found.phase + self.case.omega * time, force, state, sign, wall
+            flow, time, self.trajectory.phase + self.case.omega * time, force, state, sign, wall
         )
 
     def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
-        self.found.pieces.append(self._piece(flow, time, state, sign, wall))
-        return self.found.pieces[-1]
+        self.trajectory.pieces.append(self._piece(flow, time, state, sign, wall))
+        return self.trajectory.pieces[-1]
 
     def _note(self, time: float, event: Event, impulse: float = 0.0) -> None:
-        self.found.happenings.append(OrbitEvent(time, event, impulse))
+        self.trajectory.happenings.append(OrbitEvent(time, event, impulse))
 
     def _leap(
         self, wall: int, restitution: float, impulse: float, jump: float, rate: float, bend: float
     ) -> None:
-        """Take an event's saltation matrix to the derivative; ``jump`` (N) of the force on the absorber."""
+        """Apply an event's saltation matrix to the derivative.
+
+        ``jump`` (N) is the change of the force on the absorber.
+        """
         if (bend if wall == 0 else rate) == 0.0:
             raise TrajectoryError("an event is only touched: no derivative")
         apply_saltation(
-            self.case.structure, wall, restitution, impulse, jump, rate, bend, self.found.derivative
+            self.case.structure,
+            wall,
+            restitution,
+            impulse,
+            jump,
+            rate,
+            bend,
+            self.trajectory.derivative,
         )
 
     def _turn(self, piece: Piece, time: float, state: Array, bend: float) -> None:
@@ -367,7 +424,10 @@ class _TrajectoryBuilder:
         self._go_on(self.free, time, self._at_rest(state), -piece.sign)
 
     def _release(self, piece: Piece, time: float, state: Array) -> None:
-        """The joint force leaves its bounds without a jump: neither the state nor its rate has one."""
+        """Release the absorber when the joint force leaves its bounds.
+
+        Neither the state nor its rate has a jump.
+        """
         sign = (
             -piece.wall
             if piece.wall != 0
@@ -384,7 +444,10 @@ class _TrajectoryBuilder:
         self._note(mark.time, Event(Regime.JOINED, mark.wall, 0))
 
     def _hit(self, piece: Piece, mark: _Mark, state: Array, bend: float) -> None:
-        """An impact, after which the wall may hold the absorber: where all bounces to come are below the rounding of the distance."""
+        """Apply an impact, after which the wall may hold the absorber.
+
+        The wall holds it if all further bounces are below the rounding of the distance.
+        """
         n = self.case.model.modes
         rate = float(self.speed @ state)
         wall = mark.wall

@@ -1,9 +1,10 @@
 """Rotation number of an invariant circle in a stroboscopic section, with its convergence.
 
-The points of a quasi-periodic motion, one for each period of the force, lie on a closed curve and move along it by a constant share of a turn on
-average: the rotation number. The mean of the angles' increments with the weight exp(-1/(t (1 - t))) converges faster than any power of the number of
-points (Das, Saiki, Sander, Yorke, Nonlinearity 30, 2017), on a chaotic motion only as its square root: how far both halves of the points agree tells
-the two apart.
+The points of a quasi-periodic motion, one for each period of the force, lie on a closed curve and
+move along it by a constant share of a turn on average: the rotation number. The mean of the angles'
+increments with the weight exp(-1/(t (1 - t))) converges faster than any power of the number of
+points (Das, Saiki, Sander, Yorke, Nonlinearity 30, 2017), on a chaotic motion only as its square
+root: how far both halves of the points agree tells the two apart.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ class RotationNumber:
     change : float
         Difference of the rotation numbers of the first and the second half of the points.
     circles : int
-        Number of circles in the section; the motion returns to each after as many periods of the force.
+        Number of circles in the section; the motion returns to each after as many periods of the
+        force.
     """
 
     value: float
@@ -98,7 +100,10 @@ def rotation_number(points: Array, most_circles: int = MOST_CIRCLES) -> Rotation
 
 
 def _rotation_on_circle(points: Array) -> tuple[float, float] | None:
-    """Return rotation number and change in the first plane of the points (n, d) in which they surround their centre; None if there is none."""
+    """Return the rotation number and its change, or None if none is found.
+
+    They are computed in the first plane in which the points (n, d) surround their centre.
+    """
     centred = points - points.mean(axis=0)
     left, sizes, _ = np.linalg.svd(centred, full_matrices=False)
     directions = min(MOST_DIRECTIONS, int(np.sum(sizes > FLAT_TOL * sizes[0])))
@@ -122,9 +127,12 @@ def _rotation_on_circle(points: Array) -> tuple[float, float] | None:
 
 
 def _lifted_increments(angles: Array) -> Array | None:
-    """Return the increments (n - 1,) of angles without jumps of a turn, None if they fill the whole turn.
+    """Return the increments (n - 1,) of angles without jumps of a turn.
 
-    On a curve that surrounds its centre they vary by less than a turn: the widest gap between them is where a turn may be added.
+    The result is None if the increments fill the whole turn.
+
+    On a curve that surrounds its centre they vary by less than a turn: the widest gap between them
+    is where a turn may be added.
     """
     increments = np.diff(angles) % (2 * np.pi)
     ordered = np.sort(increments)

@@ -1,4 +1,6 @@
-"""How long a regime of impacts lasts at a constant frequency, the rate at which runs leave it, and the jump of a sweep that follows from it.
+"""Residence times in a regime of impacts at a constant frequency.
+
+The module computes the escape rate of runs, and from it the probability that a sweep jumps.
 
 Rates of leaving are measured at constant frequencies; their integral over a sweep's time gives P =
 exp(-N value). That leaves out that the frequency moves: it carries runs over the border of the
@@ -45,7 +47,10 @@ SILENT_PERIODS = 100.0
 
 @dataclass(frozen=True)
 class Approach:
-    """From rest ``periods`` at ``ratio``, where runs come into impact by themselves, then ``ramp`` to the frequency wanted.
+    """The approach to a regime of impacts.
+
+    It starts from rest with ``periods`` at ``ratio``, where runs begin to have impacts without
+    further action, followed by a ``ramp`` to the wanted frequency.
 
     The ratio is of the ``reference`` (rad/s), times are in pseudo periods of it. A ``ratio`` of
     None: from rest at the frequency wanted, at once.
@@ -71,7 +76,10 @@ class Approach:
         return 0.0 if self.ratio is None else self.periods + self.ramp
 
     def to(self, *points: tuple[float, float]) -> FrequencySchedule:
-        """Return the schedule through ``points``, pairs of a time in pseudo periods and the ratio at its end; the first begins after the lead.
+        """Return the schedule through ``points`` after the approach.
+
+        Each point is a pair of a time in pseudo periods and the ratio at its end. The first one
+        begins after the lead.
 
         The first point's ratio is also where the approach ends.
         """
@@ -86,7 +94,10 @@ class Approach:
 def hold(
     approach: Approach, force: float, ratio: float, periods: float, phase: float = 0.0
 ) -> Drive:
-    """Return the drive that stays at ``ratio`` for a number of pseudo ``periods`` once it is there; force in N, initial phase in rad."""
+    """Return the drive that approaches ``ratio`` and stays at it.
+
+    It stays for a number of pseudo ``periods``. The force is in N, the initial phase in rad.
+    """
     return Drive(force, approach.to((positive("periods", periods), ratio)), phase)
 
 
@@ -98,7 +109,10 @@ def passage_schedule(
     periods_per_percent: float,
     phase: float = 0.0,
 ) -> Drive:
-    """Return the drive that sweeps from one ratio to another at a constant rate, in pseudo periods for each percent of the reference frequency."""
+    """Return the drive that sweeps from one ratio to another at a constant rate.
+
+    The rate is given in pseudo periods for each percent of the reference frequency.
+    """
     span = abs(stop - start) * 100 * positive("periods_per_percent", periods_per_percent)
     settle = approach.ramp  # at the start, so that the sweep begins as stays do
     return Drive(force, approach.to((settle, start), (positive("sweep", span), stop)), phase)
@@ -106,7 +120,11 @@ def passage_schedule(
 
 @dataclass(frozen=True)
 class ImpactFreeInterval:
-    """The first silence of a run: when it ``began`` (None: there was none), and whether impacts ``returned`` after it."""
+    """The first interval of a run without impacts.
+
+    ``began`` is its begin (None: no such interval), and ``returned`` says whether impacts occurred
+    after it.
+    """
 
     began: float | None
     returned: bool
@@ -115,7 +133,9 @@ class ImpactFreeInterval:
 def find_impact_free_interval(
     impacts: Array, begin: float, end: float, length: float
 ) -> ImpactFreeInterval:
-    """Return the first stretch of at least ``length`` without impact between ``begin`` and ``end``; all times in one unit.
+    """Return the first interval of at least ``length`` without impacts.
+
+    It is sought between ``begin`` and ``end``. All times have the same unit.
 
     A stretch before the first impact counts, and one that goes on to the end.
     """
@@ -129,7 +149,9 @@ def find_impact_free_interval(
 
 @dataclass(frozen=True, eq=False)
 class Stays:
-    """How long lanes stayed in the regime of impacts, (n,) each: ``durations`` in pseudo periods, and whether a stay ``ended``.
+    """Residence times of lanes in the regime of impacts, (n,) each.
+
+    ``durations`` are in pseudo periods, and ``ended`` says whether a stay ended.
 
     What has not ended is censored: it lasted at least as long. ``absent``: lanes that had left
     before their stay began. ``returned``: lanes whose impacts came back after the silence that
@@ -152,7 +174,10 @@ class Stays:
 def read_duration(
     impacts: Array, begin: float, end: float, silence: float
 ) -> tuple[float, bool, bool, float] | None:
-    """Return a run's stay from ``begin``: duration, whether it ended, whether impacts returned, longest pause before; None if it had left before.
+    """Return a run's stay from ``begin`` on, or None if it had left the regime before.
+
+    The results are the duration, whether the stay ended, whether impacts returned, and the longest
+    pause before the end.
 
     It had left if the silence began before ``begin``, whose last ``silence`` is looked at too. A
     run is observed until ``end`` less the ``silence``: what happens later could not be told from a
@@ -171,7 +196,10 @@ def read_duration(
 def _simulate_stay(
     period: float, begin: float, end: float, silence: float, lane: Lane
 ) -> tuple[float, bool, bool, float] | tuple[()]:
-    """Return a lane's `stays`, empty if it had left before; another process gets the same numbers."""
+    """Return a lane's stay as in `stays`, empty if it had left the regime before.
+
+    Another process computes the same numbers.
+    """
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
     assert response.impacts is not None
     return read_duration(response.impacts.time / period, begin, end, silence) or ()
@@ -190,7 +218,9 @@ def stays(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Stays:
-    """Return the stays at one frequency ratio, a lane for each initial phase of the force (rad), over at most ``periods`` pseudo periods.
+    """Return the stays at one frequency ratio, with a lane for each initial phase (rad).
+
+    The phases are those of the force. A stay is observed over at most ``periods`` pseudo periods.
 
     Each lane comes from the state of impacts as ``approach`` says. A KeyboardInterrupt is raised
     again once the lanes under way are finished; an ``executor`` makes the runs elsewhere, as for
@@ -233,7 +263,10 @@ def drop_unfinished(result: Sequence[T | None]) -> list[T]:
 
 @dataclass(frozen=True)
 class ExitRate:
-    """Rate of leaving a regime per pseudo period with its interval, from a number of ``exits`` in the time at risk, ``exposure`` (pseudo periods)."""
+    """Escape rate from a regime per pseudo period, with its interval.
+
+    It follows from a number of ``exits`` in the time at risk, ``exposure`` (pseudo periods).
+    """
 
     exits: int
     exposure: float
@@ -243,7 +276,9 @@ class ExitRate:
 
 
 def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = EXIT_CONFIDENCE) -> ExitRate:
-    """Return the maximum-likelihood rate of a constant hazard: exits over the time at risk, stays under way counted as censored.
+    """Return the maximum-likelihood escape rate of a constant hazard.
+
+    It is the number of exits over the time at risk. Stays that have not ended count as censored.
 
     ``burn_in``: pseudo periods at a stay's start that are left out, with what ended in them. The
     interval is Garwood's for a Poisson count (F. Garwood, Biometrika 28, 1936). Without any time at
@@ -272,7 +307,10 @@ BOOTSTRAP_DRAWS = 4000
 
 @dataclass(frozen=True)
 class Hazard:
-    """Integral of the rate of leaving over the frequency, in exits per (pseudo period / percent): a jump at N has probability A exp(-N value).
+    """Integral of the escape rate over the frequency.
+
+    It is in exits per (pseudo period / percent). A sweep at N pseudo periods per percent jumps with
+    probability A exp(-N value).
 
     ``low`` and ``high``: its interval from the counting of exits alone. ``first`` and ``last``: the
     ratios between which it is taken. ``factor``: A with its interval, what the motion of the
@@ -289,7 +327,10 @@ class Hazard:
     factor_high: float = 1.0
 
     def probability(self, periods_per_percent: float) -> tuple[float, float, float]:
-        """Return the probability of a jump at a slowness, and its interval: the errors of integral and factor are added as squares."""
+        """Return the probability of a jump at a slowness, and its interval.
+
+        The errors of integral and factor are combined as the root of the sum of squares.
+        """
         n = positive("periods_per_percent", periods_per_percent)
         middle = np.log(self.factor) - n * self.value
         down = np.hypot(n * (self.high - self.value), np.log(self.factor / self.factor_low))
@@ -300,7 +341,10 @@ class Hazard:
     def with_sweeps(
         self, measured: Mapping[float, Jumps], level: float = EXIT_CONFIDENCE
     ) -> Hazard:
-        """Return the hazard with the factor that sweeps show, by their slowness: the mean of log(share) + N value by generalised least squares.
+        """Return the hazard with the factor that sweeps show, by their slowness.
+
+        The logarithm of the factor is the mean of log(share) + N value by generalised least
+        squares.
 
         Shares have the errors of their counts and, all of them together, that of the integral.
         Raises ParameterError if none of them both jumped and left.
@@ -331,7 +375,9 @@ def hazard(
     level: float = EXIT_CONFIDENCE,
     seed: int = 0,
 ) -> Hazard:
-    """Return the trapezoidal integral of rates (per pseudo period) measured at frequency ``ratios``, rising or falling.
+    """Return the trapezoidal integral of escape rates over the frequency.
+
+    The rates (per pseudo period) are measured at frequency ``ratios``, which ascend or descend.
 
     The interval is that of the sum of the counts, each drawn from the gamma distribution with its
     exits plus a half and its exposure. Raises ParameterError unless there are two ratios or more,
@@ -365,7 +411,10 @@ def hazard(
 
 @dataclass(frozen=True)
 class Jumps:
-    """What became of sweeps: ``present`` in the regime of impacts at the range's first ratio, ``jumped`` out of these, and all ``runs``.
+    """Results of sweeps.
+
+    ``present`` runs were in the regime of impacts at the range's first ratio, ``jumped`` of them
+    jumped out of it, and ``runs`` is the number of all runs.
 
     ``high``: runs whose response level in m lies above a limit, None unless one was asked for.
     ``left``: frequency ratios at which those that were present left it, before the range's last
@@ -395,7 +444,11 @@ class Jumps:
 
 @dataclass(frozen=True)
 class Range:
-    """Frequencies of a sweep over the reference: it runs from ``start`` to ``stop``; runs leave the regime between ``first`` and ``last``."""
+    """Frequencies of a sweep relative to the reference.
+
+    The sweep runs from ``start`` to ``stop``, and runs leave the regime between ``first`` and
+    ``last``.
+    """
 
     start: float
     first: float
@@ -417,7 +470,10 @@ class Range:
 def _has_passed(
     period: float, begin: float, end: float, silence: float, method: Method, lane: Lane
 ) -> tuple[float, float]:
-    """Return when a lane's first silence began (NaN: there was none), in pseudo periods of ``period`` s, and its level in m."""
+    """Return the begin of a lane's first interval without impacts, and its level in m.
+
+    The begin is in pseudo periods of ``period`` s (NaN: no such interval).
+    """
     response = simulate(lane.scene, lane.drive, method, record=Record(events=True))
     assert response.impacts is not None
     assert response.level is not None
@@ -440,7 +496,9 @@ def jumps(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Jumps:
-    """Sweep lanes, one for each initial phase (rad), and return how many jumped; interruption and errors as in `residence.stays`.
+    """Sweep lanes, one for each initial phase (rad), and return how many jumped.
+
+    Interruption and errors are those of `residence.stays`.
 
     A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the
     range's last ratio. It is present if none had begun before the first. ``high_level`` in m:

@@ -1,4 +1,7 @@
-"""A branch as a frequency response: what is reported and drawn of it, whichever method it is from."""
+"""A branch as a frequency response, for reports and figures.
+
+It is independent of the method that computed the branch.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +35,8 @@ SAME_POINT_TOL = (
 class CurvePoint:
     """Something located on a curve: ``kind`` is "fold", "torus" and the like.
 
-    ``multipliers``: those on the unit circle, empty if unknown; ``coefficient`` of the normal form and
-    ``criticality`` (see `impact_env.periodic.codimension_two.CriticalPoint`), None if unknown.
+    ``multipliers``: those on the unit circle, empty if unknown; ``coefficient`` of the normal form
+    and ``criticality`` (see `impact_env.periodic.codimension_two.CriticalPoint`), None if unknown.
     """
 
     kind: str
@@ -44,7 +47,10 @@ class CurvePoint:
     criticality: str | None = None
 
     def to_plain(self) -> dict[str, Any]:
-        """Return a dict; keys with their units, multipliers as pairs of a real and an imaginary part."""
+        """Return the point as a dict.
+
+        Keys contain their units, and multipliers are pairs of a real and an imaginary part.
+        """
         plain: dict[str, Any] = {
             "kind": self.kind,
             "omega_ratio": self.omega_ratio,
@@ -59,11 +65,16 @@ class CurvePoint:
 
 @dataclass(frozen=True, eq=False)
 class ResponseCurve:
-    """Tip displacement along a branch, m points: ``omega_ratio`` (m,), ``tip_max`` and ``tip_rms`` (m,) in m, NaN where there is no orbit.
+    """Tip displacement along a branch with m points.
 
-    ``stable`` and ``slowly_stable`` (m,) of booleans, None where the method does not tell: the second leaves the fast multipliers out. ``refused``:
-    what was said of the points without an orbit, and how often. ``period``: in periods of the force; ``symmetric``: each half is the other's mirror
-    image. ``orbits``: the points' orbits as `packed` has them, which are read back and run again; None where the method has none.
+    ``omega_ratio`` (m,) is the frequency, and ``tip_max`` and ``tip_rms`` (m,) are in m, with NaN
+    at points without an orbit.
+
+    ``stable`` and ``slowly_stable`` (m,) of booleans, None where the method does not tell: the
+    second leaves the fast multipliers out. ``refused``: the reasons of the points without an orbit,
+    and how often each occurs. ``period``: in periods of the force; ``symmetric``: each half is the
+    other's mirror image. ``orbits``: the points' orbits as `packed` has them, which are read back
+    and run again; None where the method has none.
     """
 
     method: str
@@ -138,7 +149,10 @@ class ResponseCurve:
 
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> ResponseCurve:
-        """Return the curve of `to_plain`; raises KeyError, TypeError or ValueError where it is something else."""
+        """Return the curve of `to_plain`.
+
+        Raises KeyError, TypeError or ValueError for any other data.
+        """
         names = ("omega_ratio", "tip_max_m", "tip_rms_m")
         ratio, largest, rms = (
             np.array([np.nan if x is None else x for x in plain[name]], dtype=np.float64)
@@ -179,9 +193,12 @@ class ResponseCurve:
 def balance_curve(
     balance: Balance, branch: Branch, reference: float, hill: bool = False
 ) -> ResponseCurve:
-    """Return the frequency response of a branch of harmonic balance; frequencies over ``reference`` in rad/s.
+    """Return the frequency response of a branch of harmonic balance.
 
-    ``hill``: with its stability by `hill_multipliers`, which raises ParameterError where it has none; at rigid walls they do not converge.
+    Frequencies are relative to ``reference`` in rad/s.
+
+    ``hill``: with its stability by `hill_multipliers`, which raises ParameterError where it has
+    none; at rigid walls they do not converge.
     """
     solutions = [
         (balance.at(OMEGA_PARAMETER, p), z)
@@ -219,11 +236,14 @@ def balance_curve(
 def orbit_curve(
     orbits: OrbitBranch, reference: float, folds: Iterable[Motion] | None = None
 ) -> ResponseCurve:
-    """Return the frequency response of a branch of exact orbits; each point is propagated by the exact method, and left out if that refuses it.
+    """Return the frequency response of a branch of exact orbits.
+
+    Each point is propagated by the exact method, and left out if this method does not confirm it.
 
     A branch in another parameter has that one, over ``reference``, in place of the frequency.
 
-    ``folds``: motions at the branch's folds where they are known; None: those that were met on the branch.
+    ``folds``: motions at the branch's folds where they are known; None: those that were met on the
+    branch.
     """
     result = list(orbits.orbits())
     refused = dict[str, int]()
@@ -272,7 +292,10 @@ def orbit_curve(
 
 
 def _critical(kind: str, motion: Motion) -> tuple[complex, ...]:
-    """Return the multipliers over the schedule's span that make the bifurcation, none at a place that is no bifurcation."""
+    """Return the multipliers over the schedule's span that make the bifurcation.
+
+    The result is empty at a place that is no bifurcation.
+    """
     if kind not in CHECKED_KINDS:
         return ()
     result = critical_multipliers(kind, stability_of(motion).multipliers)
@@ -280,7 +303,10 @@ def _critical(kind: str, motion: Motion) -> tuple[complex, ...]:
 
 
 def _normal_form(kind: str, motion: Motion) -> tuple[float | None, str | None]:
-    """Return coefficient and criticality of a bifurcation; None at a place that is none, or has no normal form."""
+    """Return coefficient and criticality of a bifurcation.
+
+    Both are None at a place that is no bifurcation or has no normal form.
+    """
     if kind not in LABELS:
         return None, None
     point = critical_point_of(kind, motion)
@@ -289,7 +315,10 @@ def _normal_form(kind: str, motion: Motion) -> tuple[float | None, str | None]:
 
 
 def _marks(orbits: OrbitBranch, folds: Iterable[Motion] | None) -> Iterator[tuple[str, Motion]]:
-    """Yield kind and motion of what was located and is an orbit, births too; folds as Newton's method finishes them."""
+    """Yield kind and motion of the located places that are orbits, including births.
+
+    Folds are computed to full accuracy by Newton's method.
+    """
     if folds is None:
         reached_folds = (fold for fold in orbits.folds() if not isinstance(fold, NoOrbit))
         folds = (

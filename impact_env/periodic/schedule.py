@@ -25,7 +25,11 @@ from impact_env.parameters import (
 
 
 class Regime(Enum):
-    """What a segment between two events is: absorber and beam apart, without or with friction between them, or joined by friction or a wall."""
+    """The regime of a segment between two events.
+
+    Absorber and beam are apart, without or with friction between them, or joined by friction or a
+    wall.
+    """
 
     FREE = "free"
     SLIDING = "sliding"
@@ -34,10 +38,13 @@ class Regime(Enum):
 
 @dataclass(frozen=True)
 class Event:
-    """One event, and the segment that follows it: its ``regime``, the ``wall`` touched (-1, 0, 1), the ``sign`` of the relative velocity (0: joined).
+    """One event, and the segment that follows it.
 
-    An impact touches a wall and leaves it: sign = -wall. A reversal touches none. Into a joined segment the wall is the one that holds the
-    absorber, 0 where friction does.
+    ``regime`` is that of the segment, ``wall`` is the wall touched (-1, 0, 1), and ``sign`` is that
+    of the relative velocity (0: joined).
+
+    An impact touches a wall and leaves it: sign = -wall. A reversal touches none. Into a joined
+    segment the wall is the one that holds the absorber, 0 where friction does.
     """
 
     regime: Regime
@@ -76,7 +83,10 @@ MOST_ORBIT_PERIODS = 10**6  # of an orbit: more are never computed
 
 
 def count_turns(symmetric: bool, period_multiple: int) -> float:
-    """Return the phase of the force in rad after which an orbit's state comes back, mirrored where it is ``symmetric``."""
+    """Return the phase of the force in rad after which an orbit's state repeats.
+
+    If the orbit is ``symmetric``, the state repeats with the opposite sign.
+    """
     period_multiple = count("period_multiple", period_multiple, 1, MOST_ORBIT_PERIODS)
     odd = period_multiple % 2 == 1
     require(
@@ -90,7 +100,10 @@ def count_turns(symmetric: bool, period_multiple: int) -> float:
 
 @dataclass(frozen=True)
 class EventSchedule:
-    """The events of one period of an orbit, or of its first half if the second mirrors it (``symmetric``); ``period_multiple`` of the force's period.
+    """The events of one period of an orbit.
+
+    If the second half mirrors the first one (``symmetric``), they are the events of the first half.
+    The period is ``period_multiple`` periods of the force.
 
     Raises ParameterError if the order cannot come again.
     """
@@ -140,7 +153,10 @@ class EventSchedule:
 
     @cached_property
     def reversals(self) -> int:
-        """Number of friction reversals among the events listed; the end of a joined segment is none."""
+        """Number of friction reversals among the listed events.
+
+        The end of a joined segment is no reversal.
+        """
         pairs = zip((self.events[-1], *self.events[:-1]), self.events, strict=True)
         return sum(
             event.regime is Regime.SLIDING
@@ -156,15 +172,22 @@ class EventSchedule:
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns of a flying orbit: phases, impulses, and the mean distance unless the orbit is symmetric."""
+        """Number of unknowns of an orbit without joined segments.
+
+        They are phases, impulses, and the mean distance unless the orbit is symmetric.
+        """
         return len(self.events) + self.impacts + (0 if self.symmetric else 1)
 
     @cached_property
     def order(self) -> Order:
-        """The events as arrays, for the kernels; ParameterError if there is a joined segment or no impact."""
+        """The events as arrays, for the kernels.
+
+        Raises ParameterError if the schedule has a joined segment or does not begin with an impact.
+        """
         if not self.flies:
             raise ParameterError(
-                "schedule with joined segments is not allowed here: Green's function is that of a free or sliding absorber"
+                "schedule with joined segments is not allowed here: Green's function is that "
+                "of a free or sliding absorber"
             )
         require(self.events[0].is_impact, "schedule", str(self), "one that begins with an impact")
         wall, sign = (
@@ -174,7 +197,10 @@ class EventSchedule:
         return Order(wall, sign, self.turn, -1.0 if self.symmetric else 1.0)
 
     def __str__(self) -> str:
-        words = f"{self.impacts} impact{'s' * (self.impacts != 1)} and {self.reversals} reversal{'s' * (self.reversals != 1)} in "
+        words = (
+            f"{self.impacts} impact{'s' * (self.impacts != 1)} and {self.reversals} "
+            f"reversal{'s' * (self.reversals != 1)} in "
+        )
         whole = "period" if self.period_multiple == 1 else f"{self.period_multiple} periods"
         return words + (
             f"half of {'a' if self.period_multiple == 1 else ''} {whole}".replace("  ", " ")
@@ -186,7 +212,10 @@ class EventSchedule:
 def flying_schedule(
     walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1
 ) -> EventSchedule:
-    """Return the schedule of impacts on ``walls`` in this order, 0 standing for a reversal; the first is an impact."""
+    """Return the schedule of impacts on ``walls`` in this order.
+
+    0 stands for a reversal, and the first event is an impact.
+    """
     allowed = "a row of -1, 0 and 1 that begins with an impact"
     walls = [count("walls", wall, -1, 1, allowed) for wall in listed("walls", walls)]
     friction = flag("friction", friction)

@@ -1,12 +1,17 @@
-"""Shooting: the state at a section is the unknown, and Newton's method asks it to come back after a period, or mirrored after half of one.
+"""Shooting: the unknown is the state at a section.
 
-It goes where Green's function does not: through phases in which friction or a wall holds the absorber, and through complete chatter. Which events
-there are, and in which order, comes out anew in each of Newton's steps.
+Newton's method finds the state that returns after a period, or mirrored after half a period.
 
-The largest Lyapunov exponent of a motion is how fast two runs that begin next to each other part, by the saltation derivative of the exact motion.
+It goes where Green's function does not: through phases in which friction or a wall holds the
+absorber, and through complete chatter. Which events there are, and in which order, comes out anew
+in each of Newton's steps.
 
-A tangent vector is carried along by the derivative of a few periods at a time and made a unit vector again (Benettin et al., Meccanica 15, 1980; with
-impacts Mueller, Chaos, Solitons & Fractals 5, 1995). Positive: chaotic; negative: periodic; zero: between, as on a torus.
+The largest Lyapunov exponent of a motion is how fast two runs that begin next to each other part,
+by the saltation derivative of the exact motion.
+
+A tangent vector is carried along by the derivative of a few periods at a time and made a unit
+vector again (Benettin et al., Meccanica 15, 1980; with impacts Mueller, Chaos, Solitons & Fractals
+5, 1995). Positive: chaotic; negative: periodic; zero: between, as on a torus.
 """
 
 from dataclasses import dataclass
@@ -31,11 +36,16 @@ MOST_HALVINGS = 5
 # of the scaled miss: where Newton's method ends, and what it may leave where rounding stops it
 CLOSING_TOL = 1e-13
 SUFFICIENT_TOL = 1e-10
-NEUTRAL_TOL = 1e-10  # of the largest singular value: a direction in which every place is as good, such as the absorber's place of rest
+# of the largest singular value: a direction in which every place is as good, such as the absorber's
+# place of rest
+NEUTRAL_TOL = 1e-10
 
 
 def units_of(case: Case) -> Array:
-    """Return the unit of each entry of a state, (2 N_m + 2,): the gap, and gap times the force's frequency."""
+    """Return the unit of each entry of a state, (2 N_m + 2,).
+
+    The units are the gap, and the gap times the force's frequency.
+    """
     n = case.model.modes + 1
     return np.concatenate([np.full(n, case.gap), np.full(n, case.gap * case.omega)])
 
@@ -43,9 +53,12 @@ def units_of(case: Case) -> Array:
 def shoot(
     case: Case, phase: float, state: Array, symmetric: bool = False, period_multiple: int = 1
 ) -> ShotMotion | NoOrbit:
-    """Return the motion whose state (2 N_m + 2,) at a ``phase`` (rad) is near ``state`` and comes back, or why there is none.
+    """Return the motion near ``state`` (2 N_m + 2,) that repeats, or why none exists.
 
-    The absorber flies at the section. Raises ParameterError for a state of another size, or one that is not finite.
+    ``state`` is that at a ``phase`` (rad).
+
+    The absorber flies at the section. Raises ParameterError for a state of another size, or one
+    that is not finite.
     """
     size = 2 * case.model.modes + 2
     finite_phase = finite("phase", phase)
@@ -97,7 +110,10 @@ def _closing_error(result: OrbitTrajectory, y: Array, sign: float, unit: Array) 
 def _damped_step(
     case: Case, last: OrbitTrajectory, y: Array, step: Array, unit: Array, sign: float, size: float
 ) -> tuple[OrbitTrajectory, Array, Array] | None:
-    """Return the passage, state and miss after as much of Newton's step as makes the miss smaller than ``size``, or None."""
+    """Return trajectory, state and closing error after a damped Newton step, or None.
+
+    The step is shortened until the closing error is smaller than ``size``.
+    """
     share = 1.0
     for _ in range(MOST_HALVINGS):
         new = y + share * unit * step
@@ -147,7 +163,10 @@ def shoot_from(
 def rotate_start(
     events: list[Event], phases: Array, impulses: Array, turn: float, symmetric: bool
 ) -> tuple[tuple[Event, ...], Array, Array]:
-    """Return events, phases (n,) in rad and impulses (n,) in N s counted from the first impact on, as they are where there is none."""
+    """Return events, phases (n,) in rad and impulses (n,) in N s from the first impact on.
+
+    Without an impact they are unchanged.
+    """
     first = next((k for k, event in enumerate(events) if event.is_impact), 0)
     side = -1.0 if symmetric else 1.0
     turned = [event.mirrored if symmetric else event for event in events[:first]]
@@ -171,7 +190,10 @@ EXPONENT_CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Exponent:
-    """The largest exponent per period of the force, with its 95 % interval by Student's distribution over the means of blocks."""
+    """The largest exponent per period of the force.
+
+    Its 95 % interval follows from Student's distribution over the means of blocks.
+    """
 
     value: float
     low: float
@@ -184,9 +206,12 @@ class Exponent:
 
 
 def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
-    """Return the largest exponent over ``periods`` of the force after the run ``settled``, at the frequency that it ended with.
+    """Return the largest exponent over ``periods`` of the force after the run ``settled``.
 
-    Raises ParameterError for fewer than a stretch a block, or a scene without one impact absorber; PassageError where a motion has no derivative.
+    The frequency is that at the end of this run.
+
+    Raises ParameterError for fewer than a stretch a block, or a scene without one impact absorber;
+    TrajectoryError where a motion has no derivative.
     """
     periods = count("periods", periods, STRETCH_LENGTH * INDEPENDENT_BLOCKS)
     schedule = settled.schedule

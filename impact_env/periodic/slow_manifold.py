@@ -1,18 +1,26 @@
-"""Slow invariant manifold of an impact absorber: the structure's amplitude over the absorber's impulse.
+"""Slow invariant manifold of an impact absorber.
 
-With two symmetric impacts a period of the force, the amplitude of the resonant mode follows from the impulse at each impact alone, whatever
-the force is. The manifold has two branches: at impulses above that of the least amplitude the motion is attracted, below it is repelled.
+It is the structure's amplitude over the absorber's impulse.
 
-Four variants are offered, from the literature's formula to the formula with all harmonics and modes:
+With two symmetric impacts a period of the force, the amplitude of the resonant mode follows from
+the impulse at each impact alone, whatever the force is. The manifold has two branches: at impulses
+above that of the least amplitude the motion is attracted, below it is repelled.
+
+Four variants are offered, from the literature's formula to the formula with all harmonics and
+modes:
 
 ``classical``
-    One mode, a light absorber, the restitution e as given (Theurich, Vakakis, Krack 2022; Gendelman and others).
+    One mode, a light absorber, the restitution e as given (Theurich, Vakakis, Krack 2022; Gendelman
+    and others).
 ``modal``
-    The same with the modal restitution e_1, which counts the momentum that an impact gives to the other modes as lost.
+    The same with the modal restitution e_1, which counts the momentum that an impact gives to the
+    other modes as lost.
 ``corrected``
-    The modal formula with the absorber's finite mass, friction, and what the other modes still return at the next impact.
+    The modal formula with the absorber's finite mass, friction, and what the other modes still
+    return at the next impact.
 ``complete``
-    All harmonics of all modes at the frequency of the force; exact but for the direct response of the other modes to the force.
+    All harmonics of all modes at the frequency of the force; exact but for the direct response of
+    the other modes to the force.
 """
 
 from __future__ import annotations
@@ -58,7 +66,8 @@ def modal_restitution(
 ) -> float:
     r"""Return the restitution that the mode of one resonance sees, in closed form.
 
-    An impact also moves all other modes. The momentum that they take is lost for the resonant mode, as if the impact were less elastic:
+    An impact also moves all other modes. The momentum that they take is lost for the resonant mode,
+    as if the impact were less elastic:
 
     .. math:: \frac{1 + e_1}{1/m_a + \varphi_r^2} = \frac{1 + e}{1/m_a + \sum_i \varphi_i^2}
 
@@ -97,15 +106,16 @@ def modal_restitution(
 class SlowManifold:
     r"""The slow invariant manifold of a case near one of its resonances.
 
-    The complex amplitude of the resonant mode at the absorber's place is linear in the impulse P of an impact, with the phase counted from an
-    impact on the lower wall:
+    The complex amplitude of the resonant mode at the absorber's place is linear in the impulse P of
+    an impact, with the phase counted from an impact on the lower wall:
 
     .. math:: A e^{i\theta} = a_0 + a_1 P
 
     Parameters
     ----------
     case : Case
-        Structure, absorber, frequency (rad/s) and force (N); the manifold does not depend on the force.
+        Structure, absorber, frequency (rad/s) and force (N); the manifold does not depend on the
+        force.
     resonance : int
         Number of the resonance, counted from 1.
     variant : str
@@ -114,7 +124,8 @@ class SlowManifold:
     Raises
     ------
     ParameterError
-        For values out of range, and where the resonant mode does not move the absorber's place or the force.
+        For values out of range, and where the resonant mode does not move the absorber's place or
+        the force.
 
     Examples
     --------
@@ -161,7 +172,11 @@ class SlowManifold:
 
     @property
     def restitution(self) -> float:
-        """Restitution that the resonant mode sees in this variant: e, the modal e_1, or the one that counts what other modes return."""
+        """Restitution of the resonant mode in this variant.
+
+        It is e, the modal e_1, or the restitution that accounts for the energy returned by other
+        modes.
+        """
         case = self.case
         if self.variant == "classical":
             return case.restitution
@@ -173,7 +188,10 @@ class SlowManifold:
 
     @property
     def _mean_rate(self) -> float:
-        """Mean velocity of the resonant mode's place at an impact over the impulse, 1/kg, by the impact law and the other modes."""
+        """Mean velocity of the resonant mode's place at an impact over the impulse, 1/kg.
+
+        It follows from the impact law and the other modes.
+        """
         case = self.case
         shape = np.asarray(case.model.tip_shape)
         compliance = 1 / self.mass + float(np.sum(shape**2))
@@ -186,10 +204,12 @@ class SlowManifold:
         return np.asarray(self.case.structure.mode != self._mode)
 
     def _train_response(self, order: int) -> Array:
-        """Return what each exponential of the structure gives at an impact, (J,), under unit impulses of alternating sign, one each half period.
+        """Return the response of each exponential of the structure at an impact, (J,).
 
-        ``order`` 0: displacement (m/(N s)); 1: velocity, mean of before and after (1/kg); -1: displacement under a square wave that
-        jumps by one newton (m/N).
+        The excitation consists of unit impulses of alternating sign, one in each half period.
+
+        ``order`` 0: displacement (m/(N s)); 1: velocity, mean of before and after (1/kg); -1:
+        displacement under a square wave that jumps by one newton (m/N).
         """
         structure = self.case.structure
         mean = 0.5 * np.tanh(-0.5 * structure.s * self._half_period)
@@ -223,7 +243,8 @@ class SlowManifold:
             rate = (1 - self.restitution) / (1 + self.restitution) / (2 * self.mass)
             return complex(case.gap), complex(-half / (4 * self.mass), -rate / case.omega)
         limit = case.friction_limit
-        # a positive impulse on the absorber pushes the structure down; friction on the structure is +limit while the absorber moves up
+        # a positive impulse on the absorber pushes the structure down; friction on the structure is
+        # +limit while the absorber moves up
         push = -half / (4 * self.mass)
         place = case.gap
         rate = self._mean_rate
@@ -241,7 +262,10 @@ class SlowManifold:
         return complex(place, -drift / case.omega), complex(push, -rate / case.omega)
 
     def _harmonics_beyond_first(self) -> tuple[float, float, float]:
-        """Return displacement, velocity and displacement under the square wave of the resonant mode alone, without their first harmonics."""
+        """Return responses of the resonant mode alone, without their first harmonics.
+
+        They are displacement, velocity, and displacement under the square wave.
+        """
         own = ~self._others
         half = self._half_period
         first = self._receptance
@@ -252,13 +276,19 @@ class SlowManifold:
         )
 
     def amplitude(self, impulse: ArrayLike) -> Array:
-        """Return the amplitude in m of the resonant mode at the absorber's place, for impulses in N s of any shape."""
+        """Return the amplitude in m of the resonant mode at the absorber's place.
+
+        ``impulse`` contains impulses in N s and may have any shape.
+        """
         offset, slope = self.coefficients
         return np.asarray(np.abs(offset + slope * np.asarray(impulse, dtype=float)))
 
     @property
     def least_impulse(self) -> float:
-        """Impulse in N s at the least amplitude: motions with smaller impulses are repelled by the manifold."""
+        """Impulse in N s at the smallest amplitude.
+
+        The manifold repels motions with smaller impulses.
+        """
         return _nearest(*self.coefficients)
 
     @property
@@ -267,13 +297,19 @@ class SlowManifold:
         return float(self.amplitude(self.least_impulse))
 
     def force(self, impulse: ArrayLike) -> Array:
-        """Return the force amplitude in N that sustains the motion with these impulses in N s at the case's frequency."""
+        """Return the force amplitude in N that sustains the motion with these impulses.
+
+        The impulses are in N s, and the frequency is the case's.
+        """
         offset, slope = self._force_coefficients
         return np.asarray(np.abs(offset + slope * np.asarray(impulse, dtype=float)))
 
     @cached_property
     def _force_coefficients(self) -> tuple[complex, complex]:
-        """Complex force amplitude, N and N/(N s), from the balance of the first harmonic of the resonant mode."""
+        """Complex force amplitude, N and N/(N s).
+
+        It follows from the balance of the first harmonic of the resonant mode.
+        """
         case = self.case
         offset, slope = self.coefficients
         shape = float(case.model.tip_shape[self._mode])
@@ -288,12 +324,18 @@ class SlowManifold:
 
     @property
     def fold_force(self) -> float:
-        """Least force in N with a motion of two impacts a period at the case's frequency, stable or not."""
+        """Smallest force in N with a motion of two impacts a period at the case's frequency.
+
+        The motion may be stable or unstable.
+        """
         return float(self.force(_nearest(*self._force_coefficients)))
 
     @property
     def modulation_force(self) -> float:
-        """Force in N at the least amplitude: with less force at this frequency the motion is modulated, with more it settles."""
+        """Force in N at the smallest amplitude.
+
+        With less force at this frequency the motion is modulated, with more force it settles.
+        """
         return float(self.force(self.least_impulse))
 
 
@@ -303,15 +345,19 @@ def _nearest(offset: complex, slope: complex) -> float:
 
 
 def manifold_gap(case: Case, resonance: int = 1, variant: str = "corrected") -> float:
-    """Return the gap in m for which the case's force is the force of the modulation's onset at the resonance.
+    """Return the gap in m for which the case's force is at the onset of the modulation.
 
-    Up to this force the amplitude stays at the manifold's least, in a modulated motion; above it the amplitude grows with the force. No
-    simulation and no fitted number is used. The friction limit is scaled with the gap.
+    The onset is that at the resonance.
+
+    Up to this force the amplitude stays at the manifold's least, in a modulated motion; above it
+    the amplitude grows with the force. No simulation and no fitted number is used. The friction
+    limit is scaled with the gap.
 
     Parameters
     ----------
     case : Case
-        Structure, absorber and force (N); the frequency is that of the resonance, and the gap only sets the friction limit per gap.
+        Structure, absorber and force (N); the frequency is that of the resonance, and the gap only
+        sets the friction limit per gap.
     resonance : int
         Number of the resonance, counted from 1.
     variant : str
@@ -337,8 +383,9 @@ def manifold_gap(case: Case, resonance: int = 1, variant: str = "corrected") -> 
 class OrbitPoint:
     """A confirmed periodic orbit as a point beside the manifold.
 
-    ``case``: its parameters; ``impulse`` in N s at an impact; ``amplitude`` in m of the first harmonic of the resonant mode at the
-    absorber's place, from samples of the orbit; ``stable``: whether it attracts.
+    ``case``: its parameters; ``impulse`` in N s at an impact; ``amplitude`` in m of the first
+    harmonic of the resonant mode at the absorber's place, from samples of the orbit; ``stable``:
+    whether it attracts.
     """
 
     case: Case
@@ -348,7 +395,11 @@ class OrbitPoint:
 
 
 def measure_orbit(orbit: Orbit, resonance: int = 1) -> OrbitPoint | None:
-    """Return impulse and amplitude of an orbit, None for one without mirror symmetry or with other than two impacts a period."""
+    """Return impulse and amplitude of an orbit.
+
+    The result is None for an orbit without mirror symmetry or with another number than two impacts
+    a period.
+    """
     if (
         not orbit.schedule.symmetric
         or orbit.schedule.period_multiple != 1
@@ -366,7 +417,10 @@ def measure_orbit(orbit: Orbit, resonance: int = 1) -> OrbitPoint | None:
 
 @dataclass(frozen=True, eq=False)
 class ManifoldCheck:
-    """Orbits beside the manifold of a case near one of its resonances, and how far each variant is from them."""
+    """Comparison of orbits with the manifold of a case near one of its resonances.
+
+    It gives the errors of each variant of the manifold.
+    """
 
     case: Case
     resonance: int
@@ -380,8 +434,9 @@ class ManifoldCheck:
     def errors(self, variant: str) -> Array:
         """Return the relative error of the manifold's amplitude at each orbit's impulse, (n,).
 
-        ``"complete"`` is evaluated at each orbit's frequency. The other variants are one formula, at the resonance, over the amplitude of the
-        absorber, which is in proportion to impulse over frequency.
+        ``"complete"`` is evaluated at each orbit's frequency. The other variants are one formula,
+        at the resonance, over the amplitude of the absorber, which is in proportion to impulse over
+        frequency.
         """
         at_resonance = self.manifold(variant)
         errors = []
@@ -396,7 +451,10 @@ class ManifoldCheck:
         return np.array(errors)
 
     def median_error(self, variant: str) -> float:
-        """Return the median over all orbits of the size of the relative error, nan without orbits."""
+        """Return the median over all orbits of the absolute relative error.
+
+        The result is nan without orbits.
+        """
         return float(np.median(np.abs(self.errors(variant)))) if self.points else float("nan")
 
     def to_plain(self) -> dict[str, Any]:

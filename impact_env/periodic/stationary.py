@@ -1,6 +1,9 @@
-"""Stationary responses at constant frequencies, many runs each: their kinds, energies, and the envelope of the frequency response.
+"""Stationary responses at constant frequencies, with many runs each.
 
-The kinds are no impacts, periodic, sustained impacts, strongly modulated (paper, sections 3.1 and 3.2).
+The module computes their kinds, their energies, and the envelope of the frequency response.
+
+The kinds are no impacts, periodic, sustained impacts, strongly modulated (paper, sections 3.1 and
+3.2).
 """
 
 from __future__ import annotations
@@ -50,8 +53,9 @@ class ResponseKind(StrEnum):
 class Criteria:
     """What tells the kinds apart.
 
-    ``tolerance``: a motion is periodic if its states at one phase of the force come again, after up to ``most_multiple`` periods, to within this
-    share of the largest tip displacement, throughout the window. ``pause``: periods of the force without impact that make a pause, and ``depth``: the
+    ``tolerance``: a motion is periodic if its states at one phase of the force come again, after up
+    to ``most_multiple`` periods, to within this share of the largest tip displacement, throughout
+    the window. ``pause``: periods of the force without impact that make a pause, and ``depth``: the
     least modulation depth of a strongly modulated response, which has both.
     """
 
@@ -70,8 +74,9 @@ class Criteria:
 class StationaryWindow:
     """A stretch of M whole periods of the force: all that a response is judged by.
 
-    ``states`` (M + 1, d): states at one phase of the force, each as a displacement of the tip or of the absorber against it in m (velocities
-    over the force's circular frequency). ``impacts`` (K,): times of impacts in periods of the force from the window's start. ``peaks`` (M,): largest
+    ``states`` (M + 1, d): states at one phase of the force, each as a displacement of the tip or of
+    the absorber against it in m (velocities over the force's circular frequency). ``impacts`` (K,):
+    times of impacts in periods of the force from the window's start. ``peaks`` (M,): largest
     |q_tip| of each period in m.
     """
 
@@ -94,9 +99,10 @@ class StationaryWindow:
 class Classified:
     """A window's kind, and what it was judged by.
 
-    ``multiple``: periods of the force after which the motion comes again, None unless it does; ``miss``: how close it comes to itself at the
-    best of all multiples, of the largest tip displacement; ``impacts_per_period`` of the force; ``depth``: modulation depth; ``longest_pause``
-    in periods of the force.
+    ``multiple``: periods of the force after which the motion comes again, None unless it does;
+    ``miss``: how close it comes to itself at the best of all multiples, of the largest tip
+    displacement; ``impacts_per_period`` of the force; ``depth``: modulation depth;
+    ``longest_pause`` in periods of the force.
     """
 
     kind: ResponseKind
@@ -108,19 +114,28 @@ class Classified:
 
 
 def modulation_depth(peaks: Array) -> float:
-    """Return (largest - least) / (largest + least) of the peaks (M,) of a response's periods; 0 where nothing moves."""
+    """Return (largest - least) / (largest + least) of the peaks (M,) of a response's periods.
+
+    The result is 0 without motion.
+    """
     high = float(np.max(peaks))
     low = float(np.min(peaks))
     return (high - low) / (high + low) if high > 0 else 0.0
 
 
 def longest_pause(impacts: Array, periods: float) -> float:
-    """Return the longest time without impact in a window, its ends included; times in periods of the force."""
+    """Return the longest time without impact in a window, including its ends.
+
+    Times are in periods of the force.
+    """
     return float(np.max(np.diff(np.concatenate([[0.0], impacts, [float(periods)]]))))
 
 
 def compute_misses(window: StationaryWindow, most_multiple: int) -> Array:
-    """Return for each multiple 1, 2, ... the largest distance of two states that many periods apart, of the largest tip displacement.
+    """Return the largest distance of two states that are 1, 2, ... periods apart.
+
+    The result has an entry for each multiple of the period. Distances are relative to the largest
+    tip displacement.
 
     At most half of the window's periods are compared so.
     """
@@ -138,7 +153,8 @@ def compute_misses(window: StationaryWindow, most_multiple: int) -> Array:
 def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Classified:
     """Return a window's kind.
 
-    Without impact it is linear. It is periodic if it comes again; else strongly modulated if it has pauses and is deeply modulated, or sustained.
+    Without impact it is linear. It is periodic if it comes again; else strongly modulated if it has
+    pauses and is deeply modulated, or sustained.
     """
     criteria = Criteria() if criteria is None else criteria
     distances = compute_misses(window, criteria.most_multiple)
@@ -165,8 +181,9 @@ def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Clas
 class Energies:
     """Where a stationary response has its energy, and where its work goes.
 
-    ``absorber_mean`` and ``absorber_most``: the absorber's share of the mechanical energy. ``modal``, ``impact``, ``friction``, ``damper``: shares of
-    all losses in the window (0 where nothing is lost).
+    ``absorber_mean`` and ``absorber_most``: the absorber's share of the mechanical energy.
+    ``modal``, ``impact``, ``friction``, ``damper``: shares of all losses in the window (0 where
+    nothing is lost).
     """
 
     absorber_mean: float
@@ -179,7 +196,11 @@ class Energies:
 
 @dataclass(frozen=True, eq=False)
 class Stationary:
-    """One member's response: what it is classified as, its energies, and the largest |q_tip| in m of each period of the force, (M,)."""
+    """One member's response.
+
+    It has a classification, energies, and the largest |q_tip| in m of each period of the force,
+    (M,).
+    """
 
     found: Classified
     energies: Energies
@@ -187,7 +208,9 @@ class Stationary:
 
 
 def cut_window(scene: Scene, response: Response, omega: float) -> StationaryWindow:
-    """Return the window of a run of whole periods of the force at ``omega`` (rad/s), recorded with events and series.
+    """Return the window of a run over whole periods of the force at ``omega`` (rad/s).
+
+    The run must be recorded with events and series.
 
     Its samples lie a whole fraction of the force's period apart.
     """
@@ -204,7 +227,11 @@ def cut_window(scene: Scene, response: Response, omega: float) -> StationaryWind
 
 
 def _states(scene: Scene, history: History, omega: float) -> Array:
-    """Return the samples as displacements in m, (S, 2 N_m + 2): each mode's share of the tip's, and the absorber's against the tip."""
+    """Return the samples as displacements in m, (S, 2 N_m + 2).
+
+    They are each mode's share of the tip's displacement, and the absorber's displacement relative
+    to the tip.
+    """
     shape = np.where(scene.model.tip_shape == 0, 1.0, scene.model.tip_shape)
     places = (
         history.modal_displacement * shape,
@@ -239,9 +266,12 @@ def classify_run(
     criteria: Criteria | None = None,
     initial: InitialState | None = None,
 ) -> Stationary:
-    """Return the response over ``periods`` of the force after the run ``settled`` from a state (default: rest), at the frequency that it ended with.
+    """Return the response over ``periods`` of the force after the run ``settled``.
 
-    An elastic slider begins the window without force. Raises as `simulate` does, and ParameterError for fewer than two periods.
+    This run starts from a state (default: rest). The frequency is that at its end.
+
+    An elastic slider begins the window without force. Raises as `simulate` does, and ParameterError
+    for fewer than two periods.
     """
     periods = count("window periods", periods, 2)
     omega = positive("settled frequency", float(settled.schedule.omegas[-1]))
@@ -277,9 +307,12 @@ def classify_members(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> list[Stationary]:
-    """Return the stationary responses at one frequency ratio, one for each initial phase (rad) of the force (N).
+    """Return the stationary responses at one frequency ratio.
 
-    ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force. Interruption and errors as in `residence.stays`.
+    The result has one response for each initial phase (rad) of the force (N).
+
+    ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force.
+    Interruption and errors as in `residence.stays`.
     """
     lanes = [Lane(scene, hold(approach, force, ratio, settle, phase)) for phase in phases]
     return drop_unfinished(
@@ -294,13 +327,18 @@ def classify_members(
 
 
 def envelope(members: Sequence[Stationary], quantiles: Sequence[float] = QUANTILES) -> Array:
-    """Return quantiles over all members and periods of the largest |q_tip| in a period, (Q,) in m."""
+    """Return quantiles of the largest |q_tip| in a period, (Q,) in m.
+
+    They are taken over all members and periods.
+    """
     return np.quantile(np.concatenate([member.peaks for member in members]), quantiles)
 
 
 @dataclass(frozen=True, eq=False)
 class StationaryPoint:
-    """The response at one frequency ratio: ``tip_max`` (Q,) in m, the quantiles `QUANTILES` over all members and periods of the force.
+    """The response at one frequency ratio.
+
+    ``tip_max`` (Q,) in m are the quantiles `QUANTILES` over all members and periods of the force.
 
     They are of the tip's largest displacement in a period; ``impacts``: mean number in a period.
     """
@@ -330,10 +368,13 @@ class StationaryPoint:
 
 @dataclass(frozen=True)
 class StationaryRuns:
-    """How they are computed: ``members`` runs at each of ``points`` frequencies, each with a phase of its own.
+    """Settings of stationary runs.
 
-    ``settle`` pseudo periods come before a window of ``window`` periods of the force. ``approach``: the ratio at which runs begin, to come into
-    impact; None: at the frequency itself. ``threads`` and ``executor``: as in `run_lanes`; nothing depends on them. Raises ParameterError for values
+    At each of ``points`` frequencies ``members`` runs are made, each with its own phase.
+
+    ``settle`` pseudo periods come before a window of ``window`` periods of the force. ``approach``:
+    the ratio at which runs begin, to come into impact; None: at the frequency itself. ``threads``
+    and ``executor``: as in `run_lanes`; nothing depends on them. Raises ParameterError for values
     out of range.
     """
 
@@ -375,7 +416,10 @@ class StationaryRuns:
         return [float(x) for x in np.linspace(low, high, self.points)]
 
     def at(self, scene: Scene, force: float, reference: float, ratio: float) -> StationaryPoint:
-        """Return the response at a ratio of ``reference`` (rad/s) under a force in N; Ctrl-C and errors as `classify_members`."""
+        """Return the response at a ratio of ``reference`` (rad/s) under a force in N.
+
+        Ctrl-C and errors are handled as in `classify_members`.
+        """
         phases = draw_members(self.members, self.seed, "phase").phases.tolist()
         way = Approach(reference, self.approach)
         result = classify_members(

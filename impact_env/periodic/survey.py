@@ -1,4 +1,7 @@
-"""Orbits of a case at a frequency or over a range: from the closed form, along its branches, and from runs that come to one."""
+"""Orbits of a case at a frequency or over a range of frequencies.
+
+They are found from the closed form, along its branches, and from runs that converge to an orbit.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,10 @@ SurveyProgress = Callable[[int, int], None]
 def state_after(
     case: Case, periods: float, initial: InitialState | None = None, phase: float = 0.0
 ) -> tuple[Array, float]:
-    """Return the state (2 N_m + 2,) after some of the force's periods from ``initial`` (default: rest), and the phase there (rad, below 2 pi)."""
+    """Return the state (2 N_m + 2,) after some periods of the force, and the phase.
+
+    The run starts from ``initial`` (default: rest). The phase is that at its end (rad, below 2 pi).
+    """
     duration = positive("periods", periods) * case.period
     response = simulate(case.scene, case.drive(duration, phase), initial=initial, record=RECORD)
     return response.end_state, (phase + case.omega * duration) % (2 * np.pi)
@@ -52,7 +58,9 @@ def orbit_of_simulation(
     initial: InitialState | None = None,
     phase: float = 0.0,
 ) -> Orbit | NoOrbit:
-    """Return the orbit that a run from ``initial`` (default: rest) comes to within ``settle`` periods of the force, or why there is none.
+    """Return the orbit to which a run converges, or why none is found.
+
+    The run starts from ``initial`` (default: rest) and lasts ``settle`` periods of the force.
 
     The run is then taken to have the smallest period, of up to ``most_multiple`` of the force's,
     after which it comes as close to itself as `RETURN_TOL`; Newton's method does the rest. Only an
@@ -73,7 +81,10 @@ def orbit_of_simulation(
 def orbit_next_to(
     case: Case, phase: float, state: Array, symmetric: bool, multiple: int
 ) -> Orbit | NoOrbit:
-    """Return the orbit next to a ``state`` (2 N_m + 2,) at a ``phase`` (rad), by its events or else by shooting from its longest flight."""
+    """Return the orbit next to a ``state`` (2 N_m + 2,) at a ``phase`` (rad).
+
+    It is found by its events or else by shooting from its longest flight.
+    """
     try:
         run = follow_trajectory(case, phase, state, count_turns(symmetric, multiple) / case.omega)
     except TrajectoryError as error:
@@ -111,7 +122,10 @@ def _report_nothing(case: Case, reason: str) -> NoOrbit:
 
 
 def least_multiple(orbit: Orbit) -> int:
-    """Return the multiple of the force's period after which an orbit really comes again: a slow approach may look like a long period."""
+    """Return the smallest multiple of the force's period after which an orbit repeats.
+
+    A slow approach to an orbit may resemble a longer period.
+    """
     whole = orbit.schedule.period_multiple
     start = orbit.motion.mid_flight()[0]
     first = orbit.motion.state_at(start)
@@ -123,7 +137,10 @@ def least_multiple(orbit: Orbit) -> int:
 
 
 def find_return(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
-    """Return whether the motion mirrors itself after half of its period, the multiple of the force's period (0: none), and the least miss.
+    """Return whether the motion is symmetric, its period, and the smallest deviation.
+
+    A symmetric motion mirrors itself after half of its period. The period is given as a multiple of
+    the force's period (0: none).
 
     The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half
     period of the force.
@@ -143,7 +160,9 @@ def find_return(case: Case, first: Array, phase: float, most: int) -> tuple[bool
 
 @dataclass(frozen=True, eq=False)
 class OrbitSearch:
-    """What a search found at one frequency: confirmed ``orbits``, and ``refused`` solutions with the reason why they are none.
+    """Results of a search at one frequency.
+
+    They are confirmed ``orbits``, and ``refused`` solutions with the reason why they are no orbits.
 
     ``basins``: on what runs from random initial states end, None where there were none.
     """
@@ -155,7 +174,10 @@ class OrbitSearch:
 
 
 def closed_form_orbits(case: Case) -> OrbitSearch:
-    """Return the orbits that start from the closed form's branches where the wall pushes, their reversals reordered."""
+    """Return the orbits that are found from the closed form's branches.
+
+    Only branches on which the wall pushes are used. The order of the reversals is corrected.
+    """
     schedule = symmetric_schedule(case.friction_limit > 0)
     orbits: list[Orbit] = []
     refused: list[NoOrbit] = []
@@ -172,7 +194,10 @@ def closed_form_orbits(case: Case) -> OrbitSearch:
 
 
 def drop_repeated(orbits: Iterable[Orbit]) -> list[Orbit]:
-    """Return orbits of one case without those that are in the list already, the larger response first."""
+    """Return orbits of one case without repetitions.
+
+    They are sorted such that the largest response is the first.
+    """
     distinct: list[Orbit] = []
     for orbit in orbits:
         if not any(is_same_orbit(orbit, other) for other in distinct):
@@ -181,7 +206,9 @@ def drop_repeated(orbits: Iterable[Orbit]) -> list[Orbit]:
 
 
 def is_same_orbit(one: Orbit, other: Orbit) -> bool:
-    """Return whether two orbits of one case are the same, whatever their schedules are counted from.
+    """Return whether two orbits of one case are the same.
+
+    Their schedules may be counted from different events.
 
     The faintest bounces of a chatter do not count. Orbits without impacts are told by their states.
     """
@@ -210,7 +237,10 @@ def is_same_orbit(one: Orbit, other: Orbit) -> bool:
 
 
 def crossings(branch: OrbitBranch, omega: float) -> Iterator[Orbit | NoOrbit]:
-    """Yield the orbits of a branch in frequency at ``omega`` (rad/s), or why a solution there is none."""
+    """Yield the orbits of a branch in frequency at ``omega`` (rad/s).
+
+    For a solution that is no orbit the reason is yielded.
+    """
     values = branch.branch.parameters
     for k in np.flatnonzero((values[:-1] - omega) * (values[1:] - omega) <= 0):
         if values[k] == values[k + 1]:
@@ -228,7 +258,10 @@ def crossings(branch: OrbitBranch, omega: float) -> Iterator[Orbit | NoOrbit]:
 def closed_form_over(
     case: Case, ratios: Array, progress: SurveyProgress | None = None
 ) -> list[OrbitSearch]:
-    """Return `closed_form_orbits` at each of rising frequency ``ratios`` (M,); ``progress`` is told how many are done."""
+    """Return `closed_form_orbits` at each of ascending frequency ``ratios`` (M,).
+
+    ``progress`` is called with the number of frequencies that are done.
+    """
     require(
         len(ratios) > 0 and bool(np.all(np.diff(ratios) > 0)),
         "ratios",
@@ -245,7 +278,10 @@ def closed_form_over(
 
 
 def join_results(group: OrbitSearch, branches: Iterable[OrbitBranch]) -> OrbitSearch:
-    """Return the group of a frequency with the orbits of branches there added, and the mirror images of those without symmetry."""
+    """Return the group of a frequency with the orbits of branches added.
+
+    The mirror images of orbits without symmetry are added as well.
+    """
     more = [orbit for branch in branches for orbit in crossings(branch, group.case.omega)]
     good = [
         orbit
@@ -288,7 +324,9 @@ def attractors(
     settle: float = SETTLING_PERIODS,
     most_multiple: int = MOST_MULTIPLE,
 ) -> Iterator[Orbit | NoOrbit]:
-    """Yield the motions that runs settle to: from rest, and from beside each unstable orbit in ``near``; with the mirror image where it differs.
+    """Yield the motions to which runs settle, with their mirror images where these differ.
+
+    The runs start from rest, and close to each unstable orbit in ``near``.
 
     A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it.
     See `orbit_of_simulation`.

@@ -40,7 +40,11 @@ def symmetric_schedule(friction: bool) -> EventSchedule:
 
 @dataclass(frozen=True, eq=False)
 class ClosedForm:
-    """One branch of the closed form: ``impulse`` (N s) on the absorber at the lower wall and the force's ``phase`` (rad) there."""
+    """One branch of the closed form.
+
+    ``impulse`` (N s) is that on the absorber at the lower wall, and ``phase`` (rad) is that of the
+    force at this impact.
+    """
 
     case: Case
     impulse: float
@@ -53,9 +57,12 @@ class ClosedForm:
 
 
 def closed_form(case: Case) -> tuple[ClosedForm, ...]:
-    """Return the branches with the smaller and the larger impulse, or none below the fold force. Friction is taken as one-signed between impacts.
+    """Return the branches with the smaller and the larger impulse, or none below the fold force.
 
-    Whether the wall pushes, nothing is passed and nothing turns in between is not asked here: `impact_env.periodic.orbit` does.
+    The friction force is assumed to have one sign between impacts.
+
+    Whether the wall pushes, nothing is passed and nothing turns in between is not asked here:
+    `impact_env.periodic.orbit` does.
     """
     line = compute_line(case.structure, case.point)
     roots = solve_impulses(line, case.force)
@@ -65,7 +72,10 @@ def closed_form(case: Case) -> tuple[ClosedForm, ...]:
 
 
 def closed_form_branches(case: Case, omegas: ArrayLike) -> Array:
-    """Return impulse (N s) and phase (rad) of both branches, (M, 4), at frequencies (M,) in rad/s; nan where there is no orbit."""
+    """Return impulse (N s) and phase (rad) of both branches, (M, 4).
+
+    The frequencies (M,) are in rad/s. The result is nan where no orbit exists.
+    """
     at = np.ascontiguousarray(omegas, dtype=float)
     out = np.empty((len(at), 4))
     closed_forms(case.structure, case.point, at, out)
@@ -73,7 +83,10 @@ def closed_form_branches(case: Case, omegas: ArrayLike) -> Array:
 
 
 def fold_force(case: Case, omegas: ArrayLike) -> Array:
-    """Return the smallest force (N), (M,), with a symmetric orbit at frequencies (M,) in rad/s, from the discriminant of the closed form."""
+    """Return the smallest force (N), (M,), with a symmetric orbit.
+
+    It follows from the discriminant of the closed form at frequencies (M,) in rad/s.
+    """
     at = np.ascontiguousarray(omegas, dtype=float)
     out = np.empty((len(at), 2))
     fold_forces(case.structure, case.point, at, out)
@@ -81,12 +94,18 @@ def fold_force(case: Case, omegas: ArrayLike) -> Array:
 
 
 def fold_impulse(case: Case) -> float:
-    """Return the impulse (N s) at the fold of the case's frequency; the wall pulls, and there is no orbit, unless it is above 0."""
+    """Return the impulse (N s) at the fold of the case's frequency.
+
+    If it is not above 0, the wall would pull and no orbit exists.
+    """
     return float(compute_fold(compute_line(case.structure, case.point))[1])
 
 
 def map_frequencies(case: Case, low: float, high: float) -> Array:
-    """Return frequencies (M,) in rad/s between two ratios of the first resonance's, fine enough for the narrowest resonance."""
+    """Return frequencies (M,) in rad/s between two ratios of the first resonance.
+
+    Their spacing resolves the narrowest resonance.
+    """
     require(
         0 < low < high,
         "frequency range",
@@ -101,7 +120,10 @@ def map_frequencies(case: Case, low: float, high: float) -> Array:
 
 
 def find_level_places(case: Case, low: float, high: float) -> tuple[tuple[str, float, float], ...]:
-    """Return kind, force (N) and frequency (rad/s) of the valleys and ridges of the closed form's fold force where the wall pushes."""
+    """Return the valleys and ridges of the closed form's fold force where the wall pushes.
+
+    Each has a kind, a force (N) and a frequency (rad/s).
+    """
     omegas = map_frequencies(case, low, high)
     forces = fold_force(case, omegas)
     rise = np.diff(forces)
@@ -117,14 +139,20 @@ def find_level_places(case: Case, low: float, high: float) -> tuple[tuple[str, f
 
 
 def _changes_of_sign(values: Array) -> NDArray[np.intp]:
-    """Return k (K,) where the sign of values (M,) at k + 1 is another one than at k; 0 counts as above 0, and what is not finite has none."""
+    """Return k (K,) where the sign of values (M,) changes between k and k + 1.
+
+    0 counts as positive. Values that are not finite have no sign.
+    """
     below = values < 0
     known = np.isfinite(values)
     return np.flatnonzero((below[:-1] != below[1:]) & known[:-1] & known[1:])
 
 
 def _level(case: Case, low: float, high: float) -> float:
-    """Return the frequency (rad/s) between two at which the fold force is level, by differences of fourth order."""
+    """Return the frequency (rad/s) between two at which the fold force has zero slope.
+
+    The slope is computed by differences of fourth order.
+    """
 
     def slope(omega: float) -> float:
         h = DIFFERENCE_STEP * omega * min(1.0, (high - low) / (2 * DIFFERENCE_STEP * omega))
@@ -140,7 +168,10 @@ def _level(case: Case, low: float, high: float) -> float:
 
 
 def closed_folds(case: Case, low: float, high: float) -> tuple[float, ...]:
-    """Return the frequencies (rad/s) of the closed form's folds at the case's force: the level set of the fold force, where the wall pushes."""
+    """Return the frequencies (rad/s) of the closed form's folds at the case's force.
+
+    At these frequencies the fold force equals the case's force, and the wall pushes.
+    """
     omegas = map_frequencies(case, low, high)
     above = fold_force(case, omegas) - case.force
 

@@ -1,7 +1,8 @@
 """Trigonometric polynomials: values, all real roots, and what is left of one on a set of intervals.
 
-A polynomial with harmonics 0 to H is a row (2H + 1,): the mean, then H cosines, then H sines of an angle. Nothing is sampled in the end: samples only
-bracket the roots, and a bound on the second derivative says where there is none.
+A polynomial with harmonics 0 to H is a row (2H + 1,): the mean, then H cosines, then H sines of an
+angle. Nothing is sampled in the end: samples only bracket the roots, and a bound on the second
+derivative says where there is none.
 """
 
 from functools import lru_cache
@@ -24,7 +25,10 @@ def harmonics_of(row: Real) -> int:
 
 
 def values(rows: Real, which: IndexArray, angle: Real) -> tuple[Real, Real]:
-    """Return values and derivatives of polynomials ``rows`` (p, 2H + 1), number ``which`` (q,) at each ``angle`` (q,)."""
+    """Return values and derivatives of polynomials ``rows`` (p, 2H + 1).
+
+    Polynomial number ``which`` (q,) is evaluated at each ``angle`` (q,).
+    """
     h = harmonics_of(rows)
     order = np.arange(1, h + 1)
     terms = (rows[:, 1 : h + 1] - 1j * rows[:, h + 1 :])[which] * np.exp(
@@ -53,9 +57,12 @@ def _sample(rows: Real, points: int) -> Real:
 
 
 def find_roots(rows: Real) -> list[Real]:
-    """Return the angles in [0, 2 pi), rising, at which each polynomial (p, 2H + 1) changes its sign.
+    """Return the angles in [0, 2 pi) at which each polynomial (p, 2H + 1) changes its sign.
 
-    A cell between two samples of one sign can only hide roots if |f''| allows it: such cells are cut until none is left, or they are `FINEST_CELL`.
+    The angles are in ascending order.
+
+    A cell between two samples of one sign can only hide roots if |f''| allows it: such cells are
+    cut until none is left, or they are `FINEST_CELL`.
     """
     h = max(harmonics_of(rows), 1)
     points = 2 * (SAMPLES_PER_HARMONIC * h // 2) + 8
@@ -156,7 +163,10 @@ def negative(row: Real, at: Real) -> Intervals:
 
 
 def moments(intervals: Intervals, harmonics: int) -> tuple[Real, Real]:
-    """Return the means over a period of cos(n angle) and sin(n angle) taken on the intervals only, n = 0 to ``harmonics``."""
+    """Return the means of cos(n angle) and sin(n angle), n = 0 to ``harmonics``.
+
+    They are means over a period, in which only the intervals contribute.
+    """
     order = np.arange(1, harmonics + 1)
     begin = np.exp(1j * np.outer(intervals[:, 0], order))
     end = np.exp(1j * np.outer(intervals[:, 1], order))
@@ -174,7 +184,11 @@ def _orders(harmonics: int) -> tuple[IndexArray, IndexArray, Real]:
 
 
 def window(intervals: Intervals, harmonics: int) -> Real:
-    """Return the matrix (2H + 1, 2H + 1) from a polynomial to harmonics 0 to H of itself on the intervals, and zero elsewhere: in closed form."""
+    """Return the matrix (2H + 1, 2H + 1) that restricts a polynomial to intervals.
+
+    The matrix maps a polynomial to the harmonics 0 to H of the function that equals it on the
+    intervals and is zero elsewhere. It is computed in closed form.
+    """
     c, s = moments(intervals, 2 * harmonics)
     difference, total, sign = _orders(harmonics)
     h = harmonics
@@ -190,7 +204,10 @@ def window(intervals: Intervals, harmonics: int) -> Real:
 
 
 def share(intervals: Intervals, harmonics: int) -> Real:
-    """Return the polynomial (2H + 1,) of what is 1 on the intervals and 0 elsewhere: the window's first column."""
+    """Return the polynomial (2H + 1,) of the function that is 1 on the intervals and 0 elsewhere.
+
+    It is the window's first column.
+    """
     c, s = moments(intervals, harmonics)
     return np.concatenate([c[:1], 2 * c[1:], 2 * s[1:]])
 

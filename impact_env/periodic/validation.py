@@ -1,4 +1,8 @@
-"""Validation of an orbit: the exact method propagates its state over a period, with its own search for events, and must return to it."""
+"""Validation of an orbit by the exact method.
+
+The method propagates the orbit's state over a period, with its own search for events, and must
+return to this state.
+"""
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -28,17 +32,24 @@ EVENT_BAR = (
 PHASE_BAR = (
     1e-5  # rad: the same for a joined phase, whose ends lie as sharply as the root of a distance
 )
-FAINT_IMPULSE = 1e-5  # of the largest impulse: bounces below it are not compared one by one, a chatter has as many as rounding lets it have
+# of the largest impulse: bounces below it are not compared one by one, a chatter has as many as
+# rounding lets it have
+FAINT_IMPULSE = 1e-5
 JOINED_FOR_A_WHILE = "friction or a wall holds the absorber for a while"
 
 
 @dataclass(frozen=True)
 class Validation:
-    """The validation of a motion by the exact method: ``residual`` of the return, and ``reason`` why it is no orbit, None if it is one.
+    """The validation of a motion by the exact method.
 
-    Impacts are compared one by one. A reversal that the schedule misses or invents shows in the residual: friction would push the wrong way. The
-    residual is the largest difference of the state after a period (mirrored after half of one, for a symmetric orbit): displacements over the gap,
-    velocities over gap times omega. ``response``: the run, None if it broke down or there were several; ``start``: the phase it began at, in rad.
+    ``residual`` is that of the return, and ``reason`` is the reason why the motion is no orbit, or
+    None if it is one.
+
+    Impacts are compared one by one. A reversal that the schedule misses or invents shows in the
+    residual: friction would push the wrong way. The residual is the largest difference of the state
+    after a period (mirrored after half of one, for a symmetric orbit): displacements over the gap,
+    velocities over gap times omega. ``response``: the run, None if it broke down or there were
+    several; ``start``: the phase it began at, in rad.
     """
 
     residual: float
@@ -53,18 +64,28 @@ def shortest_validation(case: Case) -> None:
 
 
 def validation_alongside(case: Case) -> AbstractContextManager[None]:
-    """Let another process compile what validations of such a case take, while this one compiles what finds orbits; see `run_alongside`."""
+    """Let another process compile the kernels for validations of such a case.
+
+    This process compiles the kernels that find orbits at the same time, see `run_alongside`.
+    """
     return run_alongside(rigid_lane, partial(shortest_validation, case))
 
 
 def propagate_orbit(motion: AnyMotion, record: Record) -> tuple[Response, float]:
-    """Return the exact method's run over the span of the schedule and the phase (rad) it began at: in the middle of the longest flight."""
+    """Return the exact method's run over the span of the schedule, and its first phase (rad).
+
+    The run starts in the middle of the longest flight.
+    """
     start, state = motion.mid_flight()
     return _run(motion, start, state, record), start
 
 
 def iterate_map(motion: AnyMotion, start: float, state: Array) -> Array:
-    """Return where the exact method takes a state (2 N_m + 2,) from a phase (rad) over the schedule's span, mirrored if that is half a period."""
+    """Return the state after the schedule's span by the exact method.
+
+    The run starts from a state (2 N_m + 2,) at a phase (rad). The result is mirrored if the span is
+    half a period.
+    """
     end = _run(motion, start, state, RECORD).end_state
     return np.asarray(-end if motion.solution.schedule.symmetric else end)
 
@@ -90,7 +111,10 @@ def residual_of(motion: AnyMotion, response: Response, stop: float) -> float:
 
 
 def _compare_events(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str | None:
-    """Return how the events of runs from ``starts`` (rad) on differ from the motion's, or None; a chatter's faintest bounces are not compared."""
+    """Return how the events of runs differ from those of the motion, or None.
+
+    The runs start at ``starts`` (rad). The faintest bounces of a chatter are not compared.
+    """
     case = motion.solution.case
     schedule = motion.solution.schedule
     start = float(starts[0])
@@ -138,7 +162,10 @@ def _compare_events(motion: AnyMotion, runs: Sequence[Response], starts: Array) 
 
 
 def joins_for_a_while(motion: AnyMotion, start: float) -> Array:
-    """Return when the joined phases of a motion begin and end in the span from a phase ``start`` (rad) on, (2, K) in rad after it."""
+    """Return the beginnings and ends of a motion's joined phases within one span, (2, K).
+
+    The span starts at the phase ``start`` (rad). The beginnings and ends are in rad after it.
+    """
     schedule = motion.solution.schedule
     phases = motion.solution.phases
     joined = np.array([event.regime is Regime.JOINED for event in schedule.events])
@@ -149,7 +176,9 @@ def joins_for_a_while(motion: AnyMotion, start: float) -> Array:
 
 
 def merge_chatter(begins: Array, ends: Array) -> Array:
-    """Return intervals (2, K) from their ends, (n,) each: what lies closer than `PHASE_BAR` is one, what is shorter none.
+    """Return intervals (2, K) from beginnings and ends, (n,) each, without chatter.
+
+    Intervals that are closer than `PHASE_BAR` are merged, and shorter ones are removed.
 
     A wall that holds and friction that holds on the same spot follow each other so.
     """
@@ -163,7 +192,10 @@ def merge_chatter(begins: Array, ends: Array) -> Array:
 
 
 def _mirrored(motion: AnyMotion, start: float, phases: Array, signed: Array) -> Array:
-    """Return phases (n,) in rad after ``start`` within one span, rising, and with them what turns its sign in a mirrored span: (2, n)."""
+    """Return ascending phases (n,) in rad after ``start`` within one span, and ``signed``.
+
+    The values ``signed`` change their sign in a mirrored span. The result is (2, n).
+    """
     rounds = -np.floor((phases - start) / motion.solution.schedule.turn)
     mirror = np.where(rounds % 2 == 1, -1.0, 1.0) if motion.solution.schedule.symmetric else 1.0
     rows = np.array([phases + rounds * motion.solution.schedule.turn - start, signed * mirror])
@@ -180,10 +212,13 @@ def chatters(case: Case, response: Response) -> bool:
 
 
 def validate(motion: AnyMotion) -> Validation:
-    """Return the validation of a motion by the exact method; a run that breaks down is a reason too.
+    """Return the validation of a motion by the exact method.
 
-    Over several periods of the force an unstable orbit makes what rounding leaves as many times larger as its multipliers say: there each period is
-    run from the motion's own state, and must come to its state at the next.
+    A run that breaks down is a reason to reject the motion, too.
+
+    Over several periods of the force an unstable orbit makes what rounding leaves as many times
+    larger as its multipliers say: there each period is run from the motion's own state, and must
+    come to its state at the next.
     """
     sections = _sections(motion)
     try:
@@ -204,7 +239,11 @@ def validate(motion: AnyMotion) -> Validation:
 
 
 def _sections(motion: AnyMotion) -> Array:
-    """Return the phases (rad) between which a motion is run: the middle of the longest flight, of one in each period after it, and a span later."""
+    """Return the phases (rad) between which a motion is run.
+
+    They are the middle of the longest flight, the middle of a flight in each later period, and the
+    first phase plus one span.
+    """
     start = motion.mid_flight()[0]
     schedule = motion.solution.schedule
     span = np.array([start, start + schedule.turn])

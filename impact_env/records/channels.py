@@ -1,4 +1,8 @@
-"""How a record is read, the channels of a file before their units are applied, which of them is meant, and columns by their labels."""
+"""Selection of the channels of a record.
+
+The module has the settings with which a record is read, the channels of a file before their units
+are applied, the choice of the channels that are meant, and the search for columns by their labels.
+"""
 
 import re
 from collections.abc import Sequence
@@ -14,13 +18,17 @@ from impact_env.records.units import TIME_DIMENSION, Label, Unit, read_label
 
 @dataclass(frozen=True)
 class RecordOptions:
-    """How a record is read: the keys of a load of the kind ``samples``, None where a key is left out.
+    """Options for reading a record.
 
-    - ``quantity``: "force" or "base_acceleration" of a load; "displacement", "velocity" or "acceleration" of a response
+    They are the keys of a load of the kind ``samples``, None for a key that is left out.
+
+    - ``quantity``: "force" or "base_acceleration" of a load; "displacement", "velocity" or
+      "acceleration" of a response
     - ``scale``: factor on the values; ``unit`` of the values, ``time_unit`` of the times
     - ``sample_rate``: in Hz, for files without times
     - ``channel``: the number of a channel, from 1, or its name
-    - ``resample``: put samples that are not even in time on even steps; ``allow_clipping``: take a record that stays at its largest value
+    - ``resample``: put samples that are not even in time on even steps; ``allow_clipping``: take a
+      record that stays at its largest value
     """
 
     quantity: str
@@ -41,7 +49,8 @@ class Channel:
     """A channel of a file.
 
     - ``values`` (K,) as written, and their ``unit``; None: the file has none
-    - ``times`` (K,) as written, and their ``time_unit``; or, where the file has a clock, its ``rate`` in Hz. Both None: no times
+    - ``times`` (K,) as written, and their ``time_unit``; or, where the file has a clock, its
+      ``rate`` in Hz. Both None: no times
     - ``first_row``: number of the first sample in the file, as an error names it
     """
 
@@ -56,7 +65,10 @@ class Channel:
 
 
 def choose_channel(file: Path, options: RecordOptions, names: Sequence[str]) -> int:
-    """Return the index of the channel that is meant; raises ParameterError where it is not clear which."""
+    """Return the index of the requested channel.
+
+    Raises ParameterError if the request is ambiguous.
+    """
     listed = ", ".join(f"{k} {name!r}" if name else str(k) for k, name in enumerate(names, 1))
     chosen = options.channel
     if chosen is None:
@@ -77,7 +89,10 @@ def choose_channel(file: Path, options: RecordOptions, names: Sequence[str]) -> 
 
 
 def require_finite(file: Path, values: Array, first_row: int = 1) -> Array:
-    """Return values that are all finite numbers; raises ParameterError that names the first other row."""
+    """Return values that are all finite numbers.
+
+    Raises ParameterError with the first row that is not a finite number.
+    """
     bad = np.flatnonzero(~(np.abs(values) <= LARGE))
     if len(bad):
         row = f"{file.name}: row {int(bad[0]) + first_row}"
@@ -154,7 +169,8 @@ def channel_of_columns(
     label = labels[chosen]
     if label.unit is None and options.unit is None and NOT_LOAD_HEADERS.match(label.name):
         raise ParameterError(
-            f"{file.name}: column = {label.text!r} is not allowed: a force, or an acceleration of the base"
+            f"{file.name}: column = {label.text!r} is not allowed: a force, or an "
+            "acceleration of the base"
         )
     values = require_finite(file, columns[chosen], first_row)
     unknown = label.brackets if label.unit is None else None

@@ -1,4 +1,7 @@
-"""Records from tables of text: separated by commas, semicolons, tabs or spaces, with a header, decimal points or commas."""
+"""Records from tables of text with a header.
+
+Columns are separated by commas, semicolons, tabs or spaces. Numbers have decimal points or commas.
+"""
 
 import csv
 import math
@@ -50,22 +53,28 @@ def split_line(file: Path, row: int, line: str, separator: str | None) -> list[s
         ]
     except csv.Error as error:
         raise ParameterError(
-            f"{file.name}: row {row} = {line[:60]!r} is not allowed: cells whose quotes are closed ({error})"
+            f"{file.name}: row {row} = {line[:60]!r} is not allowed: cells whose quotes are "
+            f"closed ({error})"
         ) from error
 
 
 def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> TextTable:
-    """Return header and separator of a table; raises ParameterError for what stands before the numbers and is no header."""
+    """Return header and separator of a table.
+
+    Raises ParameterError for lines before the numbers that are not a header.
+    """
     first = next((k for k, line in enumerate(lines) if NUMERIC_LINE.fullmatch(line)), None)
     if first is None:
         filled = [k for k, line in enumerate(lines) if line.strip()]
         if len(filled) > 1 and re.search(r"\d", lines[filled[-1]]):
             k = filled[-1]
             raise ParameterError(
-                f"{file.name}: row {k + 1} = {lines[k].strip()[:60]!r} is not allowed: rows of real numbers alone below the header, no dates"
+                f"{file.name}: row {k + 1} = {lines[k].strip()[:60]!r} is not allowed: rows "
+                "of real numbers alone below the header, no dates"
             )
         raise ParameterError(
-            f"{file.name}: rows of numbers = 0 is not allowed: {EXAMPLE_HEADER}, and two samples or more"
+            f"{file.name}: rows of numbers = 0 is not allowed: {EXAMPLE_HEADER}, and two "
+            "samples or more"
         )
     match = SEPARATOR_LINE.fullmatch(lines[0].strip())
     marks = (mark for mark in (";", "\t", ",") if mark in lines[first])
@@ -89,7 +98,8 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
     for k, line in comments:
         if options.unit is None and re.search(r"\bunits?\b", line, re.IGNORECASE):
             raise ParameterError(
-                f"{file.name}: row {k + 1} = {line[:60]!r} is not allowed: units in the header, or the load's unit beside such a comment"
+                f"{file.name}: row {k + 1} = {line[:60]!r} is not allowed: units in the "
+                "header, or the load's unit beside such a comment"
             )
     if not titles:
         cells = split_line(file, first + 1, lines[first], separator)
@@ -104,7 +114,8 @@ def _read_head(file: Path, lines: Sequence[str], options: RecordOptions) -> Text
     if len(heads) > (2 if units is not None else 1):
         row = titles[-1][0] + 1
         raise ParameterError(
-            f"{file.name}: row {row} = {heads[-1]!r} is not allowed: numbers after one header, or a row of units such as s,m/s^2"
+            f"{file.name}: row {row} = {heads[-1]!r} is not allowed: numbers after one "
+            "header, or a row of units such as s,m/s^2"
         )
     return TextTable(heads[0], units, separator, first)
 
@@ -116,7 +127,10 @@ def _to_number(cell: str, decimal: str) -> float:
 
 
 def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[list[float]]:
-    """Yield the numbers of each row; raises ParameterError for a row that has others, more or fewer."""
+    """Yield the numbers of each row.
+
+    Raises ParameterError for a row with other content, or with more or fewer numbers.
+    """
     width = len(table.header)
     last = max(k for k, line in enumerate(lines) if line.strip())
     decimal = ""
@@ -144,7 +158,10 @@ def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[l
 
 
 def _read_plain_rows(lines: Sequence[str], table: TextTable) -> NDArray[np.float64] | None:
-    """Return the numbers of rows in which nothing is unusual, in a tenth of the time of `_read_rows`; None for others."""
+    """Return the numbers of regular rows, in a tenth of the time of `_read_rows`.
+
+    The result is None if there is a row of another form.
+    """
     last = max(k for k, line in enumerate(lines) if line.strip())
     body = lines[table.first : last + 1]
     if table.separator != "," and any("," in line for line in body):
@@ -162,7 +179,10 @@ def _read_plain_rows(lines: Sequence[str], table: TextTable) -> NDArray[np.float
 
 
 def _refuse_cut(file: Path, lines: Sequence[str], decimal_places: int = 3) -> None:
-    """Raise ParameterError where the last line, without an end, has fewer decimals than all lines before it: the file was cut there."""
+    """Raise ParameterError if a file was cut in its last line.
+
+    This is the case if the last line has no line end and fewer decimals than all lines before it.
+    """
     last = lines[-1].strip()
     before = [line for line in lines[-12:-1] if line.strip()]
     if not last or len(before) < 8:
@@ -182,7 +202,10 @@ def _refuse_cut(file: Path, lines: Sequence[str], decimal_places: int = 3) -> No
 def _without_last_separator(
     file: Path, lines: list[str], table: TextTable
 ) -> tuple[list[str], TextTable]:
-    """Return lines and table without the separator that ends each row of numbers in files of some loggers."""
+    """Return lines and table without a separator at the end of each row.
+
+    Files of some loggers have such a separator after the numbers of each row.
+    """
     mark = table.separator
     first = lines[table.first].rstrip(" ")
     if mark is None or not first.endswith(mark):
@@ -204,7 +227,10 @@ def _without_last_separator(
 
 
 def read_csv(file: Path, options: RecordOptions) -> Channel:
-    """Return a channel of a table with a header: a column of times and one or more of values, or values alone."""
+    """Return a channel of a table with a header.
+
+    The table has a column of times and one or more columns of values, or values alone.
+    """
     lines = decode_text(file)
     table = _read_head(file, lines, options)
     lines, table = _without_last_separator(file, lines, table)

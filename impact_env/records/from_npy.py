@@ -1,4 +1,7 @@
-"""Records from NumPy's ``.npy`` files: values, columns of times and values, or a structured array with named columns."""
+"""Records from NumPy's ``.npy`` files.
+
+They are values, columns of times and values, or a structured array with named columns.
+"""
 
 import warnings
 from pathlib import Path
@@ -17,7 +20,10 @@ ALLOWED_SHAPES = (
 
 
 def _load(file: Path) -> NDArray[Any]:
-    """Return the one array of a file; raises ParameterError if it is not whole, or followed by more."""
+    """Return the single array of a file.
+
+    Raises ParameterError if the array is incomplete or followed by further data.
+    """
     try:
         with file.open("rb") as source, warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -50,8 +50,10 @@ ACCELERATION_DATA = 12
 FORCE_DATA = (9, 13)  # reaction force, excitation force
 TIME_DATA = 17
 DATA_TYPES = {
-    0: "unknown", 1: "general", 2: "stress", 3: "strain", 5: "temperature", 6: "heat flux", 8: "displacement", 9: "reaction force", 11: "velocity",
-    12: "acceleration", 13: "excitation force", 15: "pressure", 16: "mass", 17: "time", 18: "frequency", 19: "rpm", 20: "order",
+    0: "unknown", 1: "general", 2: "stress", 3: "strain", 5: "temperature", 6: "heat flux",
+    8: "displacement", 9: "reaction force", 11: "velocity", 12: "acceleration",
+    13: "excitation force", 15: "pressure", 16: "mass", 17: "time", 18: "frequency", 19: "rpm",
+    20: "order",
 }  # fmt: skip
 REAL_PRECISIONS = (2, 4)  # ordinate data types: single and double precision; 5 and 6 are complex
 UFF_BYTE_ORDERS = (1, 2)  # little endian, big endian
@@ -59,9 +61,11 @@ IEEE = 2  # floating point format
 ROTATIONS = (4, 5, 6)
 DIRECTION_NAMES = ("", "X", "Y", "Z", "RX", "RY", "RZ")
 FOOT = 0.3048
-# code of a system of units -> metres and newtons in its units of length and force; of others the file says
+# code of a system of units -> metres and newtons in its units of length and force; of others the
+# file says
 UNIT_SYSTEMS = {
-    1: (1.0, 1.0), 2: (FOOT, POUND_FORCE), 3: (1.0, STANDARD_GRAVITY), 4: (FOOT, POUND_FORCE * FOOT / STANDARD_GRAVITY), 5: (1e-3, 1e-3),
+    1: (1.0, 1.0), 2: (FOOT, POUND_FORCE), 3: (1.0, STANDARD_GRAVITY),
+    4: (FOOT, POUND_FORCE * FOOT / STANDARD_GRAVITY), 5: (1e-3, 1e-3),
     6: (1e-2, 1e-2), 7: (0.0254, POUND_FORCE), 8: (1e-3, STANDARD_GRAVITY),
 }  # fmt: skip
 USER_DEFINED = 9
@@ -156,7 +160,10 @@ def _label(part: Dataset, name: str) -> str | None:
 
 
 def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Unit | None:
-    """Return the unit of the values that a kind of data has in a system of units; None where the file does not say."""
+    """Return the unit of the values of a kind of data in a system of units.
+
+    The result is None if the file does not state it.
+    """
     kind = int(part["ordinate_spec_data_type"])
     exponents = [int(part[f"ordinate_{name}_unit_exp"]) for name in ("len", "force", "temp")]
     if kind == GENERAL_DATA:
@@ -207,7 +214,10 @@ def _values_unit(
             ok,
             f"{where}: ordinate",
             DATA_TYPES.get(int(part["ordinate_spec_data_type"])),
-            f"acceleration or force, as dataset 164 has units other than SI ({system.name if system else ''}); or unit given",
+            (
+                "acceleration or force, as dataset 164 has units other than SI "
+                f"({system.name if system else ''}); or unit given"
+            ),
         )
         return by_label, label if by_label is None else None
     if label is None:
@@ -222,11 +232,13 @@ def _values_unit(
         return (by_system if system is not None else None), None
     if by_label.dimension != by_system.dimension:
         raise ParameterError(
-            f"{where}: unit of the ordinate = {label!r} is not allowed: a unit of its kind of data, {by_system.dimension}"
+            f"{where}: unit of the ordinate = {label!r} is not allowed: a unit of its kind of "
+            f"data, {by_system.dimension}"
         )
     if system is not None and not by_label.is_same_as(by_system):
         raise ParameterError(
-            f"{where}: unit of the ordinate = {label!r} is not allowed: {by_system.name}, as dataset 164 says ({system.name})"
+            f"{where}: unit of the ordinate = {label!r} is not allowed: {by_system.name}, as "
+            f"dataset 164 says ({system.name})"
         )
     return by_label, None
 
@@ -240,7 +252,11 @@ def _describe(part: Dataset) -> str:
 
 
 def _require_time_history(where: str, part: Dataset, options: RecordOptions) -> None:
-    """Raise ParameterError for a dataset 58 whose header says that it is no translation or force over time, or not whole."""
+    """Raise ParameterError for a dataset 58 that is not a complete, suitable time history.
+
+    The error is raised if its header says that it is no translation or force over time, or that it
+    is incomplete.
+    """
     kind = int(part["abscissa_spec_data_type"])
     is_time = kind == TIME_DATA or (
         kind == UNKNOWN_DATA and int(part["func_type"]) == TIME_RESPONSE

@@ -1,4 +1,7 @@
-"""Records from WAV files: whole numbers of 8 to 64 bits and floats, of any number of channels; full scale is 1."""
+"""Records from WAV files of any number of channels.
+
+The samples are integers of 8 to 64 bits or floats. Full scale is 1.
+"""
 
 import struct
 import warnings
@@ -28,7 +31,10 @@ def _refuse(file: Path, allowed: str) -> NoReturn:
 
 
 def _require_whole(file: Path) -> None:
-    """Raise ParameterError unless a file has all bytes that its header and chunks announce, and no others."""
+    """Raise ParameterError unless a file has exactly the bytes that its header announces.
+
+    These are the bytes of its header and chunks, and no others.
+    """
     content = file.read_bytes()
     order = WAV_BYTE_ORDERS.get(content[:4])
     if len(content) < RIFF_HEAD or order is None or content[8:RIFF_HEAD] != b"WAVE":

@@ -1,4 +1,8 @@
-"""A record of a file in SI units at even times: the reader of its format, then units, times and clipping."""
+"""A record of a file in SI units at even times.
+
+The reader of the file's format is followed by the conversion of units, the times and the check for
+clipping.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -39,7 +43,8 @@ DIMENSIONS = {
     "velocity": VELOCITY_DIMENSION,
     "acceleration": ACCELERATION_DIMENSION,
 }
-CLIPPED = 8  # samples in a row at a record's largest or smallest value: what a converter gives beyond its range
+# samples in a row at a record's largest or smallest value: what a converter gives beyond its range
+CLIPPED = 8
 LONGEST_STEP = 1.5  # usual steps: a longer one has lost a sample
 SHORTEST_STEP = (
     0.5  # usual steps: with shorter ones, straight lines at usual steps leave samples out
@@ -49,7 +54,10 @@ SHORTEST_STEP = (
 def _choose_unit(
     file: Path, key: str, unit: str | None, own: Unit | None, unknown: str | None, dimension: str
 ) -> Unit | None:
-    """Return the unit of values or times, of the load's table or the file; raises ParameterError where both have one and differ."""
+    """Return the unit of values or times, from the load's table or the file.
+
+    Raises ParameterError if both give a unit and the units differ.
+    """
     wanted = None if unit is None else require_unit(key, unit, dimension)
     if own is not None:
         if own.dimension != dimension:
@@ -60,7 +68,10 @@ def _choose_unit(
             )
         return own
     if unknown is not None and wanted is None:
-        allowed = f"a unit of {dimension} in brackets or at the end, as {EXAMPLES[dimension]}, or the load's {key}"
+        allowed = (
+            f"a unit of {dimension} in brackets or at the end, as {EXAMPLES[dimension]}, or the "
+            f"load's {key}"
+        )
         raise ParameterError(f"{file.name}: unit = {unknown!r} is not allowed: {allowed}")
     return wanted
 
@@ -73,7 +84,10 @@ def _factor(file: Path, options: RecordOptions, channel: Channel) -> float:
     factor = 1.0 if unit is None else unit.factor
     if options.scale is not None and options.unit is None and factor != 1:
         assert unit is not None
-        allowed = f"left out, as {file.name} has values in {unit.name}, which are converted; unit = {unit.name!r} beside it makes it a factor on top"
+        allowed = (
+            f"left out, as {file.name} has values in {unit.name}, which are converted; unit = "
+            f"{unit.name!r} beside it makes it a factor on top"
+        )
         require(False, "scale", options.scale, allowed)
     return factor * (1.0 if options.scale is None else options.scale)
 
@@ -132,7 +146,10 @@ def _refuse_clipped(file: Path, channel: Channel) -> None:
 def _to_even_times(
     file: Path, options: RecordOptions, channel: Channel, times: Array, values: Array
 ) -> tuple[Array, Array]:
-    """Return times from 0 at even steps and the values there; a record that is not even is refused unless it is to be resampled."""
+    """Return times from 0 at even steps and the values at these times.
+
+    An uneven record is refused unless it is to be resampled.
+    """
     steps = np.diff(times)
     for k in np.flatnonzero(~(steps > 0))[:1]:
         row = f"{file.name}: time in row {channel.first_row + int(k) + 1}"
@@ -146,7 +163,10 @@ def _to_even_times(
     row = f"{file.name}: time in row {channel.first_row + k}"
     step = float(steps[k - 1])
     if not options.resample:
-        allowed = f"steps of {usual:g} s as elsewhere, not {step:g} s; resample = true takes straight lines between samples"
+        allowed = (
+            f"steps of {usual:g} s as elsewhere, not {step:g} s; resample = true takes straight "
+            "lines between samples"
+        )
         raise ParameterError(f"{row} = {times[k]:g} is not allowed: {allowed}")
     allowed = (
         f"steps from {SHORTEST_STEP:g} to {LONGEST_STEP:g} times the usual {usual:g} s, not "
@@ -158,9 +178,12 @@ def _to_even_times(
 
 
 def read_record(file: Path, options: RecordOptions) -> tuple[Array, Array]:
-    """Return times (K,) in s, even from 0, and values (K,) of a record in the SI unit of its quantity.
+    """Return times (K,) in s, even from 0, and values (K,) of a record.
 
-    Raises ParameterError with file, row or dataset, and what is allowed; OSError where the file cannot be opened.
+    The values are in the SI unit of the record's quantity.
+
+    Raises ParameterError with file, row or dataset, and what is allowed; OSError where the file
+    cannot be opened.
     """
     channel = RECORD_READERS[file.suffix.lower()](file, options)
     require(

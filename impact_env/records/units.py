@@ -27,7 +27,10 @@ AGREEMENT_TOL = 1e-6  # of a factor: units written in two places of a file are o
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: its ``name`` as written, its ``dimension``, one of those above, and its ``factor`` to s, m/s^2 or N."""
+    """A unit of a record.
+
+    ``name``: as written. ``dimension``: one of those above. ``factor``: factor to s, m/s^2 or N.
+    """
 
     name: str
     dimension: str
@@ -48,22 +51,30 @@ TIME_UNITS = {
     "ms": 1e-3, "msec": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
     "us": 1e-6, "usec": 1e-6, "microsecond": 1e-6, "microseconds": 1e-6,
     "ns": 1e-9, "nsec": 1e-9, "nanosecond": 1e-9, "nanoseconds": 1e-9,
-    "min": 60.0, "minute": 60.0, "minutes": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "hours": 3600.0,
+    "min": 60.0, "minute": 60.0, "minutes": 60.0,
+    "h": 3600.0, "hr": 3600.0, "hour": 3600.0, "hours": 3600.0,
 }  # fmt: skip
 ACCELERATION_UNITS = {
-    "g": STANDARD_GRAVITY, "gn": STANDARD_GRAVITY, "g0": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "ug": 1e-6 * STANDARD_GRAVITY,
+    "g": STANDARD_GRAVITY, "gn": STANDARD_GRAVITY, "g0": STANDARD_GRAVITY,
+    "mg": 1e-3 * STANDARD_GRAVITY, "ug": 1e-6 * STANDARD_GRAVITY,
     "gal": 1e-2, "mgal": 1e-5,
 }  # fmt: skip
 FORCE_UNITS = {
-    "N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6, "newton": 1.0, "newtons": 1.0,
-    "lbf": POUND_FORCE, "klbf": 1e3 * POUND_FORCE, "kip": 1e3 * POUND_FORCE, "ozf": POUND_FORCE / 16,
-    "kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "gf": 1e-3 * STANDARD_GRAVITY, "pdl": POUND_FORCE * 0.3048 / STANDARD_GRAVITY, "dyn": 1e-5,
+    "N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6,
+    "newton": 1.0, "newtons": 1.0,
+    "lbf": POUND_FORCE, "klbf": 1e3 * POUND_FORCE, "kip": 1e3 * POUND_FORCE,
+    "ozf": POUND_FORCE / 16, "pdl": POUND_FORCE * 0.3048 / STANDARD_GRAVITY, "dyn": 1e-5,
+    "kgf": STANDARD_GRAVITY, "kp": STANDARD_GRAVITY, "gf": 1e-3 * STANDARD_GRAVITY,
 }  # fmt: skip
 VELOCITY_UNITS = {
-    "m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "um/s": 1e-6, "in/s": 0.0254, "ft/s": 0.3048, "km/h": 1 / 3.6,
+    "m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "um/s": 1e-6,
+    "in/s": 0.0254, "ft/s": 0.3048, "km/h": 1 / 3.6,
 }  # fmt: skip
 MOTION_UNITS = (  # an exact name, or any letters from two on: M is no metre
-    (LENGTH_DIMENSION, {name: LENGTH_UNITS[name] for name in ("m", "mm", "cm", "um", "nm", "in", "inch", "ft")}),
+    (
+        LENGTH_DIMENSION,
+        {name: LENGTH_UNITS[name] for name in ("m", "mm", "cm", "um", "nm", "in", "inch", "ft")},
+    ),
     (LENGTH_DIMENSION, {"mil": 2.54e-5}),
     (VELOCITY_DIMENSION, VELOCITY_UNITS),
 )  # fmt: skip
@@ -85,7 +96,8 @@ MULTIPLE_PATTERN = re.compile(r"(\d+\.?\d*(?:[eE][+-]?\d+)?)([a-zA-Z].*)")  # as
 def _plain_text(text: str) -> str:
     """Return a unit's text in one form.
 
-    Superscripts are digits, the sign of micro is u and per a slash; spaces and powers' signs are left out.
+    Superscripts are digits, the sign of micro is u and per a slash; spaces and powers' signs are
+    left out.
     """
     result = (
         unicodedata.normalize("NFKC", PER_PATTERN.sub("/", text.strip()))
@@ -97,7 +109,10 @@ def _plain_text(text: str) -> str:
 
 
 def _in_table(table: dict[str, float], text: str) -> float | None:
-    """Return a unit's factor by its exact name, else by its name in other letters where only one unit has it."""
+    """Return a unit's factor by its exact name, or by its name without regard to case.
+
+    Without regard to case the name must belong to one unit only.
+    """
     if text in table:
         return table[text]
     alike = [factor for name, factor in table.items() if name.casefold() == text.casefold()]
@@ -105,7 +120,10 @@ def _in_table(table: dict[str, float], text: str) -> float | None:
 
 
 def _has_two_meanings(text: str) -> bool:
-    """Return whether a text, in other letters, is two units, as mn is millinewton and meganewton."""
+    """Return whether a text without regard to case is two units.
+
+    For example, mn is millinewton and meganewton.
+    """
     plain = _plain_text(text)
     alike = [name for name in FORCE_UNITS if name.casefold() == plain.casefold()]
     return plain not in FORCE_UNITS and len(alike) > 1
@@ -165,7 +183,11 @@ def require_unit(name: str, text: object, dimension: str) -> Unit:
 
 
 def require_density_unit(name: str, text: object, dimension: str) -> float:
-    """Return the factor from a unit of a spectral density, as g^2/Hz, to (m/s^2)^2/Hz or N^2/Hz; raises ParameterError for any other."""
+    """Return the factor from a unit of a spectral density to SI units.
+
+    For example, the unit is g^2/Hz, and the SI unit is (m/s^2)^2/Hz or N^2/Hz. Raises
+    ParameterError for any other unit.
+    """
     plain = _plain_text(text) if isinstance(text, str) else ""
     squared = DENSITY_PATTERN.fullmatch(plain)
     unit = None if squared is None else find_unit(squared[1] or squared[2])
@@ -194,7 +216,8 @@ LOADS = (TIME_DIMENSION, ACCELERATION_DIMENSION, FORCE_DIMENSION)
 class Label:
     """The label of a column.
 
-    Its ``text``, its ``name`` without unit, its ``unit`` (None: it has none), and the text in its ``brackets``, if it has them.
+    Its ``text``, its ``name`` without unit, its ``unit`` (None: it has none), and the text in its
+    ``brackets``, if it has them.
     """
 
     text: str
@@ -204,7 +227,10 @@ class Label:
 
 
 def _bracketed(label: str) -> list[str]:
-    """Return the texts in the outer brackets of a label; of brackets that are a part of a unit the whole label."""
+    """Return the texts in the outer brackets of a label.
+
+    If the brackets are a part of a unit, the whole label is returned.
+    """
     result = []
     expected: list[str] = []
     start = 0
@@ -221,7 +247,7 @@ def _bracketed(label: str) -> list[str]:
 
 
 def _unit_between(label: str) -> str | None:
-    """Return a unit of times or loads that stands in a label before other words, None without one."""
+    """Return a unit of loads that stands in a label before other words, or None."""
     words = [word for word in SEPARATOR.split(label) if word]
     for first in range(len(words)):
         for last in range(min(first + MOST_WORDS, len(words) - 1), first, -1):
@@ -238,14 +264,19 @@ LOAD_NAMES = re.compile(r"(acc|beschl|force|kraft|load)", re.IGNORECASE)
 
 
 def _is_no_clock(name: str, unit: str) -> bool:
-    """Return whether a unit of time behind a name without brackets is a part of the name, as the h of acc_h."""
+    """Return whether a unit of time at the end of a name is a part of the name.
+
+    An example is the h of acc_h. The name has no brackets.
+    """
     if LOAD_NAMES.match(name):
         return True
     return unit.lower() in ("h", "min") and CLOCK_NAMES.fullmatch(name.strip(" _")) is None
 
 
 def read_label(text: str) -> Label:
-    """Return a column's label: ``acc (g)``, ``time [ms]``, ``force_kN``, ``a / m/s^2``, ``Time ms`` and ``g`` alone have units.
+    """Return a column's label with its name and unit.
+
+    ``acc (g)``, ``time [ms]``, ``force_kN``, ``a / m/s^2``, ``Time ms`` and ``g`` alone have units.
 
     A unit that stands elsewhere, or is not known, is in ``brackets``.
 

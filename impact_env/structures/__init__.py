@@ -1,1 +1,4 @@
-"""Structures that are not a beam of `impact_env.Beam`: modes from matrices, measured modes from Universal Files, and checks of both."""
+"""Structures that are not a beam of `impact_env.Beam`.
+
+They have modes from matrices or measured modes from Universal Files. Both are checked.
+"""

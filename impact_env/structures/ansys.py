@@ -32,7 +32,10 @@ UNITY_TOL = 1e-6  # of the largest number of a shape that is scaled to 1
 
 
 def read_arrays(path: Path) -> dict[str, Any]:
-    """Return the arrays of an Ansys file; raises ValueError, with one line, where it cannot be read."""
+    """Return the arrays of an Ansys file.
+
+    Raises ValueError, with one line, if the file cannot be read.
+    """
     with optional():
         if importlib.util.find_spec("ansys") is None:
             raise ModuleNotFoundError("No module named 'ansys'", name="ansys")
@@ -78,8 +81,9 @@ def _results(path: Path, units_name: str) -> dict[str, Any]:
 def read_modes(path: Path, units: ConsistentUnits, units_name: str) -> list[MeasuredMode]:
     """Return the modes of a .rst file by rising frequency, in SI units and in global directions.
 
-    The file does not say how its shapes are scaled: Ansys scales by the mass unless told otherwise (MODOPT, Nrmkey), and shapes
-    that are scaled to 1 are refused. Raises ParameterError for a file that cannot be read or has no real modes.
+    The file does not say how its shapes are scaled: Ansys scales by the mass unless told otherwise
+    (MODOPT, Nrmkey), and shapes that are scaled to 1 are refused. Raises ParameterError for a file
+    that cannot be read or has no real modes.
     """
     result = _results(path, units_name)
     nodes = result["nodes"].astype(np.int64)
@@ -116,7 +120,10 @@ def read_nodes(
 
 
 def read_full(path: Path, letter: str) -> tuple[Any, tuple[tuple[int, int], ...]]:
-    """Return a matrix of a .full file, M or K, and the (node, freedom 1 to 6) of each row; raises ValueError where it has none."""
+    """Return a matrix of a .full file, M or K, and the freedom of each row.
+
+    A freedom is (node, freedom 1 to 6). Raises ValueError if the file does not have the matrix.
+    """
     result = read_arrays(path)
     if letter not in ("M", "K") or letter not in result:
         raise ValueError(f"a .full file with the matrix {letter}")

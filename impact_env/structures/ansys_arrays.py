@@ -1,4 +1,6 @@
-"""Write what an Ansys file holds to a .npz file. It runs as a process of its own, since the reader ends its process on damaged files.
+"""Write the content of an Ansys file to a .npz file.
+
+It runs in a separate process, because the reader ends its process on damaged files.
 
 Usage: python -P ansys_arrays.py FILE TARGET. An error is a line on stderr, with exit status 1.
 """
@@ -15,7 +17,10 @@ TRANSLATIONS = ("UX", "UY", "UZ")
 
 
 def collect_results(result: Any) -> dict[str, Any]:
-    """Return frequencies in 1/unit of time, shapes (modes, nodes, 3) in global directions, nodes and coordinates of a .rst file."""
+    """Return frequencies, shapes, nodes and coordinates of a .rst file.
+
+    Frequencies are in 1/unit of time. Shapes (modes, nodes, 3) are in global directions.
+    """
     header = result._resultheader
     if int(header["kan"]) != MODAL:
         raise ValueError(f"the analysis is of kind {int(header['kan'])}, not modal ({MODAL})")
@@ -47,7 +52,10 @@ def collect_results(result: Any) -> dict[str, Any]:
 
 
 def collect_matrices(full: Any) -> dict[str, Any]:
-    """Return stiffness and mass as rows, columns and values, and the node and freedom of each row, of a .full file."""
+    """Return the stiffness and mass matrices of a .full file.
+
+    They are rows, columns and values, with the node and freedom of each row.
+    """
     freedoms, stiffness, mass = full.load_km(sort=False)
     result = {"freedoms": np.asarray(freedoms), "size": stiffness.shape[0]}
     for name, matrix in (("K", stiffness), ("M", mass)):

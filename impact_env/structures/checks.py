@@ -28,7 +28,9 @@ DIAGONAL = (
     0.1,
     100.0,
 )  # of a mass matrix's diagonal, over the mass: two or three directions, and rotations
-ROTATES = 1e-3  # of the upper quartile of the diagonal: a freedom with less is no displacement, or has no mass of its own
+# of the upper quartile of the diagonal: a freedom with less is no displacement, or has no mass of
+# its own
+ROTATES = 1e-3
 
 
 STILL_TOL = (
@@ -41,27 +43,34 @@ class StructureWarning(UserWarning):
 
 
 def list_matrix_warnings(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:
-    """Return a sentence for what looks wrong beside a mass matrix, its ``diagonal`` and the structure's ``mass`` in kg; ``places``: rows by name."""
+    """Return sentences about implausible values of a mass matrix.
+
+    Its ``diagonal`` is compared with the structure's ``mass`` in kg. ``places``: rows by name.
+    """
     result = []
     total = float(np.sum(diagonal))
     if not DIAGONAL[0] * mass <= total <= DIAGONAL[1] * mass:
         result.append(
-            f"mass_kg = {mass:g}, while the mass matrix has {total:.4g} kg on its diagonal over all directions: is it in kg?"
+            f"mass_kg = {mass:g}, while the mass matrix has {total:.4g} kg on its diagonal "
+            "over all directions: is it in kg?"
         )
     usual = float(np.quantile(diagonal, 0.75))
     for name, row in places.items():
         if diagonal[row] < ROTATES * usual:
             result.append(
-                f"{name} = {row}: the mass matrix has {diagonal[row]:.3g} there, {usual:.3g} elsewhere: is this row a rotation?"
+                f"{name} = {row}: the mass matrix has {diagonal[row]:.3g} there, {usual:.3g} "
+                "elsewhere: is this row a rotation?"
             )
     return result
 
 
 def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
-    """Return the resonances (from 1) whose modes move none of the places in use: force, absorbers and response.
+    """Return the resonances (from 1) whose modes move none of the places in use.
 
-    A place counts as unmoved where the mode's shape times the root of the structure's mass is below 1e-3. ``rigid``: how many of the
-    first modes are motions on a suspension, which are left out.
+    The places are those of force, absorbers and response.
+
+    A place counts as unmoved where the mode's shape times the root of the structure's mass is below
+    1e-3. ``rigid``: how many of the first modes are motions on a suspension, which are left out.
 
     Examples
     --------
@@ -75,7 +84,10 @@ def find_unmoved_resonances(model: ModalModel, rigid: int = 0) -> list[int]:
 
 
 def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -> list[str]:
-    """Return a sentence for everything that looks wrong in a model; ``rigid`` of its modes are motions on a suspension."""
+    """Return a sentence for every implausible property of a model.
+
+    ``rigid``: number of its modes that are motions on a suspension.
+    """
     result = []
     first = float(model.omega[rigid]) / (2 * np.pi)
     damping = float(np.max(model.damping_ratio))
@@ -91,7 +103,8 @@ def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -
     for resonance in find_unmoved_resonances(model, rigid):
         hertz = float(model.omega[resonance - 1]) / (2 * np.pi)
         result.append(
-            f"resonance {resonance} at {hertz:.5g} Hz moves none of the places of force, absorber and response: are they the right ones?"
+            f"resonance {resonance} at {hertz:.5g} Hz moves none of the places of force, "
+            "absorber and response: are they the right ones?"
         )
     for name, row in (
         ("force", model.force_shape),
@@ -104,7 +117,11 @@ def list_warnings(model: ModalModel, beam: Beam | None = None, rigid: int = 0) -
 
 
 def _scaling(model: ModalModel, rigid: int) -> list[str]:
-    """Mass-normalised shapes have a mean square of 1 over the mass, so at lively places shape times root of mass is about 1 to 3."""
+    """Return a sentence if the scaling of the mode shapes is implausible.
+
+    Mass-normalised shapes have a mean square of 1 over the mass. So shape times root of mass is
+    about 1 to 3 at places that move well.
+    """
     rows = [
         model.force_shape,
         model.tip_shape,
@@ -117,7 +134,10 @@ def _scaling(model: ModalModel, rigid: int) -> list[str]:
     median = float(np.median(most))
     if median > 0 and not LIGHTEST <= median <= HEAVIEST:
         share = 1 / median**2
-        text = f"the modes move masses of {share:.2g} of the structure's at the places given, as a median of the modes"
+        text = (
+            f"the modes move masses of {share:.2g} of the structure's at the places given, as a "
+            "median of the modes"
+        )
         result.append(
             f"{text}: are the shapes mass-normalised, in 1/sqrt(kg), and is the mass right?"
         )
@@ -128,7 +148,8 @@ def _scaling(model: ModalModel, rigid: int) -> list[str]:
         and abs(plain[0] - 1) < 1e-6
     ):
         result.append(
-            "the largest shape is 1 in every mode: that looks scaled to 1 and not mass-normalised; divide by the root of the modal mass"
+            "the largest shape is 1 in every mode: that looks scaled to 1 and not "
+            "mass-normalised; divide by the root of the modal mass"
         )
     return result
 
@@ -141,7 +162,10 @@ def _doubles(model: ModalModel, rigid: int) -> list[str]:
         width = model.omega[i] * (model.damping_ratio[i] + model.damping_ratio[j])
         if distance < CLOSE_MODES_DISTANCE * width or distance < 1e-6 * model.omega[i]:
             hertz = float(model.omega[i]) / (2 * np.pi)
-            text = f"modes {i + 1} and {j + 1} are one peak at {hertz:.5g} Hz: simulation and limit have both"
+            text = (
+                f"modes {i + 1} and {j + 1} are one peak at {hertz:.5g} Hz: simulation and limit "
+                "have both"
+            )
             result.append(
                 f"{text}, while design rule, tunings and friction rule start from a single mode"
             )
@@ -153,5 +177,8 @@ def _beam(beam: Beam) -> list[str]:
     height = float(np.sqrt(12)) * gyration / beam.length
     if THIN < height < THICK:
         return []
-    text = f"a metal bar with this bending stiffness and mass would be {height * beam.length:.2g} m high and is {beam.length:g} m long"
+    text = (
+        f"a metal bar with this bending stiffness and mass would be {height * beam.length:.2g} m "
+        f"high and is {beam.length:g} m long"
+    )
     return [f"{text}: are the units right (N m^2, kg/m, m)?"]

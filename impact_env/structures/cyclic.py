@@ -1,4 +1,8 @@
-"""Bladed disks and other cyclic structures: a ring of equal sectors, each coupled to its two neighbours, with engine-order forces and mistuning."""
+"""Bladed disks and other cyclic structures.
+
+They are rings of equal sectors, each coupled to its two neighbours, with engine-order forces and
+mistuning.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -60,7 +64,10 @@ class Mistuning:
             require(getattr(self, name) <= MOST_MISTUNING, name, getattr(self, name), allowed)
 
     def factors(self, name: str, sectors: int) -> Array:
-        """Return the factors (N,) of the sectors' frequencies or gaps, by the ``name`` of the quantity; frequencies and gaps are drawn separately."""
+        """Return the factors (N,) of the sectors' frequencies or gaps.
+
+        ``name``: name of the quantity. Frequencies and gaps are drawn separately.
+        """
         deviation = {"frequency": self.frequency, "gap": self.gap}[name]
         generator = np.random.default_rng([self.seed, ("frequency", "gap").index(name)])
         return np.asarray(1.0 + deviation * generator.standard_normal(sectors))
@@ -73,28 +80,36 @@ class CyclicStructure:
     Parameters
     ----------
     sectors : int
-        Number of sectors N, 1 or more; one sector has no neighbours, and of two each is the other's neighbour on both sides.
+        Number of sectors N, 1 or more; one sector has no neighbours, and of two each is the other's
+        neighbour on both sides.
     mass, stiffness : array_like, (d, d)
-        Mass (kg) and stiffness (N/m) of a sector with d degrees of freedom. The stiffness holds both couplings' share on its diagonal block.
+        Mass (kg) and stiffness (N/m) of a sector with d degrees of freedom. The stiffness holds
+        both couplings' share on its diagonal block.
     coupling : array_like, (d, d)
-        Stiffness (N/m) between a sector's degrees of freedom (rows) and those of the next sector (columns): negative for a spring.
+        Stiffness (N/m) between a sector's degrees of freedom (rows) and those of the next sector
+        (columns): negative for a spring.
     damping_ratio : float
         Modal damping ratio of all modes.
     force, absorber, response : int
-        Degree of freedom of a sector, counted from 0, on which the force acts, that carries the absorber, and whose motion is the response.
+        Degree of freedom of a sector, counted from 0, on which the force acts, that carries the
+        absorber, and whose motion is the response.
     mistuning : Mistuning
-        Differences between sectors; a sector's stiffness, but not the coupling block, is multiplied by the square of its frequency's factor.
+        Differences between sectors; a sector's stiffness, but not the coupling block, is multiplied
+        by the square of its frequency's factor.
     sector_mass : float, optional
-        Mass of a sector in kg, which mass ratios refer to. None: the entry of ``mass``, if it has only one.
+        Mass of a sector in kg, which mass ratios refer to. None: the entry of ``mass``, if it has
+        only one.
 
     Raises
     ------
     ParameterError
-        A matrix is not symmetric or of another size, the structure is not held, or a number is out of its range.
+        A matrix is not symmetric or of another size, the structure is not held, or a number is out
+        of its range.
 
     References
     ----------
-    Weidemann, Bergman, Vakakis, Krack, Nonlinear Dynamics (2025), treat such a ring with an absorber in each sector.
+    Weidemann, Bergman, Vakakis, Krack, Nonlinear Dynamics (2025), treat such a ring with an
+    absorber in each sector.
 
     Examples
     --------
@@ -166,7 +181,10 @@ class CyclicStructure:
 
     @cached_property
     def _modes(self) -> tuple[Array, Array]:
-        """Squares of the frequencies (N d,) in 1/s^2, rising, and mass-normalised shapes (N d, N d) as columns."""
+        """Squares of the frequencies and mass-normalised shapes.
+
+        Squares (N d,) are in 1/s^2 in ascending order. Shapes (N d, N d) are columns.
+        """
         mass, stiffness = self.assemble()
         lightest = float(np.min(np.linalg.eigvalsh(np.asarray(self.mass, dtype=float))))
         allowed = "a positive definite matrix: each degree of freedom of a sector has a mass"
@@ -183,15 +201,19 @@ class CyclicStructure:
     def model(
         self, engine_order: int = 0, direction: str = "forward", modes: int | None = None
     ) -> ModalModel:
-        """Return the modal model of the ring under forces of one engine order, with a place for an absorber in every sector.
+        """Return the modal model of the ring under forces of one engine order.
+
+        It has a place for an absorber in every sector.
 
         Parameters
         ----------
         engine_order : int
-            Number k of periods of the force around the ring, 0 to N/2. The force on sector s (counted from 0) has the phase
-            -2 pi k s/N for a wave that travels forward, the opposite one backward.
+            Number k of periods of the force around the ring, 0 to N/2. The force on sector s
+            (counted from 0) has the phase -2 pi k s/N for a wave that travels forward, the opposite
+            one backward.
         direction : str
-            "forward", "backward", or "standing": then the amplitudes are cos(2 pi k s/N), and all phases are equal.
+            "forward", "backward", or "standing": then the amplitudes are cos(2 pi k s/N), and all
+            phases are equal.
         modes : int, optional
             Number of modes kept, from the lowest. None: all.
 
@@ -233,11 +255,17 @@ class CyclicStructure:
         return model.with_forces(shapes_at_force, sizes, sign * angle).with_force_places(places)
 
     def all_shapes(self, modes: int | None = None) -> Array:
-        """Return the displacement (N d, N_m) of every freedom, sector by sector, per modal displacement, in 1/sqrt(kg)."""
+        """Return the displacement (N d, N_m) of every freedom per modal displacement.
+
+        The freedoms are listed sector by sector. The displacement is in 1/sqrt(kg).
+        """
         return np.asarray(self._modes[1][:, :modes])
 
     def response_shapes(self, modes: int | None = None) -> Array:
-        """Return the displacement (N, N_m) of each sector's response per modal displacement, in 1/sqrt(kg)."""
+        """Return the displacement (N, N_m) of each sector's response point.
+
+        It is per modal displacement, in 1/sqrt(kg).
+        """
         return self.all_shapes(modes)[self.response :: len(np.asarray(self.mass))]
 
     def scene(
@@ -248,10 +276,13 @@ class CyclicStructure:
         sectors: Iterable[int] | None = None,
         modes: int | None = None,
     ) -> Scene:
-        """Return the ring with an absorber in every sector, or in some ``sectors`` (counted from 0).
+        """Return the ring with an absorber in every sector, or in some ``sectors``.
 
-        ``absorber``: one for all sectors, or one for each of ``sectors``. Its mass ratio is that of the absorber's to its sector's mass;
-        its gap is mistuned. Other parameters and errors as `model`.
+        ``sectors`` are counted from 0.
+
+        ``absorber``: one for all sectors, or one for each of ``sectors``. Its mass ratio is that of
+        the absorber's to its sector's mass; its gap is mistuned. Other parameters and errors as
+        `model`.
         """
         which = check_sectors("sectors", sectors, self.sectors)
         every = _absorber_of_each(absorber, which)
@@ -271,7 +302,10 @@ class CyclicStructure:
 
 
 def check_sectors(name: str, sectors: Iterable[int] | None, number: int) -> tuple[int, ...]:
-    """Return different sectors, counted from 0, of a ring with a ``number`` of them; None stands for all of them."""
+    """Return different sectors, counted from 0, of a ring with ``number`` sectors.
+
+    None stands for all sectors.
+    """
     if sectors is None:
         return tuple(range(number))
     every = listed(name, sectors)
@@ -296,7 +330,9 @@ def _absorber_of_each(
 
 @dataclass(frozen=True, eq=False)
 class BladedDisk:
-    """A cyclic structure with its engine-order force and its absorbers: what the table ``[cyclic]`` of a file describes.
+    """A cyclic structure with its engine-order force and its absorbers.
+
+    The table ``[cyclic]`` of a file describes it.
 
     Parameters
     ----------
@@ -307,9 +343,11 @@ class BladedDisk:
     direction : str
         "forward", "backward" or "standing", as in `CyclicStructure.model`.
     amplitude : float, optional
-        Amplitude in N of the force on each sector (of a standing one its largest). None: given by each drive.
+        Amplitude in N of the force on each sector (of a standing one its largest). None: given by
+        each drive.
     absorbers : sequence of SlidingAbsorber
-        One for each sector of ``absorber_sectors``, or one absorber for all; empty: no absorber. Mass ratios refer to a sector's mass.
+        One for each sector of ``absorber_sectors``, or one absorber for all; empty: no absorber.
+        Mass ratios refer to a sector's mass.
     absorber_sectors : sequence of int, optional
         Sectors with an absorber, counted from 0. None: all.
     modes : int, optional
@@ -318,7 +356,8 @@ class BladedDisk:
     Raises
     ------
     ParameterError
-        The engine order is above N/2, a sector is named twice or does not exist, or there are not as many absorbers as sectors.
+        The engine order is above N/2, a sector is named twice or does not exist, or there are not
+        as many absorbers as sectors.
 
     Examples
     --------
@@ -370,7 +409,10 @@ class BladedDisk:
         )
 
     def member(self, number: int) -> "BladedDisk":
-        """Return the disk of a member of an ensemble, the disk itself for 0: its mistuning is drawn with the seed plus ``number``."""
+        """Return the disk of a member of an ensemble.
+
+        Its mistuning is drawn with the seed plus ``number``, so that member 0 is the disk itself.
+        """
         mistuning = self.ring.mistuning
         drawn = replace(mistuning, seed=mistuning.seed + count("number", number, 0))
         return replace(self, ring=replace(self.ring, mistuning=drawn))
@@ -382,7 +424,10 @@ class BladedDisk:
     def with_absorbers(
         self, absorbers: SlidingAbsorber | Sequence[SlidingAbsorber]
     ) -> "BladedDisk":
-        """Return the disk with other absorbers in the same sectors; an empty tuple: without absorbers."""
+        """Return the disk with other absorbers in the same sectors.
+
+        An empty tuple stands for no absorbers.
+        """
         every = (
             absorbers if absorbers == () else _absorber_of_each(absorbers, self.absorber_sectors)
         )

@@ -1,4 +1,7 @@
-"""Mass, stiffness and damping matrices to a modal model: the lowest modes by the inverse problem, dense or sparse."""
+"""Modal model from mass, stiffness and damping matrices.
+
+The lowest modes are solved by the inverse problem, dense or sparse.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,25 +17,34 @@ from impact_env.parameters import positive, require, suspension_frequencies
 Real = NDArray[np.float64]
 
 DENSE = 1200  # freedoms up to which all modes are computed, by a dense solver
-SPECTRAL_SHIFT = 1e-10  # of the usual ratio of stiffness to mass: makes the stiffness of a free structure regular
+# of the usual ratio of stiffness to mass: makes the stiffness of a free structure regular
+SPECTRAL_SHIFT = 1e-10
 SYMMETRY_TOL = 1e-8  # of the root of the product of the two diagonal entries: rounding in an export
-# a positive semidefinite matrix has no entry above the root of that product; exports have 5 digits or more
+# a positive semidefinite matrix has no entry above the root of that product; exports have 5 digits
+# or more
 DIAGONAL_TOL = 1e-4
 LARGEST_ENTRY = 1e60  # products of a few entries are still numbers
 PIVOT_TOL = (
     1e-14  # of a factor's pivot over the matrix's diagonal entry: below it the matrix is singular
 )
-NOISE_FACTOR = 1e3  # times the rounding of the stiffness energy: squares of frequencies below that are taken as 0
+# times the rounding of the stiffness energy: squares of frequencies below that are taken as 0
+NOISE_FACTOR = 1e3
 COUPLING = 1e-6  # of the modal damping: what a damping matrix may have beside its diagonal
 ALLOWED_RIGID = (
-    "a structure that is held. {number} motions bend nothing. Either hold it, or give suspension_frequency_hz, far below the first bending mode: "
-    "these motions then are the first modes, on soft springs, as in a test; they cannot be left out, since they carry the absorber too"
+    "a structure that is held. {number} motions bend nothing. Either hold it, or give "
+    "suspension_frequency_hz, far below the first bending mode: "
+    "these motions then are the first modes, on soft springs, as in a test; they cannot be "
+    "left out, since they carry the absorber too"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class StructureModes:
-    """Lowest modes: ``omega`` (N_m,) in rad/s, rising, mass-normalised ``shapes`` (freedoms, N_m); ``rigid``: how many are rigid-body motions."""
+    """Lowest modes of a structure.
+
+    ``omega`` (N_m,): in rad/s, ascending. ``shapes`` (freedoms, N_m): mass-normalised. ``rigid``:
+    number of rigid-body motions.
+    """
 
     omega: Real
     shapes: Real
@@ -40,7 +52,10 @@ class StructureModes:
 
 
 def check_matrix(name: str, matrix: Any, size: int | None = None) -> Any:
-    """Return a real symmetric matrix, dense or sparse (CSC); raises ParameterError for all else, and where it is not ``size`` by ``size``."""
+    """Return a real symmetric matrix, dense or sparse (CSC).
+
+    Raises ParameterError for any other value, and for a matrix that is not ``size`` by ``size``.
+    """
     result = matrix.tocsc() if scipy.sparse.issparse(matrix) else np.asarray(matrix)
     shape = f"a matrix of shape {result.shape} and type {result.dtype}"
     square = result.ndim == 2 and result.shape[0] == result.shape[1] > 0
@@ -76,7 +91,10 @@ def check_matrix(name: str, matrix: Any, size: int | None = None) -> Any:
         require(
             False,
             name,
-            f"a matrix with {result[i, j]:.6g} in row {i}, column {j}, and {result[j, i]:.6g} in row {j}, column {i}",
+            (
+                f"a matrix with {result[i, j]:.6g} in row {i}, column {j}, and {result[j, i]:.6g} "
+                f"in row {j}, column {i}"
+            ),
             "a symmetric matrix, both triangles given (rows and columns are counted from 0)",
         )
     return (result + result.T) / 2
@@ -89,7 +107,10 @@ def _entries(matrix: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], Real]:
 
 
 def _require_semidefinite(name: str, matrix: Any) -> None:
-    """Raise ParameterError for entries that no positive semidefinite matrix has; it may be indefinite all the same."""
+    """Raise ParameterError for entries that no positive semidefinite matrix has.
+
+    A matrix that passes may still be indefinite.
+    """
     diagonal = matrix.diagonal()
     allowed = "a positive semidefinite matrix"
     least = int(np.argmin(diagonal))
@@ -110,12 +131,16 @@ def _require_semidefinite(name: str, matrix: Any) -> None:
 def lowest_modes(
     mass: Any, stiffness: Any, modes: int, suspension_frequency: float | None = None
 ) -> StructureModes:
-    """Return the lowest ``modes`` modes of a structure without damping, or as many as its mass matrix has.
+    """Return the lowest ``modes`` modes of a structure without damping.
 
-    The inverse problem M v = (1/omega^2) K v is solved: its largest eigenvalues are the modes that matter. Freedoms without mass
-    follow the others statically, exactly (Guyan's condensation without its approximation); those with neither mass nor stiffness do not move.
-    A structure with rigid-body motions is solved as K + s M with a small s; these motions get the ``suspension_frequency`` in Hz.
-    Raises ParameterError for matrices that have no such modes, and for rigid-body motions without a suspension.
+    The number of modes is at most that of the mass matrix.
+
+    The inverse problem M v = (1/omega^2) K v is solved: its largest eigenvalues are the modes that
+    matter. Freedoms without mass follow the others statically, exactly (Guyan's condensation
+    without its approximation); those with neither mass nor stiffness do not move. A structure with
+    rigid-body motions is solved as K + s M with a small s; these motions get the
+    ``suspension_frequency`` in Hz. Raises ParameterError for matrices that have no such modes, and
+    for rigid-body motions without a suspension.
     """
     _require_semidefinite("mass", mass)
     _require_semidefinite("stiffness", stiffness)
@@ -164,7 +189,10 @@ def lowest_modes(
 
 
 def _eigen(mass: Any, stiffness: Any, modes: int) -> tuple[Real, Real]:
-    """Return squares of frequencies, rising, and mass-normalised shapes; the squares of rigid-body motions are 0 within rounding."""
+    """Return squares of frequencies, ascending, and mass-normalised shapes.
+
+    The squares of rigid-body motions are 0 within rounding.
+    """
     diagonal = stiffness.diagonal(), mass.diagonal()
     inertial = np.flatnonzero(diagonal[1] > 0)
     massless = np.flatnonzero((diagonal[1] <= 0) & (diagonal[0] > 0))
@@ -204,7 +232,10 @@ def _dense_part(matrix: Any, rows: NDArray[np.int64], columns: NDArray[np.int64]
 def _condense_massless(
     stiffness: Any, inertial: NDArray[np.int64], massless: NDArray[np.int64]
 ) -> tuple[Real, Real]:
-    """Return the stiffness of the freedoms with mass, and the motion of those without per unit motion of the former."""
+    """Return the stiffness of the freedoms with mass, and the motion of the others.
+
+    The motion of the freedoms without mass is per unit motion of those with mass.
+    """
     own = _dense_part(stiffness, inertial, inertial)
     if len(massless) == 0:
         return own, np.zeros((0, len(inertial)))
@@ -215,7 +246,8 @@ def _condense_massless(
         condensed = own + link.T @ follow
         return (condensed + condensed.T) / 2, follow
     held = _dense_part(stiffness, massless, massless)
-    # scaled to a unit diagonal, so that a pivot shows how far the matrix is from singular in any units
+    # scaled to a unit diagonal, so that a pivot shows how far the matrix is from singular in any
+    # units
     scale = 1 / np.sqrt(np.diag(held))
     try:
         factor = scipy.linalg.cholesky(scale[:, None] * held * scale, lower=True)
@@ -237,9 +269,13 @@ def _refuse_mechanism(number: int) -> None:
 
 
 def _refine_squares(squares: Real, shapes: Real, stiffness: Any) -> Real:
-    """Return each square from Rayleigh's quotient where that has more digits than the inverse problem, whose error grows with the frequency.
+    """Return each square refined by Rayleigh's quotient.
 
-    The quotient squares the error of the shape, but the entries of the stiffness of a fine mesh cancel in the low modes.
+    The quotient replaces the square if it has more digits than the inverse problem, whose error
+    grows with the frequency.
+
+    The quotient squares the error of the shape, but the entries of the stiffness of a fine mesh
+    cancel in the low modes.
     """
     terms = np.einsum("ij,ij->j", abs(shapes), abs(stiffness) @ abs(shapes))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -302,7 +338,10 @@ def _sparse(mass: Any, stiffness: Any, modes: int, shift: float) -> tuple[Real, 
 
 
 def _symmetric_factor(matrix: Any) -> Any:
-    """Return the factors of a positive definite sparse matrix; raises ParameterError where their pivots show that it is indefinite or singular."""
+    """Return the factors of a positive definite sparse matrix.
+
+    Raises ParameterError if the pivots show that the matrix is indefinite or singular.
+    """
     singular = "a singular sparse matrix"
     allowed = "regular together with the mass, and on the freedoms without mass"
     try:
@@ -325,10 +364,13 @@ def _symmetric_factor(matrix: Any) -> Any:
 
 
 def proportional_damping(damping: Any, modes: StructureModes, massless: NDArray[np.bool_]) -> Real:
-    """Return the damping ratios (N_m,) that a damping matrix stands for; raises ParameterError unless it leaves the modes uncoupled.
+    """Return the damping ratios (N_m,) that correspond to a damping matrix.
 
-    Rigid-body motions that it does not damp have the ratio 0. ``massless`` (freedoms,): those without mass. They follow the others
-    statically only if no damping force acts on them in any mode, as with C = a M + b K.
+    Raises ParameterError unless the matrix leaves the modes uncoupled.
+
+    Rigid-body motions that it does not damp have the ratio 0. ``massless`` (freedoms,): those
+    without mass. They follow the others statically only if no damping force acts on them in any
+    mode, as with C = a M + b K.
     """
     forces = damping @ modes.shapes
     largest = abs(damping) @ abs(modes.shapes)
@@ -345,10 +387,14 @@ def proportional_damping(damping: Any, modes: StructureModes, massless: NDArray[
     coupling = np.abs(projected - np.diag(own)) / np.maximum(scale, np.finfo(float).tiny)
     i, j = np.unravel_index(int(np.argmax(coupling)), coupling.shape)
     allowed = (
-        "modal or proportional damping (C = a M + b K, or any that keeps the modes apart): the simulation works with real modes. Give damping_ratio "
+        "modal or proportional damping (C = a M + b K, or any that keeps the modes apart): "
+        "the simulation works with real modes. Give damping_ratio "
         "instead, one for each mode, as measured or as a complex eigenvalue analysis finds it"
     )
-    what = f"a matrix that couples the modes {min(i, j) + 1} and {max(i, j) + 1} by {coupling[i, j]:.2g} of their own damping"
+    what = (
+        f"a matrix that couples the modes {min(i, j) + 1} and {max(i, j) + 1} by "
+        f"{coupling[i, j]:.2g} of their own damping"
+    )
     require(float(coupling[i, j]) <= COUPLING, "damping", what, allowed)
     ok = bool(np.all(own >= -COUPLING * np.max(np.abs(own))))
     what = f"a matrix that feeds mode {int(np.argmin(own)) + 1}"

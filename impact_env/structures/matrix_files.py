@@ -1,7 +1,9 @@
-"""Mass, stiffness and damping matrices from files: NumPy, SciPy, Matrix Market, Abaqus and CalculiX.
+"""Mass, stiffness and damping matrices from files.
 
-Every reader checks that the file is complete and returns a square matrix of real numbers, dense or sparse, with the
-node and direction of each row where the file names them.
+The formats are those of NumPy, SciPy, Matrix Market, Abaqus and CalculiX.
+
+Every reader checks that the file is complete and returns a square matrix of real numbers, dense or
+sparse, with the node and direction of each row where the file names them.
 """
 
 import csv
@@ -32,7 +34,10 @@ Freedoms = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class MatrixFile:
-    """A ``matrix`` (N, N) of a file, and its ``freedoms``: (node, freedom 1 to 6) of each row, None where not named.
+    """A ``matrix`` (N, N) of a file, and its ``freedoms``.
+
+    A freedom is (node, freedom 1 to 6) of a row. ``freedoms`` is None if the file does not name
+    them.
 
     ``held``: rows of freedoms that a boundary condition holds.
     """
@@ -43,7 +48,10 @@ class MatrixFile:
 
 
 def _read_npz(path: Path, letter: str) -> MatrixFile:
-    """Return a sparse matrix that SciPy saved, or the array named after the matrix, or the only one."""
+    """Return a sparse matrix that SciPy saved, or an array of the file.
+
+    It is the array with the name of the matrix, or the only array.
+    """
     with zipfile.ZipFile(path) as archive:
         damaged = archive.testzip()
     if damaged is not None:
@@ -61,7 +69,8 @@ def _read_npz(path: Path, letter: str) -> MatrixFile:
             if "Object arrays" not in str(error):
                 raise
             raise ValueError(
-                f"{name} is an array of Python objects; write a sparse matrix by scipy.sparse.save_npz"
+                f"{name} is an array of Python objects; write a sparse matrix by "
+                "scipy.sparse.save_npz"
             ) from error
 
 
@@ -130,7 +139,10 @@ def _triplets(lines: list[str]) -> scipy.sparse.csc_matrix:
 
 
 def _labelled(lines: list[str]) -> MatrixFile:
-    """Return the matrix of lines with node, freedom, node, freedom and value, its rows by rising node and freedom."""
+    """Return the matrix of lines with node, freedom, node, freedom and value.
+
+    Its rows are in ascending order of node and freedom.
+    """
     entries = _rows(lines, 5)
     if len(entries) == 0:
         raise ValueError("it has no entries")
@@ -161,7 +173,8 @@ def _read_mtx(path: Path, _letter: str) -> MatrixFile:
     if columns == 5:
         return _mark_fixed_rows(_labelled(lines))
     raise ValueError(
-        "no %%MatrixMarket header, and no lines of Abaqus with 3 numbers (COORDINATE) or 5 (MATRIX INPUT)"
+        "no %%MatrixMarket header, and no lines of Abaqus with 3 numbers (COORDINATE) or 5 "
+        "(MATRIX INPUT)"
     )
 
 
@@ -183,7 +196,10 @@ def _matrix_market(path: Path, header: list[str]) -> Any:
 
 
 def _read_calculix(path: Path, _letter: str) -> MatrixFile:
-    """Return a matrix that CalculiX stored (*FREQUENCY, SOLVER=MATRIXSTORAGE), with the freedoms of the .dof file."""
+    """Return a matrix that CalculiX stored, with the freedoms of the .dof file.
+
+    CalculiX stores it with *FREQUENCY, SOLVER=MATRIXSTORAGE.
+    """
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     _require_newline(lines)
     matrix = _triplets(lines)
@@ -224,7 +240,9 @@ MATRIX_READERS: dict[str, Callable[[Path, str], MatrixFile]] = {
 
 
 def read_matrix(path: Path, name: str, letter: str) -> MatrixFile:
-    """Return a matrix from a file, dense or sparse; of several arrays in a .npz that called ``letter``, one of M, K, C.
+    """Return a matrix from a file, dense or sparse.
+
+    If a .npz file has several arrays, it is the array with the name ``letter``, one of M, K, C.
 
     Raises ParameterError with the matrix's ``name`` if the file cannot be read or is not complete.
     """
@@ -245,7 +263,10 @@ def read_matrix(path: Path, name: str, letter: str) -> MatrixFile:
 
 
 def with_freedoms(name: str, file: MatrixFile, freedoms: Freedoms | None) -> MatrixFile:
-    """Return a matrix over given freedoms, which its file may list in another order; those it does not list have zeros."""
+    """Return a matrix over given freedoms.
+
+    The file may list the freedoms in another order. Freedoms that it does not list have zeros.
+    """
     if freedoms == file.freedoms:
         return file
     require(
@@ -290,7 +311,10 @@ COORDINATES = ("x_m", "y_m", "z_m")
 
 
 def read_coordinates(path: Path, size: int | None = None) -> NDArray[np.float64]:
-    """Return the coordinates (N, 3) in m of the rows of matrices from a CSV file; there must be ``size`` of them, if it is given."""
+    """Return the coordinates (N, 3) in m of the rows of matrices from a CSV file.
+
+    If ``size`` is given, there must be ``size`` rows.
+    """
     columns = read_columns(path, "coordinates")
     names = ", ".join(COORDINATES)
     for axis in COORDINATES:
@@ -311,11 +335,16 @@ def read_coordinates(path: Path, size: int | None = None) -> NDArray[np.float64]
 
 
 def read_columns(path: Path, name: str) -> dict[str, list[float]]:
-    """Return the columns of a CSV file with a line of names, by name; encodings and separators are those of records.
+    """Return the columns of a CSV file with a line of names, by name.
+
+    Encodings and separators are those of records.
 
     Raises ParameterError, which names file and line.
     """
-    allowed = "a .csv file: a line of names, then a line of numbers for each mode, with commas, semicolons or tabs between"
+    allowed = (
+        "a .csv file: a line of names, then a line of numbers for each mode, with commas, "
+        "semicolons or tabs between"
+    )
     require_readable(name, path)
     text = [line for line in decode_text(path) if line.strip()]
     separator = next((mark for mark in (";", "\t", ",") if text and mark in text[0]), ",")

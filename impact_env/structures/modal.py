@@ -1,4 +1,7 @@
-"""Modes as plain numbers: the table ``model`` of a file, whose rows may be the columns of a CSV file."""
+"""Modes as plain numbers: the table ``model`` of a file.
+
+The rows of the table may be the columns of a CSV file.
+"""
 
 import math
 import warnings
@@ -36,7 +39,10 @@ TEXT_CODEC = Codec(require_text, str)
 
 
 def choose_damping_ratios(specified: Any, measured: Any, modes: int) -> Any:
-    """Return the damping ratio of each mode: as given, one number or one a mode, else as measured."""
+    """Return the damping ratio of each mode.
+
+    It is the specified one (a number, or one for each mode), or else the measured one.
+    """
     ratios = (
         [non_negative("damping_ratio", specified)] * modes
         if np.ndim(specified) == 0 and specified is not None
@@ -97,7 +103,10 @@ ROWS_OF_MODES = (
 
 
 def order_by_frequency(model: ModalModel) -> ModalModel:
-    """Return a model with its modes by rising frequency, so that resonance 1 is the lowest; warns where they were not."""
+    """Return a model with its modes by ascending frequency.
+
+    Resonance 1 is then the lowest. A warning is issued if the order was another one.
+    """
     order = np.argsort(model.omega, kind="stable")
     if np.array_equal(order, np.arange(model.modes)):
         return model
@@ -114,7 +123,10 @@ def order_by_frequency(model: ModalModel) -> ModalModel:
 
 
 def require_modes_once(model: ModalModel) -> None:
-    """Raise ParameterError for a mode that is listed again with the same numbers, but for its sign: it would count twice."""
+    """Raise ParameterError for a mode that is listed twice with the same numbers.
+
+    The sign may differ. Such a mode would count twice.
+    """
     rows = np.vstack([model.force_shape, model.level_shape, model.places])
     for i in range(model.modes):
         for j in range(i):
@@ -185,7 +197,10 @@ MODEL_CODEC = Codec(
 
 
 def model_codec_for(folder: Path) -> Codec:
-    """Return the form of a model whose rows may be the columns of a CSV file in a folder, named like the keys."""
+    """Return the codec of a model whose rows may be the columns of a CSV file.
+
+    The columns are named like the keys. ``folder``: folder of the file.
+    """
 
     def read(path: str, plain: Any) -> Any:
         if isinstance(plain, Mapping) and "modes_csv" in plain:

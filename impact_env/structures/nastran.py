@@ -1,4 +1,7 @@
-"""Modes from Nastran: eigenvectors and modal masses of an .op2 file, with the nodes of a .bdf file or of its own."""
+"""Modes from Nastran: eigenvectors and modal masses of an .op2 file.
+
+The nodes are those of a .bdf file or of the .op2 file itself.
+"""
 
 import contextlib
 import io
@@ -28,7 +31,8 @@ RECTANGULAR = ("CORD1R", "CORD2R")
 def _reader() -> Iterator[None]:
     """Surround imports and calls of pyNastran, which prints.
 
-    Its last version for NumPy 2, 1.3.4, needs the name in1d, which NumPy 2.4 removed; for one-dimensional arrays it is isin.
+    Its last version for NumPy 2, 1.3.4, needs the name in1d, which NumPy 2.4 removed; for
+    one-dimensional arrays it is isin.
     """
     removed = not hasattr(np, "in1d")
     if removed:
@@ -70,14 +74,17 @@ def _load(path: Path, name: str, ending: str) -> Any:
 def read_modes(
     path: Path, bdf: Path | None, units: ConsistentUnits, subcase: int | None = None
 ) -> list[MeasuredMode]:
-    """Return the real modes of an .op2 file by rising frequency, in SI units and in the basic coordinate system.
+    """Return the real modes of an .op2 file by ascending frequency.
+
+    They are in SI units and in the basic coordinate system.
 
     Parameters
     ----------
     path : Path
         The .op2 file, with eigenvectors and the table of eigenvalues of SOL 103.
     bdf : Path or None
-        The .bdf file with the nodes, whose coordinate systems turn the shapes. None: the nodes are in the .op2 file.
+        The .bdf file with the nodes, whose coordinate systems turn the shapes. None: the nodes are
+        in the .op2 file.
     units : Units
         The system of units of the model.
     subcase : int or None
@@ -86,8 +93,8 @@ def read_modes(
     Raises
     ------
     ParameterError
-        For a file that cannot be read, without modes or without nodes, and for shapes in curved coordinate systems.
-
+        For a file that cannot be read, without modes or without nodes, and for shapes in curved
+        coordinate systems.
     """
     result = _load(path, "file", ".op2")
     cases = {
@@ -137,7 +144,10 @@ def read_modes(
 
 
 def _modal_masses(path: Path, result: Any, table: Any) -> dict[int, float]:
-    """Return the generalised mass by mode, of the table of eigenvalues that has those of the eigenvectors."""
+    """Return the generalised mass by mode.
+
+    It comes from the table of eigenvalues that has the eigenvalues of the eigenvectors.
+    """
     for values in result.eigenvalues.values():
         if not hasattr(values, "generalized_mass"):
             continue
@@ -157,7 +167,10 @@ def _modal_masses(path: Path, result: Any, table: Any) -> dict[int, float]:
     raise describe_error(
         "file",
         str(path),
-        "an .op2 file with the table of eigenvalues (LAMA) of its eigenvectors, whose generalised masses scale them",
+        (
+            "an .op2 file with the table of eigenvalues (LAMA) of its eigenvectors, whose "
+            "generalised masses scale them"
+        ),
     )
 
 
@@ -169,7 +182,10 @@ def _node_rotations(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Pa
             len(geometry.nodes) > 0,
             "bdf",
             None,
-            f"given: {path.name} has no nodes (GEOM1), so the directions of its displacements are not known",
+            (
+                f"given: {path.name} has no nodes (GEOM1), so the directions of its displacements "
+                "are not known"
+            ),
         )
     result = np.empty((len(nodes), 3, 3))
     for k, node in enumerate(map(int, nodes)):
@@ -196,7 +212,10 @@ def _node_rotations(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Pa
             bdf is not None,
             "bdf",
             None,
-            f"given: node {node} of {path.name} has its displacements in the coordinate system {system}",
+            (
+                f"given: node {node} of {path.name} has its displacements in the coordinate "
+                f"system {system}"
+            ),
         )
         with _reader():
             result[k] = np.asarray(coordinates.beta(), dtype=np.float64)
@@ -206,7 +225,10 @@ def _node_rotations(path: Path, geometry: Any, nodes: NDArray[np.int64], bdf: Pa
 def read_nodes(
     path: Path, bdf: Path | None, units: ConsistentUnits
 ) -> tuple[NDArray[np.int64], Real]:
-    """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a .bdf file, or of an .op2 file where there is none."""
+    """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a file.
+
+    The file is the .bdf file, or the .op2 file if there is no .bdf file.
+    """
     geometry = _load(path, "file", ".op2") if bdf is None else _load(bdf, "bdf", ".bdf")
     require(len(geometry.nodes) > 0, "bdf", None, f"given: {path.name} has no nodes (GEOM1)")
     with _reader():

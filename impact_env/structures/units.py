@@ -7,7 +7,11 @@ from impact_env.parameters import require
 
 @dataclass(frozen=True)
 class ConsistentUnits:
-    """A system of units in SI: its ``mass`` in kg, ``length`` in m and ``time`` in s. Its force is mass times length over time squared."""
+    """A consistent system of units in SI.
+
+    Its ``mass`` is in kg, ``length`` in m and ``time`` in s. Its force is mass times length over
+    time squared.
+    """
 
     mass: float
     length: float

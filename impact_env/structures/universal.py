@@ -1,4 +1,7 @@
-"""Modes and nodes from a Universal File, its datasets 55, 15 and 2411 with their units and coordinate systems."""
+"""Modes and nodes from a Universal File.
+
+They are its datasets 55, 15 and 2411 with their units and coordinate systems.
+"""
 
 import warnings
 from dataclasses import dataclass
@@ -44,7 +47,11 @@ UNIVERSAL_DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMode:
-    """A mode: ``omega`` in rad/s, ``damping_ratio`` (None: the file has none), real mass-normalised shape by node, (nodes, 3)."""
+    """A mode of a file.
+
+    ``omega`` in rad/s, ``damping_ratio`` (None: the file has none), and ``shape``: real and
+    mass-normalised, by node, (nodes, 3).
+    """
 
     omega: float
     damping_ratio: float | None
@@ -57,11 +64,14 @@ class MeasuredMode:
 
 
 def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
-    """Return the modes of a Universal File by rising frequency, in SI units; those of one ``load_case`` where it is given.
+    """Return the modes of a Universal File by ascending frequency, in SI units.
 
-    A shape is divided by the root of its modal mass, if the file has one. Of a complex mode and its conjugate one is returned, and one
-    of a mode that is listed twice with the same numbers. Raises ParameterError for a file that is cut or has no modes, for fields
-    whose meaning does not fit, for two different listings of one mode, and for shapes that are far from real.
+    If ``load_case`` is given, they are the modes of this load case.
+
+    A shape is divided by the root of its modal mass, if the file has one. Of a complex mode and its
+    conjugate one is returned, and one of a mode that is listed twice with the same numbers. Raises
+    ParameterError for a file that is cut or has no modes, for fields whose meaning does not fit,
+    for two different listings of one mode, and for shapes that are far from real.
     """
     datasets = read_datasets(path)
     mass_unit = _units(datasets)[1]
@@ -113,7 +123,10 @@ def _units(datasets: list[Dataset]) -> tuple[float, float]:
 
 
 def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]:
-    """Return modes without those that repeat another with the same numbers; raises ParameterError for two listings of a mode that differ."""
+    """Return modes without those that repeat another mode with the same numbers.
+
+    Raises ParameterError if a mode is listed twice with different numbers.
+    """
     distinct: list[MeasuredMode] = []
     dropped = []
     for mode in modes:
@@ -142,8 +155,14 @@ def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]
                 not (assurance > SAME_MODE and (close or one_number))
                 and not (one_number and mode.load_case == other.load_case),
                 "file",
-                f"{path}, mode {mode.number} of load case {mode.load_case} and mode {other.number} of load case {other.load_case}",
-                "each mode once: choose one listing by load_case, where the file has some, or remove one of them",
+                (
+                    f"{path}, mode {mode.number} of load case {mode.load_case} and mode "
+                    f"{other.number} of load case {other.load_case}"
+                ),
+                (
+                    "each mode once: choose one listing by load_case, where the file has some, or "
+                    "remove one of them"
+                ),
             )
         if not repeated:
             distinct.append(mode)
@@ -166,7 +185,10 @@ def _assurance(a: Real, b: Real) -> float:
 
 
 def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
-    """Return the mode of a dataset 55, its shape in 1/sqrt(kg), or None for results of another kind or a conjugate."""
+    """Return the mode of a dataset 55, its shape in 1/sqrt(kg).
+
+    The result is None for results of another kind and for a conjugate.
+    """
     model, analysis, kind, quantity, data, values = part.whole(5, 6)
     if analysis != NORMAL and analysis not in COMPLEX:
         return None
@@ -209,7 +231,10 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
             value.imag != 0 and value.real <= 0,
             "file",
             f"{name}, eigenvalue {value:.6g}",
-            "a mode that oscillates and does not grow: an imaginary part other than 0, a real part of 0 or below",
+            (
+                "a mode that oscillates and does not grow: an imaginary part other than 0, a real "
+                "part of 0 or below"
+            ),
         )
         conjugated = value.imag < 0
         if conjugated:
@@ -242,12 +267,19 @@ def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:
 
 
 def _damping(name: str, viscous: float, hysteretic: float) -> float | None:
-    """Return the damping ratio of a normal mode: the viscous one, or half of the loss factor; None where neither is given, or they disagree."""
+    """Return the damping ratio of a normal mode.
+
+    It is the viscous one, or half of the loss factor. It is None if neither is given, or if they
+    disagree.
+    """
     for value in (viscous, hysteretic):
         require(value >= 0, "file", f"{name}, damping {value:g}", "damping of 0 (none) or above")
     if viscous and hysteretic and abs(hysteretic - 2 * viscous) > 0.01 * hysteretic:
         warnings.warn(
-            f"{name}: viscous damping {viscous:g} and hysteretic damping {hysteretic:g} disagree (a loss factor is twice the ratio); neither is used",
+            (
+                f"{name}: viscous damping {viscous:g} and hysteretic damping {hysteretic:g} "
+                "disagree (a loss factor is twice the ratio); neither is used"
+            ),
             StructureWarning,
             stacklevel=2,
         )
@@ -258,7 +290,10 @@ def _damping(name: str, viscous: float, hysteretic: float) -> float | None:
 def _values(
     part: Dataset, line: int, number: int, complex_data: bool
 ) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return nodes (N,) and their first three values (N, 3) from a line of a dataset 55 on, real or complex."""
+    """Return nodes (N,) and their first three values (N, 3), real or complex.
+
+    They are read from a line of a dataset 55 on.
+    """
     wanted = number * (2 if complex_data else 1)
     lines_a_node = -(-wanted // 6)
     nodes = []
@@ -279,7 +314,10 @@ def _values(
 
 
 def _real(name: str, shape: NDArray[np.complex128]) -> Real:
-    """Return a complex shape turned to the real axis; raises ParameterError if it is far from real."""
+    """Return a complex shape rotated to the real axis.
+
+    Raises ParameterError if it is far from real.
+    """
     turn = np.sum(shape**2)
     collinear = float(abs(turn)) / max(float(np.sum(np.abs(shape) ** 2)), np.finfo(float).tiny)
     allowed = f"{COLLINEAR} or above: the simulation works with real modes, so fit normal modes"
@@ -288,9 +326,12 @@ def _real(name: str, shape: NDArray[np.complex128]) -> Real:
 
 
 def select_shapes(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str]) -> Real:
-    """Return the shapes at a node in a direction, one of x, y, z with a sign or without, (N_m,) in 1/sqrt(kg).
+    """Return the shapes (N_m,) at a node in a direction, in 1/sqrt(kg).
 
-    A mode that leaves out a node which others have does not move it: the format lets zeros be left out.
+    The direction is one of x, y, z, with or without a sign.
+
+    A mode that leaves out a node which others have does not move it: the format lets zeros be left
+    out.
     """
     node, direction = place
     sign, axis = (
@@ -310,7 +351,8 @@ def select_shapes(modes: list[MeasuredMode], path: Path, name: str, place: tuple
 def _global_systems(datasets: list[Dataset], rows: int) -> set[int]:
     """Return the numbers of the coordinate systems that are Cartesian and turned as the global one.
 
-    ``rows`` of the transformation are compared: three have the directions, the fourth has the origin.
+    ``rows`` of the transformation are compared: three have the directions, the fourth has the
+    origin.
     """
     result = set(GLOBAL)
     for part in datasets:
@@ -331,7 +373,10 @@ def _global_systems(datasets: list[Dataset], rows: int) -> set[int]:
 
 
 def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
-    """Return for each node of the datasets 15 and 2411: definition and displacement system, and coordinates in the file's unit."""
+    """Return systems and coordinates of each node of the datasets 15 and 2411.
+
+    They are definition and displacement system, and coordinates in the file's unit.
+    """
     result: dict[int, tuple[int, int, list[float]]] = {}
     for part in datasets:
         if part.kind not in NODE_DATASETS:
@@ -351,7 +396,10 @@ def _nodes(datasets: list[Dataset]) -> dict[int, tuple[int, int, list[float]]]:
 
 
 def _point_15(part: Dataset, line: int) -> list[float]:
-    """Return the coordinates of a line of a dataset 15, which follow four whole numbers in 40 columns."""
+    """Return the coordinates of a line of a dataset 15.
+
+    They follow four integers in 40 columns.
+    """
     text = part.lines[line].rstrip()
     cells = text.split()[4:]
     if len(cells) != 3:
@@ -366,7 +414,10 @@ def _point_15(part: Dataset, line: int) -> list[float]:
 
 
 def require_global_directions(path: Path, places: dict[str, int]) -> None:
-    """Raise ParameterError for a node in use whose displacements the file lists in a local coordinate system."""
+    """Raise ParameterError for a node in use with a local coordinate system.
+
+    The error is raised if the file lists its displacements in that system.
+    """
     datasets = read_datasets(path)
     systems = _global_systems(datasets, 3)
     nodes = _nodes(datasets)
@@ -376,12 +427,18 @@ def require_global_directions(path: Path, places: dict[str, int]) -> None:
             system in systems,
             name,
             f"node {node} with displacements in the coordinate system {system}",
-            f"nodes of {path.name} with displacements in the global coordinate system: export the modes in it",
+            (
+                f"nodes of {path.name} with displacements in the global coordinate system: export "
+                "the modes in it"
+            ),
         )
 
 
 def read_nodes(path: Path) -> tuple[NDArray[np.int64], Real]:
-    """Return numbers (N,) and coordinates (N, 3) in m of the nodes of a Universal File, its datasets 15 or 2411; raises ParameterError for none."""
+    """Return numbers (N,) and coordinates (N, 3) in m of a Universal File's nodes.
+
+    They come from its datasets 15 or 2411. Raises ParameterError if it has none.
+    """
     datasets = read_datasets(path)
     nodes = _nodes(datasets)
     require(

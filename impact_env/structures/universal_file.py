@@ -1,4 +1,6 @@
-"""Datasets of a Universal File in text: their lines, and the numbers in the fixed columns of the format.
+"""Datasets of a Universal File in text format.
+
+They are read as lines, and as numbers in the fixed columns of the format.
 
 A file that is cut, or has lines outside of its datasets, is refused.
 """
@@ -20,7 +22,11 @@ BINARY_BYTES = 4
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset of ``kind``: its ``lines`` without the end marks, the first of which is line ``start`` (from 1) of the file ``path``."""
+    """A dataset of a Universal File.
+
+    It has a ``kind`` and its ``lines`` without the end marks. The first of them is line ``start``
+    (from 1) of the file ``path``.
+    """
 
     path: Path
     kind: int
@@ -38,7 +44,10 @@ class Dataset:
         return describe_error("file", f"{self.name(line)}: {result}", allowed)
 
     def whole(self, line: int, number: int, least: int | None = None) -> list[int]:
-        """Return the first ``number`` whole numbers of a line in fields of 10 columns; ``least`` of them must be there, others are 0."""
+        """Return the first ``number`` integers of a line in fields of 10 columns.
+
+        At least ``least`` of them must be present, others are 0.
+        """
         allowed = f"{number} whole numbers, 10 columns each"
         if line >= len(self.lines):
             raise self.refuse(line, allowed)
@@ -57,7 +66,10 @@ class Dataset:
         return result + [0] * (number - len(result))
 
     def numbers(self, line: int, number: int, width: int = 13) -> list[float]:
-        """Return ``number`` numbers, six or fewer a line in fields of ``width`` columns, from a line on."""
+        """Return ``number`` numbers from a line on.
+
+        A line has six or fewer numbers in fields of ``width`` columns.
+        """
         per_line = 6 if width == 13 else 3
         result: list[float] = []
         while len(result) < number:
@@ -84,7 +96,11 @@ class Dataset:
 
 
 def read_datasets(path: Path) -> list[Dataset]:
-    """Return all datasets of a Universal File; those of binary data have no lines. Raises ParameterError for a file that is cut or is none."""
+    """Return all datasets of a Universal File.
+
+    Those of binary data have no lines. Raises ParameterError for a file that is cut or that is no
+    Universal File.
+    """
     require(path.is_file(), "file", str(path), "a Universal File that exists")
     try:
         content = path.read_bytes()

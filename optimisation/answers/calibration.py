@@ -1,4 +1,7 @@
-"""Parameters of an absorber from a measured response: `calibrate`, and its whole answer with text, JSON, figures and card."""
+"""Parameters of an absorber from a measured response, with text, JSON, figures and card.
+
+`calibrate` returns them.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +73,11 @@ ALTERNATIVES = (NEVER, WHEN_REFUSED, ALWAYS)
 
 @dataclass(frozen=True)
 class CalibrationRuns:
-    """Numbers of simulated measurements: over the prior, in each further round, rounds at most, and of the predictive check."""
+    """Numbers of simulated measurements and of rounds of a calibration.
+
+    ``first``: simulations over the prior. ``each_round``: simulations in each further round.
+    ``rounds``: largest number of rounds. ``replicates``: simulations of the predictive check.
+    """
 
     first: int = FIRST_RUNS
     each_round: int = ROUND_RUNS
@@ -92,7 +99,10 @@ QUICK_RUNS = CalibrationRuns(96, 48, 2, 48)
 
 @dataclass(frozen=True, eq=False)
 class CalibratedModel:
-    """A model of the absorber with its posterior and predictive check; ``resonance``: near which the structure was excited, from 1."""
+    """A model of the absorber with its posterior and predictive check.
+
+    ``resonance``: number of the resonance near which the structure was excited, from 1.
+    """
 
     name: str
     scene: Scene
@@ -119,7 +129,8 @@ class CalibrationAnswer(CompleteAnswer):
     model : CalibratedModel
         The model that was asked for, with its posterior and predictive check.
     linear : LinearFit, optional
-        Frequencies and damping from measurements without a moving absorber; None where there are none.
+        Frequencies and damping from measurements without a moving absorber; None where there are
+        none.
     alternatives : tuple of CalibratedModel
         Other models, where these were compared.
     plan : MeasurementPlan, optional
@@ -179,7 +190,7 @@ class CalibrationAnswer(CompleteAnswer):
 
 
 class CheckpointedSimulation:
-    """Simulates ensembles of rounds, each as a piece of a checkpoint and under a progress of its own."""
+    """Simulation of the ensembles of a calibration, each with a checkpoint entry and progress."""
 
     def __init__(
         self,
@@ -272,7 +283,9 @@ def calibrate(
     checkpoint: Checkpoint | None = None,
     stages: Stages = silent_stages,
 ) -> CalibrationAnswer:
-    """Return the posterior of an absorber's parameters given a measured response, as the command `calibrate` does.
+    """Return the posterior of an absorber's parameters given a measured response.
+
+    The command `calibrate` does the same.
 
     Parameters
     ----------
@@ -281,13 +294,16 @@ def calibrate(
     structure : Beam or ModalModel
         Structure that was measured.
     absorber : SlidingAbsorber
-        Impact absorber with all values that are not free; those of free parameters centre their usual ranges.
+        Impact absorber with all values that are not free; those of free parameters centre their
+        usual ranges.
     free : dict or sequence of str
-        Free parameters: names, or for each name None, (low, high), (low, high, "log") or (mean, deviation, "normal"), in SI units.
+        Free parameters: names, or for each name None, (low, high), (low, high, "log") or (mean,
+        deviation, "normal"), in SI units.
     resonance : int
         Resonance near which the structure was excited, from 1.
     alternatives : str
-        Whether other models of the absorber are compared: "never", "when-refused" by the predictive check, or "always".
+        Whether other models of the absorber are compared: "never", "when-refused" by the predictive
+        check, or "always".
     plan : sequence of float, optional
         Factors of the measured load at which one more sweep is judged; None: no plan.
     runs : CalibrationRuns, optional
@@ -309,7 +325,8 @@ def calibrate(
     Raises
     ------
     ParameterError
-        For measurements, structures and parameters that do not go together, before anything is simulated at length.
+        For measurements, structures and parameters that do not go together, before anything is
+        simulated at length.
     KeyboardInterrupt
         If it is stopped.
 
@@ -317,9 +334,9 @@ def calibrate(
     --------
     >>> from impact_env import impact_absorber, load_structure
     >>> arm = load_structure("arm.toml")  # doctest: +SKIP
-    >>> answer = calibrate("shaker.toml", arm, impact_absorber(1e-3, 0.6, 0.1), ["restitution"])  # doctest: +SKIP
+    >>> absorber = impact_absorber(1e-3, 0.6, 0.1)
+    >>> answer = calibrate("shaker.toml", arm, absorber, ["restitution"])  # doctest: +SKIP
     >>> answer.save("results/calibrate")  # doctest: +SKIP
-
     """
     own = measurements
     if isinstance(own, Path | str):

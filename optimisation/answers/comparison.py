@@ -1,4 +1,7 @@
-"""Absorbers of one mass compared: levels over the force, over the frequency, and service loads of the impact absorber."""
+"""Comparison of absorbers of one mass: levels over force and frequency, and service loads.
+
+The service loads are those of the impact absorber.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,7 @@ class ComparisonAnswer(CompleteAnswer):
         return make_report(self.comparison, self.impacts, self.frequency, self.conditions)
 
     def worst_run(self) -> WorstRun | None:
-        """Return the recorded run of the impact absorber with the highest level near the first resonance.
+        """Return the impact absorber's recorded run with the highest level near resonance 1.
 
         None if the runs were stopped, and under loads.
         """
@@ -80,7 +83,11 @@ class ComparisonAnswer(CompleteAnswer):
 
 
 def find_impact_loads(comparison: Comparison, executor: Executor) -> ImpactLoads | None:
-    """Return the impacts of the impact absorber near the first resonance, at the force of the comparison; None if there is none."""
+    """Return the impacts of the impact absorber near the first resonance.
+
+    They are computed at the force of the comparison. The result is None if the comparison is not
+    finished.
+    """
     part = comparison.resonances[0]
     k = part.reported_index
     if k is None or not comparison.complete:
@@ -98,7 +105,10 @@ def find_impact_loads(comparison: Comparison, executor: Executor) -> ImpactLoads
 
 
 def frequency_levels_of(comparison: Comparison, executor: Executor) -> list[ResonanceCurves]:
-    """Return the levels over the frequency of each absorber's worst member, at the force of the comparison near each resonance."""
+    """Return the levels over the frequency of the worst member of each absorber.
+
+    They are computed near each resonance at the force of the comparison.
+    """
     curves = []
     for part in comparison.resonances:
         k = part.reported_index
@@ -119,7 +129,9 @@ def frequency_levels_of(comparison: Comparison, executor: Executor) -> list[Reso
 def complete_comparison(
     comparison: Comparison, executor: Executor, with_impacts: bool = False
 ) -> ComparisonAnswer:
-    """Run what else is known of compared absorbers; ``with_impacts``: the impacts of the impact absorber as well.
+    """Run the further simulations of a comparison of absorbers.
+
+    ``with_impacts``: whether the impacts of the impact absorber are simulated as well.
 
     Raises KeyboardInterrupt if the runs are stopped.
     """
@@ -135,7 +147,9 @@ def compare(
     executor: Executor | None = None,
     **options: Any,
 ) -> ComparisonAnswer:
-    """Compare absorbers of one mass over the force near resonances, or over the intensity of loads, as the command `compare` does.
+    """Compare absorbers of one mass over the force near resonances, or over the size of loads.
+
+    The command `compare` does the same.
 
     Parameters
     ----------
@@ -146,9 +160,10 @@ def compare(
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
     options
-        As in `optimisation.comparison.compare`: ``resonances``, ``mass_ratio``, ``force`` (N), ``gap`` (m), ``device``, ``forces``, ``members``,
-        ``seed``, ``percent_per_100_periods``, ``progress``. With ``loads``: ``mass_ratio``, ``gap``, ``forces`` (number of intensities), ``members``
-        and ``seed``.
+        As in `optimisation.comparison.compare`: ``resonances``, ``mass_ratio``, ``force`` (N),
+        ``gap`` (m), ``device``, ``forces``, ``members``, ``seed``, ``percent_per_100_periods``,
+        ``progress``. With ``loads``: ``mass_ratio``, ``gap``, ``forces`` (number of intensities),
+        ``members`` and ``seed``.
 
     Returns
     -------
@@ -164,7 +179,6 @@ def compare(
     --------
     >>> answer = compare(forces=8, members=2)  # doctest: +SKIP
     >>> answer.save("results/comparison")  # doctest: +SKIP
-
     """
     executor = Threads() if executor is None else executor
     if loads is None:

@@ -1,4 +1,8 @@
-"""The best design of a search, with its levels around the study's conditions, service loads and sensitivity; and a Pareto front of two objectives."""
+"""The best design of a search, and a Pareto front of two objectives.
+
+The design comes with its levels around the study's conditions, its service loads and its
+sensitivity.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +48,9 @@ Stage = Callable[[str], AbstractContextManager[LaneProgress | None]]
 class ExplanationSizes:
     """How much is run around a winner.
 
-    ``forces``, ``detunings`` and ``gap_map``: points of the curves over the force, over the beam's detuning, and to either side of the map over gap
-    and force. ``samples``: of the Sobol indices, a power of 2. ``draws``: of all tolerances together. ``map_speed``: of the map's sweeps, over the
+    ``forces``, ``detunings`` and ``gap_map``: points of the curves over the force, over the beam's
+    detuning, and to either side of the map over gap and force. ``samples``: of the Sobol indices, a
+    power of 2. ``draws``: of all tolerances together. ``map_speed``: of the map's sweeps, over the
     problem's rate.
     """
 
@@ -123,7 +128,10 @@ class WinnerRuns:
         return [part[len(part) // 2] for part in by_resonance.values()]
 
     def lanes(self, condition: Condition, design: Design | None, members: int) -> list[Lane]:
-        """Return the runs of a design, None without absorber, under a condition; each member sweeps up and down."""
+        """Return the runs of a design under a condition; each member sweeps up and down.
+
+        Without a design (None) the runs are those of the structure without absorber.
+        """
         problem = replace(self.result.problem, conditions=(condition,), uncertain={})
         ensemble = problem.fresh_ensemble(members, REPORT_SEEDS)
         chunks = problem.chunks(design, ensemble, problem.rate)
@@ -135,7 +143,11 @@ class WinnerRuns:
         return [replace(lane, drive=drive) for lane, drive in zip(lanes, drives, strict=True)]
 
     def frequency_levels(self, executor: Executor) -> list[ResonanceCurves]:
-        """Return the levels over the frequency of the winner, the highest of a few members, and without absorber, near each resonance."""
+        """Return the levels over the frequency of the winner and without absorber.
+
+        The winner's level is the highest of a few members. There is a pair of curves near each
+        resonance.
+        """
         if not self.exists or self.result.problem.under_loads:
             return []
         name = f"winner, highest of {self.members} members" if self.members > 1 else "winner"
@@ -153,7 +165,10 @@ class WinnerRuns:
         return curves
 
     def worst_run(self, executor: Executor) -> WorstRun | None:
-        """Return the recorded run with the highest level under the first condition; None without a winner."""
+        """Return the winner's recorded run with the highest level under the first condition.
+
+        The result is None without a winner.
+        """
         if not self.exists:
             return None
         condition = self.conditions[0]
@@ -166,7 +181,11 @@ class WinnerRuns:
 
 
 def run_baselines(result: SearchResult, executor: Executor) -> SearchResult:
-    """Return a search's result with other absorbers of the winner's mass under each condition with a swept force."""
+    """Return a search result to which the baselines of the winner's mass are added.
+
+    The baselines are other absorbers of that mass, under each condition with a swept force. Without
+    a winner the result is returned unchanged.
+    """
     if result.verdict is None:
         return result
     problem = result.problem
@@ -190,7 +209,10 @@ def run_around_winner(
     sizes: ExplanationSizes | None = None,
     stage: Stage = lambda label: silent_stages(label, 0),
 ) -> SearchResult:
-    """Return a search's result with its winner in service, and levels around the study's conditions; without a winner the result as it is."""
+    """Return a search result with the winner's service loads and levels around conditions.
+
+    The conditions are those of the study. Without a winner the result is returned unchanged.
+    """
     runs = WinnerRuns(result)
     if not runs.exists:
         return result

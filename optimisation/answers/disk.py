@@ -1,4 +1,7 @@
-"""Whole answers about bladed disks: levels by sector, one clearance for all sectors, absorbers compared."""
+"""Bladed disks: levels by sector, one clearance for all sectors, absorbers compared.
+
+Each result is a complete answer with text, figures and files.
+"""
 
 from __future__ import annotations
 
@@ -110,7 +113,9 @@ def sweep_disk(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> DiskSweep:
-    """Sweep a bladed disk through a resonance and return the levels of all sectors, as the command `sweep` does.
+    """Sweep a bladed disk through a resonance and return the levels of all sectors.
+
+    The command `sweep` does the same.
 
     Parameters
     ----------
@@ -119,13 +124,15 @@ def sweep_disk(
     force : float, optional
         Amplitude in N of the force on each sector. None: that of the disk.
     schedule : FrequencySchedule, optional
-        Frequency over time. None: a sweep up through the resonance, `optimisation.disks.disk_schedule`.
+        Frequency over time. None: a sweep up through the resonance,
+        `optimisation.disks.disk_schedule`.
     drive : Drive or Loads, optional
         Load in place of force and schedule.
     resonance : int, optional
         Resonance of the tuned disk, from 1. None: the one that the force excites most.
     members : int
-        Number of disks: each after the first has the mistuning of the next seed, and another phase of the force.
+        Number of disks: each after the first has the mistuning of the next seed, and another phase
+        of the force.
     seed : int
         Seed of phases and forces.
     steady_start : bool
@@ -225,12 +232,18 @@ class DiskComparisonAnswer(CompleteAnswer):
 
 
 def advise_disk(disk: BladedDisk, force: float | None = None, **options: Any) -> DiskGapAnswer:
-    """Choose one clearance for all absorbers of a disk, as the command `design gap` does; arguments: `optimisation.disk_levels.choose_disk_gap`."""
+    """Choose one clearance for all absorbers of a disk, as the command `design gap` does.
+
+    The arguments are those of `optimisation.disk_levels.choose_disk_gap`.
+    """
     return DiskGapAnswer(choose_disk_gap(disk, force, **options))
 
 
 def compare_disk(
     disk: BladedDisk, force: float | None = None, **options: Any
 ) -> DiskComparisonAnswer:
-    """Compare the absorbers of a disk, as the command `compare` does; arguments: `optimisation.disk_levels.compare_on_disk`."""
+    """Compare the absorbers of a disk, as the command `compare` does.
+
+    The arguments are those of `optimisation.disk_levels.compare_on_disk`.
+    """
     return DiskComparisonAnswer(compare_on_disk(disk, force, **options))

@@ -1,4 +1,6 @@
-"""Which gap: the search, and what is known of the recommended device: service loads, uncertainty, tolerances, levels over the frequency.
+"""Choice of a gap, and the properties of the recommended device.
+
+The properties are service loads, uncertainty, tolerances and levels over the frequency.
 
 Under loads other than a swept force the answer is the search alone.
 """
@@ -93,7 +95,10 @@ TOLERANCE_DRAWS = (DRAWS_ALONE, DRAWS_TOGETHER, DRAWS_CHECKED)
 
 @dataclass(frozen=True)
 class DevicePrecision:
-    """How precisely a device must be made, and which of its numbers its level depends on; None for what was not run."""
+    """Manufacturing tolerances of a device, and the shares of its parameters in its level.
+
+    A field is None if it was not computed.
+    """
 
     absorber: SlidingAbsorber
     tolerances: Tolerances | None = None
@@ -114,7 +119,10 @@ class DevicePrecision:
         """Groups of a card."""
         groups: list[Group] = []
         if self.tolerances is not None:
-            heading = f"How precisely it must be made for a level below {1e3 * self.tolerances.limit:.4g} mm"
+            heading = (
+                "How precisely it must be made for a level below "
+                f"{1e3 * self.tolerances.limit:.4g} mm"
+            )
             groups.append((heading, tolerance_rows(self.tolerances, self.absorber)))
         if self.sobol is not None:
             heading = "Sobol shares of the level's variance (95 % interval)"
@@ -149,7 +157,8 @@ class GapQuestions:
     limit_level : float, optional
         Level in m whose probability is printed, and for which tolerances are found.
     contact : tuple, optional
-        Two materials and the radius in m of the rounder body, for an estimate of the contact on the card.
+        Two materials and the radius in m of the rounder body, for an estimate of the contact on the
+        card.
     tolerance_draws : tuple of int, optional
         Draws of each quantity alone, of all together and of the check; None: no tolerances.
     sobol_samples : int, optional
@@ -252,12 +261,18 @@ class GapAnswer(CompleteAnswer):
         )
 
     def device_scene(self) -> Json | None:
-        """Return structure and recommended device as plain data; None where no gap was run in full."""
+        """Return structure and recommended device as plain data.
+
+        The result is None if no gap was run in full.
+        """
         best = self.advice.recommended
         return None if best is None else device_scene(self.structure, best.absorber)
 
     def worst_run(self) -> WorstRun | None:
-        """Return the recorded run of the recommended device with the highest level; None where the search did not end, and under loads."""
+        """Return the recorded run of the recommended device with the highest level.
+
+        The result is None if the search did not end, and under loads.
+        """
         best = self.advice.recommended
         if best is None or not self.advice.complete or self.under_loads:
             return None
@@ -271,7 +286,7 @@ def curve_of(advice: Advice, answer: Answer) -> PerformanceCurve:
 
 
 def frequency_levels_of(advice: Advice, answer: Answer, executor: Executor) -> ResonanceCurves:
-    """Return the level over the frequency of the worst member of an answer, and without absorber."""
+    """Return the level over the frequency of an answer's worst member and without absorber."""
     curve = curve_of(advice, answer)
     member, _ = find_worst_run(curve)
     cases = {
@@ -288,7 +303,7 @@ def find_precision(
     executor: Executor,
     stages: Stages = silent_stages,
 ) -> DevicePrecision:
-    """Return tolerances and Sobol shares of the recommended device, as far as they are asked for."""
+    """Return the requested tolerances and Sobol shares of the recommended device."""
     best = advice.recommended
     assert best is not None
     case = advice.check.swept.curve_case(best.absorber)
@@ -323,7 +338,9 @@ def complete_gap_answer(
     executor: Executor,
     stages: Stages = silent_stages,
 ) -> GapAnswer:
-    """Run the questions about the recommended device of a search; a search that was stopped is left as it is.
+    """Run the requested analyses of the recommended device of a search.
+
+    A search that was stopped is returned without further analyses.
 
     Raises KeyboardInterrupt if the runs are stopped.
     """
@@ -354,7 +371,8 @@ def read_uncertain(
 ) -> tuple[Distribution, ...]:
     """Return the uncertain quantities of a search.
 
-    Raises ParameterError for those that the absorber lacks, and for SI values of quantities that are searched.
+    Raises ParameterError for those that the absorber lacks, and for SI values of quantities that
+    are searched.
     """
     words = dict(uncertain)
     posterior = measured_posterior(words)
@@ -380,7 +398,10 @@ def read_uncertain(
 
 
 def measured_posterior(uncertain: UncertainInput) -> Posterior | None:
-    """Return the posterior of a calibration among what is uncertain, under the key "posterior" a file or a `Posterior`; None without one."""
+    """Return the posterior of a calibration that the uncertain input contains, or None.
+
+    The value under the key "posterior" is a file or a `Posterior`.
+    """
     value: Any = uncertain.get(POSTERIOR)
     if value is None or isinstance(value, Posterior):
         return value
@@ -389,7 +410,10 @@ def measured_posterior(uncertain: UncertainInput) -> Posterior | None:
 
 
 def model_for_gap(structure: Structure) -> ModalModel:
-    """Return a structure's modal model, the level read at the absorber's place where the structure names no other."""
+    """Return a structure's modal model for the choice of a gap.
+
+    The level is read at the absorber's place unless the structure names another place.
+    """
     return (
         modal_model(structure) if isinstance(structure, Beam) else model_with_absorber_at(structure)
     )
@@ -419,7 +443,9 @@ def advise(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> GapAnswer:
-    """Choose the gap of an impact absorber for a force near a resonance, or for loads, as the command `design gap` does.
+    """Choose the gap of an impact absorber for a force near a resonance, or for loads.
+
+    The command `design gap` does the same.
 
     Parameters
     ----------
@@ -430,11 +456,13 @@ def advise(
     resonance : int
         Resonance near which the force acts, from 1.
     absorber : SlidingAbsorber, optional
-        Mass, restitution and friction; its gap is replaced. Default: `optimisation.absorber_rules.scaled_absorber`, or under loads
+        Mass, restitution and friction; its gap is replaced. Default:
+        `optimisation.absorber_rules.scaled_absorber`, or under loads
         `optimisation.load_cases.AppliedLoads.absorber`.
     loads : Loads, optional
-        Loads in the place of a swept force; their measure is made small (`optimisation.measures.measure_of`). Only ``tolerance``,
-        ``friction_fixed``, ``factors``, ``members``, ``seed``, a limit of the stroke, ``progress`` and ``executor`` go with them.
+        Loads in the place of a swept force; their measure is made small
+        (`optimisation.measures.measure_of`). Only ``tolerance``, ``friction_fixed``, ``factors``,
+        ``members``, ``seed``, a limit of the stroke, ``progress`` and ``executor`` go with them.
     tolerance : float
         Share by which the force may be larger or smaller.
     free : sequence of str
@@ -450,11 +478,13 @@ def advise(
     limits : Limits, optional
         Limits of stroke and impact speed.
     uncertain : dict, optional
-        Uncertain quantities by name, as in `optimisation.uncertain.spreads`; "posterior": that of a calibration, or its file.
+        Uncertain quantities by name, as in `optimisation.uncertain.spreads`; "posterior": that of a
+        calibration, or its file.
     limit_level : float, optional
         Level in m whose probability is found.
     tolerances, sobol : bool
-        Whether tolerances (for ``limit_level``) and Sobol shares are found; these take about 1000 sweeps each.
+        Whether tolerances (for ``limit_level``) and Sobol shares are found; these take about 1000
+        sweeps each.
     contact : tuple, optional
         Two materials and the radius in m of the rounder body.
     card : bool
@@ -478,7 +508,6 @@ def advise(
     --------
     >>> answer = advise(Beam(modes=2), 3.5, rate=40.0, members=1)  # doctest: +SKIP
     >>> answer.save("results/gap")  # doctest: +SKIP
-
     """
     model = model_for_gap(structure)
     executor = Threads() if executor is None else executor

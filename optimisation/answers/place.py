@@ -1,4 +1,4 @@
-"""Where an absorber sits, how heavy it is and which gap it has: the search, and the recommended device in service."""
+"""Choice of place, mass and gap of an absorber, and the recommended device in service."""
 
 from __future__ import annotations
 
@@ -65,7 +65,10 @@ class PlaceAnswer(CompleteAnswer):
         return device_scene(self.advice.places.structure_at(best.place), best.absorber)
 
     def worst_run(self) -> WorstRun | None:
-        """Return the recorded run of the recommended device with the highest level, near its worst resonance; None without a device."""
+        """Return the recommended device's recorded run with the highest level.
+
+        The run is near the worst resonance of the device. The result is None without a device.
+        """
         best = self.advice.recommended
         if best is None:
             return None
@@ -74,7 +77,10 @@ class PlaceAnswer(CompleteAnswer):
 
 
 def frequency_levels_of(advice: PlaceAdvice, executor: Executor) -> tuple[ResonanceCurves, ...]:
-    """Return the levels over the frequency of the recommended device's worst member and without absorber, near each resonance."""
+    """Return the levels over the frequency of the recommended device and without absorber.
+
+    The device's level is that of its worst member. There is a pair of curves near each resonance.
+    """
     best = advice.recommended
     assert best is not None
     curves = []
@@ -97,7 +103,8 @@ def complete_place_answer(
 ) -> PlaceAnswer:
     """Run what else is known of the recommended device; a search that was stopped is left as it is.
 
-    ``card``: whether the device runs in service; ``contact``: for an estimate of its contact. Raises KeyboardInterrupt if the runs are stopped.
+    ``card``: whether the device runs in service; ``contact``: for an estimate of its contact.
+    Raises KeyboardInterrupt if the runs are stopped.
     """
     best = advice.recommended
     if best is None or not advice.complete:
@@ -130,23 +137,28 @@ def choose_place(
     executor: Executor | None = None,
     **options: Any,
 ) -> PlaceAnswer:
-    """Choose where an impact absorber sits, how heavy it is and which gap it has, as the command `design place` does.
+    """Choose the place, the mass and the gap of an impact absorber.
+
+    The command `design place` does the same.
 
     Parameters
     ----------
     structure : Beam or ModalModel
-        What the absorber is on; of a beam places over its length are tried, of a model those that it has.
+        What the absorber is on; of a beam places over its length are tried, of a model those that
+        it has.
     forces : dict
         Amplitude of the harmonic force in N by resonance, from 1.
     card : bool
         Whether the device runs in service.
     contact : tuple, optional
-        Two materials and the radius in m of the rounder body, for an estimate of the contact on the card.
+        Two materials and the radius in m of the rounder body, for an estimate of the contact on the
+        card.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
     options
-        As in `optimisation.place_advice.advise_place`: ``mass_ratios``, ``restitution``, ``friction_limit``, ``limits``, ``limit_level``,
-        ``tolerance``, ``members``, ``trial_places``, ``seed``, ``percent_per_100_periods``, ``progress``.
+        As in `optimisation.place_advice.advise_place`: ``mass_ratios``, ``restitution``,
+        ``friction_limit``, ``limits``, ``limit_level``, ``tolerance``, ``members``,
+        ``trial_places``, ``seed``, ``percent_per_100_periods``, ``progress``.
 
     Returns
     -------
@@ -164,7 +176,6 @@ def choose_place(
     --------
     >>> answer = choose_place(Beam(modes=2), {1: 3.5}, members=1)  # doctest: +SKIP
     >>> answer.save("results/place")  # doctest: +SKIP
-
     """
     executor = Threads() if executor is None else executor
     places = find_places(structure)

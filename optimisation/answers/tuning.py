@@ -47,7 +47,8 @@ def prove_peaks(
 ) -> dict[str, float]:
     """Return the proved largest amplitude in m/N of each tuning by its key.
 
-    One that cannot be proved is left out, and ``report_failure`` gets a line about it; ``progress`` wraps the tunings that are proved one by one.
+    One that cannot be proved is left out, and ``report_failure`` gets a line about it; ``progress``
+    wraps the tunings that are proved one by one.
     """
     from optimisation.bounds.relaxation import NotOptimalError  # needs cvxpy, slow to import
     from optimisation.tuned.certificate import certify
@@ -92,7 +93,8 @@ def tune(
     Returns
     -------
     TuningAnswer
-        With `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`; under loads without card and figure.
+        With `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`; under loads without card
+        and figure.
 
     Raises
     ------

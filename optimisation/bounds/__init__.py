@@ -1,6 +1,9 @@
-"""Limits that no device of a mass and a cavity can beat, the design rule in them, and the share of the possible that a design reached.
+"""Limits that no device of a mass and a cavity can beat, and the design rule from them.
 
-`optimisation.bounds.relaxation` holds the passive limit by semidefinite programming; it needs cvxpy and is imported on its own.
+They also give the share of the possible reduction that a design reaches.
+
+`optimisation.bounds.relaxation` holds the passive limit by semidefinite programming; it needs cvxpy
+and is imported on its own.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,24 +30,34 @@ from optimisation.tuned import highest_amplitude
 
 # The spectral line of a beam that carries masses in cavities: what the limits are made of.
 #
-# Masses m_k (k = 1..n) move at places of the beam with mode shapes phi_k; r_k is a mass's displacement minus that of its place. Whatever happens
-# between them, the beam feels minus the mass times its acceleration. The beam is linear, so at the forcing frequency Omega its modal line y obeys
+# Masses m_k (k = 1..n) move at places of the beam with mode shapes phi_k; r_k is a mass's
+# displacement minus that of its place. Whatever happens between them, the beam feels minus the mass
+# times its acceleration. The beam is linear, so at the forcing frequency Omega its modal line y
+# obeys
 #
-#     H y = f p + Omega^2 sum_k m_k phi_k r_k,     H = diag(omega_i^2 - Omega^2 + 2 i D_i omega_i Omega) - Omega^2 sum_k m_k phi_k phi_k^T,
+#     H y = f p + Omega^2 sum_k m_k phi_k r_k,
+#     H = diag(omega_i^2 - Omega^2 + 2 i D_i omega_i Omega) - Omega^2 sum_k m_k phi_k phi_k^T,
 #
-# H being the dynamic stiffness of the beam with all masses stuck to it, p the force's shape. The line of any place e is e y = f A + sum_k B_k r_k.
-# For one mass, at its own place, A = G_f/(1 - kappa) and B = kappa/(1 - kappa) with the free beam's receptances G_f, G_t and kappa = G_t m_a Omega^2.
+# H being the dynamic stiffness of the beam with all masses stuck to it, p the force's shape. The
+# line of any place e is e y = f A + sum_k B_k r_k. For one mass, at its own place, A = G_f/(1 -
+# kappa) and B = kappa/(1 - kappa) with the free beam's receptances G_f, G_t and kappa = G_t m_a
+# Omega^2.
 
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
 
-SINGULAR = 1e-14  # H is singular if it is this close to it, over the size of the terms that it is the sum of
+# H is singular if it is this close to it, over the size of the terms that it is the sum of
+SINGULAR = 1e-14
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Line of a place: ``force`` A in m/N (...), ``strokes`` B_k (..., n), both over ``scale`` (...): infinite at an undamped resonance, else 1."""
+    """Spectral line of the displacement at a place: shares of the force and of the strokes.
+
+    ``force``: A in m/N, shape (...). ``strokes``: B_k, shape (..., n). Both are divided by
+    ``scale``, shape (...), which is infinite at an undamped resonance and 1 elsewhere.
+    """
 
     force: Complex
     strokes: Complex
@@ -52,7 +65,10 @@ class Lines:
 
 
 def places(model: ModalModel) -> Real:
-    """Return the mode shapes at the absorbers' places, (n, N_m): those of several absorbers, else the tip's."""
+    """Return the mode shapes at the absorbers' places, (n, N_m).
+
+    For a model without places of several absorbers this is the mode shape at the tip, with n = 1.
+    """
     return (
         model.tip_shape[None, :]
         if model.absorber_shapes is None
@@ -61,12 +77,18 @@ def places(model: ModalModel) -> Real:
 
 
 def masses_of(model: ModalModel, mass: ArrayLike) -> Real:
-    """Return the masses in kg, (n,); raises ParameterError unless there is one above 0 for each of the model's places."""
+    """Return the masses in kg, (n,).
+
+    Raises ParameterError unless there is one mass above 0 for each of the model's places.
+    """
     return _each(model, "mass", mass)
 
 
 def strokes_of(model: ModalModel, gap: ArrayLike) -> Real:
-    """Return R = 4 g0/pi in m, (n,), for gaps in m: the largest spectral line of a signal within +-g0."""
+    """Return R = 4 g0/pi in m, (n,), for gaps in m.
+
+    R is the largest spectral line of a signal within +-g0.
+    """
     return 4 * _each(model, "gap", gap) / np.pi
 
 
@@ -87,7 +109,10 @@ def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
 
 
 def output_shape(model: ModalModel, at: ArrayLike | None) -> Real:
-    """Return the mode shape (N_m,) of the place where the level is read: ``at``, or where the model says."""
+    """Return the mode shape (N_m,) of the place where the level is read.
+
+    It is ``at`` if given, else that of the model.
+    """
     row = model.level_shape if at is None else numbers("tip_shape", at, "finite modal amplitudes")
     ok = row.shape == (model.modes,) and bool(np.all(np.isfinite(row)) and np.any(row != 0))
     require(
@@ -100,7 +125,10 @@ def output_shape(model: ModalModel, at: ArrayLike | None) -> Real:
 
 
 def lines(model: ModalModel, masses: Real, omega: ArrayLike, at: Real) -> Lines:
-    """Return the line at a place with mode shape ``at`` (N_m,), for ``masses`` (n,) in kg and frequencies in rad/s of any shape."""
+    """Return the spectral line at a place with mode shape ``at`` (N_m,).
+
+    ``masses`` (n,) are in kg, the frequencies ``omega`` in rad/s have any shape.
+    """
     w = numbers("omega", omega, "finite frequencies in rad/s, 0 or above")
     require(
         bool(np.all(np.isfinite(w) & (w >= 0))),
@@ -123,7 +151,10 @@ def lines(model: ModalModel, masses: Real, omega: ArrayLike, at: Real) -> Lines:
 
 
 def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
-    """Return row H^-1 (..., N) of symmetric matrices, and 1; at an undamped resonance the eigenvector that it grows along, and infinity.
+    """Return row H^-1 (..., N) of symmetric matrices H and a scale, 1 if H is regular.
+
+    At an undamped resonance the first result is the eigenvector along which row H^-1 grows, and the
+    scale is infinity.
 
     ``size`` (...): of the terms that a matrix is the sum of.
     """
@@ -131,7 +162,9 @@ def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
         answer = np.linalg.solve(
             matrix, np.broadcast_to(row.astype(complex)[:, None], (*matrix.shape[:-1], 1))
         )[..., 0]
-    except np.linalg.LinAlgError:  # one of them is singular to the last bit: off by a rounding error it is not, and the same to all digits
+    except np.linalg.LinAlgError:
+        # one of them is singular to the last bit: changed by a rounding error it is regular, and
+        # the same to all digits
         shift = np.finfo(float).eps * np.asarray(size)[..., None, None]
         return _solve(matrix + shift * np.eye(len(row)), row, size)
     growth = np.linalg.norm(answer, axis=-1) / np.linalg.norm(row)
@@ -142,7 +175,10 @@ def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
 
 
 def stuck_frequencies(model: ModalModel, masses: Real) -> Real:
-    """Return the undamped natural frequencies in rad/s, rising, of the beam with ``masses`` (n,) in kg stuck at the model's places."""
+    """Return the undamped natural frequencies of the structure with stuck absorbers.
+
+    They are in rad/s in ascending order, for ``masses`` (n,) in kg at the model's places.
+    """
     shapes = places(model)
     return np.asarray(
         np.sqrt(scipy.linalg.eigvalsh(np.diag(model.omega**2), with_masses(shapes, masses)))
@@ -151,24 +187,30 @@ def stuck_frequencies(model: ModalModel, masses: Real) -> Real:
 
 # A limit that no device in a cavity can beat, in closed form.
 #
-# A mass m_a moves in a cavity of half-clearance g0; r = its displacement minus that of its place, |r(t)| <= g0 at all times. The beam is linear, so
-# the spectral line at the forcing frequency Omega of a stationary response is q = f A + B r, whatever the other lines do (`optimisation.bounds`,
-# which also has the sum over several masses). A signal that never leaves [-g0, g0] has at most the line of a square wave:
-# |r| = 2 |mean of r(t) exp(-i Omega t)| <= 2 g0 mean|cos| = 4 g0/pi = R. The best devices can do with the phases of their r is to oppose f A, and
-# all other lines only add to the mean square. Therefore, at any place of the beam,
+# A mass m_a moves in a cavity of half-clearance g0; r = its displacement minus that of its place,
+# |r(t)| <= g0 at all times. The beam is linear, so the spectral line at the forcing frequency Omega
+# of a stationary response is q = f A + B r, whatever the other lines do (`optimisation.bounds`,
+# which also has the sum over several masses). A signal that never leaves [-g0, g0] has at most the
+# line of a square wave: |r| = 2 |mean of r(t) exp(-i Omega t)| <= 2 g0 mean|cos| = 4 g0/pi = R. The
+# best devices can do with the phases of their r is to oppose f A, and all other lines only add to
+# the mean square. Therefore, at any place of the beam,
 #
 #     RMS(q) >= max(0, f |A| - sum_k |B_k| R_k) / sqrt(2).
 #
-# What is assumed: a linear beam with these modes; a harmonic force of constant amplitude and frequency; a stationary response
-# (periodic, modulated or chaotic, RMS and line taken over the same long time); devices that act on the beam only at their
-# places and only through their own masses; rigid walls (compliant ones let |r| exceed g0). Active devices are included. The response
-# level of a sweep is another quantity, a windowed RMS around a maximum while the frequency moves: it lies near a stationary RMS, but
-# nothing keeps it above this limit. Where "cannot be beaten" is the claim, compare with stationary runs.
+# What is assumed: a linear beam with these modes; a harmonic force of constant amplitude and
+# frequency; a stationary response (periodic, modulated or chaotic, RMS and line taken over the same
+# long time); devices that act on the beam only at their places and only through their own masses;
+# rigid walls (compliant ones let |r| exceed g0). Active devices are included. The response level of
+# a sweep is another quantity, a windowed RMS around a maximum while the frequency moves: it lies
+# near a stationary RMS, but nothing keeps it above this limit. Where "cannot be beaten" is the
+# claim, compare with stationary runs.
 #
-# That a device is passive does not sharpen the limit of the level at its own place. A passive device feeds no power into the beam, and the beam only
-# dissipates at all other lines, so Im(r conj(q)) <= 0 at this one. The best r above makes q = (1 - s) f A, r = -s f A/B and s = R |B|/|f A| < 1, so
-# Im(r conj(q)) = s (1 - s) |f A|^2 Im(B)/|B|^2, and Im(B) = Im(kappa)/|1 - kappa|^2 <= 0 because the free beam is passive itself. Read at another
-# place the best stroke may feed power into the beam; `optimisation.bounds.relaxation` solves the problem with both constraints.
+# That a device is passive does not sharpen the limit of the level at its own place. A passive
+# device feeds no power into the beam, and the beam only dissipates at all other lines, so Im(r
+# conj(q)) <= 0 at this one. The best r above makes q = (1 - s) f A, r = -s f A/B and s = R |B|/|f
+# A| < 1, so Im(r conj(q)) = s (1 - s) |f A|^2 Im(B)/|B|^2, and Im(B) = Im(kappa)/|1 - kappa|^2 <= 0
+# because the free beam is passive itself. Read at another place the best stroke may feed power into
+# the beam; `optimisation.bounds.relaxation` solves the problem with both constraints.
 
 
 SWEPT = (0.9, 1.06)  # of the resonance frequency, the paper's sweep limits
@@ -189,7 +231,10 @@ def line_terms(
     omega: ArrayLike,
     at: ArrayLike | None = None,
 ) -> tuple[Real, Real, Real]:
-    """Return |A| in m/N and sum |B_k| R_k in m, of omega's shape, and the scale that both are to be multiplied by (`lines.Lines`)."""
+    """Return |A| in m/N, sum |B_k| R_k in m, and the scale of both, each of omega's shape.
+
+    The first two are to be multiplied by the scale (`Lines`).
+    """
     terms = lines(model, masses_of(model, mass), omega, output_shape(model, at))
     return (
         np.abs(terms.force),
@@ -214,12 +259,15 @@ def stroke_limit_rms(
     omega: ArrayLike,
     at: ArrayLike | None = None,
 ) -> Real:
-    """Return the lower bound of the stationary RMS displacement in m, of the broadcast shape of force and frequency.
+    """Return the lower bound of the stationary RMS displacement in m.
 
-    ``mass`` m_a in kg and ``gap`` g0 in m, (n,) each if the model has the places of n absorbers; ``force_amplitude`` f in N, ``omega`` in rad/s;
-    ``at``: mode shape (N_m,) of the place whose displacement is meant, in 1/sqrt(kg), the model's tip by default. The comment above has the
-    derivation and the assumptions. Multiplying gaps and force by one factor multiplies the bound by it. Raises ParameterError for numbers out of
-    range.
+    It has the broadcast shape of force and frequency.
+
+    ``mass`` m_a in kg and ``gap`` g0 in m, (n,) each if the model has the places of n absorbers;
+    ``force_amplitude`` f in N, ``omega`` in rad/s; ``at``: mode shape (N_m,) of the place whose
+    displacement is meant, in 1/sqrt(kg), the model's tip by default. The comment above has the
+    derivation and the assumptions. Multiplying gaps and force by one factor multiplies the bound by
+    it. Raises ParameterError for numbers out of range.
     """
     model = instance("model", model, ModalModel)
     return _rms(
@@ -239,8 +287,9 @@ def resonance_limit(
 ) -> Real:
     """Return the largest `stroke_limit_rms` in m over low..high times omega_r, of force's shape.
 
-    ``force`` in N; the other arguments as in `stroke_limit_rms`. No device keeps the largest of its stationary levels over the range
-    below it; a sweep's level is a windowed RMS in passing and is only expected to follow it.
+    ``force`` in N; the other arguments as in `stroke_limit_rms`. No device keeps the largest of its
+    stationary levels over the range below it; a sweep's level is a windowed RMS in passing and is
+    only expected to follow it.
     """
     model = instance("model", model, ModalModel)
     forces = _amplitudes("force", force)
@@ -266,7 +315,10 @@ def resonance_limit(
 
 
 def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tuple[float, float]:
-    """Return the smallest value of a function, refined around the smallest of its ``values`` on ``grid``, and where it is."""
+    """Return the smallest value of a function and its argument.
+
+    They are refined around the smallest of the ``values`` of the function on ``grid``.
+    """
     at = int(np.argmin(values))
     on_grid = (float(values[at]), float(grid[at]))
     if at in (0, len(grid) - 1):
@@ -278,15 +330,18 @@ def smallest(function: Callable[[float], float], grid: Real, values: Real) -> tu
     return min(on_grid, (float(minimum.fun), float(minimum.x)))
 
 
-# The design rule: the limit leaves zero at the force f*, and the gap that puts f* at a wanted force follows without simulation.
+# The design rule: the limit leaves zero at the force f*, and the gap that puts f* at a wanted force
+# follows without simulation.
 
 
+# of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like
+# the paper's
 NEAR = (
     0.93,
     1.06,
-)  # of the resonance frequency, where `design_force` asks for the limit to be zero, for a mass like the paper's
-# free amplitude over the rule's gap: below the first the rule's cavity is not filled, below the second the best gap is narrower, above the third it
-# is wider
+)
+# free amplitude over the rule's gap: below the first the rule's cavity is not filled, below the
+# second the best gap is narrower, above the third it is wider
 LEAST_REACH = 1.0
 SMALL_REACH = 1.5
 LARGE_REACH = 6.0
@@ -297,11 +352,14 @@ _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at 
 
 
 def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[float, float]:
-    """Return the default (low, high) of `design_force` in units of omega_r: `NEAR` for the paper's mass ratio, for a mass in kg.
+    """Return the default (low, high) of `design_force` in units of omega_r.
 
-    All that an absorber does to a resonance happens within a few times the shift of the frequency by the stuck mass, so the lower end is as far
-    below 1 as that shift is larger or smaller than with the paper's mass ratio. At higher resonances and masses from a tenth of the
-    beam's an antiresonance comes into the range, and the rule then asks for too wide a gap.
+    It is `NEAR` for the paper's mass ratio and scaled for another ``mass`` in kg.
+
+    All that an absorber does to a resonance happens within a few times the shift of the frequency
+    by the stuck mass, so the lower end is as far below 1 as that shift is larger or smaller than
+    with the paper's mass ratio. At higher resonances and masses from a tenth of the beam's an
+    antiresonance comes into the range, and the rule then asks for too wide a gap.
     """
     usual, shift = (
         1 - _stuck_ratio(model, m, resonance) for m in (DEFAULT_MASS_RATIO * model.beam_mass, mass)
@@ -325,14 +383,19 @@ def design_force(
     low: float | None = None,
     high: float | None = None,
 ) -> float:
-    """Return f* in N, the force at which the limit leaves zero somewhere in low..high times omega_r: min over Omega of |kappa| R/|G_f|.
+    """Return f* in N, the force at which the limit leaves zero in low..high times omega_r.
 
-    ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes, found by simulation, lie close to f*.
-    For the paper's beam |kappa|/|G_f| grows with the frequency, so the minimum sits at the lower end of the range, and f* depends on
-    where "near the resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the second. The default
-    begins 7 % below the resonance for the paper's mass ratio, see `near_range`. It is the absorber's own place whose limit is meant, also where
-    the level is read elsewhere: there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for a
-    range without the resonance of the beam with the mass stuck to it, around which the limit is largest.
+    f* is the minimum over Omega of |kappa| R/|G_f|.
+
+    ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes,
+    found by simulation, lie close to f*. For the paper's beam |kappa|/|G_f| grows with the
+    frequency, so the minimum sits at the lower end of the range, and f* depends on where "near the
+    resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the
+    second. The default begins 7 % below the resonance for the paper's mass ratio, see `near_range`.
+    It is the absorber's own place whose limit is meant, also where the level is read elsewhere:
+    there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for
+    a range without the resonance of the beam with the mass stuck to it, around which the limit is
+    largest.
     """
     model = instance("model", model, ModalModel)
     omega_r = model.resonance_omega(resonance)
@@ -346,8 +409,10 @@ def design_force(
             low <= stuck,
             "absorber mass",
             f"{mass:.4g} kg",
-            f"less beside the {1 / model.tip_shape[resonance - 1] ** 2:.4g} kg that mode {resonance} moves at its place: stuck there it takes "
-            f"the resonance to {stuck:.4f} of its frequency; are the mass in kg and the shapes in 1/sqrt(kg)?",
+            f"less beside the {1 / model.tip_shape[resonance - 1] ** 2:.4g} kg that mode "
+            f"{resonance} moves at its place: stuck there it takes "
+            f"the resonance to {stuck:.4f} of its frequency; are the mass in kg and the "
+            "shapes in 1/sqrt(kg)?",
         )
     require(
         low <= stuck <= high,
@@ -373,13 +438,18 @@ def design_force(
 
 
 def design_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
-    """Return the half-clearance g0 in m whose `design_force` is ``force`` (N): f* is proportional to the gap, so no simulation is needed."""
+    """Return the half-clearance g0 in m whose `design_force` is ``force`` (N).
+
+    Because f* is proportional to the gap, no simulation is needed.
+    """
     model = instance("model", model, ModalModel)
     return positive("force", force) / design_force(model, mass, 1.0, resonance)
 
 
 def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
-    """Return the largest stationary amplitude in m of the place of an absorber of ``mass`` (kg) without it, over `near_range`, for a force in N.
+    """Return the largest stationary amplitude in m at an absorber's place without absorber.
+
+    It is the maximum over `near_range` for an absorber of ``mass`` (kg) and a force in N.
 
     Infinite at an undamped resonance. Raises ParameterError for numbers out of range.
     """
@@ -393,14 +463,18 @@ def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int 
 def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:
     """Return `free_amplitude` over `design_gap`, at any force: both are proportional to it.
 
-    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction never touches a wall there: at a node, with
-    little motion, with much damping or a very light mass. A narrower gap may help. Raises ParameterError as `design_gap` does.
+    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction
+    never touches a wall there: at a node, with little motion, with much damping or a very light
+    mass. A narrower gap may help. Raises ParameterError as `design_gap` does.
     """
     return free_amplitude(model, mass, 1.0, resonance) / design_gap(model, mass, 1.0, resonance)
 
 
 def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
-    """Return the gap in m that simulations of other structures let expect to be best: the rule's times `expected_factor`.
+    """Return the gap in m that is expected to be best.
+
+    It is the design rule's gap times `expected_factor`, which was fitted to simulations of other
+    structures.
 
     Raises ParameterError as `design_gap` does.
     """
@@ -411,10 +485,14 @@ def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 
 
 
 def expected_factor(reach: float, damping: float) -> float:
-    """Return the best gap over the rule's that simulations let expect, for free amplitude over the rule's gap and the resonance's damping ratio.
+    """Return the best gap that simulations let expect, divided by the design rule's gap.
 
-    A fit, not a theory (docs/gap_method.md says how good it is): (reach/2.5)^0.6 but at least 0.25 below 2.5, 1 up to 6, and above 1.2, times
-    (0.005/damping)^0.2 for a damping from 0.5 % down to 0.15 %.
+    ``reach`` is the free amplitude over the rule's gap, ``damping`` the damping ratio of the
+    resonance.
+
+    A fit, not a theory (docs/gap_method.md says how good it is): (reach/2.5)^0.6 but at least 0.25
+    below 2.5, 1 up to 6, and above 1.2, times (0.005/damping)^0.2 for a damping from 0.5 % down to
+    0.15 %.
     """
     if reach > LARGE_REACH:
         return 1.2 * max(1.0, LIGHT_DAMPING / max(damping, LEAST_DAMPING)) ** 0.2
@@ -422,7 +500,10 @@ def expected_factor(reach: float, damping: float) -> float:
 
 
 def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -> float:
-    """Return the rule's gap in m, or the free amplitude where that is smaller: a length by which gaps can be counted on any structure."""
+    """Return a length in m as the unit of gaps on any structure.
+
+    It is the design rule's gap, or the free amplitude if that is smaller.
+    """
     return min(
         design_gap(model, mass, force, resonance), free_amplitude(model, mass, force, resonance)
     )
@@ -431,8 +512,9 @@ def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -
 def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> float:
     """Return the smallest gap in m for which the limit is zero near several resonances at once.
 
-    ``forces`` gives the force in N for each resonance (counted from 1). It is the largest of the single gaps: a smaller one lets the limit
-    leave zero at one of the resonances, a larger one costs level at all of them, since levels below f* are proportional to the gap.
+    ``forces`` gives the force in N for each resonance (counted from 1). It is the largest of the
+    single gaps: a smaller one lets the limit leave zero at one of the resonances, a larger one
+    costs level at all of them, since levels below f* are proportional to the gap.
     """
     model = instance("model", model, ModalModel)
     forces = table_of(finite)("forces", forces)
@@ -446,9 +528,10 @@ def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> f
 def reduction_share(level: ArrayLike, without: ArrayLike, limit: ArrayLike) -> Real:
     """Return (without - level)/(without - limit), of the broadcast shape of the three levels in m.
 
-    ``without`` is the level without an absorber, ``limit`` what no device can go below. A limit lies below the best device, so the share is
-    a lower bound of what was reached; below 0 means worse than no absorber, and above 1 a level that is not a stationary one (a
-    sweep's). Raises ParameterError where limit >= without: nothing can be gained there.
+    ``without`` is the level without an absorber, ``limit`` what no device can go below. A limit
+    lies below the best device, so the share is a lower bound of what was reached; below 0 means
+    worse than no absorber, and above 1 a level that is not a stationary one (a sweep's). Raises
+    ParameterError where limit >= without: nothing can be gained there.
     """
     every = {"level": level, "without": without, "limit": limit}
     reached, start, end = (
@@ -474,11 +557,15 @@ def share_reached(
     low: float = SWEPT[0],
     high: float = SWEPT[1],
 ) -> Real:
-    """Return the share of the possible reduction that a ``level`` (m, RMS, any shape) reached near a resonance, of level's shape.
+    """Return the share of the possible reduction that a ``level`` reaches near a resonance.
 
-    ``level`` is a design's largest level over low..high times omega_r, simulated or measured, at a ``force`` in N; ``mass`` m_a in kg and ``gap`` g0
-    in m are the design's, and the limit is `resonance_limit`. It is compared with the free beam's largest stationary level over that range.
-    Raises ParameterError for numbers out of range, a force of 0, and an undamped resonance in the range.
+    ``level`` is in m (RMS) and has any shape, which is the shape of the result.
+
+    ``level`` is a design's largest level over low..high times omega_r, simulated or measured, at a
+    ``force`` in N; ``mass`` m_a in kg and ``gap`` g0 in m are the design's, and the limit is
+    `resonance_limit`. It is compared with the free beam's largest stationary level over that range.
+    Raises ParameterError for numbers out of range, a force of 0, and an undamped resonance in the
+    range.
     """
     low, high = frequency_range(low, high)
     force = non_negative("force", force)

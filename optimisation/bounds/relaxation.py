@@ -1,18 +1,22 @@
 """The limit of a passive device by semidefinite programming, certified by its multipliers.
 
-One complex unknown, the line r of the stroke; the level's line is f A + B r, that of the device's own place q = f A_a + B_a r (see
-`optimisation.bounds`). The problem
+One complex unknown, the line r of the stroke; the level's line is f A + B r, that of the device's
+own place q = f A_a + B_a r (see `optimisation.bounds`). The problem
 
     minimise |f A + B r|^2    subject to    |r| <= R,    Im(r conj(q)) <= 0
 
-is a quadratic programme with quadratic constraints. Its relaxation replaces |r|^2 by the corner of a matrix [[1, conj(r)], [r, x]] that is
-positive semidefinite, x >= |r|^2. It is exact here: since Im(B_a) <= 0 both constraints are convex, so r of the relaxation itself is admissible.
-Where the level is that of the device's own place the limit is the closed form of `optimisation.bounds`; elsewhere it may be higher.
+is a quadratic programme with quadratic constraints. Its relaxation replaces |r|^2 by the corner of
+a matrix [[1, conj(r)], [r, x]] that is positive semidefinite, x >= |r|^2. It is exact here: since
+Im(B_a) <= 0 both constraints are convex, so r of the relaxation itself is admissible. Where the
+level is that of the device's own place the limit is the closed form of `optimisation.bounds`;
+elsewhere it may be higher.
 
-The solver's number is not taken at its word. For any multipliers a >= 0 and c >= 0 the smallest value of the Lagrangian over all r is a lower
-bound (weak duality), and it has a closed form. So the number given back is a limit whatever the solver's accuracy.
+The solver's number is not taken at its word. For any multipliers a >= 0 and c >= 0 the smallest
+value of the Lagrangian over all r is a lower bound (weak duality), and it has a closed form. So the
+number given back is a limit whatever the solver's accuracy.
 
-Everything is dimensionless: the level's line over |f A|, r over R, turned so that f A is 1; the power's constraint is divided by |f A_a|.
+Everything is dimensionless: the level's line over |f A|, r over R, turned so that f A is 1; the
+power's constraint is divided by |f A_a|.
 """
 
 import warnings
@@ -32,15 +36,21 @@ with optional():
     import cvxpy
 
 _TOLERANCE = 1e-9
-_AGREEMENT = 1e-4  # of the stuck beam's amplitude: limit by multipliers against the amplitude of the admissible line found
+# of the stuck beam's amplitude: limit by multipliers against the amplitude of the admissible line
+# found
+_AGREEMENT = 1e-4
 _ADMISSIBLE = 1e-5  # of the largest stroke: violation of the constraints by that line
 
 
 @dataclass(frozen=True)
 class PassiveLimit:
-    """``rms`` in m: no passive device has a smaller stationary RMS. ``omega`` in rad/s. ``stroke``: line r in m of a stroke that comes that low.
+    """Smallest stationary RMS of any passive device at one frequency.
 
-    ``slack``: the matrix' x - |r|^2 over R^2; it may be above 0 only where the limit is 0 and many strokes serve.
+    ``rms``: that RMS in m. ``omega``: frequency in rad/s. ``stroke``: spectral line r in m of a
+    stroke that reaches it.
+
+    ``slack``: the matrix' x - |r|^2 over R^2; it may be above 0 only where the limit is 0 and many
+    strokes serve.
     """
 
     rms: float
@@ -51,13 +61,17 @@ class PassiveLimit:
 
 @lru_cache(maxsize=1)
 def _programme() -> tuple[Any, Any, Any, list[Any]]:
-    """Return problem, matrix over (1, Re u, Im u), its parameters and constraints; so cvxpy compiles it only once."""
+    """Return the cvxpy problem, its matrix over (1, Re u, Im u), parameters and constraints.
+
+    The result is cached, so that cvxpy compiles the problem only once.
+    """
     matrix = cvxpy.Variable((3, 3), PSD=True)
     data = cvxpy.Parameter(7)
     real = matrix[0, 1]
     imag = matrix[0, 2]
     square = matrix[1, 1] + matrix[2, 2]
-    # stroke at most R; no power into the beam: Im(u conj(a + c u)) = Im(u) Re(a) - Re(u) Im(a) - Im(c) |u|^2
+    # stroke at most R; no power into the beam: Im(u conj(a + c u)) = Im(u) Re(a) - Re(u) Im(a) -
+    # Im(c) |u|^2
     constraints = [
         data[3] * square <= 1,
         data[4] * imag - data[5] * real - data[6] * square <= 0,
@@ -74,7 +88,10 @@ def dual_bound(
     power: float,
     own: tuple[complex, complex] | None = None,
 ) -> float:
-    """Return min over u of |1 + b u|^2 + stroke (|u/largest|^2 - 1) + power Im(u conj(a + c u)), a lower bound for multipliers 0 or above.
+    """Return the lower bound of the passive limit for given multipliers, 0 or above.
+
+    It is min over u of |1 + b u|^2 + stroke (|u/largest|^2 - 1) + power Im(u conj(a + c u)), with
+    the multipliers ``stroke`` and ``power``.
 
     ``own``: (a, c), by default (1, b).
     """
@@ -96,9 +113,10 @@ def passive_limit(
 ) -> PassiveLimit:
     """Return the limit of passive devices at one frequency.
 
-    ``mass`` m_a in kg, ``gap`` g0 in m, ``force`` in N, ``omega`` in rad/s, ``at``: mode shape (N_m,) of the place where the level is read;
-    assumptions as in `optimisation.bounds`, for one absorber. Raises ParameterError for numbers out of range, NotOptimalError if the solver's
-    status is not ``optimal`` or its solution does not stand the checks.
+    ``mass`` m_a in kg, ``gap`` g0 in m, ``force`` in N, ``omega`` in rad/s, ``at``: mode shape
+    (N_m,) of the place where the level is read; assumptions as in `optimisation.bounds`, for one
+    absorber. Raises ParameterError for numbers out of range, NotOptimalError if the solver's status
+    is not ``optimal`` or its solution does not stand the checks.
     """
     amplitude = non_negative("force", force)
     omega = positive("omega", omega)
@@ -120,7 +138,8 @@ def passive_limit(
     turn = by_force / abs(by_force)
     place = amplitude * complex(own.force)
     unit = abs(place) or 1.0
-    # at an undamped resonance both lines grow along the same eigenvector, and only ratios of what is left are used
+    # at an undamped resonance both lines grow along the same eigenvector, and only ratios of what
+    # is left are used
     stroke, bound, slack = _solve(
         complex(level.strokes[0]) * size / abs(by_force),
         place / turn / unit,
@@ -131,9 +150,12 @@ def passive_limit(
 
 
 def _solve(b: complex, a: complex, c: complex) -> tuple[complex, float, float]:
-    """Return the stroke u over R, the certified least level over |f A|, and the slack of the relaxation.
+    """Return the stroke u over R, the certified least level, and the slack of the relaxation.
 
-    The level's line is 1 + b u for strokes |u| <= 1, the line of the device's own place, but for a factor, a + c u.
+    The level is given over |f A|.
+
+    The level's line is 1 + b u for strokes |u| <= 1, the line of the device's own place, but for a
+    factor, a + c u.
     """
     programme, matrix, data, constraints = _programme()
     largest = max(
@@ -150,7 +172,8 @@ def _solve(b: complex, a: complex, c: complex) -> tuple[complex, float, float]:
     flow = float((u * np.conj(a + c * u)).imag)
     if abs(u) > largest + _ADMISSIBLE or flow > _ADMISSIBLE or reached - bound > _AGREEMENT:
         raise NotOptimalError(
-            f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches {reached:.9g} (power {flow:.3g})"
+            f"passive limit: the multipliers prove {bound:.9g}, and the stroke found reaches "
+            f"{reached:.9g} (power {flow:.3g})"
         )
     return (
         u / largest,
@@ -164,11 +187,18 @@ with optional():
 
 
 class NotOptimalError(RuntimeError):
-    """A convex programme ended without an optimum; the message names the programme and the solver's status."""
+    """A convex programme ended without an optimum.
+
+    The message names the programme and the solver's status.
+    """
 
 
 def solve(problem: Any, what: str, tolerance: float) -> None:
-    """Solve a cvxpy problem with CLARABEL, gap and feasibility to ``tolerance``; raise NotOptimalError unless the status is ``optimal``."""
+    """Solve a cvxpy problem with CLARABEL.
+
+    The duality gap and the feasibility are solved to ``tolerance``. Raises NotOptimalError unless
+    the status is ``optimal``.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter(
@@ -186,5 +216,6 @@ def solve(problem: Any, what: str, tolerance: float) -> None:
         ) from error
     if problem.status != cvxpy.OPTIMAL:
         raise NotOptimalError(
-            f"{what}: the solver ended with status {problem.status!r}, and only 'optimal' is a certificate"
+            f"{what}: the solver ended with status {problem.status!r}, and only 'optimal' is "
+            "a certificate"
         )

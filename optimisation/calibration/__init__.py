@@ -1,1 +1,4 @@
-"""Parameters of an absorber from a measured response, with their uncertainty: simulation-based inference on statistics of ensembles."""
+"""Parameters of an absorber from a measured response, with their uncertainty.
+
+The method is simulation-based inference on statistics of ensembles.
+"""

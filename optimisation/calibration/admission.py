@@ -35,16 +35,21 @@ SPECTRUM_BANDS = 30
 LEAST_PERIODS = 10.0  # of the resonance, that a sweep to a level lasts
 LEAST_GAP = 1 / 500  # of the largest motion of the structure alone at the absorber
 MOST_GAP = 20.0
-EXCHANGED = -0.4  # correlation of measured and predicted response over load, below which the two records are exchanged
+# correlation of measured and predicted response over load, below which the two records are
+# exchanged
+EXCHANGED = -0.4
 
 
 def require_plausible(
     measurements: Sequence[Measurement], structure: Structure, resonance: int
 ) -> None:
-    """Raise ParameterError for a sensor or force at a node, a load and response that are exchanged, and units that are far off.
+    """Raise ParameterError for a measurement that does not fit the structure.
 
-    The structure without absorber is simulated under the measured load: with an absorber the response is within a factor of
-    some tens of that, and its spectrum is alike.
+    The error is raised for a sensor or force at a node, for load and response that are exchanged,
+    and for wrong units.
+
+    The structure without absorber is simulated under the measured load: with an absorber the
+    response is within a factor of some tens of that, and its spectrum is alike.
     """
     for one in measurements:
         model = model_at_sensor(structure, one.sensor)
@@ -91,7 +96,10 @@ def require_rate(measurement: RecordMeasurement, model: ModalModel, resonance: i
 
 
 def predict_linear(measurement: RecordMeasurement, model: ModalModel, resonance: int) -> Array:
-    """Return the response (K,) of the structure without absorber to a record's load, at its sensor without noise."""
+    """Return the response (K,) to a record's load of the structure without absorber.
+
+    It is the response at the record's sensor, without noise.
+    """
     loads, samples = loads_on_clock(measurement, model.resonance_omega(resonance))
     record = Record(level=False, series=True, samples_per_period=samples)
     return read_sensor(simulate(Scene(model), loads, record=record), measurement)
@@ -100,7 +108,11 @@ def predict_linear(measurement: RecordMeasurement, model: ModalModel, resonance:
 def require_plausible_record(
     measurement: RecordMeasurement, model: ModalModel, resonance: int
 ) -> None:
-    """Raise ParameterError for load and response that are exchanged, and a response far from that of the structure alone."""
+    """Raise ParameterError if a record does not fit the structure alone.
+
+    The error is raised if load and response are exchanged, or if the response is far from that of
+    the structure without absorber.
+    """
     name = f"measurement {measurement.name}"
     own = model.resonance_omega(resonance) / (2 * np.pi)
     band = excited_band(measurement.load.values, measurement.rate)
@@ -109,8 +121,10 @@ def require_plausible_record(
     far = not LEAST_RATIO <= ratio <= MOST_RATIO
     if agreement < EXCHANGED or (far and fits_exchanged(measurement, model, resonance, agreement)):
         raise ParameterError(
-            f"{name}: response over load = correlation {agreement:.2f} with the structure's frequency response and "
-            f"{ratio:.3g} times its size is not allowed: a correlation above 0 and 0.02 to 20 times; load and response may be exchanged, "
+            f"{name}: response over load = correlation {agreement:.2f} with the structure's "
+            "frequency response and "
+            f"{ratio:.3g} times its size is not allowed: a correlation above 0 and 0.02 to 20 "
+            "times; load and response may be exchanged, "
             "or the times have another unit"
         )
     unit = RESPONSE_UNITS[measurement.sensor.quantity]
@@ -120,7 +134,11 @@ def require_plausible_record(
 def compare_with_linear(
     measurement: RecordMeasurement, model: ModalModel, resonance: int
 ) -> tuple[float, float]:
-    """Return the correlation of `compare_responses`, and the root mean square of the response over that of the structure alone."""
+    """Return correlation and ratio of a record's response and that of the structure alone.
+
+    The correlation is that of `compare_responses`. The ratio is the root mean square of the
+    measured response over that of the structure alone.
+    """
     predicted = predict_linear(measurement, model, resonance)
     lowest = LOWEST_SHARE * float(np.min(model.omega)) / (2 * np.pi)
     own, alone = (
@@ -133,7 +151,10 @@ def compare_with_linear(
 def fits_exchanged(
     measurement: RecordMeasurement, model: ModalModel, resonance: int, agreement: float
 ) -> bool:
-    """Return whether load and response go with the structure if they are exchanged, and better than the ``agreement`` that they have."""
+    """Return whether load and response fit the structure better if they are exchanged.
+
+    They must fit the structure, and better than the ``agreement`` of the given order.
+    """
     load = measurement.load
     other = replace(
         measurement,
@@ -145,7 +166,10 @@ def fits_exchanged(
 
 
 def require_ratio(name: str, ratio: float, what: str) -> None:
-    """Raise ParameterError for a response that is far larger or smaller than that of the structure alone."""
+    """Raise ParameterError if a response is far larger or smaller than that of the structure.
+
+    The structure is taken without absorber.
+    """
     require(
         LEAST_RATIO <= ratio <= MOST_RATIO,
         f"{name}: response",
@@ -157,7 +181,11 @@ def require_ratio(name: str, ratio: float, what: str) -> None:
 def require_plausible_levels(
     measurement: LevelMeasurement, model: ModalModel, resonance: int
 ) -> None:
-    """Raise ParameterError for sweeps beside the resonance or of a few periods, and levels far from those of the structure alone."""
+    """Raise ParameterError for implausible sweeps or levels.
+
+    The sweeps must excite the resonance and last enough of its periods. The levels must not be far
+    from those of the structure alone.
+    """
     name = f"measurement {measurement.name}"
     own = model.resonance_omega(resonance) / (2 * np.pi)
     ends = sorted((measurement.start_hz, measurement.stop_hz))
@@ -182,9 +210,13 @@ def require_plausible_levels(
 def require_reachable_gap(
     measurements: Sequence[Measurement], scene: Scene, gap: float, resonance: int
 ) -> None:
-    """Raise ParameterError for a gap (m) that is far larger or smaller than the motion of the structure alone at the absorber.
+    """Raise ParameterError for a gap (m) that does not match the structure's motion.
 
-    Such a gap is one in another unit: the absorber never reaches a wall, or it sticks to the structure.
+    The gap must not be far larger or smaller than the motion of the structure alone at the
+    absorber.
+
+    Such a gap is one in another unit: the absorber never reaches a wall, or it sticks to the
+    structure.
     """
     model = scene.model
     largest = 0.0
@@ -202,7 +234,10 @@ def require_reachable_gap(
         LEAST_GAP * largest <= gap <= MOST_GAP * largest,
         "gap",
         f"{gap:.4g} m",
-        f"{LEAST_GAP * largest:.3g} to {MOST_GAP * largest:.3g} m: the structure without absorber moves by {largest:.3g} m there",
+        (
+            f"{LEAST_GAP * largest:.3g} to {MOST_GAP * largest:.3g} m: the structure without "
+            f"absorber moves by {largest:.3g} m there"
+        ),
     )
 
 
@@ -215,9 +250,12 @@ def _usable_rms(values: Array, rate: float, lowest: float) -> float:
 
 
 def compare_responses(measurement: RecordMeasurement, predicted: Array) -> float:
-    """Return the correlation, -1 to 1, of the logarithms of measured and predicted response over load, in the band that the load excites.
+    """Return the correlation, -1 to 1, of the logarithms of measured and predicted response.
 
-    For load and response that are exchanged the measured ratio is the reciprocal of the structure's, and the correlation near -1.
+    Both are divided by the load and compared in the frequency band that the load excites.
+
+    For load and response that are exchanged the measured ratio is the reciprocal of the
+    structure's, and the correlation near -1.
     """
     load = measurement.load.values
     low, high = excited_band(load, measurement.rate)

@@ -25,8 +25,8 @@ def list_alternatives(
 ) -> dict[str, tuple[Scene, tuple[Prior, ...]]]:
     """Return other models by name: scene and priors of each.
 
-    Springs as walls, walls with a restitution that falls with the speed, and friction added or left out. Unequal gaps are none:
-    only the total clearance acts on a mass that nothing centres.
+    Springs as walls, walls with a restitution that falls with the speed, and friction added or left
+    out. Unequal gaps are none: only the total clearance acts on a mass that nothing centres.
     """
     absorber = require_impact_absorber(scene)
     walls = absorber.walls

@@ -1,4 +1,7 @@
-"""Scenes with parameters that are drawn from the posterior of a calibration, and the band of their levels over the frequency."""
+"""Scenes with parameters drawn from the posterior of a calibration.
+
+The band of their levels over the frequency is computed as well.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class LevelBand:
-    """Level over the frequency of scenes with drawn parameters: 5, 50 and 95 % (3, n) in m at frequencies (n,) over the resonance's."""
+    """Quantiles of the level over the frequency of scenes with drawn parameters.
+
+    ``quantiles``: 5, 50 and 95 % in m, (3, n). ``ratio``: frequencies over the resonance's, (n,).
+    """
 
     ratio: Array
     quantiles: Array
@@ -27,7 +33,9 @@ class LevelBand:
 def draw_scenes(
     scene: Scene, posterior: Posterior, count: int, seed: int, resonance: int
 ) -> list[Scene]:
-    """Return scenes with the parameters of draws of a posterior; a draw is not taken twice while there are others.
+    """Return scenes with parameters drawn from a posterior.
+
+    A draw is used again only after all draws have been used.
 
     Parameters
     ----------
@@ -46,7 +54,6 @@ def draw_scenes(
     ------
     ParameterError
         For an absorber that lacks the parameters.
-
     """
     generator = np.random.default_rng([seed, 6])
     total = len(posterior.draws)
@@ -64,7 +71,9 @@ def draw_scenes(
 def band_of_levels(
     lanes: Sequence[Lane], limits: tuple[float, float], executor: Executor | None = None
 ) -> LevelBand | None:
-    """Return the band of levels over the frequency of sweeps; None where the motion is too long to be recorded.
+    """Return the band of levels over the frequency of sweeps, or None.
+
+    The result is None if the motion is too long to be recorded.
 
     ``limits``: frequencies over the resonance's. Raises KeyboardInterrupt if it is stopped.
     """

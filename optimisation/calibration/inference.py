@@ -1,4 +1,7 @@
-"""Posterior of the free parameters: rounds of simulated ensembles, each closer to the measurement, and a synthetic likelihood of the last."""
+"""Posterior of the free parameters from rounds of simulated ensembles.
+
+Each round is closer to the measurement. A synthetic likelihood is fitted to the last round.
+"""
 
 from __future__ import annotations
 
@@ -82,8 +85,9 @@ class Ensemble:
 class StatisticSensitivity:
     """What each statistic says of the parameters.
 
-    ``explained`` (D,): share of its variance over the prior that a cubic polynomial of the parameters explains, of data left out;
-    ``shifts`` (D, P): its change over the middle 90 % of each parameter's prior, in deviations of its scatter; ``used`` (D,).
+    ``explained`` (D,): share of its variance over the prior that a cubic polynomial of the
+    parameters explains, of data left out; ``shifts`` (D, P): its change over the middle 90 % of
+    each parameter's prior, in deviations of its scatter; ``used`` (D,).
     """
 
     explained: Array
@@ -93,10 +97,12 @@ class StatisticSensitivity:
 
 @dataclass(frozen=True, eq=False)
 class Inference:
-    """The posterior: draws (N, P) as shares of the priors and as values in SI units, and how it came about.
+    """The posterior and the rounds of simulations from which it was computed.
 
-    ``history``: medians and deviations, (R, 2, P), in shares, of each round; ``settled``: whether the last two agree; ``runs``:
-    simulated measurements; ``ensemble``: all of them.
+    ``shares`` and ``values``: draws (N, P) as shares of the priors and as values in SI units.
+
+    ``history``: medians and deviations, (R, 2, P), in shares, of each round; ``settled``: whether
+    the last two agree; ``runs``: simulated measurements; ``ensemble``: all of them.
     """
 
     priors: tuple[Prior, ...]
@@ -177,7 +183,10 @@ def measure_sensitivity(ensemble: Ensemble) -> StatisticSensitivity:
 
 
 def degree_for(runs: int, parameters: int, most: int) -> int:
-    """Return the largest degree of a polynomial for which there are `RUNS_PER_TERM` runs for each term, 1 at least."""
+    """Return the largest degree of a polynomial with `RUNS_PER_TERM` runs for each term.
+
+    The degree is at least 1.
+    """
     degree = 1
     for candidate in range(2, most + 1):
         terms = polynomial_terms(np.zeros((1, parameters)), candidate).shape[1]
@@ -210,7 +219,10 @@ class Neighbourhood:
 
 
 def find_neighbourhood(ensemble: Ensemble, draws: Array, least: int = LEAST_NEAR) -> Neighbourhood:
-    """Return where the next posterior is: inside the farthest draws, inflated, and wide enough for ``least`` simulations."""
+    """Return the neighbourhood in which the next posterior is computed.
+
+    It is the ellipsoid of the draws, inflated, and wide enough to contain ``least`` simulations.
+    """
     near = Neighbourhood(np.median(draws, axis=0), np.atleast_2d(np.cov(draws.T)), np.inf)
     reach = INFLATION**2 * float(np.quantile(near.distance(draws), 0.99))
     if least > 0:
@@ -226,9 +238,10 @@ def fit_posterior(
     near: Neighbourhood | None,
     generator: np.random.Generator,
 ) -> tuple[Array, RegressionStatistics, SyntheticLikelihood]:
-    """Return draws (N, P) of the posterior that an ensemble gives, its linear statistics and its likelihood.
+    """Return draws (N, P) of an ensemble's posterior, the linear statistics and the likelihood.
 
-    Near a point only the simulations there are used; beyond them means and variances would be extrapolated. None: the whole prior.
+    Near a point only the simulations there are used; beyond them means and variances would be
+    extrapolated. None: the whole prior.
     """
     if near is None:
         shares = ensemble.shares
@@ -252,7 +265,11 @@ def fit_posterior(
 
 
 def propose(draws: Array, runs: int, generator: np.random.Generator) -> Array:
-    """Return shares (N, P) of the next round: draws of the posterior, moved so that their deviations are inflated, reflected into 0 to 1."""
+    """Return the shares (N, P) of the next round of simulations.
+
+    They are draws of the posterior with random shifts that inflate their deviations, reflected into
+    0 to 1.
+    """
     chosen = draws[generator.integers(len(draws), size=runs)]
     covariance = np.atleast_2d(np.cov(draws.T)) + 1e-8 * np.eye(draws.shape[1])
     factor = np.linalg.cholesky((INFLATION**2 - 1) * covariance)
@@ -285,9 +302,11 @@ def infer(
     first : Ensemble, optional
         Simulations over the whole prior, where there are some already.
     first_runs, round_runs, rounds : int
-        Simulated measurements of the whole prior and of each further round, and the number of these at most.
+        Simulated measurements of the whole prior and of each further round, and the number of these
+        at most.
     simulate : callable, optional
-        Returns the ensemble at shares of a round, such as from a checkpoint; default: by the simulator.
+        Returns the ensemble at shares of a round, such as from a checkpoint; default: by the
+        simulator.
 
     Returns
     -------
@@ -306,7 +325,10 @@ def infer(
         len(observed) >= len(priors),
         "statistics",
         len(observed),
-        f"{len(priors)} or more, as many as there are free parameters: measure longer, or at more forces",
+        (
+            f"{len(priors)} or more, as many as there are free parameters: measure longer, or at "
+            "more forces"
+        ),
     )
     if simulate is None:
 
@@ -358,8 +380,10 @@ def require_runs(ensemble: Ensemble) -> Ensemble:
     failed = len(ensemble.shares) - len(finite.shares)
     if failed > MOST_FAILED * len(ensemble.shares):
         raise ParameterError(
-            f"free = {failed} failed runs of {len(ensemble.shares)} is not allowed: narrower ranges, "
-            f"with which at most {100 * MOST_FAILED:.0f} % of the runs use up their budget of events"
+            f"free = {failed} failed runs of {len(ensemble.shares)} is not allowed: narrower "
+            "ranges, "
+            f"with which at most {100 * MOST_FAILED:.0f} % of the runs use up their budget of "
+            "events"
         )
     return finite
 

@@ -1,9 +1,11 @@
 """A Gaussian synthetic likelihood of a few linear statistics, and its posterior by Markov chains.
 
-The D summary statistics are reduced to one for each parameter: over the whole prior by ridge regression of the parameters on them
-(Fearnhead and Prangle, 2012, doi:10.1111/j.1467-9868.2011.01010.x), near the posterior by generalised least squares. Mean and
-covariance of these, as functions of the parameters, are fitted to the simulated ensembles; a Gaussian with them is the synthetic
-likelihood (Wood, 2010, doi:10.1038/nature09319). Parameters are shares (P,) from 0 to 1 of their prior distributions.
+The D summary statistics are reduced to one for each parameter: over the whole prior by ridge
+regression of the parameters on them (Fearnhead and Prangle, 2012,
+doi:10.1111/j.1467-9868.2011.01010.x), near the posterior by generalised least squares. Mean and
+covariance of these, as functions of the parameters, are fitted to the simulated ensembles; a
+Gaussian with them is the synthetic likelihood (Wood, 2010, doi:10.1038/nature09319). Parameters are
+shares (P,) from 0 to 1 of their prior distributions.
 """
 
 from collections.abc import Callable
@@ -31,7 +33,10 @@ LEAST_VARIANCE = 1e-10  # of a regression statistic, in squared shares
 
 @dataclass(frozen=True, eq=False)
 class RegressionStatistics:
-    """Linear statistics t = offset + ((s - mean) / scale) weights of summary statistics s (D,), one for each parameter."""
+    """Linear statistics of summary statistics s (D,), one for each parameter.
+
+    They are t = offset + ((s - mean) / scale) weights.
+    """
 
     mean: Array
     scale: Array
@@ -60,7 +65,8 @@ def fit_regression_statistics(
     RegressionStatistics
         With the penalty that predicts best what is left out.
     array, (N, P)
-        The regression statistics of the simulations, each by the fit without it, so that their scatter is that of new data.
+        The regression statistics of the simulations, each by the fit without it, so that their
+        scatter is that of new data.
 
     """
     mean = np.mean(statistics, axis=0)
@@ -88,9 +94,13 @@ def fit_regression_statistics(
 def fit_score_statistics(
     shares: Array, statistics: Array, centre: Array
 ) -> tuple[RegressionStatistics, Array]:
-    """Fit the statistics that are best near a point, for normal summary statistics whose mean depends on the parameters there linearly.
+    """Fit the linear statistics that are best near a point in the space of parameters.
 
-    They are the generalised least squares estimates of the parameters, with a shrunk correlation of the summary statistics.
+    They are best for normal summary statistics whose mean depends linearly on the parameters near
+    that point.
+
+    They are the generalised least squares estimates of the parameters, with a shrunk correlation of
+    the summary statistics.
 
     Parameters
     ----------
@@ -107,7 +117,6 @@ def fit_score_statistics(
         Estimates of the parameters.
     array, (N, P)
         The estimates of the simulations, each by a fit to `FOLDS` - 1 parts without it.
-
     """
     values = np.empty(shares.shape)
     fold = np.arange(len(shares)) % FOLDS
@@ -139,7 +148,10 @@ def _estimate_locally(shares: Array, statistics: Array, centre: Array) -> Regres
 
 
 def polynomial_terms(shares: Array, degree: int) -> Array:
-    """Return all products (N, C) of up to ``degree`` of the coordinates 2 share - 1, with the constant first."""
+    """Return all products (N, C) of the coordinates 2 share - 1 up to ``degree``.
+
+    The constant comes first.
+    """
     x = 2 * shares - 1
     products: dict[tuple[int, ...], Array] = {(): np.ones(len(x))}
     for order in range(1, degree + 1):
@@ -150,7 +162,10 @@ def polynomial_terms(shares: Array, degree: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SyntheticLikelihood:
-    """Gaussian likelihood of regression statistics: polynomials of the parameters for their means, log-linear variances, one correlation.
+    """Gaussian likelihood of regression statistics.
+
+    Their means are polynomials of the parameters, their variances are log-linear, and their
+    correlation is constant.
 
     The variance of the fitted mean, which more simulations lower, is added to the scatter.
     """
@@ -162,7 +177,11 @@ class SyntheticLikelihood:
     gram_inverse: Array
 
     def log_density(self, shares: Array, observed: Array) -> Array:
-        """Return the logarithm of the likelihood (N,) of observed regression statistics (P,) at shares (N, P); outside 0 to 1 minus infinity."""
+        """Return the log-likelihood (N,) of observed statistics (P,) at shares (N, P).
+
+        The observed statistics are regression statistics. Outside of 0 to 1 the result is minus
+        infinity.
+        """
         inside = np.all((shares >= 0) & (shares <= 1), axis=1)
         clipped = np.clip(shares, 0, 1)
         terms = polynomial_terms(clipped, self.degree)
@@ -176,7 +195,10 @@ class SyntheticLikelihood:
 
     @cached_property
     def whitening(self) -> Array:
-        """Factor (P, P) after which statistics with the likelihood's correlation are independent."""
+        """Whitening matrix (P, P) of statistics with the likelihood's correlation.
+
+        Statistics multiplied by it are independent.
+        """
         factor = scipy.linalg.cholesky(self.correlation, lower=True)
         return np.asarray(scipy.linalg.inv(factor).T)
 
@@ -207,7 +229,10 @@ def fit_synthetic_likelihood(shares: Array, values: Array, degree: int) -> Synth
 
 
 def fit_log_variance(terms: Array, squares: Array) -> Array:
-    """Return the coefficients (C,) of a log-linear variance by maximum likelihood for normal residuals with ``squares`` (N,)."""
+    """Return the coefficients (C,) of a log-linear variance by maximum likelihood.
+
+    The residuals are normal, with ``squares`` (N,).
+    """
     squares = np.maximum(squares, LEAST_VARIANCE)
     start = np.linalg.lstsq(terms, np.log(squares) + LOG_CHI2_MEAN, rcond=None)[0]
     for _ in range(20):  # Newton steps with the expected curvature
@@ -222,7 +247,9 @@ def fit_log_variance(terms: Array, squares: Array) -> Array:
 def sample_density(
     log_density: LogDensity, start: Array, draws: int, generator: np.random.Generator
 ) -> Array:
-    """Return draws (N, P) from a density by the stretch moves of Goodman and Weare (2010, doi:10.2140/camcos.2010.5.65).
+    """Return draws (N, P) from a density by affine-invariant sampling.
+
+    The method is the stretch moves of Goodman and Weare (2010, doi:10.2140/camcos.2010.5.65).
 
     Parameters
     ----------
@@ -242,7 +269,6 @@ def sample_density(
     >>> draws = sample_density(normal, generator.standard_normal((200, 2)), 20_000, generator)
     >>> bool(np.all(np.abs(np.cov(draws.T) - np.eye(2)) < 0.1))
     True
-
     """
     density = log_density(start)
     order = np.argsort(-density)[: max(WALKERS, len(start) // 8)]

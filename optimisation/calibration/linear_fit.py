@@ -1,7 +1,9 @@
-"""Natural frequencies and damping of the linear structure, from measurements without the absorber or with a stuck one.
+"""Natural frequencies and damping of the linear structure from measurements.
 
-Linear motion is not chaotic, so that the response itself is fitted: least squares of the measured and the simulated response to
-the measured load, or of a free decay as a sum of decaying cosines.
+The measurements are without the absorber or with a stuck one.
+
+Linear motion is not chaotic, so that the response itself is fitted: least squares of the measured
+and the simulated response to the measured load, or of a free decay as a sum of decaying cosines.
 """
 
 from collections.abc import Sequence
@@ -44,10 +46,12 @@ GAIN_TOL = 0.1  # by which a measured response may differ in scale
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """Fitted modes: their numbers (M,) from 1, frequencies in Hz and damping ratios (M,), and standard errors of both.
+    """Fitted frequencies in Hz and damping ratios of modes, with standard errors of both.
 
-    ``gain``: scale of the measured response over the model's, NaN of decays alone; ``explained``: share of the response's mean
-    square that the fit explains.
+    ``modes``: numbers (M,) of the modes, from 1. All other arrays are (M,).
+
+    ``gain``: scale of the measured response over the model's, NaN of decays alone; ``explained``:
+    share of the response's mean square that the fit explains.
     """
 
     modes: tuple[int, ...]
@@ -64,7 +68,8 @@ class LinearFit:
         lines = []
         if self.explained < LEAST_EXPLAINED:
             lines.append(
-                f"the linear model explains {100 * self.explained:.0f} % of the measurement without "
+                f"the linear model explains {100 * self.explained:.0f} % of the measurement "
+                "without "
                 "a moving absorber: the structure, its places or the load may be others"
             )
         if self.gain < 0:
@@ -80,7 +85,10 @@ class LinearFit:
         return lines
 
     def apply(self, scene: Scene, resonance: int) -> Scene:
-        """Return a scene with the fitted frequencies and damping ratios; those of other modes change as the resonance's do."""
+        """Return a scene with the fitted frequencies and damping ratios.
+
+        Modes that were not fitted change as the mode of the resonance does.
+        """
         own = self.modes.index(resonance)
         factor = 2 * np.pi * self.hertz[own] / scene.model.omega[resonance - 1]
         omega = scene.model.omega * factor
@@ -96,7 +104,10 @@ class LinearFit:
 
 @dataclass(frozen=True, eq=False)
 class RecordResidual:
-    """Misfit of a record: measured minus simulated response in the usable band, over the measured root mean square, (K,)."""
+    """Misfit (K,) of a record: measured minus simulated response in the usable band.
+
+    It is divided by the root mean square of the measured response.
+    """
 
     measurement: RecordMeasurement
     scene: Scene
@@ -112,7 +123,10 @@ class RecordResidual:
         ]
 
     def predict(self, omega: Array, damping: Array) -> Array:
-        """Return the filtered response (K,) of the model with all its frequencies (rad/s) and damping ratios."""
+        """Return the filtered response (K,) of the model.
+
+        ``omega`` (rad/s) and ``damping``: frequencies and damping ratios of all modes.
+        """
         model = replace(self.scene.model, omega=omega, damping_ratio=damping)
         loads, samples = loads_on_clock(
             self.measurement, self.scene.model.resonance_omega(self.resonance)
@@ -137,7 +151,11 @@ class RecordResidual:
 
 @dataclass(frozen=True, eq=False)
 class DecayResidual:
-    """Misfit of a free decay from its largest value on: measured minus the best sum of decaying cosines of the fitted modes."""
+    """Misfit of a free decay: measured response minus a sum of decaying cosines.
+
+    It starts at the largest value of the response. The cosines are those of the fitted modes, with
+    the best amplitudes.
+    """
 
     values: Array
     rate: float
@@ -159,7 +177,10 @@ class DecayResidual:
 
 
 def excited_band(values: Array, rate: float) -> tuple[float, float]:
-    """Return the band in Hz outside either end of which lies `BAND_SHARE` of a load's mean square."""
+    """Return the frequency band in Hz that a load excites.
+
+    Outside either end of the band lies `BAND_SHARE` of the load's mean square.
+    """
     power = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
     share = np.cumsum(power) / np.sum(power)
     hertz = np.fft.rfftfreq(len(values), 1 / rate)
@@ -170,7 +191,11 @@ def excited_band(values: Array, rate: float) -> tuple[float, float]:
 
 
 def require_excited(name: str, band: tuple[float, float], hertz: float, resonance: int) -> None:
-    """Raise ParameterError for a load with a band in Hz that does not excite the resonance at a frequency in Hz."""
+    """Raise ParameterError for a load that does not excite the resonance.
+
+    ``band`` is the frequency band of the load in Hz, ``hertz`` the frequency of the resonance in
+    Hz.
+    """
     low, high = band
     require(
         low / BAND_MARGIN <= hertz <= high * BAND_MARGIN,
@@ -207,7 +232,10 @@ def _record_residual(
 def _decay_residual(
     measurement: DecayMeasurement, structure: Structure, resonance: int
 ) -> tuple[DecayResidual, tuple[int, ...], dict[int, float]]:
-    """Return the residual of a decay, the modes (from 1) that it has, and their frequencies in Hz by its spectrum."""
+    """Return the residual of a decay, its modes (from 1) and their frequencies in Hz.
+
+    The frequencies are those of the peaks in the decay's spectrum.
+    """
     model = model_at_sensor(structure, measurement.sensor)
     first = int(np.argmax(np.abs(measurement.response)))
     values = measurement.response[first:] - np.mean(measurement.response[first:])
@@ -230,7 +258,7 @@ def _decay_residual(
 
 
 def _spectral_peak(residual: RecordResidual, mode: int) -> float:
-    """Return the frequency in Hz near a mode's own at which the measured response is largest over the load."""
+    """Return the frequency in Hz of the peak of measured response over load near a mode's own."""
     measurement = residual.measurement
     response = np.abs(scipy.fft.rfft(residual.filtered(measurement.response), residual.padded))
     values = measurement.load.values
@@ -343,7 +371,8 @@ def _standard_errors(
 ) -> Array:
     """Return the standard errors of the fitted logarithms.
 
-    The larger of those for independent residuals, and for residuals that depend on one another within a block in any way.
+    The larger of those for independent residuals, and for residuals that depend on one another
+    within a block in any way.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
     scores = np.zeros_like(inverse)

@@ -1,7 +1,10 @@
-"""Measurements: a TOML file names records or levels and says what they are. docs/calibrate.md has the form.
+"""Measurements: a TOML file that names and describes records or levels.
 
-A record is a force, or a base acceleration, and a response over the same time. A level table is the response level at several
-force amplitudes, with repeats. A decay is a response alone, of a structure that was struck or released.
+docs/calibrate.md describes its format.
+
+A record is a force, or a base acceleration, and a response over the same time. A level table is the
+response level at several force amplitudes, with repeats. A decay is a response alone, of a
+structure that was struck or released.
 """
 
 from collections.abc import Mapping
@@ -90,7 +93,10 @@ class RecordMeasurement:
 
 @dataclass(frozen=True, eq=False)
 class LevelMeasurement:
-    """Response levels (F, R) in m of R repeated sweeps at forces (F,) in N; each sweep lasts ``duration`` s between two frequencies in Hz."""
+    """Response levels (F, R) in m of R repeated sweeps at forces (F,) in N.
+
+    Each sweep lasts ``duration`` s between the frequencies ``start_hz`` and ``stop_hz`` in Hz.
+    """
 
     name: str
     forces: Array
@@ -119,13 +125,17 @@ Measurement = RecordMeasurement | LevelMeasurement | DecayMeasurement
 def read_measurements(path: Path) -> tuple[Measurement, ...]:
     """Return the measurements of a file.
 
-    Raises ParameterError with the key, the value and what is allowed for everything that does not fit.
+    Raises ParameterError with the key, the value and what is allowed for everything that does not
+    fit.
     """
     return to_measurements(read_plain(path), path.parent)
 
 
 def to_measurements(plain: Mapping[str, Any], folder: Path) -> tuple[Measurement, ...]:
-    """Return the measurements of a plain form, as `read_measurements` does; files are relative to ``folder``."""
+    """Return the measurements of plain data, as `read_measurements` does.
+
+    The names of files are relative to ``folder``.
+    """
     require_keys("measurement file", plain, dict.fromkeys(("measurement",)), ("measurement",))
     tables = plain["measurement"]
     several = isinstance(tables, list | tuple)
@@ -157,7 +167,10 @@ def _read_measurement(path: str, plain: Any, folder: Path, index: int) -> Measur
 def _read_sensor(
     path: str, plain: Mapping[str, Any], moves_base: bool, response: Array | None
 ) -> Sensor:
-    """Return the sensor that a response's table describes; a ``noise_share`` is one of the response's root mean square."""
+    """Return the sensor that a response's table describes.
+
+    A ``noise_share`` is a share of the response's root mean square.
+    """
     usual = None if response is not None else DISPLACEMENT
     quantity = one_of(f"{path}.quantity", plain.get("quantity", usual), RESPONSE_QUANTITIES)
     place = plain.get("place")
@@ -172,7 +185,10 @@ def _read_sensor(
         not in_space or quantity == ACCELERATION,
         f"{path}.relative_to",
         relative_to,
-        f"{BASE_MOTION!r}, unless an acceleration is measured: the integrated motion of a base drifts",
+        (
+            f"{BASE_MOTION!r}, unless an acceleration is measured: the integrated motion of a "
+            "base drifts"
+        ),
     )
     noise = non_negative(f"{path}.noise", plain.get("noise", 0.0))
     if response is not None:
@@ -243,7 +259,7 @@ def _read_pair(
 
 
 def require_one_clock(path: str, load_times: Array, response_times: Array) -> None:
-    """Raise ParameterError unless load and response have the same number of samples and the same rate."""
+    """Raise ParameterError unless load and response have the same number of samples and rate."""
     own = 1 / float(load_times[1])
     other = 1 / float(response_times[1])
     drift = abs(other / own - 1) * len(load_times)  # samples, over the whole record
@@ -302,7 +318,10 @@ def _read_decay(
         absorber != MOVING,
         f"{path}.absorber",
         absorber,
-        f"{REMOVED!r} or {STUCK!r}: a decay serves for frequencies and damping of the linear structure",
+        (
+            f"{REMOVED!r} or {STUCK!r}: a decay serves for frequencies and damping of the linear "
+            "structure"
+        ),
     )
     times, response, sensor = _read_response(f"{path}.response", plain["response"], folder, False)
     return DecayMeasurement(name, response, 1 / float(times[1]), sensor, absorber)

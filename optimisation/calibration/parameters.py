@@ -1,4 +1,4 @@
-"""Free parameters of a calibration: their prior distributions, and the scene that values of them describe."""
+"""Free parameters of a calibration: their priors, and the scene for given values."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -48,7 +48,11 @@ FORM = (
 
 @dataclass(frozen=True)
 class Prior:
-    """Prior distribution of a parameter: uniform or log-uniform from ``low`` to ``high``, or normal with mean ``low`` and deviation ``high``."""
+    """Prior distribution of a parameter.
+
+    It is uniform or log-uniform from ``low`` to ``high``, or normal with mean ``low`` and standard
+    deviation ``high``.
+    """
 
     name: str
     low: float
@@ -101,7 +105,8 @@ def read_priors(
 ) -> tuple[Prior, ...]:
     """Return the prior of each free parameter; those without a range get `usual_prior`.
 
-    Raises ParameterError for an unknown name, a name that does not go with the scene, and an impossible range.
+    Raises ParameterError for an unknown name, a name that does not go with the scene, and an
+    impossible range.
     """
     absorber = require_impact_absorber(scene)
     table = dict(free) if isinstance(free, Mapping) else dict.fromkeys(free)

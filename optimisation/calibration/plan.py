@@ -1,4 +1,8 @@
-"""Which forces to measure next: how narrow the posterior is expected to become with one more sweep at each, and with several."""
+"""Choice of the forces to measure next in a calibration.
+
+The plan gives the expected width of the posterior after one more sweep at each force, and after
+several.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -41,7 +45,8 @@ class MeasurementPlan:
     now : array, (P,)
         Deviations now.
     order : array, (S,)
-        Indices of the factors to measure at next, in this order: each is the best after those before it.
+        Indices of the factors to measure at next, in this order: each is the best after those
+        before it.
     together : array, (S, P)
         Expected deviations after the first sweep of ``order``, after the first two, and so on.
 
@@ -66,14 +71,18 @@ class MeasurementPlan:
 
 
 def scale_load(measurement: Measurement, factor: float) -> Measurement:
-    """Return a measurement with a load that is a factor times as large; its response is that of no run."""
+    """Return a measurement with a load multiplied by a factor.
+
+    Its response is not that of any run.
+    """
     if isinstance(measurement, RecordMeasurement):
         load = measurement.load
         return replace(measurement, load=Samples(load.times, factor * load.values, load.quantity))
     if isinstance(measurement, LevelMeasurement):
         return replace(measurement, forces=factor * measurement.forces)
     raise ParameterError(
-        f"measurement {measurement.name} is not allowed: a record or levels, whose load can be larger"
+        f"measurement {measurement.name} is not allowed: a record or levels, whose load can "
+        "be larger"
     )
 
 
@@ -90,13 +99,18 @@ def plan_measurement(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> MeasurementPlan:
-    """Return the expected width of the posterior after one more sweep at each force, and the forces to measure at next.
+    """Return the expected width of the posterior after further sweeps, and their forces.
 
-    Parameters are drawn from the posterior (or the prior), the sweep is simulated with each, and the parameters are predicted from
-    its statistics by the regression of `fit_regression_statistics`. Its error on what it was not fitted to is the expected
-    deviation of the parameters, up to what a linear regression misses. The same parameters are simulated at all forces, so that
-    the statistics of several sweeps together say what these sweeps would give. The next force is the one with the least product of
-    expected deviations, together with those chosen before it.
+    The width is given for one more sweep at each force. The plan also names the forces to measure
+    at next.
+
+    Parameters are drawn from the posterior (or the prior), the sweep is simulated with each, and
+    the parameters are predicted from its statistics by the regression of
+    `fit_regression_statistics`. Its error on what it was not fitted to is the expected deviation of
+    the parameters, up to what a linear regression misses. The same parameters are simulated at all
+    forces, so that the statistics of several sweeps together say what these sweeps would give. The
+    next force is the one with the least product of expected deviations, together with those chosen
+    before it.
 
     Parameters
     ----------
@@ -114,7 +128,6 @@ def plan_measurement(
     Returns
     -------
     MeasurementPlan
-
     """
     sizes = np.array([positive("factors", one) for one in factors])
     require(len(sizes) > 0, "factors", factors, "one or more")
@@ -140,7 +153,11 @@ def plan_measurement(
 
 
 def expect_deviations(parameters: Array, sweeps: Sequence[Array]) -> Array:
-    """Return the expected deviations (P,), 1 at most, of ``parameters`` (N, P) with deviation 1 after sweeps with statistics (N, D)."""
+    """Return the expected deviations (P,) of ``parameters`` (N, P) after further sweeps.
+
+    The parameters have deviation 1 before the sweeps, so the expected deviations are at most 1.
+    Each sweep has statistics (N, D).
+    """
     statistics = np.concatenate(sweeps, axis=1)
     fine = np.all(np.isfinite(statistics), axis=1)
     own = parameters[fine]
@@ -151,10 +168,12 @@ def expect_deviations(parameters: Array, sweeps: Sequence[Array]) -> Array:
 def order_sweeps(
     parameters: Array, sweeps: Sequence[Array], most: int
 ) -> tuple[NDArray[np.int64], Array]:
-    """Return the sweeps to make next, (S,), and the expected deviations (S, P) after each, with those before it.
+    """Return the sweeps to make next, (S,), and the deviations (S, P) expected after each.
 
-    Each is the one with the least product of deviations, together with those chosen before it; ``sweeps`` are statistics (N, D) of
-    each force, and ``most`` the number of further sweeps.
+    The deviations after a sweep are those expected from it together with the sweeps before it.
+
+    Each is the one with the least product of deviations, together with those chosen before it;
+    ``sweeps`` are statistics (N, D) of each force, and ``most`` the number of further sweeps.
     """
     order: list[int] = []
     together = []

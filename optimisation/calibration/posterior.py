@@ -1,4 +1,7 @@
-"""The posterior as a file: draws of all parameters together, with what they rest on; commands read it to design under what was measured."""
+"""The posterior as a file: joint draws of all parameters, with their sources.
+
+Commands read the file to design under the uncertainty of the measured parameters.
+"""
 
 import math
 from collections.abc import Mapping
@@ -23,9 +26,12 @@ INTERVAL = (0.05, 0.5, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws (N, P) in SI units of parameters by ``names``, and whether the model explains what they were measured by (None: not checked).
+    """Draws (N, P) in SI units of the parameters ``names``.
 
-    ``device``: all values of the absorber by their plain names, those of free parameters at their medians; empty where they are not known.
+    ``explains``: whether the model explains the measurement (None: not checked).
+
+    ``device``: all values of the absorber by their plain names, those of free parameters at their
+    medians; empty where they are not known.
     """
 
     names: tuple[str, ...]
@@ -45,7 +51,10 @@ class Posterior:
 
     @property
     def correlation(self) -> Array:
-        """Correlation of the parameters, (P, P); none with a parameter whose draws are all alike."""
+        """Correlation of the parameters, (P, P).
+
+        It is 0 with a parameter whose draws are all equal.
+        """
         varies = np.ptp(self.draws, axis=0) > 0
         correlation = np.eye(len(varies))
         if np.sum(varies) > 1:

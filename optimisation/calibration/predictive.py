@@ -1,11 +1,13 @@
 """Posterior predictive check: whether the model explains the measured statistics.
 
-Parameters are drawn from the posterior and the measurement is simulated with each. Whatever the model can absorb by other values
-of its parameters says nothing of it. So the statistics (D,) of a simulated or real measurement are compared with those that
-simulations have on average whose fitted parameters are the same. The rest is judged by three distances: the Mahalanobis distance
-with a shrunk covariance, which notices many small deviations; the largest single deviation; and, with several measurements, how
-much the parameters that each alone gives differ. The simulations have distances, too, so that the probability of one as large as
-the real measurement's needs no distribution.
+Parameters are drawn from the posterior and the measurement is simulated with each. Whatever the
+model can absorb by other values of its parameters says nothing of it. So the statistics (D,) of a
+simulated or real measurement are compared with those that simulations have on average whose fitted
+parameters are the same. The rest is judged by three distances: the Mahalanobis distance with a
+shrunk covariance, which notices many small deviations; the largest single deviation; and, with
+several measurements, how much the parameters that each alone gives differ. The simulations have
+distances, too, so that the probability of one as large as the real measurement's needs no
+distribution.
 """
 
 from collections.abc import Sequence
@@ -39,7 +41,11 @@ MOST_DEVIATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class MeasurementEstimate:
-    """Parameters that one measurement alone gives: shares (P,) of the priors, and their scatter (P,) among simulations."""
+    """Parameters estimated from one measurement alone.
+
+    ``shares``: estimates (P,) as shares of the priors. ``scatter``: their scatter (P,) among
+    simulations.
+    """
 
     measurement: str
     shares: Array
@@ -50,11 +56,13 @@ class MeasurementEstimate:
 class PredictiveCheck:
     """How the measured statistics lie among simulated ones.
 
-    ``quantiles`` (3, D): 5, 50 and 95 % of the replicates' statistics; ``deviations`` (D,): of the measured ones from those that
-    the fitted parameters give, in standard deviations of simulations; ``probability``: of a distance at least as large as the
-    measured one if the model is right; ``log_score``: logarithm of the replicates' Gaussian density at the measured statistics;
-    ``simulations``: how many the distances are compared with; ``estimates``: parameters by each of several measurements;
-    ``contradiction``: probability of estimates that differ as much, 1 for one measurement; ``parameters``: how many are fitted.
+    ``quantiles`` (3, D): 5, 50 and 95 % of the replicates' statistics; ``deviations`` (D,): of the
+    measured ones from those that the fitted parameters give, in standard deviations of simulations;
+    ``probability``: of a distance at least as large as the measured one if the model is right;
+    ``log_score``: logarithm of the replicates' Gaussian density at the measured statistics;
+    ``simulations``: how many the distances are compared with; ``estimates``: parameters by each of
+    several measurements; ``contradiction``: probability of estimates that differ as much, 1 for one
+    measurement; ``parameters``: how many are fitted.
     """
 
     statistics: tuple[Statistic, ...]
@@ -70,10 +78,13 @@ class PredictiveCheck:
 
     @property
     def score(self) -> float:
-        """Predictive score, by which models are compared: the log score less half the number of fitted parameters.
+        """Predictive score for the comparison of models.
 
-        In a linear normal model with n data and p parameters the squared distance of the data from a prediction that was fitted to
-        them is n - p in the mean, and n for new data: the log score of the former is higher by p / 2.
+        It is the log score less half the number of fitted parameters.
+
+        In a linear normal model with n data and p parameters the squared distance of the data from
+        a prediction that was fitted to them is n - p in the mean, and n for new data: the log score
+        of the former is higher by p / 2.
         """
         return self.log_score - 0.5 * self.parameters
 
@@ -84,7 +95,10 @@ class PredictiveCheck:
 
     @property
     def failing(self) -> list[int]:
-        """Indices of the statistics that are not explained, the worst first; empty where the model explains the measurement."""
+        """Indices of the statistics that are not explained, the worst first.
+
+        The list is empty if the model explains the measurement.
+        """
         limit = float(scipy.stats.norm.isf(BIN_PROBABILITY / 2))
         if self.explains:
             return []
@@ -93,7 +107,10 @@ class PredictiveCheck:
 
 
 def standardise(statistics: Array) -> tuple[Array, Array]:
-    """Return mean and standard deviation (D,) of replicates, the latter at least `LEAST_DEVIATION`."""
+    """Return mean and standard deviation (D,) of replicates.
+
+    The standard deviation is at least `LEAST_DEVIATION`.
+    """
     return np.mean(statistics, axis=0), np.maximum(
         np.std(statistics, axis=0, ddof=1), LEAST_DEVIATION
     )
@@ -102,10 +119,12 @@ def standardise(statistics: Array) -> tuple[Array, Array]:
 def subtract_fit(
     estimates: Array, statistics: Array, own_estimate: Array, observed: Array
 ) -> tuple[Array, Array]:
-    """Return what fitted parameters do not explain of simulated statistics (N, D) and of observed ones (D,).
+    """Return the residuals of simulated statistics (N, D) and of observed ones (D,).
 
-    A quadratic polynomial of the ``estimates`` (N, P) of the parameters is fitted to the simulated statistics, for each of these
-    without itself; ``own_estimate`` (P,) are the observed one's.
+    They are what the fitted parameters do not explain.
+
+    A quadratic polynomial of the ``estimates`` (N, P) of the parameters is fitted to the simulated
+    statistics, for each of these without itself; ``own_estimate`` (P,) are the observed one's.
     """
     mean = np.mean(estimates, axis=0)
     deviation = np.maximum(np.std(estimates, axis=0), 1e-9)
@@ -123,7 +142,10 @@ def subtract_fit(
 
 
 def measure_distances(simulated: Array, observed: Array) -> Array:
-    """Return the Mahalanobis distance and the largest deviation, (2, N + 1), of simulated rests (N, D), and last of the observed one."""
+    """Return distances (2, N + 1) of simulated residuals (N, D), and last of the observed one.
+
+    The two distances are the Mahalanobis distance and the largest deviation.
+    """
     count = len(simulated)
     part = np.arange(count) % PARTS
     distances = np.zeros((2, count + 1))
@@ -148,7 +170,11 @@ def tail_probabilities(distances: Array) -> Array:
 
 
 def combine_distances(distances: Array) -> float:
-    """Return the probability, if the last of (K, N + 1) is drawn as the others, that its most unusual distance is as unusual as it is."""
+    """Return the p-value of the last of N + 1 sets of K distances.
+
+    It is the probability that the most unusual of its K distances is at least as unusual, if the
+    last set is drawn from the same distribution as the others. ``distances`` is (K, N + 1).
+    """
     least = np.min([tail_probabilities(one) for one in distances], axis=0)
     return float(np.mean(least <= least[-1]))
 
@@ -176,7 +202,8 @@ def compare_statistics(
     replicates : array, (R, D), optional
         Simulations with draws of the posterior, which quantiles and score are of. Default: all.
     contradiction : array, (N + 1,), optional
-        How far estimates of single measurements differ, in each simulation, and last in the measurement.
+        How far estimates of single measurements differ, in each simulation, and last in the
+        measurement.
 
     """
     rest = simulated - np.mean(simulated, axis=0)
@@ -203,14 +230,20 @@ def compare_statistics(
 
 
 def shrunk_correlation(z: Array) -> Array:
-    """Return the correlation (D, D) of standardised replicates (R, D), shrunk towards independence."""
+    """Return the correlation (D, D) of standardised replicates (R, D).
+
+    It is shrunk towards independence.
+    """
     shrunk = (1 - SHRINKAGE) * np.atleast_2d(z.T @ z / len(z))
     np.fill_diagonal(shrunk, 1.0)
     return np.asarray(shrunk)
 
 
 def log_density(simulated: Array, observed: Array) -> float:
-    """Return the logarithm of the Gaussian density of replicates (R, D) at the observed statistics (D,)."""
+    """Return the logarithm of the Gaussian density at the observed statistics (D,).
+
+    Mean and covariance are those of the replicates ``simulated`` (R, D).
+    """
     mean, deviation = standardise(simulated)
     correlation = shrunk_correlation((simulated - mean) / deviation)
     factor = scipy.linalg.cholesky(correlation, lower=True)
@@ -227,10 +260,13 @@ def estimate_by_measurement(
     observed: Array,
     centre: Array,
 ) -> tuple[tuple[MeasurementEstimate, ...], Array | None]:
-    """Return the parameters that each measurement alone gives, and how far they differ, (N + 1,), None for one measurement.
+    """Return each measurement's own estimate of the parameters, and their difference.
 
-    The difference is the Mahalanobis distance of the estimates of all measurements but the last from those of the last, over
-    simulations (N, D) at shares (N, P) of the priors, and last of the observed statistics (D,).
+    The difference is (N + 1,), or None for one measurement.
+
+    The difference is the Mahalanobis distance of the estimates of all measurements but the last
+    from those of the last, over simulations (N, D) at shares (N, P) of the priors, and last of the
+    observed statistics (D,).
     """
     names = list(dict.fromkeys(one.measurement for one in statistics))
     if len(names) < 2:
@@ -263,7 +299,8 @@ def check_posterior(
 ) -> PredictiveCheck:
     """Return the posterior predictive check; raises KeyboardInterrupt if it is stopped.
 
-    The simulations near the posterior that the inference has used serve here, too, beside ``replicates`` new ones.
+    The simulations near the posterior that the inference has used serve here, too, beside
+    ``replicates`` new ones.
     """
     generator = np.random.default_rng([seed, 4])
     rows = generator.choice(len(inference.shares), replicates, replace=False)

@@ -1,4 +1,7 @@
-"""Simulated measurements: a measured load drives the model as it is, from starts that nobody has measured, with the sensor's noise."""
+"""Simulated measurements: the model is driven by the measured load.
+
+The initial states, which are not measured, are drawn at random. The sensor's noise is added.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -77,7 +80,10 @@ class SeededLane(Lane):
 
 @dataclass(frozen=True, eq=False)
 class ResponseRecorder:
-    """Runs lanes of a record measurement: displacement, velocity or acceleration (K,) at the sensor, with its noise."""
+    """Simulated record measurements: the response (K,) at the sensor, with its noise.
+
+    The response is the displacement, velocity or acceleration.
+    """
 
     measurement: RecordMeasurement
     samples: int
@@ -98,7 +104,8 @@ class ResponseRecorder:
 def read_sensor(response: Response, measurement: RecordMeasurement) -> Array:
     """Return what a sensor without noise measures of a run, (K,) in SI units.
 
-    An acceleration is the velocity's change over a sampling interval that is centred on the sample, impacts included.
+    An acceleration is the velocity's change over a sampling interval that is centred on the sample,
+    impacts included.
     """
     history = require_recorded("history", response.history)
     shape = response.scene.model.level_shape
@@ -122,7 +129,10 @@ def read_sensor(response: Response, measurement: RecordMeasurement) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LevelRecorder:
-    """Runs lanes of a level measurement: the response level in m, with a random error of a share of it."""
+    """Simulated level measurements: the response level in m with a random error.
+
+    The error is a ``share`` of the level.
+    """
 
     share: float
 
@@ -150,7 +160,9 @@ class SummaryRecorder:
 
 
 class MeasurementSimulator:
-    """Simulates one measurement of a scene's structure: observed statistics (D,), and those of ensembles.
+    """Simulation of one measurement of a scene's structure.
+
+    It gives the observed statistics (D,) and those of ensembles.
 
     Parameters
     ----------
@@ -160,7 +172,6 @@ class MeasurementSimulator:
         Structure with its response at the sensor.
     resonance : int
         Resonance near which the structure moves, from 1.
-
     """
 
     def __init__(
@@ -183,7 +194,10 @@ class MeasurementSimulator:
         self.recorder = ResponseRecorder(measurement, samples)
 
     def scene_of(self, scene: Scene) -> Scene:
-        """Return a scene with the response at this measurement's sensor, and the absorber as it was during it."""
+        """Return a scene with the response at this measurement's sensor.
+
+        The absorber is in the state that it had during the measurement.
+        """
         absorber = require_impact_absorber(scene)
         omega = scene.model.omega
         damping = scene.model.damping_ratio
@@ -195,7 +209,10 @@ class MeasurementSimulator:
         return Scene(own, absorber_in(self.measurement, absorber))  # type: ignore[arg-type]
 
     def lanes(self, scenes: Sequence[Scene], seed: int) -> list[SeededLane]:
-        """Return the lanes of simulated measurements, for levels those of all forces and repeats."""
+        """Return the lanes of simulated measurements.
+
+        For a level measurement these are the lanes of all forces and repeats.
+        """
         return [
             lane
             for k, scene in enumerate(scenes)
@@ -232,7 +249,9 @@ class MeasurementSimulator:
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> Array:
-        """Return the statistics (N, D) of simulated measurements of scenes; rows of failed runs are NaN.
+        """Return the statistics (N, D) of simulated measurements of scenes.
+
+        The rows of failed runs are NaN.
 
         Raises KeyboardInterrupt if it is stopped.
         """
@@ -261,7 +280,10 @@ def require_run(result: Array | float | None) -> Array | float:
 
 
 def random_start(scene: Scene, generator: np.random.Generator) -> InitialState | None:
-    """Return a start at rest with the absorber anywhere in its cavity, which nobody measures; None: without a moving absorber."""
+    """Return an initial state at rest with the absorber at a random place in its cavity.
+
+    This place is not measured. The result is None without a moving absorber.
+    """
     absorber = scene.absorber
     share = float(generator.uniform(-START_SHARE, START_SHARE))
     if not isinstance(absorber, SlidingAbsorber) or absorber.walls is None:
@@ -270,9 +292,12 @@ def random_start(scene: Scene, generator: np.random.Generator) -> InitialState |
 
 
 def loads_on_clock(measurement: RecordMeasurement, omega: float) -> tuple[Loads, int]:
-    """Return the measured load, and the samples in a pseudo period with which a run is sampled on the record's clock.
+    """Return the measured load, and the number of samples in a pseudo period.
 
-    The pseudo period is the whole number of sampling intervals nearest to the resonance's, 4 or more.
+    With this number a run is sampled at the sampling instants of the record.
+
+    The pseudo period is the whole number of sampling intervals nearest to the resonance's, 4 or
+    more.
     """
     interval = float(measurement.load.times[1])
     number = max(4, round(2 * np.pi / omega / interval))
@@ -282,7 +307,9 @@ def loads_on_clock(measurement: RecordMeasurement, omega: float) -> tuple[Loads,
 
 
 class Simulator:
-    """Simulates all measurements with the moving absorber: statistics (D,) of values of the free parameters.
+    """Simulation of all measurements with the moving absorber.
+
+    It gives the statistics (D,) at values of the free parameters.
 
     Parameters
     ----------
@@ -296,7 +323,6 @@ class Simulator:
         Resonance near which the structure moves, from 1.
     threads : int, optional
         Threads; the result does not depend on them.
-
     """
 
     def __init__(
@@ -325,7 +351,10 @@ class Simulator:
         seed: int,
         progress: Progress | None = None,
     ) -> Array:
-        """Return the statistics (N, D) at values (N, P) of the parameters ``names``; rows of failed runs are NaN."""
+        """Return the statistics (N, D) at values (N, P) of the parameters ``names``.
+
+        The rows of failed runs are NaN.
+        """
         scenes = [
             scene_with(self.scene, dict(zip(names, row.tolist(), strict=True)), self.resonance)
             for row in values

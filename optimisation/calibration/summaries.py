@@ -1,8 +1,11 @@
-"""Summary statistics of a measured or simulated response that survive chaotic motion: logarithms of levels in bins and bands.
+"""Summary statistics of a measured or simulated response that are robust to chaos.
 
-Two runs that differ by a millionth in their start are different functions of time after some impacts, so that time series cannot
-be fitted. Their levels in bins of a tenth of a sweep differ by a few percent only. All statistics are logarithms: a wrong scale of
-a sensor is an offset, and noise of a share of the level is the same at every level.
+They are logarithms of levels in bins and bands.
+
+Two runs that differ by a millionth in their start are different functions of time after some
+impacts, so that time series cannot be fitted. Their levels in bins of a tenth of a sweep differ by
+a few percent only. All statistics are logarithms: a wrong scale of a sensor is an offset, and noise
+of a share of the level is the same at every level.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,7 +41,10 @@ LEVEL = "response level"
 
 @dataclass(frozen=True)
 class Statistic:
-    """A summary statistic: the logarithm of a quantity of a ``group``, at a frequency in Hz (NaN: none) or a force in N."""
+    """A summary statistic: the logarithm of a quantity of a ``group``.
+
+    ``at``: its frequency in Hz (NaN: none) or its force in N.
+    """
 
     measurement: str
     group: str
@@ -55,9 +61,13 @@ class Statistic:
 
 @dataclass(frozen=True, eq=False)
 class RecordSummary:
-    """How the statistics of a record are computed: samples of the bins, (B + 1,), and masks of frequencies.
+    """Computation of the summary statistics of a record.
 
-    ``resonant`` and ``higher``: whether a line of the spectrum is in the part of the resonance, or above it; ``bands``: of each mode.
+    ``edges``: samples at which the bins begin and end, (B + 1,). The masks select frequencies of
+    the spectrum.
+
+    ``resonant`` and ``higher``: whether a line of the spectrum is in the part of the resonance, or
+    above it; ``bands``: of each mode.
     """
 
     measurement: RecordMeasurement
@@ -118,7 +128,10 @@ def _count_pulses(values: Array) -> float:
 def plan_record_summary(
     measurement: RecordMeasurement, model: ModalModel, resonance: int
 ) -> RecordSummary:
-    """Return how the statistics of a record are computed, for a structure and the resonance near which it moves."""
+    """Return how the statistics of a record are computed.
+
+    This depends on the structure and on the resonance near which it vibrates.
+    """
     size = len(measurement.response)
     rate = measurement.rate
     hertz = scipy.fft.rfftfreq(scipy.fft.next_fast_len(size, real=True), 1 / rate)
@@ -173,7 +186,10 @@ def _name_statistics(summary: RecordSummary) -> tuple[Statistic, ...]:
 
 
 def summarise_levels(levels: Array) -> Array:
-    """Return the statistics (F,) of levels (F, R): the mean of their logarithms over the repeats."""
+    """Return the statistics (F,) of levels (F, R).
+
+    They are the means over the repeats of the logarithms of the levels.
+    """
     return np.asarray(np.mean(np.log(levels), axis=1))
 
 

@@ -1,4 +1,7 @@
-"""Options of the commands about attractors (basins, diagram, section): the case, how long runs are, and ranges of parameters."""
+"""Options of the commands about attractors: basins, diagram and section.
+
+They give the case, the length of runs and ranges of parameters.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,7 +80,10 @@ def range_option(names: str, words: str, **changes: Any) -> Any:
 
 
 def values_of(name_of_option: str, over: Range, points: int, case: Case) -> NDArray[np.float64]:
-    """Return evenly spaced values of a range; raises ParameterError for a range that does not rise, or values that a case cannot have."""
+    """Return evenly spaced values of a range.
+
+    Raises ParameterError for a range that does not rise, and for values that a case cannot have.
+    """
     name, low, high = over
     require(low < high, name_of_option, (low, high), "two numbers, the lower one first")
     if name in (FREQUENCY, "force"):

@@ -22,7 +22,11 @@ STAMP = "warm"  # a checkout's set-up says with it that the usual kernels are th
 
 @dataclass(frozen=True)
 class KernelFolder:
-    """One folder: how many compiled ``kernels`` it holds, its ``size`` in bytes, and whether today's sources and compiler made them."""
+    """A folder of compiled kernels.
+
+    ``kernels``: their number. ``size``: size in bytes. ``current``: whether the present sources and
+    compiler made them.
+    """
 
     folder: Path
     kernels: int
@@ -31,7 +35,11 @@ class KernelFolder:
 
 
 def parent_folders() -> tuple[Path, ...]:
-    """Return the folders that hold the folders of kernels: where this process writes, and what it only reads; none where nothing is kept."""
+    """Return the parent folders of the folders of compiled kernels.
+
+    They are the folder in which this process writes and the one that it only reads. The result is
+    empty if no kernels are stored.
+    """
     places = find_folders()
     return tuple(folder.parent for folder in (places.write, places.read) if folder is not None)
 
@@ -59,7 +67,10 @@ def list_kernel_folders(parent: Path) -> list[KernelFolder]:
 
 
 def clear(these: Iterable[KernelFolder]) -> None:
-    """Remove folders of kernels, each when no process writes into it; raises OSError if one does for a minute, or if it cannot be removed."""
+    """Remove folders of kernels, each when no process writes into it.
+
+    Raises OSError if a process writes into a folder for a minute, or if a folder cannot be removed.
+    """
     for one in these:
         if one.current:
             (one.folder.parent / STAMP).unlink(missing_ok=True)
@@ -89,7 +100,9 @@ class CacheOptions:
 
 @command(CacheOptions, examples=("cache", "cache clear --older"))
 def main(options: CacheOptions) -> None:
-    """Tell where compiled kernels are kept and how large they are (info), or remove them (clear): they are compiled anew when they are next used.
+    """Show the folders of compiled kernels and their sizes (info), or remove them (clear).
+
+    Removed kernels are compiled again when they are next used.
 
     Other files in that folder stay. IMPACT_ENV_CACHE names another folder.
     """

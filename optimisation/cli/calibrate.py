@@ -34,7 +34,10 @@ from optimisation.progress import counting_bar
 
 USUAL_RESTITUTION = 0.6
 USUAL_FREE = ("restitution", "friction_limit", "gap")
-FREE_MORE = f"{FORM}, or 'log' after two numbers; without numbers the usual range. One of {', '.join(PARAMETERS)}."
+FREE_MORE = (
+    f"{FORM}, or 'log' after two numbers; without numbers the usual range. One of "
+    f"{', '.join(PARAMETERS)}."
+)
 PLAN_MORE = (
     "Factors of the measured load, with commas between, or "
     f"'usual' for {', '.join(f'{factor:g}' for factor in FACTORS)}."
@@ -43,13 +46,19 @@ MEASUREMENT = click.Path(dir_okay=False, path_type=Path)
 
 
 def parse_prior(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return the name of a parameter, and the words of its prior, as `count_prior_words` counts them."""
+    """Return the name of a parameter and the words of its prior.
+
+    The words are those that `count_prior_words` counts.
+    """
     name, *words = text.split(" ")
     return name, tuple(words)
 
 
 def count_prior_words(words: Sequence[str]) -> int:
-    """Return how many words after ``--free`` are its value: a name, two numbers, and the name of a distribution."""
+    """Return the number of words after ``--free`` that form its value.
+
+    They are a name, two numbers, and the name of a distribution.
+    """
     count = 1
     while count < min(len(words), 3) and is_number(words[count]):
         count += 1
@@ -108,7 +117,10 @@ class CalibrateOptions(scenes.SummaryOptions, scenes.AbsorberOptions):
 
 
 def free_of(values: Sequence[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...] | None]:
-    """Return the free parameters with the words of their priors; raises BadInput for one that is given twice."""
+    """Return the free parameters with the words of their priors.
+
+    Raises BadInput for a parameter that is given twice.
+    """
     table: dict[str, tuple[str, ...] | None] = {}
     for name, words in values:
         if name in table:
@@ -118,7 +130,7 @@ def free_of(values: Sequence[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[st
 
 
 def device_of(options: CalibrateOptions) -> tuple[Any, SlidingAbsorber]:
-    """Return structure and absorber: of a scene's file, or the structure with the absorber that the options describe."""
+    """Return structure and absorber from a scene's file or from the options."""
     structure, device, _ = scenes.read_source(options, position=options.position)
     if device is not None:
         return structure, device
@@ -152,11 +164,14 @@ def show_stage(label: str, _runs: int) -> Iterator[LaneProgress | None]:
     examples=("calibrate measured.toml --quick", "calibrate measured.toml --structure arm.toml"),
 )
 def main(options: CalibrateOptions) -> None:
-    """Find an absorber's parameters from the records or levels of MEASUREMENT, a .toml or .json file (docs/calibrate.md).
+    """Find an absorber's parameters from the records or levels of MEASUREMENT.
 
-    The measured load drives simulations with parameters from their prior distributions. Statistics of the response give the
-    posterior: medians, 90 % intervals and correlations. A predictive check says whether the model explains the measurement.
-    posterior.json is what design gap --uncertain reads.
+    MEASUREMENT is a .toml or .json file (docs/calibrate.md).
+
+    The measured load drives simulations with parameters from their prior distributions. Statistics
+    of the response give the posterior: medians, 90 % intervals and correlations. A predictive check
+    says whether the model explains the measurement. posterior.json is what design gap --uncertain
+    reads.
     """
     with common.plain_errors():
         targets = common.AnswerFiles(options.out, options.json)

@@ -1,4 +1,4 @@
-"""Shared parts of the commands: errors in one line, exit codes, and checks of files to be written."""
+"""Shared parts of the commands: one-line errors, exit codes, and checks of output files."""
 
 from __future__ import annotations
 
@@ -59,12 +59,16 @@ class BadInput(click.ClickException):
 
 
 def check_target(option: str, target: Path | None, suffixes: tuple[str, ...] = ()) -> None:
-    """Raise BadInput, before any work is done, if a file cannot be written or has a suffix other than ``suffixes``."""
+    """Raise BadInput, before any run, if a file cannot be written or has a wrong suffix.
+
+    ``suffixes``: the suffixes that are allowed.
+    """
     if target is None or target is STANDARD_OUTPUT:
         return
     if not is_writable(target.resolve().parent):
         raise BadInput(
-            f"{option} = {target} is not allowed: a file in a folder that exists and can be written to"
+            f"{option} = {target} is not allowed: a file in a folder that exists and can be "
+            "written to"
         )
     if target.exists() and not target.is_file():
         raise BadInput(
@@ -88,7 +92,10 @@ def numbers(option: str, text: str, kind: type) -> tuple[Any, ...]:
 
 def page_spec(marker: str, page: str) -> OptionSpec:
     """Return --page, for a table between two comments that hold the ``marker``, as in ``page``."""
-    words = f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in {page}"
+    words = (
+        f"Write the table into this page, between <!-- {marker} --> and <!-- /{marker} -->, as in "
+        f"{page}"
+    )
     return replace(TABLE["page"], help=words)
 
 
@@ -96,14 +103,20 @@ page_option = page_spec
 
 
 def check_page(page: Path | None, marker: str) -> None:
-    """Raise BadInput or ParameterError, before any work is done, if the table of `page_option` cannot be written."""
+    """Check, before any run, that the table of `page_option` can be written.
+
+    Raises BadInput or ParameterError if not.
+    """
     check_target("--page", page)
     if page is not None:
         require_markers(page, page, (marker,))
 
 
 def fill_page(page: Path | None, marker: str, table: str) -> list[Path]:
-    """Write a table and where it was made into the page of `page_option`, if there is one; return the page."""
+    """Write a table, with its versions and machine, into the page of `page_option`.
+
+    Returns the page, or an empty list without one.
+    """
     if page is None:
         return []
     fill(page, page, {marker: f"{table}\n\n{sources(conditions())}"})
@@ -134,7 +147,10 @@ def out_option(
 
 
 def check_targets(options: dict[str, Any], *suffixes: str) -> None:
-    """Check --json (``suffixes``: .json unless given), --csv and --plot, as far as a command has them."""
+    """Check --json, --csv and --plot, as far as a command has them.
+
+    ``suffixes``: those allowed for --json, by default .json.
+    """
     allowed = {"json": suffixes or (".json",), "csv": (".csv",), "plot": FIGURES}
     for name, endings in allowed.items():
         check_target(f"--{name}", options.get(name), endings)
@@ -150,7 +166,10 @@ class AnswerFiles:
     history: Path | None = None
 
     def check(self) -> None:
-        """Raise BadInput or ParameterError, before any work is done, if one of them cannot be written."""
+        """Check, before any run, that all files can be written.
+
+        Raises BadInput or ParameterError if one of them cannot.
+        """
         require_writable("--out", self.out)
         check_targets({"json": self.json})
         check_target("--device", self.device, (".json",))
@@ -170,7 +189,10 @@ class AnswerFiles:
 
 
 def write_report(report: Report, options: Any) -> None:
-    """Print a report, and write its numbers, table and figure where --json, --csv and --plot say, as far as a command has them."""
+    """Print a report, and write its numbers, table and figure to the files of the options.
+
+    The files are those of --json, --csv and --plot, as far as the command has these options.
+    """
     if report.text:
         click.echo(render_text(report))
     targets = (getattr(options, name, None) for name in ("json", "csv", "plot"))
@@ -185,7 +207,10 @@ resume_option = TABLE["resume"]
 
 
 def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
-    """Add --json to a command; with - the JSON is all that goes to standard output, and what else the command says to standard error."""
+    """Add --json to a command.
+
+    With - standard output receives the JSON alone, and all other output goes to standard error.
+    """
 
     def add(command: Command) -> Command:
         @wraps(command)
@@ -201,7 +226,10 @@ def json_option(words: str, name: str = "json") -> Callable[[Command], Command]:
 
 @contextmanager
 def json_on_standard_output(target: Path | None) -> Iterator[Path | None]:
-    """Give the file of --json; for - what is printed goes to standard error, and the JSON alone to standard output."""
+    """Yield the file of --json.
+
+    For - all printed text goes to standard error, and standard output receives the JSON alone.
+    """
     if str(target) != "-":
         yield target
         return
@@ -212,7 +240,8 @@ def json_on_standard_output(target: Path | None) -> Iterator[Path | None]:
 class TableCommand(click.Command):
     """A command whose --help has the usual options and --help-all every one.
 
-    It takes an option by its name of the version before, with a warning, and one that is given twice not at all.
+    It takes an option by its name of the version before, with a warning, and one that is given
+    twice not at all.
     """
 
     def __init__(
@@ -243,7 +272,10 @@ class TableCommand(click.Command):
         return isinstance(parameter, TableOption) and not parameter.spec.usual
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Put the names of now in the place of older ones; raises UsageError for an option that is given twice and takes one value."""
+        """Parse arguments in which old names of options are replaced by present ones.
+
+        Raises UsageError if an option that takes one value is given twice.
+        """
         args = rename_older(args, self.params)
         if self.rewrite is not None:
             args = self.rewrite(args)
@@ -277,10 +309,10 @@ class TableCommand(click.Command):
             return super().invoke(ctx)
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the first paragraph of the docstring, or all of it, and the examples."""
+        """Write the first two paragraphs of the docstring, or all of it, and the examples."""
         text = inspect.cleandoc(self.help or "")
         if not ctx.meta.get(HELP_ALL) and any(map(self.is_extra, self.params)):
-            text = text.split("\n\n")[0]
+            text = "\n\n".join(text.split("\n\n")[:2])
         formatter.write_paragraph()
         with formatter.indentation():
             formatter.write_text(text)
@@ -291,7 +323,7 @@ class TableCommand(click.Command):
                     formatter.write(f"{'':>{formatter.current_indent}}{program} {example}\n")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the usual options in one list, or all of them under the headings of their sections."""
+        """Write the usual options in one list, or all options under their sections' headings."""
         everything = bool(ctx.meta.get(HELP_ALL))
         listed: dict[str, list[tuple[str, str]]] = {}
         options = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
@@ -330,7 +362,10 @@ def show_all_options(ctx: click.Context, _: click.Parameter, value: bool) -> Non
 
 
 def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, tuple[str, ...]]:
-    """Return the values of --uncertain in the form of Python's ``uncertain=``; raises BadInput for a name that is given twice."""
+    """Return the values of --uncertain in the form of Python's ``uncertain=``.
+
+    Raises BadInput for a name that is given twice.
+    """
     distributions: dict[str, tuple[str, ...]] = {}
     for word, own_words in values:
         is_file = is_posterior_file(word)
@@ -338,14 +373,18 @@ def parse_uncertain(values: Iterable[tuple[str, tuple[str, ...]]]) -> dict[str, 
         words = (word,) if is_file else own_words
         if name in distributions:
             raise BadInput(
-                f"--uncertain {name} is given twice: once is allowed, as only one of them could count"
+                f"--uncertain {name} is given twice: once is allowed, as only one of them "
+                "could count"
             )
         distributions[name] = words
     return distributions
 
 
 def parse_posterior(values: Iterable[tuple[str, tuple[str, ...]]]) -> Posterior | None:
-    """Return the posterior of --uncertain FILE; None without it. Raises BadInput for any other value, and for two files."""
+    """Return the posterior of --uncertain FILE, or None without that option.
+
+    Raises BadInput for any other value, and for two files.
+    """
     table = parse_uncertain(values)
     file = table.pop("posterior", None)
     for name in table:
@@ -368,8 +407,9 @@ def command(
     Parameters
     ----------
     group : type, optional
-        Frozen dataclass with the options, see `optimisation.cli.options`; the function takes one of these. Without it the options
-        are declared by decorators, and the function takes them as keyword arguments.
+        Frozen dataclass with the options, see `optimisation.cli.options`; the function takes one of
+        these. Without it the options are declared by decorators, and the function takes them as
+        keyword arguments.
     examples : sequence of str
         Lines of the help, from the command's name on.
     epilog : str, optional
@@ -409,7 +449,10 @@ def command(
 
 @contextmanager
 def stop_on_interrupt(complete: list[bool]) -> Iterator[None]:
-    """Let Ctrl-C end what runs, set ``complete[0]`` to False then, and go on with what is finished."""
+    """Let Ctrl-C end a computation, and continue with the finished results.
+
+    ``complete[0]`` is then set to False.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -418,7 +461,11 @@ def stop_on_interrupt(complete: list[bool]) -> Iterator[None]:
 
 @contextmanager
 def plain_errors(broken_off: str = "Broken off.") -> Iterator[None]:
-    """Turn a bad value, a missing extra, a run that breaks down, a file that cannot be written, and Ctrl-C into one line and an exit code."""
+    """Turn errors and Ctrl-C into one line and an exit code.
+
+    The errors are a bad value, a missing extra, a run that breaks down, and a file that cannot be
+    written.
+    """
     try:
         yield
     except ParameterError as error:

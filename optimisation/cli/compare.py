@@ -93,7 +93,10 @@ class CompareOptions(scenes.SummaryOptions, scenes.SweepRunOptions, scenes.Devic
     gap: float | None = option("gap", default=None, default_text=f"by --force, or {RigidWalls.gap}")
     quick: bool = option(
         "quick",
-        help=f"A first answer in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, unless given",
+        help=(
+            f"A first answer in a few seconds: {QUICK_FORCES} forces, {QUICK_MEMBERS} members, "
+            "unless given"
+        ),
     )
     members: int | None = option("members", default_text=str(DEFAULT_MEMBERS))
     forces: int | None = option(
@@ -123,7 +126,10 @@ class CompareOptions(scenes.SummaryOptions, scenes.SweepRunOptions, scenes.Devic
 
 
 def conditions(started: float, threads: int | None, cluster: str | None) -> dict[str, object]:
-    """Return versions, threads or cluster, the time since ``started`` (of ``time.perf_counter``, s) and the memory used."""
+    """Return versions, threads or cluster, elapsed time and used memory.
+
+    ``started``: start of the time, of ``time.perf_counter`` in s.
+    """
     return {
         "versions": {"python": platform.python_version(), **installed(("numpy", "scipy", "numba"))},
         **({"cluster": cluster} if cluster else {"threads": threads or available_cores()}),
@@ -135,7 +141,10 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
 def arguments_of(
     options: CompareOptions, device: SlidingAbsorber | None, structure_mass: float
 ) -> dict[str, Any]:
-    """Return the arguments of `compare` that the options stand for; raises BadInput or ParameterError."""
+    """Return the arguments of `compare` for the options.
+
+    Raises BadInput or ParameterError.
+    """
     of_absorber: dict[str, Any] = {"mass_ratio": DEFAULT_MASS_RATIO, "device": device}
     if device is None:
         of_absorber = {
@@ -154,7 +163,10 @@ def arguments_of(
 
 
 def announce(own: Structure | None, arguments: Mapping[str, Any], threads: int | None) -> float:
-    """Return about how long a comparison takes in s, and print it where it is long: all runs count as those of the impact absorber."""
+    """Estimate how long a comparison takes in s, and print the estimate if it is long.
+
+    Each run counts as a run with the impact absorber.
+    """
     model = model_with_absorber_at(Beam() if own is None else own)
     resonances = arguments["resonances"]
     device = arguments.get("device")
@@ -202,7 +214,10 @@ def answer_coarsely(
 def compare_under_loads(
     load: Path, structure: Structure | None, options: CompareOptions, mass_ratio: float
 ) -> None:
-    """Compare absorbers under the loads of a file, print the table, and write figure, runs and summary."""
+    """Compare absorbers under the loads of a file, and write figure, runs and summary.
+
+    The table is printed.
+    """
     scenes.refuse_with_load(load, "force", "rate", "resonances")
     scenes.refuse_with_load(load, "history", why="there levels are read from other measures")
     model = model_with_absorber_at(Beam() if structure is None else structure)
@@ -248,17 +263,22 @@ def compare_under_loads(
     ),
 )
 def main(options: CompareOptions) -> None:
-    """Compare absorbers of one mass on the paper's beam, or another structure: response level over the force near two resonances.
+    """Compare absorbers of one mass: response level over the force near two resonances.
 
-    On another structure, and for another mass, gap or force, the absorbers follow from rules: gap and forces from the design rule, friction from the
-    scaling law and the energy of a cycle, the linear absorber tuned to the first of the resonances. Writes comparison.png, frequency.png (the level
-    over the frequency at the force of the table), curves.csv (medians and bands), runs.csv (every run), summary.json and a card with curves
-    (card.html, card.json), and prints a table.
+    The structure is the paper's beam or another one.
+
+    On another structure, and for another mass, gap or force, the absorbers follow from rules: gap
+    and forces from the design rule, friction from the scaling law and the energy of a cycle, the
+    linear absorber tuned to the first of the resonances. Writes comparison.png, frequency.png (the
+    level over the frequency at the force of the table), curves.csv (medians and bands), runs.csv
+    (every run), summary.json and a card with curves (card.html, card.json), and prints a table.
     Ctrl-C ends the run early and leaves what is finished.
 
-    With --scene of a bladed disk the file's absorbers are compared with friction dampers and none by the level of the worst sector.
+    With --scene of a bladed disk the file's absorbers are compared with friction dampers and none
+    by the level of the worst sector.
 
-    With --load each absorber is at its own best for the loads of a file, and all are compared at --forces intensities from 0.2 to 5.
+    With --load each absorber is at its own best for the loads of a file, and all are compared at
+    --forces intensities from 0.2 to 5.
     """
     started = time.perf_counter()
     with plain_errors():
@@ -271,7 +291,8 @@ def main(options: CompareOptions) -> None:
             return
         if options.load is not None and options.scene is not None:
             raise BadInput(
-                "--scene does not go with --load: there each absorber is at its own best; --structure takes the file of a structure"
+                "--scene does not go with --load: there each absorber is at its own best; "
+                "--structure takes the file of a structure"
             )
         structure, device, file = scenes.read_source(options)
         own = None if device is None and file is None else structure

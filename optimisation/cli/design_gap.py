@@ -72,11 +72,13 @@ QUICK_MEMBERS = 1
 SWEEPS = 50  # of a search, about
 MOST_DRAWS = 3 * DRAWS_ALONE + DRAWS_TOGETHER + DRAWS_CHECKED
 TOLERANCES_MORE = (
-    f"So that the level stays below that of --limit-level with {100 * SURE:.0f} % probability; what --uncertain names besides is drawn too. "
+    f"So that the level stays below that of --limit-level with {100 * SURE:.0f} % "
+    "probability; what --uncertain names besides is drawn too. "
     f"About {2 * MOST_DRAWS} sweeps."
 )
 SOBOL_MORE = (
-    "Gap, restitution, friction, mass, force and on a beam place, within 10 %, 0.1, 50 %, 5 %, 10 % and 0.02 of the length. "
+    "Gap, restitution, friction, mass, force and on a beam place, within 10 %, 0.1, 50 %, 5 "
+    "%, 10 % and 0.02 of the length. "
     "About 1000 sweeps."
 )
 DRAWS_OF_TOLERANCES = TOLERANCE_DRAWS
@@ -164,7 +166,10 @@ def search_swept(
     limits: Limits,
     executor: Executor,
 ) -> Advice:
-    """Search the gap as the options say, under a bar; a long search says how long, and answers from fast sweeps first."""
+    """Search the gap for the options, with a progress bar.
+
+    For a long search the duration is printed, and a first result from fast sweeps.
+    """
     low, high = find_sweep_range(model, absorber.mass_ratio, options.resonance)
     periods = 1e4 * (high - low) / rate
 
@@ -200,7 +205,10 @@ def search_swept(
 
 
 def limits_of(options: GapOptions, model: ModalModel, absorber: SlidingAbsorber) -> Limits:
-    """Return the limits that the options give: a yield stress as the impact speed at which yield begins."""
+    """Return the limits given by the options.
+
+    A yield stress becomes a limit of the impact speed, the speed at which yield begins.
+    """
     limits, yield_limit = scenes.read_limits(options)
     if yield_limit is None:
         return limits
@@ -209,7 +217,10 @@ def limits_of(options: GapOptions, model: ModalModel, absorber: SlidingAbsorber)
 
 
 def use_posterior(options: GapOptions) -> GapOptions:
-    """Return the options with the medians of a calibration's posterior as restitution and friction limit, where they are not given."""
+    """Return the options with restitution and friction limit from a calibration's posterior.
+
+    Values that are not given are replaced by the posterior's medians.
+    """
     posterior = measured_posterior(common.parse_uncertain(options.uncertain))
     medians = {} if posterior is None else posterior.medians
 
@@ -226,7 +237,10 @@ def use_posterior(options: GapOptions) -> GapOptions:
 
 
 def read_structure(options: GapOptions) -> tuple[GapOptions, Structure]:
-    """Return the structure, and the options; with --scene the values of the file's absorber are in the options' place."""
+    """Return the options and the structure.
+
+    With --scene the values of the file's absorber replace those of the options.
+    """
     if options.scene is None:
         options = use_posterior(options)
     structure, device, _ = scenes.read_source(options, position=options.position)
@@ -254,21 +268,30 @@ def absorber_on(model: ModalModel, options: GapOptions, force: float) -> Sliding
 
 
 def refuse_contradictions(options: GapOptions, absorber: SlidingAbsorber) -> None:
-    """Raise BadInput or ParameterError for options that say two things of one quantity, or need what is left out."""
+    """Raise BadInput or ParameterError for contradictory or incomplete options.
+
+    Options contradict each other if both set one quantity. They are incomplete if another option
+    that they need is missing.
+    """
     for name in options.free:
         if scenes.is_option_set(name):
             option = scenes.option_name(name)
             raise common.BadInput(
-                f"--free {name} does not go with {option}: it is searched, or has the value that is given"
+                f"--free {name} does not go with {option}: it is searched, or has the value "
+                "that is given"
             )
     if "friction_limit" in options.free and absorber.friction is None:
         raise common.BadInput(
-            "--free friction_limit does not go with a device that has no friction: shares of its limit are tried"
+            "--free friction_limit does not go with a device that has no friction: shares of "
+            "its limit are tried"
         )
 
 
 def questions_of(options: GapOptions, absorber: SlidingAbsorber) -> GapQuestions:
-    """Return what is to be run of the recommended device; raises BadInput or ParameterError for options that contradict each other."""
+    """Return the analyses to run for the recommended device.
+
+    Raises BadInput or ParameterError for options that contradict each other.
+    """
     contact = options.contact
     if contact is not None:
         contact = check_contact(contact, "radius of --contact in m")
@@ -298,7 +321,10 @@ def questions_of(options: GapOptions, absorber: SlidingAbsorber) -> GapQuestions
 
 
 def show_stages(options: GapOptions, force: float, scene: Scene, advice: Advice) -> Stages:
-    """Return the bars of what is run after the search; each says first how long it takes, unless it runs on a cluster."""
+    """Return the progress bars of the stages after the search.
+
+    Each stage first prints how long it takes, unless it runs on a cluster.
+    """
     low, high = advice.check.limits
     periods = 1e4 * (high - low) / advice.check.rate
 
@@ -313,7 +339,10 @@ def show_stages(options: GapOptions, force: float, scene: Scene, advice: Advice)
 
 
 def under_load(options: GapOptions, load: Path) -> None:
-    """Search the gap under the loads of a file, write figure, runs and summary, and tell of them."""
+    """Search the gap under the loads of a file, and write and list the output files.
+
+    They are figure, runs and summary.
+    """
     scenes.refuse_with_load(load, "rate")
     scenes.refuse_with_load(load, *OF_A_SWEPT_FORCE, why="there the gap alone is searched")
     options, structure = read_structure(options)
@@ -356,7 +385,10 @@ def under_load(options: GapOptions, load: Path) -> None:
             if best is None:
                 raise KeyboardInterrupt
             click.echo(
-                f"Coarse answer, of one run a gap: a gap of {1e3 * best.gap:.3g} mm, {LABELS[case.measure]} {scale * best.level:.3g} {unit}.",
+                (
+                    f"Coarse answer, of one run a gap: a gap of {1e3 * best.gap:.3g} mm, "
+                    f"{LABELS[case.measure]} {scale * best.level:.3g} {unit}."
+                ),
                 err=True,
             )
         advice = search()
@@ -376,14 +408,18 @@ def under_load(options: GapOptions, load: Path) -> None:
     ),
 )
 def main(options: GapOptions) -> None:
-    """Choose the gap of an impact absorber on the paper's beam, or another structure, for a force near a resonance.
+    """Choose the gap of an impact absorber for a force near a resonance.
 
-    Sweeps up and down bracket the gap with the lowest level (sharp), and by the scaling law the one whose largest level over the tolerance of the
-    force is lowest (recommended); the design rule's gap stands beside them. Writes levels.png, levels.csv, summary.json, the level over the
-    frequency as frequency.png, and the recommended device's card as card.html, with curves, and card.json. Ctrl-C ends the
-    simulation early and leaves what is finished.
+    The structure is the paper's beam or another one.
 
-    With --scene of a bladed disk the clearance is one for all its absorbers, and the level that of the worst sector.
+    Sweeps up and down bracket the gap with the lowest level (sharp), and by the scaling law the one
+    whose largest level over the tolerance of the force is lowest (recommended); the design rule's
+    gap stands beside them. Writes levels.png, levels.csv, summary.json, the level over the
+    frequency as frequency.png, and the recommended device's card as card.html, with curves, and
+    card.json. Ctrl-C ends the simulation early and leaves what is finished.
+
+    With --scene of a bladed disk the clearance is one for all its absorbers, and the level that of
+    the worst sector.
 
     With --load what is made small is the measure that belongs to the loads (docs/loads.md).
     """

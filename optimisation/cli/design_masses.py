@@ -99,7 +99,10 @@ class MassesOptions(scenes.DeviceOptions):
 
 
 def gap_factors(free_over_rule: float) -> NDArray[np.float64]:
-    """Return gaps over the rule's for the free amplitude over the rule's gap; the rule's own is one of them."""
+    """Return gaps over the design rule's gap, among them 1.
+
+    ``free_over_rule``: free amplitude over the rule's gap.
+    """
     if free_over_rule >= 1:
         return FACTORS
     return np.union1d(0.6 * free_over_rule * LOW_FACTORS, 1.0)
@@ -108,7 +111,9 @@ def gap_factors(free_over_rule: float) -> NDArray[np.float64]:
 def checks(
     model: ModalModel, ratios: Sequence[float], resonances: Sequence[int], options: dict[str, Any]
 ) -> list[GapCheck]:
-    """Simulate the rule's gap and its neighbours for each mass ratio near each resonance, by mass; ``options`` are arguments of `check_gap`.
+    """Simulate the rule's gap and its neighbours for each mass ratio near each resonance.
+
+    The result is in the order of the masses. ``options`` are arguments of `check_gap`.
 
     Raises KeyboardInterrupt if it is stopped.
     """
@@ -160,7 +165,11 @@ WIDEST = "widest"
 
 
 def show_gap(row: Record) -> str:
-    """Return the best gap over the rule's in words: a better one may exist beyond the narrowest or widest that ran."""
+    """Return the best gap over the design rule's gap as text.
+
+    If the narrowest or widest simulated gap is best, the text says that a better gap may exist
+    beyond it.
+    """
     edge = {NARROWEST: " or less", WIDEST: " or more"}.get(row["best_gap_is"], "")
     return f"{row['best_gap_over_rule']:.2f}{edge}"
 
@@ -218,7 +227,10 @@ def check_table(every_check: Sequence[GapCheck]) -> Table:
 def frequency_of(
     every_check: Sequence[GapCheck], executor: Executor | None
 ) -> list[ResonanceCurves]:
-    """Return the levels over the frequency near each resonance: of the worst member of each mass at its best gap, and without absorber."""
+    """Return the levels over the frequency near each resonance.
+
+    They are those of the worst member of each mass at its best gap, and without absorber.
+    """
     parts = []
     for resonance in dict.fromkeys(check.resonance for check in every_check):
         own = [check for check in every_check if check.resonance == resonance]
@@ -240,11 +252,16 @@ def frequency_of(
     examples=("design masses --mass-ratio 0.02 --members 1 --rate 10",),
 )
 def main(options: MassesOptions) -> None:
-    """Simulate gaps from 0.4 to 1.6 times the design rule's for several masses, near two resonances, and print the best of each.
+    """Find the best gap for several masses near two resonances, by simulation.
 
-    Where the free structure moves less than the rule's gap they are 0.24 to 0.94 times its amplitude.
+    The best gap of each mass is printed. The simulated gaps are 0.4 to 1.6 times the design rule's
+    gap.
 
-    By the scaling law the force does not matter: gap and friction are in proportion to it. Levels are relative to no absorber, at its own place.
+    Where the free structure moves less than the rule's gap they are 0.24 to 0.94 times its
+    amplitude.
+
+    By the scaling law the force does not matter: gap and friction are in proportion to it. Levels
+    are relative to no absorber, at its own place.
     """
     with plain_errors():
         check_page(options.page, MARKER)

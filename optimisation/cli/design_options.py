@@ -68,7 +68,10 @@ def make_conditions(
     at: list[tuple[int, float]],
     spread: bool = False,
 ) -> tuple[Condition, ...]:
-    """Return conditions that are swept over one range for all absorbers up to the heaviest of the space, see `optimisation.sweep_range`."""
+    """Return conditions with one sweep range at each resonance for all designs of a space.
+
+    The range suits all absorbers up to the heaviest of the space (`optimisation.sweep_range`).
+    """
     factors = np.geomspace(1 / 3, 3, RANGE_FORCES) if spread else np.ones(1)
     ranges = {resonance: range_of(space, structure, resonance) for resonance, _ in at}
     return tuple(
@@ -82,7 +85,9 @@ PLACES = 9  # of a free position, for which the range is found
 
 
 def range_of(space: DesignSpace, structure: Structure, resonance: int) -> tuple[float, float]:
-    """Return the range of the sweeps near a resonance, for the heaviest absorber of a space at any of its places.
+    """Return the range of the sweeps near a resonance.
+
+    It suits the heaviest absorber of a space at any of its places.
 
     A tuned absorber has to have both its peaks in it, also where other resonances are close.
     """
@@ -112,8 +117,9 @@ GOES_ON = "the same command goes on from here."
 class StudyOptions(scenes.SweepRunOptions, scenes.DeviceOptions):
     """Options of every search of designs; None: not given.
 
-    ``free_by_default`` are the variables that are searched where --free is not given, None for those of the concept.
-    ``every_concept``: what a concept lacks does not concern it, as all are searched at once.
+    ``free_by_default`` are the variables that are searched where --free is not given, None for
+    those of the concept. ``every_concept``: what a concept lacks does not concern it, as all are
+    searched at once.
     """
 
     modes: int = option("modes", type=at_least(1), default=Beam.modes)
@@ -193,7 +199,10 @@ def variables_help() -> str:
 
 
 def make_space(concept: str, options: StudyOptions, source: DeviceSource) -> DesignSpace:
-    """Return the space of a concept; with all concepts at once, what a concept lacks does not concern it."""
+    """Return the design space of a concept.
+
+    If all concepts are searched at once, options for variables that a concept lacks are ignored.
+    """
     known = {v.name for v in VARIABLES[concept]}
     every = options.every_concept
     free = [name for name in options.searched or () if name in known or not every]
@@ -207,7 +216,10 @@ def make_space(concept: str, options: StudyOptions, source: DeviceSource) -> Des
 
 
 def fixed_of(options: StudyOptions, source: DeviceSource) -> dict[str, float]:
-    """Return the variables that --fix and the options of the mass fix; raises BadInput if two of them, or --free or --scene, say what the mass is."""
+    """Return the variables that are fixed by --fix and by the options of the mass.
+
+    Raises BadInput if more than one of these options, --free and --scene give the mass.
+    """
     fixed = dict(options.fix)
     for name, value in (("--mass-kg", options.mass_kg), ("--mass-ratio", options.mass_ratio)):
         if value is None:
@@ -228,7 +240,10 @@ def fixed_of(options: StudyOptions, source: DeviceSource) -> dict[str, float]:
 
 
 def _of_device(concept: str, options: StudyOptions, source: DeviceSource) -> dict[str, float]:
-    """Return the values, from the file of --scene, of variables that are not searched: the mass, and all others of an impact absorber."""
+    """Return the values of the variables that are not searched, from the file of --scene.
+
+    They are the mass, and for an impact absorber all other variables.
+    """
     device = source.device
     if device is None:
         return {}
@@ -246,23 +261,31 @@ def _of_device(concept: str, options: StudyOptions, source: DeviceSource) -> dic
 
 
 def read_source(options: StudyOptions) -> DeviceSource:
-    """Return the structure of the file, or the paper's beam with the options' modes, and the absorber of --scene."""
+    """Return the structure and the absorber of --scene.
+
+    The structure is that of the file, or the paper's beam with the options' modes.
+    """
     return scenes.read_source(options, "concept")
 
 
 def forces_at(
     options: StudyOptions, source: DeviceSource, usual: tuple[tuple[int, float], ...]
 ) -> list[tuple[int, float]]:
-    """Return the resonances and their forces: those of --at, the ``usual`` ones, or for a structure from a file those of --resonances by the rule.
+    """Return the resonances and their forces.
 
-    The rule's forces are those for a gap of 1 mm; by the scaling law another gap has the same answers at other forces. They stand to each other as
-    the usual ones do to the design forces of the paper's beam.
+    They are those of --at or else the ``usual`` ones. For a structure from a file they are those of
+    --resonances, with forces by the design rule.
+
+    The rule's forces are those for a gap of 1 mm; by the scaling law another gap has the same
+    answers at other forces. They stand to each other as the usual ones do to the design forces of
+    the paper's beam.
     """
     model = model_with_absorber_at(source.structure)
     if options.at:
         if scenes.is_option_set("resonances"):
             raise ParameterError(
-                f"--resonances = {options.resonances} is not allowed: beside --at, which names resonances with their forces"
+                f"--resonances = {options.resonances} is not allowed: beside --at, which "
+                "names resonances with their forces"
             )
         scenes.warn_of_nodes(model, *(resonance for resonance, _ in options.at))
         return list(options.at)
@@ -281,7 +304,10 @@ def forces_at(
     for k in dict.fromkeys(options.resonances):
         if (free_over_rule := reach(model, mass, k)) < LEAST_REACH:
             click.echo(
-                f"warning: at resonance {k} the free amplitude is {free_over_rule:.2g} of the rule's gap: no wall would be touched there",
+                (
+                    f"warning: at resonance {k} the free amplitude is {free_over_rule:.2g} of the "
+                    "rule's gap: no wall would be touched there"
+                ),
                 err=True,
             )
     wanted = tuple(dict.fromkeys(options.resonances))[: len(usual)]
@@ -292,7 +318,10 @@ def forces_at(
 
 
 def loads_in(options: StudyOptions, source: DeviceSource) -> Loads | None:
-    """Return the loads of --load, None without it; raises BadInput for options that do not go with it."""
+    """Return the loads of --load, or None without it.
+
+    Raises BadInput for options that cannot be combined with it.
+    """
     scenes.refuse_with_load(options.load, "at", "resonances", "rate")
     scenes.refuse_with_load(
         options.load, "uncertain", why="there a member's loads are what differs"
@@ -327,7 +356,10 @@ def make_problem(
 
 
 def conditions_of(options: StudyOptions) -> dict[str, object]:
-    """Return versions, machine, threads and memory of a computation; worker processes of a cluster are not in it."""
+    """Return versions, machine, threads and memory of a computation.
+
+    They do not include the worker processes of a cluster.
+    """
     where = (
         {"cluster": options.cluster}
         if options.cluster
@@ -338,7 +370,10 @@ def conditions_of(options: StudyOptions) -> dict[str, object]:
 
 
 def journal_of(options: StudyOptions, folder: Path) -> Path:
-    """Return the file named by --study, or the folder's own: a quick look has one for itself, as it is another study."""
+    """Return the study's file: that of --study, or the default file of the folder.
+
+    With --quick the default file is another one, because it is another study.
+    """
     return options.study or folder / ("quick.journal" if options.quick else "study.journal")
 
 
@@ -352,9 +387,12 @@ def announce_search(
     cluster: str | None,
     executor: Executor,
 ) -> None:
-    """Print how long a search takes where it is long, and the value of the rule's design by single fast runs.
+    """Print how long a search takes, if it is long, and the level of the rule's design.
 
-    ``designs``: how many are run with all members at the problem's rate. Workers of a cluster are not timed.
+    The level is computed by single fast runs.
+
+    ``designs``: how many are run with all members at the problem's rate. Workers of a cluster are
+    not timed.
     """
     if cluster is not None:
         return

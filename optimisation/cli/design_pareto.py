@@ -86,7 +86,11 @@ class FrontOptions(SummaryOptions, design.StudyOptions):
 
 
 def make(against: str, options: FrontOptions) -> Problem:
-    """Return the problem; where severity counts, the restitution is the material's and not free, as elastic walls lose nothing."""
+    """Return the optimisation problem.
+
+    If the impact severity is an objective, the restitution is that of the material and not free,
+    because elastic walls dissipate nothing.
+    """
     objectives: tuple[Objective, ...] = (Objective(), Objective("severity"))
     if against == SEVERITY:
         options = replace(options, free_by_default=(GAP, FRICTION_LIMIT))
@@ -146,10 +150,12 @@ def study(
     ),
 )
 def main(options: FrontOptions) -> None:
-    """Search a Pareto front of impact absorbers: first against second resonance, or response level against impact severity.
+    """Search a Pareto front of impact absorbers.
 
-    Writes front.png, front.csv (every design) and summary.json, and prints the front. Ctrl-C ends the search; the same command goes
-    on from there.
+    The objectives are first against second resonance, or response level against impact severity.
+
+    Writes front.png, front.csv (every design) and summary.json, and prints the front. Ctrl-C ends
+    the search; the same command goes on from there.
     """
     against = options.against
     if options.load is not None and not is_option_set("against"):

@@ -27,10 +27,14 @@ QUICK_TRIAL_PLACES = 3  # places of each mass
 QUICK_MEMBERS = 1
 DEFAULT_RESONANCES = (1, 1)
 LOAD_WORDS = (
-    "--load is not possible here: places are ranked by the response to a harmonic force near resonances; "
+    "--load is not possible here: places are ranked by the response to a harmonic force near "
+    "resonances; "
     "`design gap --load FILE --position PLACE` searches the gap at one place"
 )
-POSITION_TEXT = f"{BEAM_PLACES} places over the length; the places that the file lists, or all its nodes in the direction of the one that it lists"
+POSITION_TEXT = (
+    f"{BEAM_PLACES} places over the length; the places that the file lists, or all its nodes in "
+    "the direction of the one that it lists"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +79,10 @@ class PlaceOptions(
     )
     quick: bool = option(
         "quick",
-        help=f"A first answer from {QUICK_MEMBERS} member, unless given, and {QUICK_TRIAL_PLACES} places of each mass",
+        help=(
+            f"A first answer from {QUICK_MEMBERS} member, unless given, and {QUICK_TRIAL_PLACES} "
+            "places of each mass"
+        ),
     )
     members: int | None = option("members", default_text=str(MEMBERS))
     out: Path = option("out", default=Path("results/design_place"))
@@ -93,7 +100,8 @@ def forces_of(options: PlaceOptions) -> dict[int, float]:
         for resonance, force in options.at:
             if resonance in forces:
                 raise common.BadInput(
-                    f"--at {resonance}:{force:g} is not allowed: each resonance once, and {resonance}:{forces[resonance]:g} is given"
+                    f"--at {resonance}:{force:g} is not allowed: each resonance once, and "
+                    f"{resonance}:{forces[resonance]:g} is given"
                 )
             forces[resonance] = usable_force("--at", force)
         return forces
@@ -106,7 +114,10 @@ def forces_of(options: PlaceOptions) -> dict[int, float]:
 
 
 def read_structure(options: PlaceOptions) -> tuple[PlaceOptions, scenes.DeviceSource]:
-    """Return the structure, and the options: with --scene mass, restitution and friction are those of the file's absorber."""
+    """Return the options and the structure.
+
+    With --scene mass, restitution and friction are those of the file's absorber.
+    """
     source = scenes.read_source(options, "position")
     if source.device is not None:
         restitution, friction_limit = scenes.values_of(source.device)
@@ -129,7 +140,8 @@ def announce(plan: SweepPlan, threads: int | None) -> None:
     ) / min(threads or available_cores(), 2)
     if seconds > LONG_S:
         click.echo(
-            f"About {duration_in_words(seconds)}, within a factor of three: at most {plan.total} sweeps. --quick, fewer masses (--mass-ratio) or a "
+            f"About {duration_in_words(seconds)}, within a factor of three: at most "
+            f"{plan.total} sweeps. --quick, fewer masses (--mass-ratio) or a "
             "higher --rate take less.",
             err=True,
         )
@@ -143,12 +155,15 @@ def announce(plan: SweepPlan, threads: int | None) -> None:
     ),
 )
 def main(options: PlaceOptions) -> None:
-    """Choose where an impact absorber sits, how heavy it is and which gap it has, for forces near one or several resonances.
+    """Choose the place, the mass and the gap of an impact absorber.
 
-    All places are ranked by the linear structure; the best few of each mass run, and the gap of the best is searched as by design_gap, for all
-    resonances together. The level is read where the file says, on a beam at its free end. Writes places.png (the structure coloured by reach, and
-    levels over the place), places.csv (the map), frequency.png, summary.json and the recommended device's card. Ctrl-C ends the simulation early
-    and leaves what is finished.
+    It is chosen for forces near one or several resonances.
+
+    All places are ranked by the linear structure; the best few of each mass run, and the gap of the
+    best is searched as by design_gap, for all resonances together. The level is read where the file
+    says, on a beam at its free end. Writes places.png (the structure coloured by reach, and levels
+    over the place), places.csv (the map), frequency.png, summary.json and the recommended device's
+    card. Ctrl-C ends the simulation early and leaves what is finished.
     """
     with common.plain_errors():
         if options.load is not None:

@@ -136,7 +136,11 @@ class SearchStudyOptions(design.StudyOptions):
 
 
 def searched_share(problem: Problem, plan: SearchOptions) -> float:
-    """Return how many runs a design takes on average, over those with all members at the problem's rate: hopeless ones are left behind."""
+    """Return the mean number of runs of a design over the number with all members.
+
+    The full number is that at the problem's rate. Designs that compare badly are abandoned early
+    and need fewer runs.
+    """
     if plan.method(problem) == SCIPY:
         return min(SMOOTH_MEMBERS, problem.members) / problem.members
     sampler = plan.sampler if plan.sampler in SAMPLERS else None
@@ -212,9 +216,11 @@ def run_concept(
 def main(options: SearchStudyOptions) -> None:
     """Find the best design of an absorber for one or more resonances and forces.
 
-    Every design runs under all of them, up and down; the finalists run again on fresh members, and the winner on others, beside the paper's and
-    the rule's design, with more modes, and in service (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, the level over the
-    frequency, and curves, map, detuned and sensitivity as figures and tables. Ctrl-C ends the search; the same command goes on from there.
+    Every design runs under all of them, up and down; the finalists run again on fresh members, and
+    the winner on others, beside the paper's and the rule's design, with more modes, and in service
+    (impacts, wear, heat, tolerances). Writes designs.csv, summary.json, the level over the
+    frequency, and curves, map, detuned and sensitivity as figures and tables. Ctrl-C ends the
+    search; the same command goes on from there.
     """
     every = options.concept == ALL
     concepts = list(VARIABLES) if every else [options.concept]
@@ -226,7 +232,8 @@ def main(options: SearchStudyOptions) -> None:
             value = getattr(options, name)
             if every and value is not None:
                 raise ParameterError(
-                    f"--{name} = {value} is not allowed: with one concept, as each has {what} of its own"
+                    f"--{name} = {value} is not allowed: with one concept, as each has {what} "
+                    "of its own"
                 )
         AnswerFiles(options.out, options.json, history=options.history).check()
         scenes.refuse_with_load(

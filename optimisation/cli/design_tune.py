@@ -71,12 +71,16 @@ def report_failure(line: str) -> None:
     TuneOptions, examples=("design tune --quick", "design tune --resonance 2 --mass-ratio 0.05")
 )
 def main(options: TuneOptions) -> None:
-    """Tune the linear absorber of a given mass to a resonance of the paper's beam, or another structure.
+    """Tune the linear absorber of a given mass to a resonance of a structure.
 
-    Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes tunings.png, tunings.csv and summary.json.
+    The structure is the paper's beam or another one.
 
-    With --load the spring and damper with the least measure under the loads of a file (docs/loads.md), beside those of the least peak: for a random
-    load the H2 tuning for its spectrum.
+    Prints a table of all tunings with their highest peak, H2 norm and proved amplitude, and writes
+    tunings.png, tunings.csv and summary.json.
+
+    With --load the spring and damper with the least measure under the loads of a file
+    (docs/loads.md), beside those of the least peak: for a random load the H2 tuning for its
+    spectrum.
     """
     with plain_errors():
         model, device = scenes.read_source_model(options, position=options.position)

@@ -1,4 +1,4 @@
-"""What ``compare`` and ``design gap`` do with a bladed disk: options that go with it, runs, and files."""
+"""Parts of ``compare`` and ``design gap`` for a bladed disk: options, runs and files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def refuse_with_disk(names: Sequence[str]) -> None:
     for name in names:
         if scenes.is_option_set(name):
             raise BadInput(
-                f"{scenes.option_name(name)} does not go with a bladed disk: its file has the structure and the absorbers, and the level is that "
+                f"{scenes.option_name(name)} does not go with a bladed disk: its file has the "
+                "structure and the absorbers, and the level is that "
                 "of the worst sector under an engine-order force"
             )
 
@@ -40,7 +41,10 @@ def refuse_with_disk(names: Sequence[str]) -> None:
 def announce_disk_runs(
     case: DiskCase, number: int, threads: int | None, cluster: str | None
 ) -> None:
-    """Print how long a ``number`` of sweeps of a disk takes where it is long; workers of a cluster are not timed."""
+    """Print how long a ``number`` of sweeps of a disk takes, if it is long.
+
+    Nothing is printed for the workers of a cluster.
+    """
     if cluster is None:
         periods = case.schedules()[0].periods
         planned = PlannedRuns(case.disk.scene(), case.force, case.resonance, periods, number)
@@ -72,7 +76,10 @@ def compare_on_file(disk: BladedDisk, options: CompareOptions) -> None:
 
 
 def choose_gap_on_file(disk: BladedDisk, options: GapOptions) -> None:
-    """Choose the clearance of a disk's absorbers, print the answer, and write table, figure, summary and device."""
+    """Choose the clearance of a disk's absorbers, and print the result.
+
+    Table, figure, summary and device are written.
+    """
     members = options.members or (QUICK_MEMBERS if options.quick else MEMBERS)
     resonance = options.resonance if scenes.is_option_set("resonance") else None
     case = disk_case(disk, options.force, resonance, options.rate)

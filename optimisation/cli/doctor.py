@@ -106,7 +106,10 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(
             (
                 "compiled",
-                "kept nowhere: no folder can be written to, and each process compiles anew; IMPACT_ENV_CACHE names one",
+                (
+                    "kept nowhere: no folder can be written to, and each process compiles anew; "
+                    "IMPACT_ENV_CACHE names one"
+                ),
             )
         )
     for place in about["cache"]:
@@ -114,7 +117,10 @@ def lines(about: dict[str, Any]) -> list[tuple[str, str]]:
         others = sum(one["size"] for one in place["kept"] if not one["current"])
         count = sum(one["kernels"] for one in current)
         size = sum(one["size"] for one in current)
-        text = f"{place['folder']}{'' if place['written'] else ' (only read)'}: {count} kernels of today's sources, {size / 1e6:.1f} MB"
+        text = (
+            f"{place['folder']}{'' if place['written'] else ' (only read)'}: {count} kernels of "
+            f"today's sources, {size / 1e6:.1f} MB"
+        )
         rows.append(
             ("compiled", text + (f", and {others / 1e6:.1f} MB of others" if others else ""))
         )
@@ -136,7 +142,10 @@ class DoctorOptions:
 
 @command(DoctorOptions, examples=("doctor",))
 def main(options: DoctorOptions) -> None:
-    """Describe this installation: versions, extras, processor, threads, and where compiled kernels are kept. It belongs into a report of an error."""
+    """Describe this installation, for the report of an error.
+
+    The description has versions, extras, processor, threads, and the folders of compiled kernels.
+    """
     with plain_errors():
         check_targets({"json": options.json})
         about = describe_installation()

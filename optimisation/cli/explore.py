@@ -43,7 +43,10 @@ class ExploreOptions:
         OptionSpec(
             names=("--host",),
             help="Address of the page",
-            more="Any but this one lets others on the network use it; 0.0.0.0 or ::: all of this machine's.",
+            more=(
+                "Any but this one lets others on the network use it; 0.0.0.0 or ::: all of this "
+                "machine's."
+            ),
             type=str,
             metavar="ADDRESS",
             default="127.0.0.1",
@@ -68,9 +71,12 @@ class ExploreOptions:
 
 @command(ExploreOptions, examples=("explore", "explore --structure arm.toml --port 8700"))
 def main(options: ExploreOptions) -> None:
-    """Explore absorbers on the paper's beam, or another structure, on a page of this machine, until Ctrl-C.
+    """Explore absorbers on a local web page until Ctrl-C.
 
-    The page needs no network. What a kind of absorber has to be compiled for is compiled once, while the page says so.
+    The structure is the paper's beam or another one.
+
+    The page needs no network. What a kind of absorber has to be compiled for is compiled once,
+    while the page says so.
     """
     with plain_errors():
         own: Structure | BladedDisk = Beam()

@@ -1,7 +1,10 @@
-"""The commands by name: ``impact-absorber NAME`` anywhere, ``scripts/run NAME`` in a checkout, which also has those that make its pages.
+"""The commands by name: ``impact-absorber NAME``, in a checkout also ``scripts/run NAME``.
 
-A command is the function ``main`` of its module (`optimisation.cli.names`), which is imported when the command is called, since
-some take long or need an extra. Names of the version before go on working, with a note on stderr.
+``scripts/run`` also has the commands that make the pages of the checkout.
+
+A command is the function ``main`` of its module (`optimisation.cli.names`), which is imported when
+the command is called, since some take long or need an extra. Names of the version before go on
+working, with a note on stderr.
 """
 
 import ast
@@ -43,7 +46,10 @@ def file_of(name: str) -> Path | None:
 
 
 def missing_extras(file: Path) -> dict[str, list[str]]:
-    """Return the extras that a command needs and that are not complete here, each with the packages that are missing."""
+    """Return the extras that a command needs and that are incomplete in this installation.
+
+    Each comes with the names of the missing packages.
+    """
     missing = {
         extra: [
             name
@@ -59,7 +65,8 @@ def refuse(name: str, missing: dict[str, list[str]], /, **_options: object) -> N
     """Raise ClickException with the command that installs the extras that a command lacks."""
     packages = ", ".join(package for names in missing.values() for package in names)
     raise click.ClickException(
-        f"{name} needs packages that are not installed ({packages}); they come with: {how_to_install(*missing)}"
+        f"{name} needs packages that are not installed ({packages}); they come with: "
+        f"{how_to_install(*missing)}"
     )
 
 
@@ -70,7 +77,10 @@ def summary_of(file: Path) -> str:
 
 
 class Commands(click.Group):
-    """Commands whose modules are imported when they are called: those whose names begin with the words of a ``prefix``."""
+    """Group of commands whose modules are imported when they are called.
+
+    The names of its commands begin with the words of ``prefix``.
+    """
 
     def __init__(self, prefix: str = "", **settings: object) -> None:
         super().__init__(**settings)  # type: ignore[arg-type]
@@ -96,7 +106,10 @@ class Commands(click.Group):
         return sorted([*self.own_commands(), *self.own_groups()])
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return a command, None if there is none of this name; without an extra that it needs, it can tell its options only."""
+        """Return a command, or None if no command has this name.
+
+        Without an extra that it needs, the command can only show its options.
+        """
         if cmd_name in self.own_groups():
             return make_group(cmd_name)
         name = f"{self.prefix} {cmd_name}" if self.prefix else name_of(cmd_name)
@@ -115,12 +128,18 @@ class Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that is called; raises UsageError, with the names that are most alike, if there is none."""
+        """Return the command that is called.
+
+        Raises UsageError with the most similar names if no command has this name.
+        """
         word = args[0]
         others = {} if self.prefix else list_other_names()
         if not self.prefix and word in OLDER_NAMES:
             click.echo(
-                f"note: {word} is called {others[word]} now; the next version does not know the older name",
+                (
+                    f"note: {word} is called {others[word]} now; the next version does not know "
+                    "the older name"
+                ),
                 err=True,
             )
         elif (
@@ -145,7 +164,10 @@ class Commands(click.Group):
         )
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the names with the first line of each module's docstring, those of the whole under headings."""
+        """Write the names of the commands with the first line of each module's docstring.
+
+        The complete list of commands has headings.
+        """
         if self.prefix:
             with formatter.section("Commands"):
                 formatter.write_dl(

@@ -1,7 +1,7 @@
-"""Names of the commands: groups and headings, the module of each, the names of the version before, and the extras that each needs.
+"""Names of the commands, with headings, modules, older names and needed extras.
 
-The module of ``design gap`` is ``design_gap.py``: its words with underscores. ``scripts/run`` reads `OLDER_NAMES` line by line, before
-there is an environment.
+The module of ``design gap`` is ``design_gap.py``: its words with underscores. ``scripts/run`` reads
+`OLDER_NAMES` line by line, before there is an environment.
 """
 
 import importlib
@@ -85,7 +85,7 @@ HEAD_LINES = 40  # a command says near its top what it needs
 
 
 def list_studies() -> dict[str, Path]:
-    """Return the modules of the studies of a checkout by their names; none where there is no checkout."""
+    """Return the modules of a checkout's studies by their names; empty without a checkout."""
     return {
         f"{REPRODUCE} {file.stem.removeprefix('reproduce_').replace('_', '-')}": file
         for file in sorted(STUDIES.glob("[!_]*.py"))
@@ -105,7 +105,8 @@ def list_commands() -> dict[str, Path]:
 def list_other_names() -> dict[str, str]:
     """Return the names of now by the other names of commands.
 
-    These are the names of the version before, and those of studies without ``reproduce``, with underscores or dashes.
+    These are the names of the version before, and those of studies without ``reproduce``, with
+    underscores or dashes.
     """
     studies = {file.stem: name for name, file in list_studies().items()}
     dashed = {stem.replace("_", "-"): name for stem, name in studies.items()}
@@ -125,7 +126,10 @@ def imported(name: str) -> ModuleType:
 
 
 def find_command(words: Sequence[str]) -> tuple[str, int]:
-    """Return the name of the command that is called, and how many of the words are its name; an empty name if there is none."""
+    """Return the name of the called command, and how many of the words belong to it.
+
+    The name is empty if there is no such command.
+    """
     commands = list_commands()
     if words and (name := list_other_names().get(words[0])) is not None:
         return name, 1

@@ -1,7 +1,10 @@
-"""Options of the commands: the table of those that several commands have, and how a dataclass of options becomes a command line.
+"""Options of the commands: the table of shared options, and dataclasses of options.
 
-A command declares its options as fields of a frozen dataclass: ``force: float | None = option("force")`` takes the row ``force``
-of `TABLE`, with changes for this command (another default, say). An option of one command alone has its `OptionSpec` there.
+A dataclass of options becomes a command line.
+
+A command declares its options as fields of a frozen dataclass: ``force: float | None =
+option("force")`` takes the row ``force`` of `TABLE`, with changes for this command (another
+default, say). An option of one command alone has its `OptionSpec` there.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -49,7 +52,10 @@ class Words(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> Any:
-        """Return the value, or fail with the form that is allowed; a value that is parsed already stays."""
+        """Return the value, or fail with a description of the allowed form.
+
+        A value that is already parsed is returned unchanged.
+        """
         if not isinstance(value, str):
             return value
         try:
@@ -72,7 +78,10 @@ def parse_resonances(text: str) -> tuple[int, int]:
 
 
 def parse_distribution(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return name and words of NAME=5% or NAME=LOW:HIGH; the older form has blanks in place of the signs."""
+    """Return name and words of NAME=5% or NAME=LOW:HIGH.
+
+    The older form has blanks in place of the signs.
+    """
     name, equals, words = text.partition("=")
     if equals:
         return name, tuple(words.split(":"))
@@ -86,7 +95,10 @@ def is_posterior_file(text: str) -> bool:
 
 
 def count_uncertain_words(words: Sequence[str]) -> int:
-    """Return how many words after --uncertain are its value: NAME=VALUE, or in the older form a name and either one in % or two."""
+    """Return the number of words after --uncertain that form its value.
+
+    They are NAME=VALUE, or in the older form a name followed by one word in % or by two words.
+    """
     if "=" in words[0] or is_posterior_file(words[0]):
         return 1
     percent = [word.endswith("%") for word in words[1:3]]
@@ -105,15 +117,18 @@ class OptionSpec:
     Attributes
     ----------
     names : tuple of str
-        As it is typed, the first one in messages; a switch of two sides as ``("--card/--no-card",)``, an argument without dashes.
+        As it is typed, the first one in messages; a switch of two sides as
+        ``("--card/--no-card",)``, an argument without dashes.
     help : str
         What it is, in one sentence without its full stop; ``unit`` and ``allowed`` are added to it.
     more : str
         Further sentences, which only --help-all prints.
     type : Any
-        Type of its value as click takes it: `float`, `int`, a tuple of types, one of click's own types; `bool` for a switch.
+        Type of its value as click takes it: `float`, `int`, a tuple of types, one of click's own
+        types; `bool` for a switch.
     unit, allowed : str
-        Unit of the value, and the values that are allowed, in words, where the type does not say so.
+        Unit of the value, and the values that are allowed, in words, where the type does not say
+        so.
     default : Any
         Value where it is not given.
     default_text : str
@@ -171,7 +186,10 @@ class OptionSpec:
         return TableOption(self, parameter)
 
     def __call__(self, command: Command) -> Command:
-        """Add the option to a command that is declared by decorators; its name says which parameter it sets."""
+        """Add the option to a command that is declared by decorators.
+
+        The name of the option determines the parameter that it sets.
+        """
         parameter = self.names[0].partition("/")[0].lstrip("-").replace("-", "_")
 
         def make(_names: Sequence[str], **_: Any) -> click.Option:
@@ -204,7 +222,10 @@ class TableOption(click.Option):
         self.spec = spec
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Return the option with its value, and its sentence with the default; further sentences where all options are listed."""
+        """Return the option with its value, and its sentence with the default.
+
+        Further sentences follow if all options are listed.
+        """
         if self.hidden:
             return None
         names = ", ".join(sorted(self.opts, key=len))
@@ -233,7 +254,10 @@ class TableOption(click.Option):
         return self.make_metavar(ctx)
 
     def default_words(self) -> str:
-        """Return the default as the help prints it, nothing where there is none or where it says nothing."""
+        """Return the default as the help prints it.
+
+        The text is empty if there is no default or if it carries no information.
+        """
         if self.spec.default_text:
             return self.spec.default_text
         value = self.spec.default
@@ -269,7 +293,8 @@ LOADS_IN_SHORT = {  # short forms of --load, and the numbers of each
     "shock": ("peak_n", "pulse_s", "duration_s"),
 }
 UNCERTAIN_MORE = (
-    "damping, frequency, force, gap, restitution or friction: NAME=5% is normal with this standard deviation, cut at 3; NAME=LOW:HIGH is "
+    "damping, frequency, force, gap, restitution or friction: NAME=5% is normal with this "
+    "standard deviation, cut at 3; NAME=LOW:HIGH is "
     "uniform, in SI units or in %; design gap also takes the posterior.json of calibrate."
 )
 
@@ -305,7 +330,9 @@ TABLE: dict[str, OptionSpec] = {
     "position": number(
         "--position",
         "Place of the absorber, over the length of a beam",
-        more="And of the response, on the paper's beam; on modes the number of a place in the file.",
+        more=(
+            "And of the response, on the paper's beam; on modes the number of a place in the file."
+        ),
         default=Beam.absorber_position,
         section="Structure",
     ),
@@ -568,7 +595,9 @@ def option(row: str | OptionSpec, **changes: Any) -> Any:
 
 
 def option_values(specs: Mapping[str, tuple[str, OptionSpec]]) -> Any:
-    """Return a dataclass field that collects several options: a mapping of those given, by names of values.
+    """Return a dataclass field that collects several options.
+
+    Its value is a mapping of the given options by names of values.
 
     ``specs`` has the parameter of the command line and its option, by the name of the value.
     """
@@ -586,7 +615,9 @@ def list_specs(group: type) -> dict[str, OptionSpec]:
 
 
 def name_parameter(args: Sequence[str], usual: str | None = None) -> list[str]:
-    """Return arguments with --over PARAMETER LOW HIGH in place of the older --along or --with PARAMETER and --over LOW HIGH.
+    """Return arguments with --over PARAMETER LOW HIGH in place of an older form.
+
+    The older form is --along or --with PARAMETER and --over LOW HIGH.
 
     ``usual`` is the parameter where the older form had none; None: the older form always named it.
     """
@@ -598,7 +629,10 @@ def name_parameter(args: Sequence[str], usual: str | None = None) -> list[str]:
             name = words[k + 1]
             del words[k : k + 2]
             click.echo(
-                f"warning: {older} {name} is --over {name} LOW HIGH now; the next version does not know the older form",
+                (
+                    f"warning: {older} {name} is --over {name} LOW HIGH now; the next version "
+                    "does not know the older form"
+                ),
                 err=True,
             )
     if "--over" in words[:-1] and name is not None:
@@ -637,7 +671,10 @@ def make_options(group: type[Group], values: Mapping[str, Any]) -> Group:
 def join_words(
     args: Sequence[str], counters: Mapping[str, Callable[[Sequence[str]], int]]
 ) -> list[str]:
-    """Return arguments in which the words of each option of ``counters`` are one, with blanks between."""
+    """Return arguments in which the words after each option of ``counters`` are joined.
+
+    They become a single argument with blanks between the words.
+    """
     joined: list[str] = []
     k = 0
     while k < len(args):
@@ -652,7 +689,10 @@ def join_words(
 
 
 def rename_older(args: Sequence[str], parameters: Iterable[click.Parameter]) -> list[str]:
-    """Return arguments with the names of now in place of those of the version before, each with a warning on stderr."""
+    """Return arguments in which names of the previous version are replaced by present ones.
+
+    Each replacement prints a warning on stderr.
+    """
     options = [one for one in parameters if isinstance(one, TableOption)]
     known = {name for one in parameters for name in (*one.opts, *one.secondary_opts)}
     renamed = {
@@ -663,7 +703,10 @@ def rename_older(args: Sequence[str], parameters: Iterable[click.Parameter]) -> 
         name, equals, value = word.partition("=")
         if name in renamed:
             click.echo(
-                f"warning: {name} is called {renamed[name]} now; the next version does not know the older name",
+                (
+                    f"warning: {name} is called {renamed[name]} now; the next version does not "
+                    "know the older name"
+                ),
                 err=True,
             )
             word = renamed[name] + equals + value

@@ -128,7 +128,9 @@ def computed(options: BalanceOptions) -> tuple[ReferenceOrbit, list[BalanceRow],
     examples=("periodic balance-error --modes 2 --weights 50",),
 )
 def main(options: BalanceOptions) -> None:
-    """Compare harmonic balance with the exact orbit of the larger impulse, at one frequency and along its branch.
+    """Compare harmonic balance with the exact orbit of the larger impulse.
+
+    They are compared at one frequency and along the branch of the orbit.
 
     Times are those of the processor; nothing is compiled.
     """

@@ -82,10 +82,13 @@ class BasinOptions(AttractorOptions):
     ),
 )
 def main(options: BasinOptions) -> None:
-    """Find the attractors that runs from random initial states end on, and the share of each with its 95 % interval.
+    """Find the attractors of runs from random initial states, and the share of each.
 
-    At one frequency and force, or over a parameter (--over), along which an attractor has one number. A mirror image counts as the same
-    attractor. Where runs leave an irregular motion for a periodic one, or lose their impacts, their mean lifetime is printed.
+    Each share comes with its 95 % interval.
+
+    At one frequency and force, or over a parameter (--over), along which an attractor has one
+    number. A mirror image counts as the same attractor. Where runs leave an irregular motion for a
+    periodic one, or lose their impacts, their mean lifetime is printed.
 
     --over with --map draws what one run ends on at each point of two parameters.
     """

@@ -68,7 +68,10 @@ class BranchOptions(SceneOptions):
         OptionSpec(
             names=("--method",),
             help="Exact orbits, harmonic balance, or both",
-            more="Below a restitution of 1 exact orbits only; walls that are springs by harmonic balance only.",
+            more=(
+                "Below a restitution of 1 exact orbits only; walls that are springs by harmonic "
+                "balance only."
+            ),
             type=click.Choice([EXACT, BALANCE, BOTH]),
             metavar="METHOD",
             default=BOTH,
@@ -79,7 +82,10 @@ class BranchOptions(SceneOptions):
     pairs: bool = option(
         switch(
             "--pairs",
-            "With the exact orbits without symmetry, and of longer periods, that leave these branches",
+            (
+                "With the exact orbits without symmetry, and of longer periods, that leave these "
+                "branches"
+            ),
         )
     )
     harmonics: int = option(
@@ -159,7 +165,10 @@ class BranchOptions(SceneOptions):
 
 @contextmanager
 def following(reference: float) -> Iterator[Callable[[str, int, float], None]]:
-    """Give a function that shows how far a curve has been followed, over a ``reference`` frequency in rad/s."""
+    """Yield a function that shows how far a curve has been followed.
+
+    It shows the frequency over the ``reference`` frequency in rad/s.
+    """
     with Bar(total=None, bar_format="{desc} [{elapsed}]", leave=False) as bar:
 
         def show(label: str, points: int, omega: float) -> None:
@@ -235,7 +244,10 @@ def computed(options: BranchOptions, executor: Executor | None = None) -> Overvi
 def stationary_runs(
     options: BranchOptions, executor: Executor | None = None
 ) -> StationaryRuns | None:
-    """Return the settings of the stationary runs, None without --envelope; raises BadInput for an option of theirs without it."""
+    """Return the settings of the stationary runs, or None without --envelope.
+
+    Raises BadInput for an option of these runs without --envelope.
+    """
     if options.envelope is None:
         for name in ("members", "settle", "window", "approach", "threads", "cluster"):
             if is_option_set(name):
@@ -263,9 +275,10 @@ def stationary_runs(
 def main(options: BranchOptions) -> None:
     """Follow all periodic responses over the frequency, and print their peaks and folds.
 
-    Exact orbits are the symmetric ones with one impact a wall in each period; each point is confirmed by the exact method, which also gives its
-    stability. Harmonic balance has the responses without impacts too. Ctrl-C writes what is known so far; --resume keeps what is finished for a later
-    run with the same scene, force and range.
+    Exact orbits are the symmetric ones with one impact a wall in each period; each point is
+    confirmed by the exact method, which also gives its stability. Harmonic balance has the
+    responses without impacts too. Ctrl-C writes what is known so far; --resume keeps what is
+    finished for a later run with the same scene, force and range.
     """
     with common.plain_errors(), workers(options.threads, options.cluster) as executor:
         common.check_targets(vars(options), ".json", ".gz")

@@ -43,7 +43,9 @@ class CurveOptions(CaseOptions):
     over: tuple[str, float, float] = option(
         "over",
         help="The parameter that changes with the frequency, and its range in SI units",
-        more=f"{', '.join(PARAMETER_NAMES)}; the range is around the value at which branches begin.",
+        more=(
+            f"{', '.join(PARAMETER_NAMES)}; the range is around the value at which branches begin."
+        ),
         type=click.Tuple([click.Choice(list(PARAMETER_NAMES)), float, float]),
         required=True,
     )
@@ -63,12 +65,15 @@ class CurveOptions(CaseOptions):
 def main(options: CurveOptions) -> None:
     """Follow bifurcations of exact periodic orbits over the frequency and a second parameter.
 
-    Branches over the frequency, at the case that the options describe, have the bifurcations through which the curves lead: folds, broken symmetry,
-    doubled periods, tori, grazing, and loss of contact (an impact without speed). A curve says at each of its points whether what is born there is
-    supercritical, and has the special points at which a second condition is met: cusp, strong resonances R1 to R4, fold-flip,
-    fold-Neimark-Sacker, generalised period doubling, Chenciner, grazing-fold.
+    Branches over the frequency, at the case that the options describe, have the bifurcations
+    through which the curves lead: folds, broken symmetry, doubled periods, tori, grazing, and loss
+    of contact (an impact without speed). A curve says at each of its points whether what is born
+    there is supercritical, and has the special points at which a second condition is met: cusp,
+    strong resonances R1 to R4, fold-flip, fold-Neimark-Sacker, generalised period doubling,
+    Chenciner, grazing-fold.
 
-    --over damping is the ratio of the first mode, to which the others keep theirs; --over position the place of the absorber on a beam.
+    --over damping is the ratio of the first mode, to which the others keep theirs; --over position
+    the place of the absorber on a beam.
     """
     with plain_errors():
         check_targets(vars(options), ".json", ".gz")

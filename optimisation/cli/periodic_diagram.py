@@ -89,11 +89,14 @@ class DiagramOptions(AttractorOptions):
     ),
 )
 def main(options: DiagramOptions) -> None:
-    """Compute a bifurcation diagram over a parameter by runs, up and down, each from the last state of the one before.
+    """Compute a bifurcation diagram over a parameter by runs.
 
-    Points are the stroboscopic section (relative displacement or displacement at phase 0), the phases of impacts, or the response level. Runs from
-    random states may be added at each value (--starts). Exact branches of symmetric orbits, of what leaves them, and of orbits that runs end on are
-    drawn over them, stable ones solid, unstable ones dashed.
+    The parameter goes up and down, and each run starts from the last state of the previous one.
+
+    Points are the stroboscopic section (relative displacement or displacement at phase 0), the
+    phases of impacts, or the response level. Runs from random states may be added at each value
+    (--starts). Exact branches of symmetric orbits, of what leaves them, and of orbits that runs end
+    on are drawn over them, stable ones solid, unstable ones dashed.
     """
     with common.plain_errors():
         common.check_targets(vars(options))

@@ -29,7 +29,8 @@ class FoldOptions(CaseOptions):
 def main(options: FoldOptions) -> None:
     """Find the folds of the branches of symmetric orbits at one force.
 
-    Each fold is confirmed by the exact method. With --thresholds the forces at which isolas are born and merge with their neighbours.
+    Each fold is confirmed by the exact method. With --thresholds the forces at which isolas are
+    born and merge with their neighbours.
     """
     with plain_errors():
         check_targets(vars(options), ".json", ".gz")

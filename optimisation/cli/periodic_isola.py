@@ -35,7 +35,10 @@ class IsolaOptions(SceneOptions, MapOptions):
 
 
 def computed(options: IsolaOptions) -> IsolaMap:
-    """Do what the options ask for. Raises BadInput or ParameterError before anything long is done."""
+    """Return the map of isolas for the options.
+
+    Raises BadInput or ParameterError before any long computation.
+    """
     kinds = {"map_modes": int, "map_restitutions": float, "map_friction_limits": float}
     modes, restitutions, limits = (
         common.numbers(option_name(name), getattr(options, name), kind)
@@ -73,10 +76,14 @@ def computed(options: IsolaOptions) -> IsolaMap:
     ),
 )
 def main(options: IsolaOptions) -> None:
-    """Find the forces at which closed branches of symmetric two-impact orbits are born and merge with their neighbours.
+    """Find the forces at which isolas are born and merge with their neighbours.
 
-    They are the valleys and ridges of the smallest force that has an orbit, a closed form over the frequency; each is then found again with its
-    friction reversals and confirmed by the exact method. Ctrl-C writes what is known so far; --resume keeps each finished cell of the map.
+    An isola is a closed branch of symmetric two-impact orbits. Births and mergers are extrema of
+    the force.
+
+    They are the valleys and ridges of the smallest force that has an orbit, a closed form over the
+    frequency; each is then found again with its friction reversals and confirmed by the exact
+    method. Ctrl-C writes what is known so far; --resume keeps each finished cell of the map.
     """
     with common.plain_errors():
         common.check_targets(vars(options))

@@ -109,8 +109,9 @@ def cases_of_map(case: Case, options: ManifoldOptions) -> list[Case]:
 def main(options: ManifoldOptions) -> None:
     """Compute the slow invariant manifold of an impact absorber, and compare it with exact orbits.
 
-    Two impacts a period keep the amplitude of the resonant mode on a curve over the absorber's amplitude, whatever the force is. Four variants of
-    the formula are printed, from the literature's to the one with all modes, with what each says of fold force, modulation and gap.
+    Two impacts a period keep the amplitude of the resonant mode on a curve over the absorber's
+    amplitude, whatever the force is. Four variants of the formula are printed, from the
+    literature's to the one with all modes, with what each says of fold force, modulation and gap.
     """
     with common.plain_errors():
         common.check_targets(vars(options))

@@ -158,7 +158,8 @@ class OrbitOptions(CaseOptions):
     over: tuple[str, float, float] | None = option(
         "over",
         help="Branches over a parameter, at --frequency; with --curve the second parameter",
-        more=f"{', '.join(PARAMETER_NAMES)}; for scenes of several absorbers or springs force or frequency. SI units, frequencies over "
+        more=f"{', '.join(PARAMETER_NAMES)}; for scenes of several absorbers or springs force or "
+        "frequency. SI units, frequencies over "
         "the first resonance.",
         type=click.Tuple([click.Choice(BRANCH_PARAMETERS), float, float]),
     )
@@ -223,7 +224,11 @@ def searched(
     starts: int = DEFAULT_RUNS,
     seed: int = 0,
 ) -> Iterator[OrbitSearch]:
-    """Yield the orbits at each ratio (M,): the symmetric ones only, or also what leaves their branches and, with ``settle``, what runs end on."""
+    """Yield the orbits at each ratio (M,) of the frequency.
+
+    They are the symmetric orbits alone, or also the orbits that branch off from them. With
+    ``settle`` the orbits on which runs end are added.
+    """
     if symmetric:
         return orbits_over(case, ratios, lambda done, total: show("frequencies", done, total))
     return all_orbits_over(
@@ -234,7 +239,11 @@ def searched(
 def listed(
     case: Case, options: OrbitOptions, show: ShowProgress, complete: list[bool]
 ) -> list[OrbitSearch]:
-    """Orbits at the frequencies asked for. At a single one branches come from its neighbourhood, and runs add what they settle to."""
+    """Return the orbits at the requested frequencies.
+
+    At a single frequency branches are taken from its neighbourhood, and the orbits on which runs
+    end are added.
+    """
     searches: list[OrbitSearch] = []
     with stop_on_interrupt(complete):
         if options.frequency is None:
@@ -278,7 +287,10 @@ def draw(searches: list[OrbitSearch], options: OrbitOptions, show: ShowProgress)
 def around(
     case: Case, options: OrbitOptions, show: ShowProgress, searches: list[OrbitSearch]
 ) -> None:
-    """Add the orbits at the single frequency asked for to ``searches``, even after Ctrl-C; its neighbours are where branches begin."""
+    """Add the orbits at the single requested frequency to ``searches``, even after Ctrl-C.
+
+    The neighbouring frequencies are computed too, because branches begin there.
+    """
     at = options.frequency
     assert at is not None
     groups = list[OrbitSearch]()
@@ -297,7 +309,10 @@ def around(
 
 
 def along(case: Case, options: OrbitOptions, show: ShowProgress) -> Iterator[ResponseCurve]:
-    """Yield the branches of the symmetric orbits at one frequency over another parameter, each once."""
+    """Yield the branches over another parameter of the symmetric orbits at one frequency.
+
+    Each branch is yielded once.
+    """
     name = PARAMETER_NAMES[options.parameter]
     known = list[Array]()
     assert options.frequency is not None
@@ -319,7 +334,11 @@ def along(case: Case, options: OrbitOptions, show: ShowProgress) -> Iterator[Res
 def two_parameters(
     case: Case, options: OrbitOptions, show: ShowProgress, complete: list[bool]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the plain forms of the curves of bifurcations through the branches over the frequency, over that and a second parameter."""
+    """Yield the plain forms of curves of bifurcations over two parameters.
+
+    The curves start at the bifurcations of the branches over the frequency. The parameters are the
+    frequency and a second one.
+    """
     first = case.omega
     name = PARAMETER_NAMES[options.parameter]
     limits = (options.start * first, options.stop * first)
@@ -373,7 +392,8 @@ def bifurcations(case: Case, options: OrbitOptions) -> OrbitResults:
 def check(options: OrbitOptions) -> OrbitOptions:
     """Return the options with a range that holds the single frequency, if no range is given.
 
-    Raises BadInput or ParameterError, before any work is done, if options do not go together or a file cannot be written.
+    Raises BadInput or ParameterError, before any work is done, if options do not go together or a
+    file cannot be written.
     """
     at = options.frequency
     if at is not None and positive("--frequency", at):
@@ -386,7 +406,8 @@ def check(options: OrbitOptions) -> OrbitOptions:
     if options.curve:
         if options.over is None or at is not None or options.folds or options.thresholds:
             raise BadInput(
-                "--curve goes with --over, a second parameter and its range, and not with --frequency, --folds or --thresholds"
+                "--curve goes with --over, a second parameter and its range, and not with "
+                "--frequency, --folds or --thresholds"
             )
         if options.parameter == "frequency":
             raise BadInput("--over frequency does not go with --curve: it is the first parameter")
@@ -399,22 +420,26 @@ def check(options: OrbitOptions) -> OrbitOptions:
         raise BadInput("--plot goes with --curve: it draws curves over two parameters")
     elif options.over is not None and at is None:
         raise BadInput(
-            "--over goes with --frequency: branches begin at its orbits; with --curve it is the second parameter"
+            "--over goes with --frequency: branches begin at its orbits; with --curve it is "
+            "the second parameter"
         )
     if options.over is not None:
         low, high = options.limits
         require(low < high, "--over", options.limits, "two numbers, the lower one first")
     if at is not None and (options.folds or options.thresholds):
         raise BadInput(
-            "--frequency does not go with --folds or --thresholds: they are sought from --from to --to"
+            "--frequency does not go with --folds or --thresholds: they are sought from "
+            "--from to --to"
         )
     if not 0 < options.start < options.stop:
         raise BadInput(
-            f"--from = {options.start} is not allowed: a ratio above 0 and below --to = {options.stop}"
+            f"--from = {options.start} is not allowed: a ratio above 0 and below --to = "
+            f"{options.stop}"
         )
     if at is not None and not options.start <= at <= options.stop:
         raise BadInput(
-            f"--frequency = {at} is not allowed: a ratio from --from = {options.start} to --to = {options.stop}"
+            f"--frequency = {at} is not allowed: a ratio from --from = {options.start} to "
+            f"--to = {options.stop}"
         )
     check_targets(vars(options), ".json", ".gz")
     return replace(
@@ -426,7 +451,10 @@ def check(options: OrbitOptions) -> OrbitOptions:
 
 
 def case_of(options: CaseOptions) -> Case:
-    """Return structure and absorber at the first resonance; on a structure from a file force or gap, the one not given, is by the design rule."""
+    """Return structure and absorber at the first resonance.
+
+    On a structure from a file the design rule gives force or gap, whichever is not given.
+    """
     gap = options.gap
     restitution = options.restitution
     friction_limit = options.friction_limit
@@ -463,7 +491,9 @@ def case_of(options: CaseOptions) -> Case:
 
 
 def hybrid_case_of(options: OrbitOptions) -> HybridCase | None:
-    """Return the case of a scene with several absorbers or with springs, at the frequency asked for; None for any other scene.
+    """Return the case of a scene with several absorbers or springs at the given frequency.
+
+    The result is None for any other scene.
 
     Raises BadInput for options that only other scenes have.
     """
@@ -484,7 +514,8 @@ def hybrid_case_of(options: OrbitOptions) -> HybridCase | None:
             raise BadInput(f"--{option} does not go with a scene of {what}")
     if options.curve or options.folds or options.thresholds:
         raise BadInput(
-            f"curves and folds are of one absorber with rigid walls, not of {what}: periodic orbits --frequency finds orbits of these"
+            f"curves and folds are of one absorber with rigid walls, not of {what}: periodic "
+            "orbits --frequency finds orbits of these"
         )
     if options.frequency is None:
         raise BadInput(f"--frequency is required for a scene of {what}")
@@ -495,7 +526,10 @@ def hybrid_case_of(options: OrbitOptions) -> HybridCase | None:
 
 
 def hybrid_orbits(case: HybridCase, options: OrbitOptions) -> OrbitResults:
-    """Return the orbits that runs come to in a scene with several absorbers or springs, or their branches."""
+    """Return the orbits of a scene with several absorbers or springs, or their branches.
+
+    The orbits are those that runs converge to.
+    """
     complete = [True]
     results: list[HybridOrbit | NoHybridOrbit] = []
     branches: list[HybridBranch] = []
@@ -539,7 +573,11 @@ def follow_hybrid_branch(
 
 
 def is_on_branch(orbit: HybridOrbit, branch: HybridBranch) -> bool:
-    """Return whether an orbit is the start of a branch, its mirror image included, or lies next to one of its points."""
+    """Return whether an orbit lies on a branch.
+
+    It does if the branch has the same level, period and symmetry at the orbit's parameter value. A
+    mirror image counts as the same orbit.
+    """
     name = branch.branch.parameter
     value = float(getattr(orbit.case, name))
     crossings = np.flatnonzero(
@@ -568,7 +606,8 @@ def run(options: OrbitOptions) -> OrbitResults:
         return hybrid_orbits(hybrid, options)
     if options.along == "frequency":
         raise BadInput(
-            "--over frequency is for scenes of several absorbers or springs; others have --from and --to"
+            "--over frequency is for scenes of several absorbers or springs; others have "
+            "--from and --to"
         )
     case = case_of(options)
     if options.curve:
@@ -618,21 +657,26 @@ def compute_results(case: Case, options: OrbitOptions) -> OrbitResults:
     rewrite=name_parameter,
 )
 def main(options: OrbitOptions) -> None:
-    """List exact periodic orbits of the impact absorber under a harmonic force, each confirmed by the exact method.
+    """List exact periodic orbits of the impact absorber under a harmonic force.
 
-    It is on the paper's beam, or on another structure.
+    The exact method confirms each orbit of the absorber.
 
-    Symmetric orbits with one impact a wall are found in closed form, with all reversals of friction, and along their branches. What leaves these
-    where the symmetry breaks and periods double is followed too, and runs from random states add what they end on.
+    The structure is the paper's beam or another one.
 
-    Multipliers of symmetric orbits are those of half a period: +1 is a fold, -1 breaks the symmetry. Columns slow and fast: the largest of the pair
-    that lives as long as the beam's vibration, and of all others. Held: friction or a wall holds the absorber for a while.
+    Symmetric orbits with one impact a wall are found in closed form, with all reversals of
+    friction, and along their branches. What leaves these where the symmetry breaks and periods
+    double is followed too, and runs from random states add what they end on.
 
-    With a --scene of two to four absorbers, or whose walls or friction are springs, orbits are those that runs from rest and from random states come
-    to, of any kind; --over force or frequency follows their branches.
+    Multipliers of symmetric orbits are those of half a period: +1 is a fold, -1 breaks the
+    symmetry. Columns slow and fast: the largest of the pair that lives as long as the beam's
+    vibration, and of all others. Held: friction or a wall holds the absorber for a while.
 
-    --curve follows folds, broken symmetry, doubled periods or tori, from where branches have them, over the frequency and the parameter of
-    --over.
+    With a --scene of two to four absorbers, or whose walls or friction are springs, orbits are
+    those that runs from rest and from random states come to, of any kind; --over force or frequency
+    follows their branches.
+
+    --curve follows folds, broken symmetry, doubled periods or tori, from where branches have them,
+    over the frequency and the parameter of --over.
     """
     with plain_errors():
         report, complete = run(options)

@@ -49,10 +49,13 @@ class SectionOptions(AttractorOptions):
     ),
 )
 def main(options: SectionOptions) -> None:
-    """Draw a Poincare section of a long run, and say whether its motion is periodic, quasi-periodic or chaotic.
+    """Draw a Poincare section of a long run and classify its motion.
 
-    Of motions that do not repeat the largest Lyapunov exponent is printed with its 95 % interval, and the rotation number of the invariant circle
-    with its change from one half of the window to the other.
+    The motion is periodic, quasi-periodic or chaotic.
+
+    Of motions that do not repeat the largest Lyapunov exponent is printed with its 95 % interval,
+    and the rotation number of the invariant circle with its change from one half of the window to
+    the other.
     """
     with common.plain_errors():
         common.check_targets(vars(options))

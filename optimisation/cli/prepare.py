@@ -37,9 +37,13 @@ class PrepareOptions:
 
 @command(PrepareOptions, examples=("prepare", "prepare all --this-processor"))
 def main(options: PrepareOptions) -> None:
-    """Compile the kernels of the usual scenes, those of the environments, or both with all that is usually recorded (all), unless they are there.
+    """Compile the kernels of the usual scenes, of the environments, or of both (all).
 
-    Kernels that came with the package run on any processor with AVX2; those for this one are up to a third faster, and give the same digits.
+    With all, kernels for the usual recordings are compiled as well. Kernels that exist are not
+    compiled again.
+
+    Kernels that came with the package run on any processor with AVX2; those for this one are up to
+    a third faster, and give the same digits.
     """
     with plain_errors():
         if options.this_processor:

@@ -55,7 +55,10 @@ class DemonstrationOptions:
 
 @command(DemonstrationOptions, examples=("rl demonstrations --task GapChoice-v1 --episodes 2",))
 def main(options: DemonstrationOptions) -> None:
-    """Play episodes of each task and write OUT/TASK-POLICY-v0, a data set that Minari reads (MINARI_DATASETS_PATH=OUT)."""
+    """Play episodes of each task and write the data set OUT/TASK-POLICY-v0.
+
+    Minari reads it (MINARI_DATASETS_PATH=OUT).
+    """
     with plain_errors():
         require_writable("--out", options.out)
         for task in options.tasks or TASKS:
@@ -72,5 +75,6 @@ def main(options: DemonstrationOptions) -> None:
                 scores = sum(float(rewards.sum()) for rewards in demonstrations.rewards)
                 steps = sum(map(len, demonstrations.rewards))
                 click.echo(
-                    f"{folder}: {options.episodes} episodes of {word}, {steps:,} steps, mean score {scores / options.episodes:.3f}"
+                    f"{folder}: {options.episodes} episodes of {word}, {steps:,} steps, mean "
+                    f"score {scores / options.episodes:.3f}"
                 )

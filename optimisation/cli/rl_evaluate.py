@@ -111,7 +111,10 @@ def revision() -> str:
 
 
 def write_leaderboard(path: Path, evaluations: dict[str, Evaluation]) -> list[list[str]]:
-    """Write the leaderboard and return its lines; those whose ``who`` is another stay, and those of tasks that were not judged."""
+    """Write the leaderboard and return its lines.
+
+    Existing lines remain if their ``who`` is another one or if their task was not evaluated.
+    """
     rows: list[list[str]] = []
     if path.exists():
         with path.open(newline="", encoding="utf-8") as lines:
@@ -141,7 +144,10 @@ def write_leaderboard(path: Path, evaluations: dict[str, Evaluation]) -> list[li
 
 
 def plain_scores(evaluations: dict[str, Evaluation]) -> list[dict[str, object]]:
-    """Return the scores as plain data: a row for each task and policy, with the 95 % interval of the mean."""
+    """Return the scores as plain data, a row for each task and policy.
+
+    The rows contain the 95 % interval of the mean.
+    """
     return [
         {
             "task": task,
@@ -164,7 +170,10 @@ def plain_scores(evaluations: dict[str, Evaluation]) -> list[dict[str, object]]:
     ),
 )
 def main(options: EvaluateOptions) -> None:
-    """Play chosen rules, shipped agents and given ones on the first seeds of a split, and say which is better and how sure that is."""
+    """Compare rules, shipped agents and given policies on the first seeds of a split.
+
+    The comparison states which policy is better, and how certain that is.
+    """
     page = options.page
     with plain_errors():
         check_target("--board", options.leaderboard, (".csv",))

@@ -68,7 +68,10 @@ class ExportOptions:
 
 
 def read_policy(options: ExportOptions) -> tuple[Agent | FamilyPolicy, str]:
-    """Return the policy of the options and its environment. Raises ParameterError unless it is given once."""
+    """Return the policy of the options and its environment.
+
+    Raises ParameterError unless exactly one policy is given.
+    """
     require(
         (options.agent is None) != (options.task is None),
         "--agent",

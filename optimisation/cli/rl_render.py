@@ -95,7 +95,8 @@ def main(options: RenderOptions) -> None:
             for name in OF_AGENT:
                 if is_option_set(name):
                     raise BadInput(
-                        f"--{name} does not go with --agent: the agent acts, in the environment that it was trained in"
+                        f"--{name} does not go with --agent: the agent acts, in the "
+                        "environment that it was trained in"
                     )
             action = load_agent(options.agent)
             which = action.env_id

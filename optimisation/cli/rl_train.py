@@ -95,7 +95,10 @@ class TrainOptions:
         OptionSpec(
             names=("--from",),
             help=f"Policy that the actor imitates before training: {', '.join(STARTS)} or a path",
-            more="rule: the best rule of the task; agent: the agent that ships; the path of an agent's file, or of a data set of rl demonstrations.",
+            more=(
+                "rule: the best rule of the task; agent: the agent that ships; the path of an "
+                "agent's file, or of a data set of rl demonstrations."
+            ),
             type=str,
             metavar="START",
             default_text="as in the hyperparameters",
@@ -139,7 +142,10 @@ class TrainOptions:
 
 
 def plan(task: str, options: TrainOptions) -> list[Any]:
-    """Return the runs of a task; raise ParameterError before anything is trained if one cannot be made or gone on with."""
+    """Return the runs of a task.
+
+    Raises ParameterError before any training if a run cannot be started or continued.
+    """
     from optimisation.rl.starts import describe_start  # torch is slow to import
     from optimisation.rl.training import Job, Planned, check_folder
 
@@ -171,7 +177,10 @@ def plan(task: str, options: TrainOptions) -> list[Any]:
 
 
 def baseline_scores(task: str, job: Any) -> dict[str, float]:
-    """Return mean scores on the evaluation seeds of chance and of what was chosen without learning."""
+    """Return the baselines' mean scores on the evaluation seeds.
+
+    The baselines are random actions and the policies that were chosen without learning.
+    """
     from optimisation.rl.training import evaluate
 
     chosen = {"random": RandomPolicy(numbers=TASKS[task].numbers), **policies(task, job.arguments)}
@@ -207,7 +216,10 @@ def write(out: Path, task: str, baselines: dict[str, float], runs: list[Run]) ->
 
 
 def environment_arguments(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
-    """Return keyword arguments of the environment from names and JSON values; what is no JSON is text."""
+    """Return keyword arguments of the environment from names and JSON values.
+
+    A value that is not JSON is a string.
+    """
     arguments: dict[str, Any] = {}
     for name, text in pairs:
         try:
@@ -232,7 +244,10 @@ def train_task(task: str, options: TrainOptions) -> bool:
     )  # beside how an agent does
 
     def format_line(planned: Any, evaluation: TrainingEvaluation) -> str:
-        return f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   ({known})"
+        return (
+            f"{planned.label}: score {evaluation.score:.4f} after {evaluation.steps:,} steps   "
+            f"({known})"
+        )
 
     try:
         failures = train_all(
@@ -256,8 +271,9 @@ def train_task(task: str, options: TrainOptions) -> bool:
 def main(options: TrainOptions) -> None:
     """Train agents, seed by seed, and draw their learning curves.
 
-    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz (the agent of the best evaluation),
-    its best and its last two checkpoints and TensorBoard's files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
+    Each agent has a folder TASK/ALGORITHM/seed-N with settings.json, evaluations.csv, final.npz
+    (the agent of the best evaluation), its best and its last two checkpoints and TensorBoard's
+    files. Ctrl-C, or kill -9, ends training early, and the same command goes on from the last
     checkpoint; agents that are finished are not trained again.
     """
     if options.zoo is not None:

@@ -1,4 +1,7 @@
-"""Options that say what is simulated: structure, absorber, load; and the scene, method and schedule that they describe."""
+"""Options of what is simulated: structure, absorber and load.
+
+The scene, the method and the schedule are made from them.
+"""
 
 import math
 import warnings
@@ -62,17 +65,22 @@ from optimisation.tuned import minimax
 structure_option = TABLE["structure"]
 CONSTRAINTS = ("stroke", "impact_speed", "yield_stress")
 CONSTRAINT_MORE = (
-    "stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress (Pa, of the softer body of --contact, "
+    "stroke (m, from the middle of the cavity), impact_speed (m/s, the largest), yield_stress "
+    "(Pa, of the softer body of --contact, "
     f"whose peak pressure stays below {YIELD_PRESSURE:g} times it)."
 )
 FRICTION_TEXT = f"the paper's {PAPER_FRICTION} N by the scaling law, in proportion to the gap"
 
 
 def read_structure(path: Path) -> Structure:
-    """Return the structure of a file; its warnings are printed, a line each. Raises BadInput for a bladed disk."""
+    """Return the structure of a file, and print its warnings, one a line.
+
+    Raises BadInput for a bladed disk.
+    """
     if "cyclic" in read_plain(path):
         raise BadInput(
-            f"{path} is not allowed: a bladed disk is given with its absorbers, as --scene of sweep, compare or design gap"
+            f"{path} is not allowed: a bladed disk is given with its absorbers, as --scene of "
+            "sweep, compare or design gap"
         )
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StructureWarning)
@@ -92,7 +100,8 @@ def refuse_with_scene(*names: str) -> None:
     for name in names:
         if is_option_set(name):
             raise BadInput(
-                f"--{name.replace('_', '-')} does not go with --scene: the file says what structure and absorber are"
+                f"--{name.replace('_', '-')} does not go with --scene: the file says what "
+                "structure and absorber are"
             )
 
 
@@ -110,7 +119,10 @@ def read_disk(path: Path | None, *names: str) -> BladedDisk | None:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceOptions:
-    """Structure, and the scene of a structure with an impact absorber, of commands that choose or judge a device; None: not given."""
+    """Options for structure and scene of commands that choose or evaluate a device.
+
+    The scene is a structure with an impact absorber. None: not given.
+    """
 
     structure: Path | None = option("structure")
     scene: Path | None = option(
@@ -193,7 +205,10 @@ class RecommendationOptions(SummaryOptions):
 
 
 def read_limits(options: RecommendationOptions) -> tuple[Limits, YieldLimit | None]:
-    """Return the limits of stroke and impact speed, and that which yield sets to impacts; raises BadInput or ParameterError."""
+    """Return the limits of stroke and impact speed, and the limit of impacts by yield.
+
+    Raises BadInput or ParameterError.
+    """
     values = {name: positive(f"constraint {name}", value) for name, value in options.constraint}
     limits = Limits(values.get("stroke"), values.get("impact_speed"))
     stress = values.get("yield_stress")
@@ -218,7 +233,10 @@ def values_of(device: SlidingAbsorber) -> tuple[float, float]:
 
 
 class DeviceSource(NamedTuple):
-    """A structure with its file (None: the beam of the options, or of a scene), and the impact absorber of --scene."""
+    """A structure with its file, and the impact absorber of --scene.
+
+    Without a file (None) the structure is the beam of the options, or that of a scene.
+    """
 
     structure: Structure
     device: SlidingAbsorber | None = None
@@ -228,10 +246,12 @@ class DeviceSource(NamedTuple):
 def read_source(
     options: DeviceOptions, *allowed: str, position: float | None = None
 ) -> DeviceSource:
-    """Return the structure that the options describe, with the absorber at a ``position`` if one is given.
+    """Return the structure that the options describe.
 
-    Raises BadInput for an option of the structure or the absorber beside --scene, but for those of ``allowed``, and for options of the beam
-    beside --structure.
+    If a ``position`` is given, the absorber is placed there.
+
+    Raises BadInput for an option of the structure or the absorber beside --scene, but for those of
+    ``allowed``, and for options of the beam beside --structure.
     """
     specs = list_specs(type(options))
     if options.scene is not None:
@@ -268,7 +288,10 @@ def read_source_model(
 
 
 def read_device(path: Path, *names: str) -> tuple[Structure, SlidingAbsorber]:
-    """Return the structure and the impact absorber of a file; raises BadInput if one of the options that are named was given beside it."""
+    """Return the structure and the impact absorber of a file.
+
+    Raises BadInput if one of the options ``names`` is given as well.
+    """
     refuse_with_scene(*names)
     plain = read_plain(path)
     scene = to_scene(plain, path.parent)
@@ -307,7 +330,10 @@ def mass_ratio_of(mass_ratio: float, mass_kg: float | None, structure_mass: floa
 def mass_ratios_of(
     ratios: Sequence[float], masses_kg: Sequence[float], structure_mass: float
 ) -> tuple[float, ...]:
-    """Return the mass ratios of repeated --mass-ratio or --mass-kg, empty for none; raises BadInput if both are given."""
+    """Return the mass ratios of repeated --mass-ratio or --mass-kg.
+
+    The result is empty if neither is given. Raises BadInput if both are given.
+    """
     if not masses_kg:
         return tuple(ratios)
     if ratios:
@@ -316,7 +342,10 @@ def mass_ratios_of(
 
 
 def is_option_set(name: str) -> bool:
-    """Return whether an option of the command that runs was given, and has not its default; a command without it was not given it."""
+    """Return whether an option of the running command was given explicitly.
+
+    The result is False if the option has its default, or if the command does not have it.
+    """
     return click.get_current_context().get_parameter_source(name) not in (
         None,
         ParameterSource.DEFAULT,
@@ -325,11 +354,15 @@ def is_option_set(name: str) -> bool:
 
 
 def refuse_with_structure(structure: Path | None, *names: str) -> None:
-    """Raise BadInput if one of the options is given beside a structure, whose file says what it is about."""
+    """Raise BadInput if one of the options is given together with a structure.
+
+    The structure's file already contains what these options set.
+    """
     for name in names:
         if structure is not None and is_option_set(name):
             raise BadInput(
-                f"--{name.replace('_', '-')} does not go with --structure: the file says what the structure is"
+                f"--{name.replace('_', '-')} does not go with --structure: the file says what "
+                "the structure is"
             )
 
 
@@ -369,7 +402,11 @@ def _in_short(text: str, model: ModalModel, resonance: int) -> dict[str, Any] | 
 
 
 def warn_of_nodes(model: ModalModel, *resonances: int, moves_base: bool = False) -> None:
-    """Print a warning for each resonance whose mode does not move a place in use, at a node of which nothing is excited, absorbed or read."""
+    """Print a warning for each resonance whose mode has a node at a place in use.
+
+    These are the places of force or base motion, absorber and level. At a node the mode is not
+    excited, damped or measured.
+    """
     places = {
         "the base's motion": model.base_participation if moves_base else None,
         "the force's place": None if moves_base else np.abs(model.force_pattern),
@@ -387,13 +424,19 @@ def warn_of_nodes(model: ModalModel, *resonances: int, moves_base: bool = False)
         ]
         if still:
             click.echo(
-                f"warning: resonance {resonance}, at {hertz:.4g} Hz, has a node at {' and '.join(still)}",
+                (
+                    f"warning: resonance {resonance}, at {hertz:.4g} Hz, has a node at "
+                    f"{' and '.join(still)}"
+                ),
                 err=True,
             )
 
 
 def require_load_of_each_place(model: ModalModel, loads: Loads) -> None:
-    """Raise ParameterError where loads have places of their own, and one of the places of ``force`` has none, which would have no force."""
+    """Raise ParameterError if one of the places of ``force`` has no load.
+
+    This applies to loads that have places of their own. A place without load would have no force.
+    """
     if not loads.force_places:
         return
     acts = any(piece.place is None and not piece.moves_base for piece in loads.pieces())
@@ -422,13 +465,17 @@ def loads_of(
         ):
             name = "random load" if isinstance(part, Random) else "record"
             click.echo(
-                f"warning: {100 * share:.3g} % of the {name}'s mean square lies above the highest mode, {highest:.4g} Hz",
+                (
+                    f"warning: {100 * share:.3g} % of the {name}'s mean square lies above the "
+                    f"highest mode, {highest:.4g} Hz"
+                ),
                 err=True,
             )
         if isinstance(part, Samples) and (offset := part.drift()) is not None:
             moved = abs(offset) * part.duration**2 / 2
             click.echo(
-                f"warning: the base's record has an offset of {offset:.3g} m/s^2: from rest its displacement drifts by {moved:.3g} m, "
+                f"warning: the base's record has an offset of {offset:.3g} m/s^2: from rest "
+                f"its displacement drifts by {moved:.3g} m, "
                 "and a free absorber is pushed to one wall; subtract the mean",
                 err=True,
             )
@@ -479,9 +526,12 @@ def option_name(name: str) -> str:
 
 
 def absorber_specs(*names: str, **default_texts: str) -> dict[str, tuple[str, OptionSpec]]:
-    """Return the options of an absorber's values, by the plain names of the table of laws: of these ``names``, or of all.
+    """Return the options for an absorber's parameters.
 
-    A value that is not given keeps the library's default; ``default_texts`` are the words of the help for it.
+    They go by the plain names of the table of absorbers: the given ``names``, or all of them.
+
+    A value that is not given keeps the library's default; ``default_texts`` are the words of the
+    help for it.
     """
     texts = VALUE_DEFAULTS | default_texts
     specs = {}
@@ -557,7 +607,11 @@ Scenes = TypeVar("Scenes", bound=SceneOptions)
 
 
 class MadeScene(NamedTuple):
-    """A scene, its beam (None where a file has another structure), and the force in N (None: not given and by no rule)."""
+    """A scene, its beam, and the force in N.
+
+    The beam is None if a file has another structure. The force is None if it is neither given nor
+    follows from a rule.
+    """
 
     scene: Scene
     beam: Beam | None
@@ -576,7 +630,8 @@ def refuse_parts(options: SceneOptions) -> None:
         for name, of_structure in {"scene": options.scene, **beam}.items():
             if of_structure is not None:
                 raise BadInput(
-                    f"{option_name(name)} does not go with --structure: the file says what the structure is"
+                    f"{option_name(name)} does not go with --structure: the file says what "
+                    "the structure is"
                 )
     own: dict[str, object] = {
         OPTIONS.get(name, name): value for name, value in options.values.items()
@@ -600,7 +655,10 @@ def refuse_parts(options: SceneOptions) -> None:
 
 
 def with_mass_ratio(options: Scenes, structure_mass: float) -> Scenes:
-    """Return the options with the mass ratio that --mass-kg stands for, if it is given; raises BadInput if both are."""
+    """Return the options with the mass ratio that corresponds to --mass-kg, if given.
+
+    Raises BadInput if both mass and mass ratio are given.
+    """
     if options.mass_kg is None:
         return options
     ratio = mass_ratio_of(DEFAULT_MASS_RATIO, options.mass_kg, structure_mass)
@@ -608,7 +666,11 @@ def with_mass_ratio(options: Scenes, structure_mass: float) -> Scenes:
 
 
 def make_absorber(options: SceneOptions, model: ModalModel | None = None) -> Absorber | None:
-    """Return the absorber that the options describe; what is not given keeps the library's default, or on a file's ``model`` follows from a rule."""
+    """Return the absorber that the options describe.
+
+    Parameters that are not given have the library's defaults, or follow from rules on the ``model``
+    of a file.
+    """
     kind = kind_of(options)
     usual = {} if model is None or kind == "none" else by_rule(kind, options, model)
     return make(kind, usual | dict(options.values))
@@ -621,13 +683,19 @@ def mass_of(options: SceneOptions, model: ModalModel) -> float:
 
 
 def force_by_rule(options: SceneOptions, model: ModalModel) -> float:
-    """Return the force in N for which the design rule gives the gap that was given, or the library's default gap."""
+    """Return the force in N for which the design rule gives the absorber's gap.
+
+    The gap is the one of the options or the library's default.
+    """
     gap = positive("gap", options.values.get("gap", RigidWalls.gap))
     return design_force(model, mass_of(options, model), gap, options.resonance)
 
 
 def by_rule(kind: str, options: SceneOptions, model: ModalModel) -> dict[str, Any]:
-    """Return the defaults for another structure than the paper's: the gap by the design rule, tuned absorber, damper by the energy of a cycle.
+    """Return the default parameters of an absorber for a structure other than the paper's.
+
+    The impact absorber's gap follows from the design rule, the friction damper's limit from the
+    energy of a cycle. The tuned absorber is tuned by `minimax`.
 
     Without a force the gap is the library's, for which `force_by_rule` gives the force.
     """
@@ -648,7 +716,10 @@ def by_rule(kind: str, options: SceneOptions, model: ModalModel) -> dict[str, An
 
 
 def make_scene(options: SceneOptions) -> MadeScene:
-    """Return the scene that the options describe, and the force: on another structure than the paper's by the design rule, unless given."""
+    """Return the scene that the options describe, with its force.
+
+    On a structure other than the paper's beam the design rule gives the force, unless it is given.
+    """
     if options.scene is not None:
         plain = read_plain(options.scene)
         scene = to_scene(plain, options.scene.parent)
@@ -674,17 +745,24 @@ HEAVY = 0.5  # of the structure's mass
 
 
 def warn_of_mass(scene: Scene) -> None:
-    """Warn of an absorber that is heavier than half of the structure: its mass may be in kg or in %."""
+    """Print a warning if an absorber is heavier than half of the structure.
+
+    Its mass may have been given in kg or in % instead of a ratio.
+    """
     if scene.absorber is not None and scene.absorber.mass_ratio > HEAVY:
         click.echo(
-            f"warning: mass_ratio {scene.absorber.mass_ratio:g} is an absorber of {scene.absorber_mass:.4g} kg on a structure of "
+            f"warning: mass_ratio {scene.absorber.mass_ratio:g} is an absorber of "
+            f"{scene.absorber_mass:.4g} kg on a structure of "
             f"{scene.model.beam_mass:.4g} kg; the ratio is a share of the structure's mass",
             err=True,
         )
 
 
 def make_method(name: str, steps_per_period: int | None) -> Method:
-    """Return the method of a name, exact, moreau or runge-kutta, with its steps per period of the highest mode (None: the method's own)."""
+    """Return the method of a name: exact, moreau or runge-kutta.
+
+    ``steps_per_period``: steps per period of the highest mode (None: the default of the method).
+    """
     if name == "exact":
         return Exact()
     stepping = {"moreau": Moreau, "runge-kutta": RungeKutta}[name]

@@ -1,4 +1,7 @@
-"""Where commands begin: Ctrl-C while packages are still being imported ends with one line, as it does later."""
+"""Start of the commands: Ctrl-C during imports ends with one line.
+
+Ctrl-C has the same effect later.
+"""
 
 import atexit
 import os
@@ -25,7 +28,11 @@ def main(name: str = "impact-absorber") -> None:
 
 
 def leave(code: int) -> None:
-    """End the process with an exit code, at once where a kernel is being compiled, which holds LLVM's locks and heeds no signal."""
+    """End the process with an exit code.
+
+    While a kernel is being compiled, the process ends at once, because the compilation holds LLVM's
+    locks and ignores signals.
+    """
     parts = sys.modules.get("impact_env.kernels.compiling.parts")
     if parts is not None and parts.is_compiling():
         ending = Thread(target=atexit._run_exitfuncs, daemon=True)

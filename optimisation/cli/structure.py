@@ -26,7 +26,10 @@ NEAREST = 3  # distances that are listed
 
 
 def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
-    """Return the word for rows or nodes, their numbers (N,) and their places (N, 3) in m; raises BadInput if the file has none."""
+    """Return the word "rows" or "nodes", their numbers (N,) and coordinates (N, 3) in m.
+
+    Raises BadInput if the file has none.
+    """
     plain = read_plain(path)
     nodes = read_structure_nodes(path.parent, plain)
     if nodes is not None:
@@ -34,14 +37,19 @@ def coordinates(path: Path) -> tuple[str, NDArray[np.int64], Array]:
     name = plain.get("matrices", {}).get("coordinates")
     if name is None:
         raise BadInput(
-            "--near is for files with nodes (universal, nastran, ansys), or matrices with the key coordinates"
+            "--near is for files with nodes (universal, nastran, ansys), or matrices with the "
+            "key coordinates"
         )
     places = read_coordinates(path.parent / name)
     return "row", np.arange(len(places)), places
 
 
 def find_nearest(path: Path, point: tuple[float, float, float]) -> list[str]:
-    """Return lines with the nodes of a file, or the rows of its matrices, nearest to a point in m; rows of one node are listed together."""
+    """Return lines with the nodes of a file that are nearest to a point in m.
+
+    For a file of matrices the lines have the rows of its matrices. Rows of one node are listed
+    together.
+    """
     what, numbers, places = coordinates(path)
     distances = np.linalg.norm(places - np.array(point), axis=1)
     lines = []
@@ -82,7 +90,10 @@ class StructureOptions:
 
 @command(StructureOptions, examples=("structure arm.toml", "structure arm.toml --plot arm.png"))
 def main(options: StructureOptions) -> None:
-    """Show the structure of FILE: modes, shapes at force, absorber and response, masses; and the node nearest to a point."""
+    """Show the structure of FILE: modes, masses, and shapes at force, absorber and response.
+
+    The node nearest to a given point is shown as well.
+    """
     with plain_errors():
         check_targets({"json": options.json, "plot": options.plot})
         structure = read_structure(options.file)

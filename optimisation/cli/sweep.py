@@ -55,19 +55,26 @@ FORCE = 3.5  # N, where the paper's absorber works best in the first resonance
 REST = "rest"
 STEADY = "steady"
 SHORT = 2.0  # s: a run below this is timed three times
-TIME_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} left]"
+TIME_BAR = (
+    "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} pseudo periods [{elapsed}, {remaining} "
+    "left]"
+)
 DRAWN_MEMBERS = 32  # with the parameters of a posterior
 MOST_SAMPLED = 2**30  # bytes of states that a figure or measures may need
 T = TypeVar("T")
 
 
 START_MORE = (
-    "At rest, as in the paper, or in the steady state of the linear structure at the first frequency, "
+    "At rest, as in the paper, or in the steady state of the linear structure at the first "
+    "frequency, "
     "as in the commands that choose a design."
 )
 VALUE_TEXTS = {
     "gap": f"{RigidWalls.gap}, with --structure by the design rule",
-    "friction_limit": f"none for impact, {scenes.FRICTION_DAMPER_LIMIT} for friction, with --structure by the energy of a cycle",
+    "friction_limit": (
+        f"none for impact, {scenes.FRICTION_DAMPER_LIMIT} for friction, with --structure by the "
+        "energy of a cycle"
+    ),
     "friction_stiffness": "with compliant walls their stiffness",
     "stiffness": f"{TunedAbsorber.stiffness}, with --structure tuned",
     "damping": f"{TunedAbsorber.damping}, of a tuned one with --structure tuned",
@@ -82,7 +89,10 @@ class SweepOptions(scenes.SceneOptions):
         OptionSpec(
             names=("--absorber",),
             help=f"Kind of absorber: {', '.join(CONCEPTS)}",
-            more="Impact absorber, friction damper, linear tuned absorber, added mass (stuck), nonlinear sink, nothing.",
+            more=(
+                "Impact absorber, friction damper, linear tuned absorber, added mass (stuck), "
+                "nonlinear sink, nothing."
+            ),
             type=click.Choice(list(CONCEPTS)),
             metavar="KIND",
             default_text=scenes.DEFAULT_ABSORBER,
@@ -154,7 +164,10 @@ class SweepOptions(scenes.SceneOptions):
     uncertain: tuple[tuple[str, tuple[str, ...]], ...] = option(
         "uncertain",
         help="Posterior of calibrate, of which members have the parameters",
-        more=f"Members after the first have those of one draw each; {DRAWN_MEMBERS} of them without --members.",
+        more=(
+            f"Members after the first have those of one draw each; {DRAWN_MEMBERS} of them "
+            "without --members."
+        ),
         metavar="FILE",
     )
     seed: int = option("seed")
@@ -201,7 +214,10 @@ class SweepOptions(scenes.SceneOptions):
 def integration_time(
     scene: Scene, drive: Excitation, method: Method, most_events: int | None = None
 ) -> float:
-    """Return the time in s of an integration that observes nothing, without compilation: the median of three, or one if it is long."""
+    """Return the time in s of an integration without recording, without compilation.
+
+    It is the median of three integrations, or the time of one if it is long.
+    """
     timed = Timed(scene, drive, method, most_events)
     times = [timed.run().wall_time]
     while times[0] < SHORT and len(times) < 3:
@@ -210,7 +226,10 @@ def integration_time(
 
 
 def run_in_thread(work: Callable[[], T], bar: Bar) -> T:
-    """Do ``work`` in a thread, so that Ctrl-C is heard and the bar's clock runs while compiled code does."""
+    """Run ``work`` in a thread.
+
+    So Ctrl-C is handled and the bar's clock advances while compiled code runs.
+    """
     results: list[T] = []
     errors: list[Exception] = []
 
@@ -262,7 +281,10 @@ def compute(
     executor: Executor | None,
     drawn: Sequence[Scene] = (),
 ) -> SweepResult:
-    """Run all members, those after the first by an executor if there is one; the first is recorded, and timed by itself if that is asked for.
+    """Run all members and record the first one.
+
+    The further members are run by the executor if one is given. If requested, the first member is
+    timed separately.
 
     ``drawn``: scenes of the members after the first; empty: all have the same.
     """
@@ -276,7 +298,8 @@ def compute(
     ]
     if steady and every[0].start is None:
         raise BadInput(
-            "--start steady: there is no steady state to start from (it needs a harmonic load, damping at its frequency, no gravity and "
+            "--start steady: there is no steady state to start from (it needs a harmonic "
+            "load, damping at its frequency, no gravity and "
             "no start in the load's file)"
         )
     response = recorded(every[0], method, record, most_events)
@@ -317,11 +340,12 @@ def compute(
 
 
 def refuse_long(option: str, scene: Scene, schedule: FrequencySchedule, samples: int) -> None:
-    """Raise BadInput if the samples for an option would not fit into the memory that is allowed for them."""
+    """Raise BadInput if the samples for an option exceed the allowed memory."""
     size = 8 * (2 * scene.model.modes + 2) * schedule.periods * samples
     if size > MOST_SAMPLED:
         raise BadInput(
-            f"{option} of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: leave it out, or take fewer periods or modes"
+            f"{option} of {schedule.periods:g} pseudo periods needs {size / 2**30:.1f} GiB: "
+            "leave it out, or take fewer periods or modes"
         )
 
 
@@ -352,7 +376,11 @@ def measured(
 
 
 def print_and_write(report: Report, options: SweepOptions) -> None:
-    """Print a report, and write its numbers and figure; files are not named, unlike those of commands that choose their names."""
+    """Print a report, and write its numbers and figure.
+
+    The names of the written files are not printed, unlike those of commands that choose their
+    names.
+    """
     click.echo(render_text(report))
     write_files(list_named_files(report, options.json, plot=options.plot))
 
@@ -478,7 +506,8 @@ def refuse_runs(options: SweepOptions) -> None:
         raise BadInput("--steps-per-period does not go with --method exact: it has no steps")
     if options.most_events is not None and options.method != "exact":
         raise BadInput(
-            f"--most-events does not go with --method {options.method}: it steps through time, whatever happens"
+            f"--most-events does not go with --method {options.method}: it steps through "
+            "time, whatever happens"
         )
     if options.measures is not None and options.method != "exact":
         raise BadInput(
@@ -496,20 +525,25 @@ def refuse_runs(options: SweepOptions) -> None:
         )
     if not constant and options.periods is not None:
         raise BadInput(
-            "--periods is for a constant frequency, --to equal to --from: the length of a sweep follows from its rate"
+            "--periods is for a constant frequency, --to equal to --from: the length of a "
+            "sweep follows from its rate"
         )
     if constant and options.rate is not None:
         raise BadInput("--rate does not go with a constant frequency, --to equal to --from")
     if options.down and not options.start < options.stop:
         raise BadInput(
-            f"--down swaps --from and --to: it needs --from = {options.start} below --to = {options.stop}"
+            f"--down swaps --from and --to: it needs --from = {options.start} below --to = "
+            f"{options.stop}"
         )
 
 
 def make_schedule(
     options: SweepOptions, scene: Scene, limits: tuple[float, float]
 ) -> FrequencySchedule:
-    """Return the sweep, or the constant frequency, that the options ask for, between ``limits`` over the resonance."""
+    """Return the sweep or the constant frequency that the options describe.
+
+    ``limits``: ends of the sweep over the resonance.
+    """
     omega = scene.model.resonance_omega(options.resonance)
     start, stop = limits
     if start == stop:
@@ -538,7 +572,11 @@ def make_drive(options: SweepOptions, scene: Scene, force: float) -> Excitation:
 
 
 def limits_of(options: SweepOptions, scene: Scene) -> tuple[float, float]:
-    """Return the range of a sweep: with an absorber heavier than the paper's a wider one, unless a range is given."""
+    """Return the range of a sweep.
+
+    It is the given range. Without one, an absorber heavier than the paper's has a wider range than
+    the default.
+    """
     absorber = scene.absorber
     heavy = absorber is not None and absorber.mass_ratio > 1.05 * DEFAULT_MASS_RATIO
     range_set = scenes.is_option_set("start") or scenes.is_option_set("stop")
@@ -555,10 +593,13 @@ def limits_of(options: SweepOptions, scene: Scene) -> tuple[float, float]:
     ),
 )
 def main(options: SweepOptions) -> None:
-    """Integrate one sweep of the force's frequency through a resonance of the beam, and print what came out.
+    """Integrate one sweep of the frequency through a resonance and print the results.
 
-    In the JSON file response_level_m and level_frequency_ratio have one number for each member; impacts, tip and stuck time are those of the first
-    member, which runs here also with --cluster, and so are energy_balance_relative_error with --energy, and with --time wall_s: the time of an
+    The force acts on the beam.
+
+    In the JSON file response_level_m and level_frequency_ratio have one number for each member;
+    impacts, tip and stuck time are those of the first member, which runs here also with --cluster,
+    and so are energy_balance_relative_error with --energy, and with --time wall_s: the time of an
     integration alone, compiled and with nothing observed.
     """
     with plain_errors():

@@ -1,4 +1,7 @@
-"""The recommended values of the page's absorber at the marked load, by a search with quick sweeps or in closed form."""
+"""Recommended parameters of the page's absorber at the marked load.
+
+They follow from a search with quick sweeps or from a closed form.
+"""
 
 import math
 from collections.abc import Callable
@@ -24,7 +27,8 @@ from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import smallest_amplitude
 
 MEMBERS = 1  # as `design gap --quick`
-GAP_STEP = 1.15  # between the gaps of a search for two absorbers, and the change of load that the answer must bear
+# between the gaps of a search for two absorbers, and the change of load that the answer must bear
+GAP_STEP = 1.15
 GAP_STEPS = range(-2, 10)  # from 0.76 to 3.5 of the rule's gap
 SAME_RATIO_TOL = 0.1  # of 1, within which two absorbers have the same amplitude
 
@@ -40,7 +44,10 @@ class Recommendation(NamedTuple):
 
 
 def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
-    """Return the linear absorber with the smallest amplitude over the sweep's range; the same numbers are solved once, as it takes seconds."""
+    """Return the linear absorber with the smallest amplitude over the sweep's range.
+
+    The result is cached, because the solution takes seconds.
+    """
     shapes = (
         model.omega,
         model.damping_ratio,
@@ -60,8 +67,8 @@ def recommend_values(
 ) -> Recommendation:
     """Return the recommended values of an absorber at the marked load.
 
-    ``structure`` is the page's and ``model`` has the first absorber's place; ``report`` is called with the finished and all runs. Raises `Newer`
-    after a ``stop``.
+    ``structure`` is the page's and ``model`` has the first absorber's place; ``report`` is called
+    with the finished and all runs. Raises `Newer` after a ``stop``.
     """
     mass = values["mass_ratio"] * model.beam_mass
     loading = Loading(values.load, model, values.resonance)
@@ -98,7 +105,8 @@ def recommend_values(
     if stop.given or best is None:
         raise Newer
     why = (
-        f"the lowest level over ±{100 * advice.tolerance:.0f} % of the force, by {advice.sweeps} sweeps; "
+        f"the lowest level over ±{100 * advice.tolerance:.0f} % of the force, by "
+        f"{advice.sweeps} sweeps; "
         f"the design rule begins at {1e3 * advice.check.rule:.3g} mm"
     )
     return Recommendation({"gap": best.gap, "friction": best.friction_limit}, why)
@@ -125,10 +133,13 @@ def search_gap_for_load(values: ControlValues, loading: Loading, watch: Report) 
 def search_two_gaps(
     values: ControlValues, structure: Structure, rule: float, stop: Stop, report: Report
 ) -> Recommendation:
-    """Return the gaps of two absorbers with the lowest level that a change of load by `GAP_STEP` leaves low.
+    """Return the gaps of two absorbers with the lowest robust level.
 
-    The gaps are multiples of the ``rule`` in m, the second one's equal to the first one's, or in proportion to the mode's amplitude at its place. By
-    the scaling law a neighbouring gap has, relative to the load, the level of a load changed by a step.
+    That is the lowest level that remains low if the load changes by `GAP_STEP`.
+
+    The gaps are multiples of the ``rule`` in m, the second one's equal to the first one's, or in
+    proportion to the mode's amplitude at its place. By the scaling law a neighbouring gap has,
+    relative to the load, the level of a load changed by a step.
     """
     ratios = [1.0]
     mode = values.resonance - 1
@@ -149,12 +160,18 @@ def search_two_gaps(
             worst = max(levels[j] * (gaps[k] / gaps[j]) for j in (k - 1, k, k + 1))
             if worst < best[0]:
                 best = worst, {"gap": gaps[k], "second_gap": ratio * gaps[k]}
-    why = f"the lowest level that ±{100 * (GAP_STEP - 1):.0f} % of the load leaves low, of {total} pairs of gaps by {2 * total} sweeps"
+    why = (
+        f"the lowest level that ±{100 * (GAP_STEP - 1):.0f} % of the load leaves low, of {total} "
+        f"pairs of gaps by {2 * total} sweeps"
+    )
     return Recommendation(best[1], why)
 
 
 def find_level(values: ControlValues, structure: Structure, stop: Stop) -> float:
-    """Return the level in m at the marked load, of one member in both directions, infinite where a run fails; raises `Newer` after a ``stop``."""
+    """Return the level in m at the marked load, of one member in both directions.
+
+    It is infinite if a run fails. Raises `Newer` after a ``stop``.
+    """
     scene = scene_of(values, structure)
     loading = Loading(values.load, scene.model, values.resonance)
     case = CurveCase(

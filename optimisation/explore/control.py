@@ -8,10 +8,14 @@ from impact_env.parameters import ParameterError
 
 @dataclass(frozen=True)
 class Control:
-    """One number: its value in SI units lies from ``low`` to ``high``; the page shows it times ``per`` in ``unit``.
+    """A numerical control of the page.
 
-    ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts`` and ``loads``: those that it is for, empty for all.
-    ``group``: the key of `GROUPS` under which it stands; ``about``: a sentence for who does not know it.
+    Its value in SI units lies from ``low`` to ``high``. The page shows the value times ``per`` in
+    ``unit``.
+
+    ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts`` and
+    ``loads``: those that it is for, empty for all. ``group``: the key of `GROUPS` under which it
+    stands; ``about``: a sentence for who does not know it.
     """
 
     name: str
@@ -40,7 +44,9 @@ class Control:
 
 @dataclass(frozen=True)
 class ControlValues:
-    """The checked values of a page's controls in SI units. ``instant``: time into the sweep in s around which motion is drawn.
+    """The checked values of a page's controls in SI units.
+
+    ``instant``: time in s from the start of the sweep around which the motion is drawn.
 
     None: the time of the level.
     """

@@ -27,7 +27,10 @@ MOST_MISTUNED = 0.1  # standard deviation of the sectors' frequencies
 
 
 def find_disk_amplitude(disk: BladedDisk) -> float:
-    """Return the amplitude in m of the tuned disk without absorbers at its excited resonance, for 1 N on each sector, about."""
+    """Return the approximate resonance amplitude in m of a tuned disk without absorbers.
+
+    It is that at the excited resonance for 1 N on each sector.
+    """
     tuned = disk.tuned().with_absorbers(())
     mode = find_excited_resonance(tuned) - 1
     model = tuned.model
@@ -75,7 +78,10 @@ def disk_controls(disk: BladedDisk) -> tuple[Control, ...]:
             disk.engine_order,
             whole=True,
             group="load",
-            about="Periods of the travelling force around the disk; it excites as many nodal diameters.",
+            about=(
+                "Periods of the travelling force around the disk; it excites as many nodal "
+                "diameters."
+            ),
         ),
         Control(
             "gap",
@@ -143,7 +149,10 @@ def disk_controls(disk: BladedDisk) -> tuple[Control, ...]:
 
 
 def disk_of(values: ControlValues, disk: BladedDisk) -> BladedDisk:
-    """Return the disk with the page's engine order, mistuning and absorbers; raises ParameterError where they do not go together."""
+    """Return the disk with the page's engine order, mistuning and absorbers.
+
+    Raises ParameterError if they cannot be combined.
+    """
     order = int(values.numbers.get("engine_order", disk.engine_order))
     mistuning = replace(disk.ring.mistuning, frequency=values["mistuning"])
     own = replace(

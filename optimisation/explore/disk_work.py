@@ -1,4 +1,7 @@
-"""What the explorer computes for a bladed disk: levels are those of the sector with the highest one, and all sectors move on the page."""
+"""Computations of the explorer for a bladed disk.
+
+Levels are those of the worst sector, and the motion of all sectors is drawn.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,7 +31,10 @@ WINDOWS = 300  # of the level over the frequency
 
 @dataclass(frozen=True, eq=False)
 class DiskCurveCase(CurveCase):
-    """The sweeps of a disk, whose frequencies refer to a resonance of the tuned disk at ``reference_omega`` in rad/s."""
+    """The sweeps of a disk.
+
+    Their frequencies refer to a resonance of the tuned disk at ``reference_omega`` in rad/s.
+    """
 
     reference_omega: float = 1.0
 
@@ -131,7 +137,10 @@ class DiskWork(Work):
         }
 
     def responses(self) -> Iterator[Message]:
-        """Yield the amplitude of the worst sector without absorbers over the frequency, then the levels of the worst sector."""
+        """Yield the worst sector's amplitude over the frequency without absorbers.
+
+        Then the levels of the worst sector over the frequency are yielded.
+        """
         ratios = np.linspace(*self.limits, POINTS)
         omega = self.reference_omega
         free = self.disk.with_absorbers(())
@@ -155,7 +164,10 @@ class DiskWork(Work):
         yield dict(message, levels=levels, complete=True)
 
     def worst_levels(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the frequency over the resonance and the RMS in m of the worst sector in windows of the page's sweep."""
+        """Return the frequency over the resonance and the RMS in m of the worst sector.
+
+        They are those of each window of the page's sweep.
+        """
         self._go_on()
         schedule = self.case().schedules()[1 if self.values.direction == "down" else 0]
         lane = Lane(scene, self.loading.act(self.intensity, schedule), steady_start=True)
@@ -171,7 +183,10 @@ class DiskWork(Work):
 def worst_amplitudes(
     disk: BladedDisk, force: float, omega: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the largest amplitude in m over the sectors of a disk without absorbers, at frequencies in rad/s."""
+    """Return the largest amplitude in m over the sectors of a disk without absorbers.
+
+    ``omega``: frequencies in rad/s.
+    """
     response = linear_sector_response(
         disk.ring, omega, disk.engine_order, disk.direction, disk.modes
     )

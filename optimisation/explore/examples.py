@@ -1,4 +1,7 @@
-"""Structures and settings that the explorer's page offers to begin with, each of which shows one thing."""
+"""Structures and settings that the explorer's page offers as examples.
+
+Each example demonstrates one effect.
+"""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -32,7 +35,10 @@ SECTORS = 8
 
 
 def make_disk() -> BladedDisk:
-    """Return a disk of blades of 1 kg at 100 Hz, damped by 1 % and weakly coupled, under engine order 2."""
+    """Return an example disk of blades of 1 kg at 100 Hz.
+
+    They are damped by 1 %, weakly coupled, and excited by engine order 2.
+    """
     ring = ring_of_masses(SECTORS, coupling=0.01, frequency=100.0, damping_ratio=0.01)
     return BladedDisk(ring, engine_order=2, amplitude=20.0)
 
@@ -47,7 +53,11 @@ class PageStructure:
 
 @dataclass(frozen=True)
 class Example:
-    """A setting to click: the key of its structure, the values that differ from the defaults, and what it shows."""
+    """An example setting of the page.
+
+    It has the key of its structure, the values that differ from the defaults, and a description of
+    what it shows.
+    """
 
     title: str
     about: str
@@ -84,7 +94,10 @@ EXAMPLES = (
 
 
 def make_structures(structure: PageModel, title: str) -> dict[str, PageStructure]:
-    """Return the structures of a page by their keys: the own one first, then those of the examples."""
+    """Return the structures of a page by their keys.
+
+    The page's own structure is first, followed by those of the examples.
+    """
     structures = {OWN: PageStructure(title, structure)}
     if not (isinstance(structure, Beam) and structure == Beam()):
         structures[PAPER] = PageStructure("the paper's beam", Beam())
@@ -98,7 +111,9 @@ MEASURED = ("mass_ratio", "gap", "restitution", "friction_limit")
 
 
 def make_measured_example(posterior: Posterior, structure: PageModel) -> Example:
-    """Return the example of a device that `calibrate` has measured: the medians as its setting, the 90 % intervals in its words.
+    """Return the example of a device that `calibrate` has measured.
+
+    Its setting has the posterior's medians, and its description the 90 % intervals.
 
     Raises ParameterError for a device that the page's controls do not have.
     """
@@ -123,7 +138,10 @@ def make_measured_example(posterior: Posterior, structure: PageModel) -> Example
 def examples_to_list(
     structures: dict[str, PageStructure], more: Sequence[Example] = ()
 ) -> list[dict[str, Any]]:
-    """Return the examples for the page, with the keys of its structures; those that it has besides the usual ones are first."""
+    """Return the examples for the page, with the keys of their structures.
+
+    The examples ``more`` are first.
+    """
     rows = [asdict(example) for example in (*more, *EXAMPLES)]
     for row in rows:
         if row["structure"] not in structures:

@@ -1,4 +1,7 @@
-"""What the numbers of the explorer's page mean: a sentence each for the page, a paragraph each for its help, which needs no network."""
+"""Meaning of the numbers on the explorer's page.
+
+Each has a sentence for the page and a paragraph for its help, which needs no network.
+"""
 
 import html
 from dataclasses import dataclass
@@ -35,8 +38,10 @@ CARD_NUMBERS = (
         "mm",
         1e3,
         "RMS of the displacement around its largest value in the sweep.",
-        "The response level is the RMS of the displacement over 10 periods to either side of its largest value in a sweep through "
-        "the resonance. Of several members it is the median; with both directions each member counts with the larger one. "
+        "The response level is the RMS of the displacement over 10 periods to either side of "
+        "its largest value in a sweep through "
+        "the resonance. Of several members it is the median; with both directions each member "
+        "counts with the larger one. "
         "For a random force it is the RMS of the whole run after the start.",
     ),
     CardNumber(
@@ -45,8 +50,10 @@ CARD_NUMBERS = (
         "mm",
         1e3,
         "Range in which the level of another run lies with 90 %.",
-        "Impacts make the level a random quantity: runs that differ in the phase and a millionth of the force end at different levels. "
-        "The band is a prediction interval from the spread of the members (Student's distribution of the logarithm); with one member "
+        "Impacts make the level a random quantity: runs that differ in the phase and a "
+        "millionth of the force end at different levels. "
+        "The band is a prediction interval from the spread of the members (Student's "
+        "distribution of the logarithm); with one member "
         "there is none.",
     ),
     CardNumber(
@@ -55,7 +62,10 @@ CARD_NUMBERS = (
         "mm",
         1e3,
         "Level of the same structure, load and sweep without absorber.",
-        "The percentage at the top of the page is the level over this one. The structure is linear, so it grows in proportion to the load.",
+        (
+            "The percentage at the top of the page is the level over this one. The structure is "
+            "linear, so it grows in proportion to the load."
+        ),
     ),
     CardNumber(
         "limit",
@@ -63,8 +73,10 @@ CARD_NUMBERS = (
         "mm",
         1e3,
         "No device of this mass in this cavity can come below it.",
-        "Whatever happens in the cavity, the mass can move by the gap only, so its force on the structure has a bound. Up to some load "
-        "the bound is 0: nothing is ruled out. Above it no device of this mass and gap, also no controlled one, has a lower level.",
+        "Whatever happens in the cavity, the mass can move by the gap only, so its force on "
+        "the structure has a bound. Up to some load "
+        "the bound is 0: nothing is ruled out. Above it no device of this mass and gap, also "
+        "no controlled one, has a lower level.",
     ),
     CardNumber(
         "share",
@@ -88,17 +100,24 @@ CARD_NUMBERS = (
         "mm",
         1e3,
         "Gap from which a search for this load begins; it grows with the load.",
-        "The design rule is the gap at which the limit begins to bind: with a smaller one even the best device of this mass cannot "
-        "suppress the resonance. The best simulated gaps are somewhat larger. Gap, friction limit and load times the same factor give "
-        "the same motion times this factor, so a gap fits one load. <em>Recommended</em> searches by simulation.",
+        "The design rule is the gap at which the limit begins to bind: with a smaller one "
+        "even the best device of this mass cannot "
+        "suppress the resonance. The best simulated gaps are somewhat larger. Gap, friction "
+        "limit and load times the same factor give "
+        "the same motion times this factor, so a gap fits one load. <em>Recommended</em> "
+        "searches by simulation.",
     ),
     CardNumber(
         "reach",
         "Free amplitude over gap",
         "",
         1,
-        "How far the structure moves without absorber, in gaps; below 1 the mass can miss the walls.",
-        "The amplitude without absorber at the design rule's gap over that gap, times rule over gap. An impact absorber needs a structure "
+        (
+            "How far the structure moves without absorber, in gaps; below 1 the mass can miss the "
+            "walls."
+        ),
+        "The amplitude without absorber at the design rule's gap over that gap, times rule "
+        "over gap. An impact absorber needs a structure "
         "that moves several gaps; a heavily damped structure or a node leaves too little.",
     ),
     CardNumber(
@@ -115,7 +134,8 @@ CARD_NUMBERS = (
         "",
         1,
         "Of each mass, mean over the sweep; near the level's maximum there are more.",
-        "About two impacts in each period of the vibration mean that the mass moves with the structure: the load is then too strong for "
+        "About two impacts in each period of the vibration mean that the mass moves with the "
+        "structure: the load is then too strong for "
         "the gap. Fewer and irregular impacts scatter energy into higher modes, where it is lost.",
     ),
     CardNumber(
@@ -124,7 +144,10 @@ CARD_NUMBERS = (
         "m/s",
         1,
         "Largest relative speed at an impact in the run that is drawn.",
-        "With the materials and radii in contact it determines contact force and yield (design gap --contact).",
+        (
+            "With the materials and radii in contact it determines contact force and yield "
+            "(design gap --contact)."
+        ),
     ),
     CardNumber(
         "rms_speed",
@@ -172,7 +195,10 @@ CARD_NUMBERS = (
         "% / 100 periods",
         1,
         "Change of the load's frequency; sweeps start from the steady state.",
-        "Slow enough for the damping: 1 % of the resonance frequency in 100 periods, less by the square of a damping below 1 %.",
+        (
+            "Slow enough for the damping: 1 % of the resonance frequency in 100 periods, less by "
+            "the square of a damping below 1 %."
+        ),
     ),
 )
 
@@ -180,23 +206,31 @@ QUESTIONS = (
     Question(
         "did",
         "What did the absorber do?",
-        "The large number is the level with the absorber over that without. Green: it at least halves the level. Amber: it lowers it by "
-        "at least a tenth. Red: it hardly helps, or makes it worse. The absorber is a free mass in a cavity of the structure. Impacts take "
-        "energy out of the resonance: a part is lost at the walls and in friction, a part goes into higher modes, which lose it.",
+        "The large number is the level with the absorber over that without. Green: it at "
+        "least halves the level. Amber: it lowers it by "
+        "at least a tenth. Red: it hardly helps, or makes it worse. The absorber is a free "
+        "mass in a cavity of the structure. Impacts take "
+        "energy out of the resonance: a part is lost at the walls and in friction, a part "
+        "goes into higher modes, which lose it.",
     ),
     Question(
         "bends",
         "Why does the curve bend?",
-        "Without absorber the level is proportional to the load: a straight line. At low loads the structure moves less than the gap and the "
-        "mass hardly hits. Then impacts begin, and the level hardly grows with the load over a wide range: here the absorber works. Above it "
-        "the cavity is too narrow. The mass hits both walls once a period and moves with the structure, and the level jumps up. The limit "
+        "Without absorber the level is proportional to the load: a straight line. At low "
+        "loads the structure moves less than the gap and the "
+        "mass hardly hits. Then impacts begin, and the level hardly grows with the load over "
+        "a wide range: here the absorber works. Above it "
+        "the cavity is too narrow. The mass hits both walls once a period and moves with the "
+        "structure, and the level jumps up. The limit "
         "(dashed) says where this must happen for the mass and gap.",
     ),
     Question(
         "which",
         "Which gap should I build?",
-        "Set the load that your structure has, then press <em>Recommended</em>: it simulates many gaps and takes the one with the lowest level "
-        "that holds for 10 % more and less load. The lowest level of all is at the edge of the jump, where a little more load is too much. "
+        "Set the load that your structure has, then press <em>Recommended</em>: it simulates "
+        "many gaps and takes the one with the lowest level "
+        "that holds for 10 % more and less load. The lowest level of all is at the edge of "
+        "the jump, where a little more load is too much. "
         "The command <code>impact-absorber design gap</code> answers in more detail.",
     ),
 )
@@ -216,12 +250,18 @@ LINES = (
     (
         "line-friction",
         "friction damper",
-        "The same mass without walls, with the friction limit that loses most energy at the middle of the curve.",
+        (
+            "The same mass without walls, with the friction limit that loses most energy at the "
+            "middle of the curve."
+        ),
     ),
     (
         "line-tuned",
         "tuned absorber",
-        "The same mass on a spring and damper, with the lowest peak: best at this resonance, useless at others.",
+        (
+            "The same mass on a spring and damper, with the lowest peak: best at this resonance, "
+            "useless at others."
+        ),
     ),
     ("line-pinned", "pinned", "The setting that you pinned, to compare with."),
     (
@@ -237,10 +277,12 @@ LINES = (
 )
 
 PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark"><title>What the explorer shows</title>
 <link rel="icon" href="assets/icon.svg"><link rel="stylesheet" href="assets/style.css"></head>
-<body class="help"><h1>What the explorer shows</h1>{questions}<h2>Numbers</h2><dl>{numbers}</dl><h2>Lines</h2><dl>{lines}</dl></body></html>
+<body class="help"><h1>What the explorer shows</h1>{questions}
+<h2>Numbers</h2><dl>{numbers}</dl><h2>Lines</h2><dl>{lines}</dl></body></html>
 """
 
 
@@ -250,7 +292,10 @@ def format_help() -> str:
         f'<h2 id="{one.key}">{html.escape(one.title)}</h2><p>{one.answer}</p>' for one in QUESTIONS
     )
     numbers = "".join(
-        f'<dt id="{row.key}">{html.escape(row.label)}</dt><dd>{html.escape(row.about)} {row.more}</dd>'
+        (
+            f'<dt id="{row.key}">{html.escape(row.label)}</dt><dd>{html.escape(row.about)} '
+            f"{row.more}</dd>"
+        )
         for row in CARD_NUMBERS
     )
     lines = "".join(

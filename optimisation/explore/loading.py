@@ -1,4 +1,7 @@
-"""What acts on the explorer's structure: a force, an unbalance or a base that is swept, or a random force; one table for page, runs and files."""
+"""Loads of the explorer: a swept force, unbalance or base motion, or a random force.
+
+One table of them serves page, runs and files.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -29,7 +32,10 @@ FINE = replace(FULL, samples_per_period=SAMPLES)
 
 @dataclass(frozen=True, eq=False)
 class Loading:
-    """A ``kind`` of `LOADS` near a ``resonance`` of a ``model``. Its intensity is in N, kg m, m/s^2, or N (RMS) of a random force."""
+    """A load of a ``kind`` of `LOADS` near a ``resonance`` of a ``model``.
+
+    Its intensity is in N, kg m, m/s^2, or N (RMS) for a random force.
+    """
 
     kind: str
     model: ModalModel
@@ -41,7 +47,10 @@ class Loading:
         return self.kind != "random"
 
     def file(self, intensity: float, schedule: FrequencySchedule) -> Plain:
-        """Return it in the form of `docs/loads.md`; a random force lasts as long as a ``schedule``."""
+        """Return the load in the form of `docs/loads.md`.
+
+        A random force lasts as long as the ``schedule``.
+        """
         sizes = {"force": "amplitude_n", "unbalance": "unbalance_kg_m", "base": "acceleration_m_s2"}
         if self.swept:
             own = {
@@ -72,7 +81,11 @@ class Loading:
 
     @property
     def measure(self) -> Measure | None:
-        """What a curve shows: of a random force the RMS after the start, else the response level (None)."""
+        """Measure of a curve.
+
+        It is the RMS after the start for a random force, and the response level (None) for other
+        loads.
+        """
         return None if self.swept else measure_rms
 
     @property
@@ -82,7 +95,10 @@ class Loading:
 
     @property
     def worth(self) -> float:
-        """The harmonic force in N that moves the resonance's mode as one unit of a swept load does; infinite where a force cannot."""
+        """The equivalent harmonic force in N of one unit of a swept load.
+
+        It moves the resonance's mode as the load does. It is infinite if no force can do so.
+        """
         k = self.resonance - 1
         omega = self.model.resonance_omega(self.resonance)
         if self.kind == "base":
@@ -99,8 +115,9 @@ class Loading:
     def rule_gap(self, mass: float, intensity: float) -> float:
         """Return the gap in m from which a search would begin for an absorber of a ``mass`` in kg.
 
-        It is the design rule's for the force that a swept load is worth; of a random force `START` times the free motion's RMS, near enough: the
-        resonance's mode alone counts, and its damping is 1e-4 at least.
+        It is the design rule's for the force that a swept load is worth; of a random force `START`
+        times the free motion's RMS, near enough: the resonance's mode alone counts, and its damping
+        is 1e-4 at least.
         """
         if self.swept:
             return design_gap(self.model, mass, intensity * self.worth, self.resonance)
@@ -111,7 +128,10 @@ class Loading:
         return float(START * intensity * np.abs(shapes) / omega**2 * np.sqrt(np.pi / (4 * damping)))
 
     def driven(self, omega: NDArray[np.float64]) -> tuple[ModalModel, NDArray[np.float64] | float]:
-        """Return a model whose force is this load, and by how much a unit of it drives it at frequencies in rad/s; random: in N/sqrt(Hz)."""
+        """Return a model whose force is this load, and the force per unit of load.
+
+        The force per unit is given at frequencies in rad/s. For a random force it is in N/sqrt(Hz).
+        """
         if self.kind == "base":
             assert self.model.base_participation is not None
             return replace(self.model, force_shape=-self.model.base_participation), 1.0

@@ -1,4 +1,7 @@
-"""The explorer's server: one page, and a socket for each tab of it, on this machine only. The thread of a tab computes its newest setting."""
+"""The explorer's server: one page, and a socket for each of its tabs, on this machine only.
+
+Each tab has a thread that computes its newest setting.
+"""
 
 import asyncio
 import errno
@@ -58,15 +61,22 @@ ASSETS = Path(__file__).parent / "assets"
 LOOPBACK = {"127.0.0.1", "::1", "localhost"}
 ALL_ADDRESSES = {"0.0.0.0", "::"}
 OWN_ADDRESS = "an address or a name of this machine"
-REFUSED = "this page answers only to names of its own; another one is allowed by impact-absorber explore --name NAME"
+REFUSED = (
+    "this page answers only to names of its own; another one is allowed by impact-absorber "
+    "explore --name NAME"
+)
 # of a message
 MOST_TABS = 8
 MOST_BYTES = 16384
 REPORT_INTERVAL = 0.1  # s between messages about a search
-FIRST_PASS = 0.4  # s that a first pass may take once a newer setting is there: a drag shows something, and does not lag behind
+# s that a first pass may take once a newer setting is there: a drag shows something, and does not
+# lag behind
+FIRST_PASS = 0.4
 HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
@@ -76,7 +86,9 @@ HEADERS = {
 
 @dataclass(frozen=True)
 class Names:
-    """Names in a Host header under which the server answers, with any port, as a tunnel has one of its own.
+    """Names in a Host header under which the server responds.
+
+    Any port is allowed, because a tunnel has a port of its own.
 
     ``anywhere``: also numeric addresses, which no name server can bind to this machine.
     """
@@ -105,7 +117,8 @@ def is_numeric(name: str) -> bool:
 class Guard:
     """Passes on requests to a name of this server, and from its own page only.
 
-    The page of another site that reaches the port, by its address or by a name that was bound to it, has another Origin or Host.
+    The page of another site that reaches the port, by its address or by a name that was bound to
+    it, has another Origin or Host.
     """
 
     def __init__(self, app: ASGIApp, names: Names) -> None:
@@ -147,7 +160,11 @@ class Guard:
 
 
 class Outbox:
-    """Messages to a page. A newer one replaces one of the same sort that was not sent yet, so that their number is bounded."""
+    """Queue of messages to a page.
+
+    A new message replaces one of the same sort that was not sent yet, so that the number of
+    messages is bounded.
+    """
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -192,7 +209,8 @@ class Tab:
     def handle(self, plain: Any) -> None:
         """Check a message of the page and begin with it.
 
-        It is ``{"number": n, "structure": key, "values": {...}}``, with ``"recommend": true`` for advice instead of figures.
+        It is ``{"number": n, "structure": key, "values": {...}}``, with ``"recommend": true`` for
+        advice instead of figures.
         """
         ok = (
             isinstance(plain, dict)
@@ -233,7 +251,11 @@ class Tab:
         self.outbox.put({"type": "refused", "number": number, "errors": errors})
 
     def _hurry(self) -> None:
-        """Stop what is under way; its first pass, which would leave nothing to see, only if it takes long."""
+        """Stop the running computation.
+
+        Its first pass is stopped only if it takes long, because without it the page would have
+        nothing to show.
+        """
         work = self._work
         if work is None:
             return
@@ -282,7 +304,10 @@ class Tab:
                     {
                         "type": "failed",
                         "number": number,
-                        "error": "an error of the explorer itself: details are printed where it was started",
+                        "error": (
+                            "an error of the explorer itself: details are printed where it was "
+                            "started"
+                        ),
                     }
                 )
 
@@ -324,7 +349,9 @@ def make_app(
     started: Callable[[], object] = lambda: None,
     examples: Sequence[Example] = (),
 ) -> Starlette:
-    """Return the application for a structure of a ``name``; ``names``: what a Host header may say; ``started`` is called once it serves.
+    """Return the application for a structure of a ``name``.
+
+    ``names``: allowed names in a Host header. ``started`` is called once the application serves.
 
     ``examples``: those that the page has besides the usual ones.
     """
@@ -415,7 +442,8 @@ def make_app(
 def bound(host: str, port: int) -> socket.socket:
     """Return a socket that listens at an address; port 0 is any that is free.
 
-    Raises ParameterError for an address that this machine does not have, and for a port that cannot be had there.
+    Raises ParameterError for an address that this machine does not have, and for a port that cannot
+    be had there.
     """
     try:
         family, kind, _, _, address = socket.getaddrinfo(
@@ -451,7 +479,8 @@ def page_address(listening: socket.socket) -> str:
 def names_of(*hosts: str) -> Names:
     """Return the names for an address that the server listens at, and for further ones.
 
-    At an address of this machine alone these are its names; at any other one, all numeric addresses and the machine's name as well.
+    At an address of this machine alone these are its names; at any other one, all numeric addresses
+    and the machine's name as well.
     """
     allowed = {host.lower().strip("[]") for host in hosts}
     if hosts[0] in LOOPBACK:
@@ -468,7 +497,10 @@ def serve(
     started: Callable[[], object],
     examples: Sequence[Example] = (),
 ) -> None:
-    """Serve until Ctrl-C, on a socket that listens; ``hosts`` as `names_of` takes them, ``examples`` as `make_app`."""
+    """Serve on a listening socket until Ctrl-C.
+
+    ``hosts`` are those of `names_of`, ``examples`` those of `make_app`.
+    """
     app = make_app(structure, name, names_of(*hosts), started, examples)
     limits: dict[str, Any] = {
         "ws_max_size": MOST_BYTES,

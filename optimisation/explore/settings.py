@@ -1,4 +1,7 @@
-"""The controls of the explorer's page: one table, and from their values to a scene. Values that a page sends are checked, never evaluated."""
+"""The controls of the explorer's page, and the scene that follows from their values.
+
+The controls are one table. Values that a page sends are checked, never evaluated.
+"""
 
 import math
 from collections.abc import Mapping
@@ -60,7 +63,10 @@ LONGEST = 40  # characters of a refused value in its message
 
 
 def find_default_force(structure: Structure, model: ModalModel) -> float:
-    """Return the force in N at which the page begins: the paper's, or the design rule's for the default gap."""
+    """Return the initial force in N of the page.
+
+    It is the paper's force, or the design rule's force for the default gap.
+    """
     if isinstance(structure, Beam) and structure == Beam():
         return PAPER_FORCE
     try:
@@ -71,7 +77,10 @@ def find_default_force(structure: Structure, model: ModalModel) -> float:
 
 
 def load_controls(structure: Structure, model: ModalModel) -> list[Control]:
-    """Return the controls of the loads' amplitudes, whose usual values are worth about the same force at the first resonance."""
+    """Return the controls of the loads' amplitudes.
+
+    Their defaults are equivalent to about the same force at the first resonance.
+    """
     force = find_default_force(structure, model)
     rows = [
         ("force", "Force", force, "N", 1.0, "Amplitude of the harmonic force."),
@@ -216,7 +225,10 @@ def absorber_controls() -> list[Control]:
 
 
 def place_controls(structure: Structure, model: ModalModel) -> list[Control]:
-    """Return the controls of the absorbers' places: shares of a beam's length, or numbers of a model's places."""
+    """Return the controls of the absorbers' places.
+
+    They are shares of a beam's length, or numbers of a model's places.
+    """
     single = tuple(name for name in CONCEPTS if name not in ("two", "none"))
     if isinstance(structure, Beam):
         whole = False
@@ -314,13 +326,19 @@ def concepts_on(structure: PageModel) -> dict[str, str]:
 
 
 def loads_on(structure: PageModel) -> dict[str, str]:
-    """Return the loads that a structure can have, by name: a base only where it says how a base moves it."""
+    """Return the loads that a structure can have, by name.
+
+    Base motion is included only if the structure says how a base moves it.
+    """
     names = {load for control in controls(structure) for load in control.loads}
     return {name: words for name, words in LOADS.items() if name in names}
 
 
 def mass_of(structure: PageModel) -> float:
-    """Return the mass (kg) that an absorber's mass ratio refers to: the structure's, or a sector's of a disk."""
+    """Return the mass in kg to which an absorber's mass ratio refers.
+
+    It is the mass of the structure, or of a sector of a disk.
+    """
     if isinstance(structure, BladedDisk):
         return structure.ring.sector_mass or 0.0
     return modal_model(structure).beam_mass
@@ -342,7 +360,10 @@ def controls_to_dict(structure: PageModel, name: str) -> dict[str, Any]:
 
 
 def parse_controls(plain: object, structure: PageModel) -> ControlValues:
-    """Return the settings that a page sent, with defaults for missing ones; raises Refused with all errors."""
+    """Return the settings that a page sent, with defaults for missing ones.
+
+    Raises Refused with all errors.
+    """
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
     entries = dict(plain) if isinstance(plain, Mapping) else {}
@@ -370,7 +391,8 @@ def parse_controls(plain: object, structure: PageModel) -> ControlValues:
     modes = numbers.get("modes", math.inf)
     if numbers.get("resonance", 1) > modes:
         errors["resonance"] = (
-            f"Resonance = {numbers['resonance']:g} is not allowed: a mode of the model, 1 to {modes:g}"
+            f"Resonance = {numbers['resonance']:g} is not allowed: a mode of the model, 1 to "
+            f"{modes:g}"
         )
     if errors:
         raise Refused(errors)
@@ -424,7 +446,10 @@ def read_number(control: Control, value: object) -> float:
 
 
 def structure_of(values: ControlValues, structure: PageModel) -> Structure:
-    """Return the structure with the page's modes and damping, if it is a beam; a disk as its modes."""
+    """Return the structure with the page's modes and damping, if it is a beam.
+
+    A disk is returned as its modal model.
+    """
     if isinstance(structure, BladedDisk):
         return disk_of(values, structure).model
     if not isinstance(structure, Beam):
@@ -466,7 +491,10 @@ def scene_of(values: ControlValues, structure: PageModel) -> Scene:
 
 
 def sweep_range_of(values: ControlValues, structure: PageModel) -> tuple[float, float]:
-    """Return the ends of the sweeps over the resonance, those of all commands for absorbers of this mass at these places."""
+    """Return the ends of the sweeps over the resonance.
+
+    They are those of all commands for absorbers of this mass at these places.
+    """
     if isinstance(structure, BladedDisk):
         return find_disk_range(disk_of(values, structure), values.resonance)
     own = structure_of(values, structure)
@@ -489,7 +517,10 @@ def scene_file(values: ControlValues, structure: PageModel) -> Plain:
 
 
 def load_files(values: ControlValues, structure: PageModel) -> dict[str, Plain]:
-    """Return a load other than the force of a sweep in the form of `docs/loads.md`, by file name: one for each direction of `sweeps_of`."""
+    """Return a load other than a swept force in the form of `docs/loads.md`, by file name.
+
+    Each direction of `sweeps_of` has a file.
+    """
     if values.load == "force":
         return {}
     scene = scene_of(values, structure)
@@ -511,7 +542,10 @@ def load_name(sweep: str, sweeps: tuple[str, ...]) -> str:
 
 
 def commands_of(values: ControlValues, structure: PageModel) -> list[str]:
-    """Return the commands that make the runs behind the card's level: one for each direction of `sweeps_of`."""
+    """Return the commands that make the runs behind the card's level.
+
+    Each direction of `sweeps_of` has a command.
+    """
     sweeps = sweeps_of(values)
     low, high = sweep_range_of(values, structure)
     lines = []

@@ -1,4 +1,7 @@
-"""The page's verdict on a setting: the level over that without absorber, with a grade and one sentence that says why."""
+"""The page's verdict on a setting: a grade, and a sentence with the reason.
+
+The verdict depends on the level over that without absorber.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +18,11 @@ Numbers = Mapping[str, float | None]
 
 @dataclass(frozen=True)
 class LevelVerdict:
-    """``grade``: good, fair, poor or neutral; ``headline`` and ``band`` with percentages; ``sentence`` says why."""
+    """Verdict on a level.
+
+    ``grade``: good, fair, poor or neutral. ``headline`` and ``band``: texts with percentages.
+    ``sentence``: the reason.
+    """
 
     grade: str
     headline: str
@@ -26,9 +33,12 @@ class LevelVerdict:
 def judge_level(
     concept: str, level: float, without: float, band: tuple[float, float], numbers: Numbers
 ) -> LevelVerdict:
-    """Return the verdict on a ``level`` in m with its ``band``, of a structure whose level is ``without`` in m without absorber.
+    """Return the verdict on a ``level`` in m with its ``band``.
 
-    ``numbers``: those of the card by their keys (impacts_a_period, gap, rule_gap), missing or None where they are not known.
+    ``without``: level in m of the structure without absorber.
+
+    ``numbers``: those of the card by their keys (impacts_a_period, gap, rule_gap), missing or None
+    where they are not known.
     """
     low, high = band
     if concept == "none":
@@ -66,7 +76,10 @@ def explain_ratio(concept: str, ratio: float, numbers: Numbers) -> str:
     if concept == "friction":
         if helps:
             return "The mass slides against friction, which takes energy out of the resonance."
-        return "The mass slides too easily, or hardly at all, at this load: Recommended finds the friction limit that loses most energy."
+        return (
+            "The mass slides too easily, or hardly at all, at this load: Recommended finds the "
+            "friction limit that loses most energy."
+        )
     if concept == "tuned":
         if helps:
             return "The sprung mass is tuned to this resonance, at every load alike."
@@ -75,14 +88,23 @@ def explain_ratio(concept: str, ratio: float, numbers: Numbers) -> str:
 
 
 def explain_cavity(helps: bool, numbers: Numbers) -> str:
-    """Return the sentence for masses in cavities, from impacts a period and the design rule's gap over the gap."""
+    """Return the sentence for absorbers in cavities.
+
+    It follows from the impacts in a period and the ratio of the design rule's gap to the gap.
+    """
     impacts = numbers.get("impacts_a_period") or 0.0
     gap = numbers.get("gap")
     rule = numbers.get("rule_gap")
     narrowness = rule / gap if gap and rule else None
     if impacts < FEW_IMPACTS and not helps:
-        return "The mass hardly ever reaches a wall: the structure moves too little for this gap. A smaller gap would let it work."
-    works = f"The mass hits the walls {impacts:.2g} times a period and takes energy out of the resonance."
+        return (
+            "The mass hardly ever reaches a wall: the structure moves too little for this gap. A "
+            "smaller gap would let it work."
+        )
+    works = (
+        f"The mass hits the walls {impacts:.2g} times a period and takes energy out of the "
+        "resonance."
+    )
     if narrowness is None or not rule:
         return (
             works
@@ -92,9 +114,15 @@ def explain_cavity(helps: bool, numbers: Numbers) -> str:
     if helps:
         return f"{works} A little more load may be too much." if narrowness > NARROW else works
     if narrowness > NARROW:
-        return f"The load is too strong for this gap: the mass moves with the structure. The design rule begins at {1e3 * rule:.3g} mm."
+        return (
+            "The load is too strong for this gap: the mass moves with the structure. The design "
+            f"rule begins at {1e3 * rule:.3g} mm."
+        )
     if narrowness < WIDE:
-        return f"The gap is wide for this load: impacts are rare. The design rule begins at {1e3 * rule:.3g} mm."
+        return (
+            "The gap is wide for this load: impacts are rare. The design rule begins at "
+            f"{1e3 * rule:.3g} mm."
+        )
     return (
         "The mass hits the walls, but takes little energy out: Recommended searches a better gap."
     )

@@ -1,4 +1,7 @@
-"""What the explorer's page waits for: kernels that other processes compile meanwhile, and branches of periodic motions."""
+"""Computations for which the explorer's page waits.
+
+They are the compilation of kernels in other processes, and branches of periodic motions.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,10 @@ class Newer(Exception):  # noqa: N818 - no error
 
 
 class Kernels:
-    """Which kernels are ready, and those on their way, each in a process of its own; shared by all tabs."""
+    """Kernels that are compiled, and those that other processes are compiling.
+
+    Each of the latter has its own process. All tabs share them.
+    """
 
     def __init__(self) -> None:
         self.ready: set[object] = set()
@@ -32,7 +38,10 @@ class Kernels:
     def waited(
         self, key: object, ready: Callable[[], bool], begin: Callable[[], Preparation], stop: Stop
     ) -> Iterator[float]:
-        """Yield the seconds of compiling until the kernels of a key are ready; raises Newer after a stop, and leaves the compiling be."""
+        """Yield the elapsed seconds of compilation until the kernels of a key are ready.
+
+        Raises Newer after a stop. The compilation then continues.
+        """
         if key in self.ready:
             return
         with self._lock:
@@ -61,7 +70,10 @@ class Kernels:
 def branches(
     scene: Scene, force: float, resonance: int, low: float, high: float, stop: Stop | None = None
 ) -> Iterator[ResponseCurve]:
-    """Yield the branches of symmetric orbits between two ratios of a resonance, with their stability; none where there are no rigid walls."""
+    """Yield the branches of symmetric orbits between two ratios of a resonance.
+
+    They have their stability. Nothing is yielded without rigid walls.
+    """
     absorber = scene.absorber
     if not (isinstance(absorber, SlidingAbsorber) and isinstance(absorber.walls, RigidWalls)):
         return
@@ -95,9 +107,12 @@ def followed(
     stop: Stop,
     kernels: Kernels,
 ) -> Iterator[ResponseCurve | float]:
-    """Yield the curves of `branches`, or for how many seconds another process has been compiling what they take.
+    """Yield the curves of `branches`, or the seconds for which their kernels have compiled.
 
-    None where the level is read elsewhere than at the absorber, whose amplitude the branches tell.
+    The kernels are compiled in another process.
+
+    There are no curves where the level is read elsewhere than at the absorber, since the branches
+    have the amplitude there.
     """
     if scene.model.response_shape is not None:
         return

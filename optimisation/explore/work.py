@@ -1,6 +1,9 @@
-"""What the explorer computes for one setting of its page, piece by piece: rough points first, then finer ones, then what they are compared with.
+"""Computations of the explorer for one setting of its page, in pieces.
 
-Each piece is a message, plain data that the page draws. `Work.pieces` runs in a thread of its own and is ended by a `Stop`.
+Coarse points come first, then finer ones, then the curves with which they are compared.
+
+Each piece is a message, plain data that the page draws. `Work.pieces` runs in a thread of its own
+and is ended by a `Stop`.
 """
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -75,7 +78,10 @@ INSTANT_SAMPLES = 24
 
 
 def rounded(values: Any, digits: int = 6) -> list[Any]:
-    """Return numbers with so many digits, None for what is no number, in lists as deep as the array."""
+    """Return numbers with ``digits`` significant digits, in lists as deep as the array.
+
+    A value that is not a number becomes None.
+    """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim > 1:
         return [rounded(row, digits) for row in array]
@@ -83,7 +89,11 @@ def rounded(values: Any, digits: int = 6) -> list[Any]:
 
 
 class Work:
-    """One setting of a page: `pieces` yields messages until all is known or ``stop`` is given; the curve has a stop of its own, ``first``."""
+    """Computation of one setting of a page.
+
+    `pieces` yields messages until everything is computed or ``stop`` is given. The curve has a stop
+    of its own, ``first``.
+    """
 
     def __init__(self, values: ControlValues, structure: PageModel, kernels: Kernels) -> None:
         self.values = values
@@ -106,7 +116,10 @@ class Work:
 
     @property
     def curve_key(self) -> tuple[Any, ...]:
-        """What the curve and what it is compared with depend on: all but the load's intensity, direction, instant and view."""
+        """Values on which the curve and the curves for comparison depend.
+
+        They are all values except the load's intensity, direction, instant and view.
+        """
         return (
             id(self.own),
             self.values.concept,
@@ -120,7 +133,11 @@ class Work:
         return self.values["mass_ratio"] * self.model.beam_mass
 
     def middle(self) -> float:
-        """Return the intensity in the middle of the curve: the rule's for the gap, or the marked one where there is none."""
+        """Return the intensity in the middle of the curve.
+
+        It is that of the design rule for the gap, or near the marked intensity if the rule gives
+        none.
+        """
         gap = self.gap()
         if gap is not None and (rule := self.rule(1.0)) is not None and 0 < rule < np.inf:
             return gap / rule
@@ -225,7 +242,11 @@ class Work:
             yield {"type": "compiling", "what": what, "seconds": None}
 
     def messages(self, known: dict[tuple[Any, ...], list[Message]]) -> Iterator[Message]:
-        """Yield all messages. ``known``: finished curves by their keys, and what they are compared with; it is added to."""
+        """Yield all messages.
+
+        ``known``: finished curves by their keys, with the curves for comparison. New ones are
+        added.
+        """
         again = known.get(self.curve_key)
         responses = self.responses()
         yield next(responses)  # the linear ones, which need no kernels
@@ -257,7 +278,10 @@ class Work:
         yield {"type": "done"}
 
     def _report_problems(self, panel: str, messages: Iterable[Message]) -> Iterator[Message]:
-        """Yield a part's messages; where it cannot be computed, its reason in its panel, while the other parts go on."""
+        """Yield a part's messages, or the reason why it cannot be computed.
+
+        The reason is shown in the part's panel, and the other parts are computed nevertheless.
+        """
         try:
             yield from messages
         except (ParameterError, IntegrationError) as error:
@@ -394,7 +418,10 @@ class Work:
         }
 
     def _whole_run(self, response: Response) -> Message:
-        """Return the motion over a period at each of `INSTANTS` of the whole run, one behind the other; ``part``: samples of each."""
+        """Return the motion over a period at each of `INSTANTS` of the whole run.
+
+        The periods follow each other. ``part``: number of samples of each.
+        """
         history = require_recorded("history", response.history)
         schedule = response.drive.schedule
         end = float(schedule.times[-1]) - schedule.pseudo_period
@@ -416,7 +443,10 @@ class Work:
         limits: tuple[float, float] | None,
         digits: int = 6,
     ) -> Message:
-        """Return a run's states at some rows of its history, and its impacts between two times in s (None: near the rows)."""
+        """Return a run's states at some rows of its history, and its impacts.
+
+        ``limits``: times in s between which impacts are returned (None: those near the rows).
+        """
         history = require_recorded("history", response.history)
         schedule = response.drive.schedule
         moves = isinstance(self.scene.absorber, SlidingAbsorber | TunedAbsorber | SeveralAbsorbers)
@@ -560,7 +590,10 @@ class Work:
             yield {"type": "line", "which": "limit", "force": rounded(forces), "level": level}
 
     def _slow_lines(self, case: CurveCase) -> Iterator[Message]:
-        """Yield the curves of a friction damper and of a tuned absorber of the same mass at the same place."""
+        """Yield the curves of a friction damper and of a tuned absorber.
+
+        They have the absorber's mass and place.
+        """
         model = self.alone
         if (
             self.values.concept not in ("friction", "none")
@@ -599,7 +632,11 @@ class Work:
         }
 
     def responses(self) -> Iterator[Message]:
-        """Yield stationary amplitudes over the frequency: without absorber, with it stuck or as the linear one that it is, and periodic branches."""
+        """Yield stationary amplitudes over the frequency, and periodic branches.
+
+        The amplitudes are those without absorber and with the absorber stuck, or with it if it is
+        linear.
+        """
         low, high = self.limits if self.loading.swept else BAND
         ratios = np.linspace(low, high, POINTS)
         reference = self.model.resonance_omega(self.resonance)
@@ -668,7 +705,10 @@ class Work:
         yield dict(message, branches=list(branches), complete=True)
 
     def frequency_levels(self) -> Generator[Message, None, Message]:
-        """Return the levels over the frequency with and without the absorber, (n,) each in m; yield messages about compilation."""
+        """Return the levels over the frequency with and without the absorber, (n,) each in m.
+
+        Messages about compilation are yielded.
+        """
         scenes = {"with": self.scene, "without": self.free_scene}
         if self.values.concept == "none":
             del scenes["with"]

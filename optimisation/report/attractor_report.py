@@ -1,4 +1,8 @@
-"""Attractors as reports: basin fractions, maps of what runs end on, bifurcation diagrams, Poincare sections, with their figures."""
+"""Reports on attractors, with their figures.
+
+They have basin fractions, maps of the attractors on which runs end, bifurcation diagrams and
+Poincare sections.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +103,10 @@ def describe_place(case: Case) -> str:
 
 
 def make_basin_report(points: Sequence[BasinPoint], complete: bool) -> Report:
-    """Return what `periodic basins` prints and writes; ``complete``: whether all points were computed."""
+    """Return what `periodic basins` prints and writes.
+
+    ``complete`` states whether all points were computed.
+    """
     text: list[Block] = []
     figures = {}
     if points:
@@ -126,7 +133,10 @@ def basin_table(points: Sequence[BasinPoint]) -> Table:
             share = attractor.share
             details = ""
             if motion.exponent is not None:
-                details = f"exponent {motion.exponent.value:.3f} ({motion.exponent.low:.3f} to {motion.exponent.high:.3f})"
+                details = (
+                    f"exponent {motion.exponent.value:.3f} ({motion.exponent.low:.3f} to "
+                    f"{motion.exponent.high:.3f})"
+                )
             if motion.rotation is not None and motion.exponent and not motion.exponent.chaotic:
                 details += f", rotation {motion.rotation.value:.5f}"
             rows.append(
@@ -156,7 +166,8 @@ def lifetime_lines(points: Sequence[BasinPoint]) -> list[str]:
         place = "" if point.value is None else f"{point.parameter} {point.value:.6g}: "
         uneven = "" if life.constant > 0.05 else "; the rate is not constant"
         lines.append(
-            f"{place}mean lifetime beyond {life.burn_in:g} periods {life.mean:.0f} periods ({low:.0f} to {high:.0f}), "
+            f"{place}mean lifetime beyond {life.burn_in:g} periods {life.mean:.0f} periods "
+            f"({low:.0f} to {high:.0f}), "
             f"{life.ended} runs captured, {life.censored} not{uneven}"
         )
     return lines
@@ -174,7 +185,10 @@ def basin_rows(points: Sequence[BasinPoint]) -> list[list[Any]]:
 
 
 def draw_basins(points: Sequence[BasinPoint]) -> Figure:
-    """Draw the share of each attractor with its interval over the parameter, and its level; a single point as bars."""
+    """Draw the share of each attractor with its interval, and its level, over the parameter.
+
+    A single point is drawn as bars.
+    """
     figure, (shares, levels) = figure_of(7.4, 7.2, 2, 1, sharex=True)
     shares, levels = shares[0], levels[0]
     labels = sorted({attractor.label for point in points for attractor in point.attractors})
@@ -218,7 +232,10 @@ def draw_basins(points: Sequence[BasinPoint]) -> Figure:
 
 
 def make_map_report(result: AttractorMap) -> Report:
-    """Return what `periodic basins --map` prints and writes: how many points of a map have each kind of motion."""
+    """Return what `periodic basins --map` prints and writes.
+
+    It includes the number of points of the map with each kind of motion.
+    """
     counts = Counter(map_class(motion) for _, _, motion in result.cells())
     words = [(name, str(number)) for name, number in counts.most_common()]
     plain = result.to_plain()
@@ -272,7 +289,11 @@ def draw_attractor_map(result: AttractorMap) -> Figure:
 
 
 def make_diagram_report(diagram: Diagram, quantity: str, complete: bool) -> Report:
-    """Return what `periodic diagram` prints and writes; ``quantity``: what the figure has; ``complete``: whether all runs were made."""
+    """Return what `periodic diagram` prints and writes.
+
+    ``quantity`` is the quantity that the figure shows. ``complete`` states whether all runs were
+    made.
+    """
     text: list[Block] = [[diagram_table(diagram.points)]]
     if diagram.branches:
         kinds = Counter(
@@ -393,7 +414,11 @@ def _with_neighbours(stable: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _phase_rows(branch: BranchPoints) -> Array:
-    """Return the impact phases (n, K) in rad, NaN where a point has another number of impacts, or jumps by half a turn."""
+    """Return the impact phases (n, K) in rad.
+
+    They are NaN if a point has another number of impacts, or if they jump by more than a quarter of
+    a turn.
+    """
     most = max((len(row) for row in branch.impact_phase), default=0)
     rows = np.full((len(branch.impact_phase), most), np.nan)
     for k, row in enumerate(branch.impact_phase):
@@ -405,7 +430,11 @@ def _phase_rows(branch: BranchPoints) -> Array:
 
 
 def make_section_report(motions: Sequence[SettledMotion], section: str, complete: bool) -> Report:
-    """Return what `periodic section` prints and writes; ``section``: what the figure has; ``complete``: whether all runs were made."""
+    """Return what `periodic section` prints and writes.
+
+    ``section`` is the section that the figure shows. ``complete`` states whether all runs were
+    made.
+    """
     text: list[Block] = []
     figures = {}
     if motions:
@@ -452,7 +481,10 @@ def section_table(motions: Sequence[SettledMotion]) -> Table:
 
 
 def section_rows(motions: Sequence[SettledMotion]) -> list[list[Any]]:
-    """Return the values of `SECTION_COLUMNS`: the states at phase 0, then the impacts, of each run."""
+    """Return the values of `SECTION_COLUMNS` of each run.
+
+    For each run these are the states at phase 0, followed by the impacts.
+    """
     rows: list[list[Any]] = []
     for number, motion in enumerate(motions, 1):
         section = motion.section
@@ -484,7 +516,10 @@ def plain_section(motion: SettledMotion) -> dict[str, Any]:
 
 
 def draw_section(motions: Sequence[SettledMotion], kind: str) -> Figure:
-    """Draw the Poincare section of one or several motions: stroboscopic, or phase against velocity at impacts."""
+    """Draw the Poincare section of one or several motions.
+
+    It is stroboscopic, or phase against velocity at impacts.
+    """
     figure, axes = figure_of(6.6, 5.4)
     for number, motion in enumerate(motions):
         section = motion.section

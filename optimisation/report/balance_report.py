@@ -33,7 +33,10 @@ PAPERS = 20  # harmonics in the paper
 def make_balance_report(
     exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: bool, complete: bool
 ) -> Report:
-    """Return what `periodic balance-error` prints and writes; ``complete``: whether all settings were solved."""
+    """Return what `periodic balance-error` prints and writes.
+
+    ``complete`` states whether all settings were solved.
+    """
     plain = [row.to_plain() for row in rows]
     table = Table.of_values(BALANCE_COLUMNS, [list(row.values()) for row in plain])
     return Report(
@@ -51,11 +54,15 @@ def orbit_lines(exact: ReferenceOrbit) -> list[str]:
     peak = exact.curve.peak
     folds = sorted(fold.omega_ratio for fold in exact.curve.folds)
     lines = [
-        f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: {MM * exact.motion.tip_max:.4f} mm."
+        (
+            f"{case.scene}, {case.force:g} N. The exact orbit at {case.omega_ratio:g}: "
+            f"{MM * exact.motion.tip_max:.4f} mm."
+        )
     ]
     if peak is not None and folds:
         lines.append(
-            f"Its branch: folds at {folds[0]:.6f} and {folds[-1]:.6f}, peak {MM * peak.tip_max:.4f} mm at {peak.omega_ratio:.4f}."
+            f"Its branch: folds at {folds[0]:.6f} and {folds[-1]:.6f}, peak "
+            f"{MM * peak.tip_max:.4f} mm at {peak.omega_ratio:.4f}."
         )
     return lines
 
@@ -81,7 +88,10 @@ def setting_table(rows: Sequence[BalanceRow]) -> Table:
 
 
 def draw_balance(exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: bool) -> Figure:
-    """Draw rows that have a solution; ``growing``: weights grow with the square of the harmonics."""
+    """Draw the rows that have a solution.
+
+    ``growing`` states whether the weights grow with the square of the number of harmonics.
+    """
     figure, panels = figure_of(8.6, 7.4, 2, 2)
     error, folds, cost, empty = panels.flat
     empty.remove()
@@ -122,7 +132,10 @@ def draw_balance(exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: boo
         draw_grid(axes)
     error.legend(fontsize=8)
     figure.suptitle(
-        f"{exact.case.scene}, {exact.case.force:g} N\nweights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics",
+        (
+            f"{exact.case.scene}, {exact.case.force:g} N\nweights in $m_a\\omega_1^2$; the paper "
+            f"took {PAPERS} harmonics"
+        ),
         fontsize=10,
     )
     return figure

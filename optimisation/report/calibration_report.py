@@ -80,8 +80,10 @@ def verdict(check: PredictiveCheck) -> str:
     """Return whether the model explains the measurement, in words."""
     if check.explains:
         return (
-            f"The model explains the measurement: of {check.simulations} measurements simulated near the posterior, "
-            f"{100 * check.probability:.0f} % are at least as far from what their fitted parameters give."
+            f"The model explains the measurement: of {check.simulations} measurements "
+            "simulated near the posterior, "
+            f"{100 * check.probability:.0f} % are at least as far from what their fitted "
+            "parameters give."
         )
     failing = check.failing
     worst = "; ".join(
@@ -97,7 +99,10 @@ def verdict(check: PredictiveCheck) -> str:
 
 
 def contradiction_lines(inference: Inference, check: PredictiveCheck) -> list[str]:
-    """Return a line for each parameter of which single measurements give other values, where these contradict one another."""
+    """Return the parameters' values by each measurement alone, if these contradict each other.
+
+    Each parameter has a line. Without contradiction the list is empty.
+    """
     if check.contradiction >= LEAST_PROBABILITY:
         return []
     lines = []
@@ -112,7 +117,10 @@ def contradiction_lines(inference: Inference, check: PredictiveCheck) -> list[st
             )
         lines.append(f"  {prior.name}: {', '.join(parts)}")
     return [
-        f"The measurements contradict one another (probability {check.contradiction:.2g}); each alone gives (one deviation):",
+        (
+            f"The measurements contradict one another (probability {check.contradiction:.2g}); "
+            "each alone gives (one deviation):"
+        ),
         *lines,
     ]
 
@@ -124,7 +132,8 @@ def list_warnings(inference: Inference, check: PredictiveCheck) -> list[str]:
         lines.append("the intervals hold only if the model is right, and the check refuses it")
     if not inference.settled:
         lines.append(
-            "the last two rounds differ by more than their scatter: more rounds may move the intervals"
+            "the last two rounds differ by more than their scatter: more rounds may move the "
+            "intervals"
         )
     ratios = np.std(inference.shares, axis=0) / np.sqrt(1 / 12)  # deviation over that of the prior
     median = np.median(inference.shares, axis=0)
@@ -144,7 +153,10 @@ def describe_measurement(measurement: Measurement) -> str:
     if isinstance(measurement, RecordMeasurement):
         seconds = float(measurement.load.times[-1])
         load = "force" if measurement.load.quantity == "force" else "base acceleration"
-        words = f"{load} and {measurement.sensor.quantity}, {seconds:.4g} s at {measurement.rate:.4g} Hz"
+        words = (
+            f"{load} and {measurement.sensor.quantity}, {seconds:.4g} s at {measurement.rate:.4g} "
+            "Hz"
+        )
     elif isinstance(measurement, LevelMeasurement):
         forces, repeats = measurement.levels.shape
         words = f"levels at {forces} forces, {repeats} repeats"
@@ -172,7 +184,10 @@ def rank_models(models: Models) -> list[tuple[str, float]]:
 
 
 def list_close(models: Models) -> list[str]:
-    """Return the models whose score is too near to that of the best for the measurement to distinguish them."""
+    """Return the models that the measurement does not distinguish from the best one.
+
+    Their scores are too near to the best score.
+    """
     (_, best), *others = rank_models(models)
     return [name for name, score in others if best - score < CLOSE_SCORE]
 
@@ -194,7 +209,11 @@ def describe_best_model(models: Models) -> str:
 
 
 def model_rows(models: Models) -> list[tuple[str, str, str, str]]:
-    """Return for each model its name, its predictive score, its probability in the check and its parameters."""
+    """Return a row for each model.
+
+    A row has the model's name, its predictive score, its probability in the check and its
+    parameters.
+    """
     best = rank_models(models)[0][1]
     rows = []
     for name, (inference, check) in models.items():
@@ -323,7 +342,10 @@ def summarise(
 
 
 def statistics_table(inference: Inference, check: PredictiveCheck) -> Table:
-    """Return a row for each statistic: measured and predicted logarithm, and its sensitivity to the parameters."""
+    """Return a row for each statistic.
+
+    It has the measured and the predicted logarithm, and the sensitivity to the parameters.
+    """
     sensitivity = inference.sensitivity
     rows = [
         (
@@ -356,7 +378,10 @@ def group_columns(check: PredictiveCheck, measurement: str, group: str) -> list[
 
 
 def draw_pairs(inference: Inference) -> Figure:
-    """Return the figure of the posterior: a histogram of each parameter, and the draws of each pair."""
+    """Return the figure of the posterior.
+
+    It has a histogram of each parameter, and the draws of each pair of parameters.
+    """
     names = inference.names
     count = len(names)
     figure, panels = figure_of(2.4 * count + 1, 2.2 * count + 1, count, count)
@@ -381,7 +406,10 @@ def draw_pairs(inference: Inference) -> Figure:
 
 
 def draw_statistics(check: PredictiveCheck) -> Figure:
-    """Return the figure of the measured statistics over the predictive bands, a panel for each group."""
+    """Return the figure of the measured statistics over the predictive bands.
+
+    Each group of statistics has a panel.
+    """
     groups = list_groups(check.statistics)
     columns = min(len(groups), 3)
     rows = -(-len(groups) // columns)
@@ -415,7 +443,10 @@ def make_report(
     warnings: Sequence[str],
     numbers: Json,
 ) -> Report:
-    """Return the content of a calibration; ``numbers``: what else summary.json has, before the rest."""
+    """Return the content of a calibration.
+
+    ``numbers``: further content of summary.json, at its beginning.
+    """
     inference, check = next(iter(models.values()))
     return Report(
         title="Calibration of an impact absorber",

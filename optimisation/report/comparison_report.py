@@ -1,4 +1,7 @@
-"""The content of comparisons of absorbers, near resonances and under loads. SI units, unless named."""
+"""The content of comparisons of absorbers, near resonances and under loads.
+
+Quantities are in SI units unless stated otherwise.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,10 @@ CURVE_COLUMNS = (
 
 
 def run_table(comparison: Comparison) -> Table:
-    """Return a row for each finished run; those of linear concepts are one run scaled by the force."""
+    """Return a row for each finished run.
+
+    The rows of linear concepts are one run scaled by the force.
+    """
     rows = []
     for part in comparison.resonances:
         for key, curve in part.curves.items():
@@ -96,7 +102,10 @@ def run_table(comparison: Comparison) -> Table:
 
 
 def curve_table(comparison: Comparison) -> Table:
-    """Return a row for each concept and force, and for the limit; an empty cell where nothing is finished."""
+    """Return a row for each concept and force, and for the limit.
+
+    The cell of a result that is not finished is empty.
+    """
     rows: list[tuple[object, ...]] = []
     for part in comparison.resonances:
         for key, curve in part.curves.items():
@@ -116,7 +125,11 @@ def curve_table(comparison: Comparison) -> Table:
 
 
 def _with_intervals(curve: PerformanceCurve, none: PerformanceCurve, point: Optimum) -> Optimum:
-    """Return a point of a curve whose bands hold 90 % of further runs (`prediction_interval`), that of the force 90 % of their best forces."""
+    """Return a point of a curve with bands of 90 %.
+
+    The bands of its levels hold 90 % of further runs (`prediction_interval`). The band of its force
+    holds 90 % of their best forces.
+    """
     k = int(np.flatnonzero(curve.forces == point.force)[0])
     relative = curve.relative_to(none)
     ran = ~np.isnan(relative).all(axis=0)
@@ -155,7 +168,11 @@ def _linear(comparison: Comparison, concept: Concept) -> bool:
 
 
 def _concept_summary(comparison: Comparison, part: ResonanceComparison, concept: Concept) -> Json:
-    """Return a concept's results; the best force of a linear one is null, as all forces are alike to it."""
+    """Return a concept's results.
+
+    The best force of a linear concept is null, because its relative level does not depend on the
+    force.
+    """
     curve = part.curves[concept.key]
     none = part.curves[NONE]
     optimum = curve.optimum(none)
@@ -200,7 +217,10 @@ def summary(comparison: Comparison) -> Json:
             "beam_mass_kg": model.beam_mass,
             "damping_ratio": model.damping_ratio.tolist(),
             "percent_per_100_pseudo_periods": comparison.percent_per_100_periods,
-            "level": "larger of sweep up and sweep down; median of the members, and the interval that holds 90 % of further runs",
+            "level": (
+                "larger of sweep up and sweep down; median of the members, and the interval that "
+                "holds 90 % of further runs"
+            ),
         },
         "resonances": {
             str(part.resonance): {
@@ -221,7 +241,10 @@ def summary(comparison: Comparison) -> Json:
 
 
 def _with_band(value: float, band: tuple[float, float], pattern: str) -> str:
-    """Return a value with its band in brackets, without it if all members agree to the digits shown."""
+    """Return a value with its band in brackets.
+
+    The band is left out if all members agree to the digits shown.
+    """
     if math.isnan(value):
         return "-"
     return with_band(value, *band, pattern)
@@ -276,7 +299,10 @@ def resonance_block(comparison: Comparison, part: ResonanceComparison) -> list[s
     if part.reported_index is not None:
         limit = f"{MM * part.limit[part.reported_index]:.3f}"
         rows.append([f"limit within a cavity of ±{MM * part.gap:.4g} mm", "", "", limit, "", ""])
-    title = f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of {comparison.members} members"
+    title = (
+        f"Resonance {part.resonance} ({part.omega / (2 * np.pi):.1f} Hz), {finished} of "
+        f"{comparison.members} members"
+    )
     lines: list[str | Table] = [title, Table.of_words(headings, rows)]
     if not math.isnan(part.sweep_ratio):
         lines.append(f"sweeps without absorber show {part.sweep_ratio:.3f} of the stationary level")
@@ -291,9 +317,15 @@ def resonance_block(comparison: Comparison, part: ResonanceComparison) -> list[s
 
 
 def text_blocks(comparison: Comparison) -> list[list[str | Table]]:
-    """Return what is printed, a block for each resonance; levels in % are relative to no absorber."""
+    """Return the printed text, a block for each resonance.
+
+    Levels in % are relative to the structure without absorber.
+    """
     notes: list[str | Table] = [
-        "Median; in brackets the interval that holds 90 % of further runs. Levels in % are relative to no absorber.",
+        (
+            "Median; in brackets the interval that holds 90 % of further runs. Levels in % are "
+            "relative to no absorber."
+        ),
         "Read at: frequency over the resonance at which the level was read.",
     ]
     ends = concepts_read_at_end(comparison)
@@ -310,7 +342,8 @@ def make_report(
 ) -> Report:
     """Return the content of a comparison.
 
-    ``impacts`` near the first resonance, if known; ``frequency``: levels over the frequency; ``conditions``: what else summary.json has.
+    ``impacts`` near the first resonance, if known; ``frequency``: levels over the frequency;
+    ``conditions``: what else summary.json has.
     """
     labels = {concept.key: concept.label for concept in comparison.concepts}
     charts = (comparison_chart(part, labels) for part in comparison.resonances)
@@ -335,7 +368,10 @@ def make_report(
 
 
 def lowest_line(comparison: Comparison, part: ResonanceComparison) -> str:
-    """Return the absorber with the lowest level near a resonance, at the force of the comparison, in words; nothing without finished runs."""
+    """Return a text with the absorber of the lowest level near a resonance.
+
+    It is that at the force of the comparison. The text is empty without finished runs.
+    """
     k = part.reported_index
     if k is None:
         return ""
@@ -343,11 +379,18 @@ def lowest_line(comparison: Comparison, part: ResonanceComparison) -> str:
     best = min(medians, key=lambda key: np.inf if math.isnan(medians[key]) else medians[key])
     labels = {concept.key: concept.label for concept in comparison.concepts}
     share = 100 * medians[best] / medians[NONE]
-    return f"Lowest level at {part.forces[k]:.3g} N near resonance {part.resonance}: {labels[best]}, {share:.1f} % of no absorber."
+    return (
+        f"Lowest level at {part.forces[k]:.3g} N near resonance {part.resonance}: {labels[best]}, "
+        f"{share:.1f} % of no absorber."
+    )
 
 
 def card_groups(comparison: Comparison, impacts: ImpactLoads | None) -> tuple[Group, ...]:
-    """Return the impact absorber, the levels of all at one force near each resonance, and assumptions."""
+    """Return the groups of the card of a comparison.
+
+    They are the impact absorber, the levels of all absorbers at one force near each resonance, and
+    assumptions.
+    """
     own = next(concept.absorber for concept in comparison.concepts if concept.key == IMPACT)
     assert isinstance(own, SlidingAbsorber)
     others = tuple(
@@ -391,11 +434,13 @@ def card_warnings(comparison: Comparison) -> tuple[str, ...]:
         name = f"Resonance {part.resonance}"
         if part.sweep_ratio < LEAST_RATIO:
             warnings.append(
-                f"{name}: sweeps show {part.sweep_ratio:.3f} of the stationary level; sweep more slowly"
+                f"{name}: sweeps show {part.sweep_ratio:.3f} of the stationary level; sweep "
+                "more slowly"
             )
         if part.reach < 1:
             warnings.append(
-                f"{name}: the structure does not move as far as the rule's gap, and no wall is touched there"
+                f"{name}: the structure does not move as far as the rule's gap, and no wall "
+                "is touched there"
             )
     ends = concepts_read_at_end(comparison)
     if ends:
@@ -453,11 +498,17 @@ def comparison_chart(part: ResonanceComparison, labels: Mapping[str, str]) -> Ch
     )
 
 
-END_WARNING = "read at an end of the sweeps, beyond which the level may be larger (another resonance decides, or the start of the sweep)"
+END_WARNING = (
+    "read at an end of the sweeps, beyond which the level may be larger (another resonance "
+    "decides, or the start of the sweep)"
+)
 
 
 def concepts_read_at_end(comparison: Comparison) -> list[str]:
-    """Return the absorbers, in words, whose level at the force of the comparison was read at an end of their sweeps."""
+    """Return texts for the absorbers whose level was read at an end of their sweeps.
+
+    They are those at the force of the comparison.
+    """
     values = []
     for part in comparison.resonances:
         if part.reported_index is None:
@@ -492,7 +543,10 @@ def load_run_table(comparison: LoadComparison) -> Table:
 
 
 def load_summary(comparison: LoadComparison) -> dict[str, Any]:
-    """Return the comparison's medians and bands of what is left of the measure without absorber, and the absorbers."""
+    """Return the comparison's results and the absorbers.
+
+    The results are medians and bands of the measure over that without absorber.
+    """
     return {
         "measure": comparison.case.measure,
         "unit": UNITS[comparison.case.measure],
@@ -520,12 +574,19 @@ LOAD_END_WARNING = "a level was read at an end of the schedule, beyond which it 
 
 
 def load_reading_in_words(reading: Reading) -> str:
-    """Return where a level was read under loads, in words that follow it; nothing for other measures."""
+    """Return a text that says where a level under loads was read.
+
+    It follows the level in a sentence, and is empty for other measures.
+    """
     return "" if math.isnan(reading.hertz) else f", read at {reading.hertz:.4g} Hz"
 
 
 def ratio_interval(band: BandComparison, name: str) -> Array:
-    """Return an absorber's measure over that without absorber, (F, 3): the median between the ends of the interval of 90 % of further runs."""
+    """Return an absorber's measure over that without absorber, (F, 3).
+
+    The columns are the lower end, the median and the upper end of the interval of 90 % of further
+    runs.
+    """
     ratio = band.relative(name)
     low, high = prediction_band(ratio)
     return np.stack([low, np.median(ratio, axis=1), high], axis=1)
@@ -579,7 +640,10 @@ def load_warnings(comparison: LoadComparison) -> tuple[str, ...]:
 def make_load_report(
     comparison: LoadComparison, conditions: Mapping[str, object] | None = None
 ) -> Report:
-    """Return the content of a comparison under loads; ``conditions``: what else summary.json has."""
+    """Return the content of a comparison under loads.
+
+    ``conditions``: further content of summary.json.
+    """
     charts = load_charts(comparison)
     return Report(
         title=f"Absorbers of one mass under {comparison.case.loads.describe()}",
@@ -595,7 +659,10 @@ def make_load_report(
 
 
 def tuned_summary(tuned: TunedUnder) -> dict[str, Any]:
-    """Return the tunings and what they leave of the measure without absorber, the median over the members."""
+    """Return the tunings, and the measure with each of them over that without absorber.
+
+    The measure is the median over the members.
+    """
     ratios = np.median(tuned.ratios, axis=1)
     tunings = zip(("best", "least_peak"), (tuned.best, tuned.peak), ratios, strict=True)
     return {"measure": tuned.measure} | {
@@ -607,13 +674,17 @@ def make_tuned_report(tuned: TunedUnder) -> Report:
     """Return the content of tunings for loads."""
     ratios = 100 * tuned.ratios
     lines = [
-        f"{LABELS[tuned.measure]} under {tuned.loads.describe()}, in % of that without absorber: median of {ratios.shape[1]} runs"
+        (
+            f"{LABELS[tuned.measure]} under {tuned.loads.describe()}, in % of that without "
+            f"absorber: median of {ratios.shape[1]} runs"
+        )
     ]
     for name, absorber, row in zip(
         ("best for it", "least peak"), (tuned.best, tuned.peak), ratios, strict=True
     ):
         lines.append(
-            f"  {name}: {with_band(np.median(row), row.min(), row.max())}, {describe_absorber(absorber)}"
+            f"  {name}: {with_band(np.median(row), row.min(), row.max())}, "
+            f"{describe_absorber(absorber)}"
         )
     title = f"Tuned absorber for {tuned.loads.describe()}"
     return Report(title=title, text=[lines], numbers=tuned_summary(tuned))
@@ -643,7 +714,10 @@ def load_charts(comparison: LoadComparison) -> tuple[Chart, ...]:
 
 
 def least_line(comparison: LoadComparison) -> str:
-    """Return the absorber that leaves least at the intensity nearest to that given, in words; of several bands in the worst of them."""
+    """Return a text with the absorber of the lowest measure, at the intensity nearest the given.
+
+    If there are several bands, its measure is that of its worst band.
+    """
     k = int(np.argmin(np.abs(np.log(comparison.factors))))
     left = {
         name: max(float(ratio_interval(band, name)[k, 1]) for band in comparison.bands)
@@ -651,7 +725,10 @@ def least_line(comparison: LoadComparison) -> str:
     }
     best = min(left, key=lambda name: left[name])
     what = LABELS[comparison.case.measure]
-    return f"Least {what} at intensity {comparison.factors[k]:.3g}: {LOAD_LABELS[best]}, {left[best]:.3f} of that without absorber."
+    return (
+        f"Least {what} at intensity {comparison.factors[k]:.3g}: {LOAD_LABELS[best]}, "
+        f"{left[best]:.3f} of that without absorber."
+    )
 
 
 def load_card_groups(comparison: LoadComparison) -> tuple[Group, ...]:

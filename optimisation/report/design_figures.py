@@ -1,4 +1,7 @@
-"""Figures of comparisons and design studies: levels over the force, over gap and force, sensitivity, robustness, Pareto fronts."""
+"""Figures of comparisons and design studies.
+
+They show levels over the force and over gap and force, sensitivity, robustness and Pareto fronts.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,11 @@ ORDINALS = {1: "First", 2: "Second", 3: "Third"}
 
 @dataclass(frozen=True)
 class LineStyle:
-    """How a concept is drawn: colours of Okabe and Ito, which colour-blind readers can tell apart, and a line style as well."""
+    """Line style of a concept.
+
+    The colours are those of Okabe and Ito, which colour-blind readers can distinguish. The dashes
+    differ as well.
+    """
 
     label: str
     colour: str
@@ -75,10 +82,19 @@ def draw_comparison(comparison: Comparison) -> Figure:
     runs = (
         "one run"
         if comparison.members == 1
-        else f"{comparison.members} runs that differ in when the force begins and by a millionth of it"
+        else (
+            f"{comparison.members} runs that differ in when the force begins and by a millionth "
+            "of it"
+        )
     )
-    band = f"lines: median, bands: 90 % of further runs, by {runs}{'' if comparison.complete else ' (stopped early)'}"
-    caption = f"level: RMS around the largest displacement, the larger of a sweep up and a sweep down\n{band}"
+    band = (
+        "lines: median, bands: 90 % of further runs, by "
+        f"{runs}{'' if comparison.complete else ' (stopped early)'}"
+    )
+    caption = (
+        "level: RMS around the largest displacement, the larger of a sweep up and a sweep "
+        f"down\n{band}"
+    )
     legend = figures.draw_legend(
         figure, panels[0], 3, fontsize=10, title=caption, alignment="center"
     )
@@ -86,7 +102,10 @@ def draw_comparison(comparison: Comparison) -> Figure:
     what, whose = (
         ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
     )
-    title = f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:.3g} % of {whose} mass"
+    title = (
+        f"Response of {what} at resonance, with absorbers of {100 * comparison.mass_ratio:.3g} % "
+        f"of {whose} mass"
+    )
     figure.suptitle(title, fontsize=13)
     return figure
 
@@ -117,7 +136,10 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
             part.own_force, color="0.4", lw=1.2, ls=":", label=f"the force, {part.own_force:g} N"
         )
     panel.set_title(
-        f"{ORDINALS.get(part.resonance, part.resonance)} resonance, {part.omega / (2 * np.pi):.1f} Hz",
+        (
+            f"{ORDINALS.get(part.resonance, part.resonance)} resonance, "
+            f"{part.omega / (2 * np.pi):.1f} Hz"
+        ),
         fontsize=12,
     )
     panel.set_xlabel("amplitude of the force in N", fontsize=11)
@@ -184,7 +206,11 @@ def _lines(panel: Axes, x: Array, levels: Levels, scale: Array) -> None:
 
 
 def draw_curves(findings: SearchResult) -> Figure:
-    """Draw the response level over the force: winner, paper's design, no absorber, and the limit of the winner's cavity."""
+    """Draw the response level over the force.
+
+    The curves are those of the winner, of the paper's design and without absorber, and the limit of
+    the winner's cavity.
+    """
     assert findings.curves is not None
     assert findings.verdict is not None
     figure, panels = figures.figure_with(len(findings.curves))
@@ -232,7 +258,10 @@ def draw_curves(findings: SearchResult) -> Figure:
 
 
 def draw_map(findings: SearchResult) -> Figure:
-    """Draw the relative level over gap and force: straight lines of one gap over force are what the scaling law demands."""
+    """Draw the relative level over gap and force.
+
+    By the scaling law it is constant on straight lines of constant gap over force.
+    """
     from matplotlib.colors import LogNorm
     from matplotlib.font_manager import FontProperties
 
@@ -318,7 +347,10 @@ def _rule(findings: SearchResult, resonance: int, force: float) -> float | None:
 
 
 def draw_robustness(findings: SearchResult) -> Figure:
-    """Draw the relative level over a detuning of the beam's frequencies that the design does not know of."""
+    """Draw the relative level over a detuning of the beam's frequencies.
+
+    The design was not chosen for this detuning.
+    """
     assert findings.detuned is not None
     figure, panels = figures.figure_with(len(findings.detuned))
     for panel, levels, own in zip(
@@ -390,9 +422,13 @@ def draw_front(
     paper: Array,
     bound: Array | None = None,
 ) -> Figure:
-    """Draw a Pareto front: ``searched`` (N, 2) all designs, ``front`` and ``fresh`` (K, 2) those not dominated, as searched and on fresh members.
+    """Draw a Pareto front.
 
-    ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of the designs on the front; NaN where there is none.
+    ``searched`` (N, 2): all designs. ``front`` and ``fresh`` (K, 2): those not dominated, with the
+    members of the search and with fresh members.
+
+    ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of
+    the designs on the front; NaN where there is none.
     """
     figure, (panel,) = figures.figure_with(1, 5.6)
     figure.set_figwidth(7.6)

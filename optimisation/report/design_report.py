@@ -102,7 +102,11 @@ LEVEL_COLUMNS = (
 
 
 def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[float] = ()) -> Table:
-    """Return a table with a row for each condition and design: `LEVEL_COLUMNS`, under loads those of their measure and of a factor on them."""
+    """Return a table with a row for each condition and design.
+
+    The columns are `LEVEL_COLUMNS`. Under loads they have the measure of the loads and the factor
+    on them.
+    """
     columns: tuple[str, ...] = LEVEL_COLUMNS
     rows = list[list[object]]()
     first = parts[0].conditions[0]
@@ -132,7 +136,10 @@ def level_table(parts: Sequence[Levels], names: Sequence[str], gaps: Sequence[fl
 
 
 def constraint_words(problem: Problem, score: Score) -> str:
-    """Return whether a design keeps the constraints, and which it breaks by how much, in words; nothing where there are none."""
+    """Return a text that says which constraints a design breaks, and by how much.
+
+    The text is empty without constraints.
+    """
     if score.failed:
         return ", a run failed"
     broken = [(c, v) for c, v in zip(problem.constraints, score.violations, strict=True) if v > 0]
@@ -151,7 +158,11 @@ def constraint_words(problem: Problem, score: Score) -> str:
 
 
 def constraints(problem: Problem, score: Score) -> Json:
-    """Return whether a design is feasible, and each constraint's limit, value and share by which it is exceeded, as JSON values."""
+    """Return the constraints of a design as JSON values.
+
+    They say whether the design is feasible, and give each constraint's limit, value and the share
+    by which it is exceeded.
+    """
     pairs = zip(problem.constraints, score.violations, strict=True)
     rows = {
         c.name: {"limit": c.limit, "value": number(c.limit * (1 + v)), "exceeded_by": number(v)}
@@ -248,7 +259,10 @@ def summary(findings: SearchResult) -> Json:
 
 
 def condition_values(findings: SearchResult, k: int) -> Json:
-    """Return levels, limit and share of winner and paper under a condition, by its index, as JSON values."""
+    """Return the levels of winner and paper's design under a condition as JSON values.
+
+    Their limit and share are included. ``k``: index of the condition.
+    """
     own = findings.own
     verdict = findings.verdict
     problem = findings.problem
@@ -289,7 +303,10 @@ def condition_values(findings: SearchResult, k: int) -> Json:
 
 
 def _ratio(levels: Levels, d: int, k: int) -> float | None:
-    """Return where a design's level under a condition was read, over the resonance; None under loads."""
+    """Return the frequency over the resonance at which a design's level was read.
+
+    The level is that under a condition. The result is None under loads.
+    """
     if levels.ratios is None or levels.conditions[k].loads is not None:
         return None
     return number(float(levels.ratios[d, k]))
@@ -302,7 +319,10 @@ def reading(problem: Problem, condition: Condition, ratio: float | None) -> str:
     return f", read at {reading_in_words(ratio, condition.limits, problem.rate)}"
 
 
-END_WARNING = "a level was read at an end of the sweeps, where it may be that of another resonance or of the sweep's start"
+END_WARNING = (
+    "a level was read at an end of the sweeps, where it may be that of another resonance or of "
+    "the sweep's start"
+)
 
 
 def is_any_at_end(problem: Problem, judged: Sequence[Judged]) -> bool:
@@ -320,7 +340,10 @@ def lines_of(findings: SearchResult) -> list[str]:
     problem = findings.problem
     verdict = findings.verdict
     cost = findings.cost
-    title = f"{problem.space.concept}: {problem.objectives[0].label}, {'larger' if problem.objectives[0].maximise else 'smaller'} is better"
+    title = (
+        f"{problem.space.concept}: {problem.objectives[0].label}, "
+        f"{'larger' if problem.objectives[0].maximise else 'smaller'} is better"
+    )
     loads = [
         f"  under {one.words}; the level is the {LABELS[one.measure_and_unit[0]]}"
         for one in problem.conditions
@@ -339,14 +362,18 @@ def lines_of(findings: SearchResult) -> list[str]:
     lines += _design_lines(problem, verdict)
     audit = findings.audit
     if audit is not None and audit.designs:
-        what = f"of {audit.designs} designs left behind and now run in full, {audit.missed} beat the best found"
+        what = (
+            f"of {audit.designs} designs left behind and now run in full, {audit.missed} beat the "
+            "best found"
+        )
         lines.append(f"  {what}; rank correlation {audit.rank_correlation:.2f}")
     lines += _condition_lines(findings)
     if findings.wider is not None:
         had = problem.model.modes
         wider = findings.wider
         lines.append(
-            f"  winner with {wider.modes} modes: {wider.judged.score.values[0]:.4g}, {wider.change} of its value with {had}"
+            f"  winner with {wider.modes} modes: {wider.judged.score.values[0]:.4g}, "
+            f"{wider.change} of its value with {had}"
         )
     if findings.service is not None:
         lines += service_lines(findings.service)
@@ -362,7 +389,10 @@ def lines_of(findings: SearchResult) -> list[str]:
 
 
 def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
-    """Yield the winner's numbers beside those of the paper and the rule, what the members say of them, and the bounds that it lies at."""
+    """Yield the variables of the winner, of the paper's design and of the design rule.
+
+    Further lines give their values with fresh members, and the bounds at which the winner lies.
+    """
     free = {v.name for v in problem.space.free}
     every = compared(verdict)
     display_unit = [
@@ -373,18 +403,35 @@ def _design_lines(problem: Problem, verdict: Verdict) -> Iterator[str]:
     width = max(len(v.name) for v in display_unit)
     for v in display_unit:
         mine, paper, rule = (judged.design.values[v.name] for judged in every.values())
-        yield f"  {v.name:<{width}}  {mine:10.4g}  (paper {paper:.4g}, rule {rule:.4g}) {v.si}".rstrip()
+        values = f"{mine:10.4g}  (paper {paper:.4g}, rule {rule:.4g}) {v.si}"
+        yield f"  {v.name:<{width}}  {values}".rstrip()
     for name, judged in every.items():
         (low, high), *_ = judged.bands
         members = f"{len(judged.members[0])} fresh members"
-        yield f"  {name} on {members}: {with_band(judged.score.values[0], low, high)}{constraint_words(problem, judged.score)}"
+        level = with_band(judged.score.values[0], low, high)
+        yield f"  {name} on {members}: {level}{constraint_words(problem, judged.score)}"
     if not verdict.feasible:
-        yield "  no feasible design: the winner is the one that breaks the constraints least; loosen them, or search longer"
+        yield (
+            "  no feasible design: the winner is the one that breaks the constraints least; "
+            "loosen them, or search longer"
+        )
     elif verdict.winner in (verdict.paper, verdict.rule):
-        yield f"  the winner is the {PAPER if verdict.winner is verdict.paper else RULE}'s design: the search found none better on fresh members"
-    over = f"winner over paper {verdict.gain}, over the rule's design {verdict.gain_over(verdict.rule)}"
-    yield f"  in brackets behind a design: the interval that holds {100 * PREDICTED:g} % of further runs"
-    yield f"  the search thought {verdict.search_best.score.values[0]:.4g}; {over}, with {100 * COVERED:g} % bootstrap intervals"
+        yield (
+            f"  the winner is the {PAPER if verdict.winner is verdict.paper else RULE}'s design: "
+            "the search found none better on fresh members"
+        )
+    over = (
+        f"winner over paper {verdict.gain}, over the rule's design "
+        f"{verdict.gain_over(verdict.rule)}"
+    )
+    yield (
+        f"  in brackets behind a design: the interval that holds {100 * PREDICTED:g} % of further "
+        "runs"
+    )
+    yield (
+        f"  the search thought {verdict.search_best.score.values[0]:.4g}; {over}, with "
+        f"{100 * COVERED:g} % bootstrap intervals"
+    )
     for line in problem.space.at_bounds(verdict.winner.design):
         yield f"  the winner lies at a bound: {line}"
 
@@ -430,7 +477,9 @@ def _condition_lines(findings: SearchResult) -> Iterator[str]:
         level = with_band(scale * mine[f"{name}_{unit}"], ends[0], ends[1], "{:.3f}", display_unit)
         levels = f"{level}, {100 * mine['relative']:.1f} % of no absorber"
         where = reading(findings.problem, condition, mine["level_frequency_ratio"])
-        yield f"  {condition.words}: {levels}{where} (paper {100 * paper['relative']:.1f} %){reached}"
+        yield (
+            f"  {condition.words}: {levels}{where} (paper {100 * paper['relative']:.1f} %){reached}"
+        )
         for name, part in ((WINNER, mine), (PAPER, paper)):
             if part["branches"] is not None:
                 low, high = (
@@ -445,7 +494,10 @@ def _condition_lines(findings: SearchResult) -> Iterator[str]:
         if sweep is not None:
             fast = ": too fast to tell the share of the possible" if sweep < LEAST_RATIO else ""
             first, last = condition.limits
-            yield f"    the sweeps, {first:.3g} to {last:.3g} of the resonance, show {sweep:.3f} of the stationary level without absorber{fast}"
+            yield (
+                f"    the sweeps, {first:.3g} to {last:.3g} of the resonance, show {sweep:.3f} of "
+                f"the stationary level without absorber{fast}"
+            )
     assert findings.verdict is not None
     if is_any_at_end(findings.problem, (findings.verdict.winner,)):
         yield f"  Warning: {END_WARNING}."
@@ -501,7 +553,10 @@ def service_summary(service: Service) -> Json:
 
 
 def load_pairs(measures: dict[str, NDArray[np.float64]], c: int) -> Iterator[tuple[str, str]]:
-    """Yield a design's loads in service under a condition, by its index (`Service.measures`): name, and median with band in words."""
+    """Yield the service loads of a design under a condition: name, and median with band.
+
+    ``measures`` are those of `Service.measures`. ``c``: index of the condition.
+    """
     for name, values in measures.items():
         word, unit, scale = WORDS[name]
         low, middle, high = (scale * x for x in values[:, c])
@@ -545,7 +600,8 @@ def make_report(
 ) -> Report:
     """Return the content of a search.
 
-    ``frequency``: levels over the frequency of the winner; ``conditions``: what else summary.json has.
+    ``frequency``: levels over the frequency of the winner; ``conditions``: what else summary.json
+    has.
     """
     tables = {"designs.csv": design_table(result.problem, result.evaluated)}
     figures: dict[str, Draw] = {}
@@ -579,16 +635,26 @@ def make_report(
 
 
 def winner_line(result: SearchResult) -> str:
-    """Return the winner's value and what it is over the paper's design, in words; nothing before it is judged."""
+    """Return a text with the winner's value, and its ratio to that of the paper's design.
+
+    The text is empty before the winner is evaluated.
+    """
     verdict = result.verdict
     if verdict is None:
         return ""
     value = f"{result.problem.objectives[0].label} {verdict.winner.score.values[0]:.4g}"
-    return f"Winner: {value}, over the paper's design {verdict.gain}{constraint_words(result.problem, verdict.winner.score)}."
+    return (
+        f"Winner: {value}, over the paper's design "
+        f"{verdict.gain}{constraint_words(result.problem, verdict.winner.score)}."
+    )
 
 
 def card_groups(result: SearchResult) -> tuple[tuple[Group, ...], tuple[str, ...]]:
-    """Return the winner, its level under each condition beside other designs, its service loads and assumptions; and warnings."""
+    """Return the groups of the winner's card, and warnings.
+
+    They are the winner, its level under each condition with those of other designs, its service
+    loads, and assumptions.
+    """
     problem = result.problem
     verdict = result.verdict
     groups: list[Group] = []

@@ -1,4 +1,7 @@
-"""The content of answers about the level of a disk's worst sector: over the clearance, and by absorber."""
+"""The content of results on the level of a disk's worst sector.
+
+The level is given over the clearance, and by absorber.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,8 @@ def describe_case(case: DiskCase) -> list[str]:
     low, high = case.limits
     omega = case.disk.tuned().model.resonance_omega(case.resonance)
     run = (
-        f"{case.force:g} N on each sector, swept up and down from {low:.4g} to {high:.4g} times resonance {case.resonance} of the tuned "
+        f"{case.force:g} N on each sector, swept up and down from {low:.4g} to {high:.4g} "
+        f"times resonance {case.resonance} of the tuned "
         f"disk ({omega / (2 * np.pi):.6g} Hz), at {case.rate:.3g} % per 100 pseudo periods"
     )
     return [describe_disk(case.disk), describe_disk_absorbers(case.disk), run]
@@ -82,7 +86,10 @@ def gap_lines(choice: DiskGapChoice) -> list[str]:
         within = f"at most {MM * worst:.4g} mm within {tolerance:g} % of the force"
         lines += [
             recommended_line(choice, name, step),
-            f"  Level of the worst sector {MM * level:.4g} mm, {share}{_interval(levels)}; {within}.",
+            (
+                f"  Level of the worst sector {MM * level:.4g} mm, {share}{_interval(levels)}; "
+                f"{within}."
+            ),
         ]
     lines.append(f"No absorbers: {MM * without:.4g} mm{_interval(choice.without)}.")
     lines.append(f"Design rule (no simulation): {MM * choice.reference:.4g} mm.")
@@ -207,7 +214,8 @@ def comparison_blocks(levels: DiskComparisonLevels) -> list[list[str | Table]]:
     lines.append(f"{FRICTION}: {describe_disk_absorbers(levels.dampers)}")
     members = levels.levels[WITHOUT].shape[1]
     lines.append(
-        f"level of the worst sector in mm, median of {members} disk{'s' * (members != 1)}; share of no absorbers"
+        f"level of the worst sector in mm, median of {members} disk{'s' * (members != 1)}; "
+        "share of no absorbers"
     )
     header = ("force, N", *levels.levels)
     base = np.median(levels.levels[WITHOUT], axis=1)
@@ -226,7 +234,10 @@ def comparison_blocks(levels: DiskComparisonLevels) -> list[list[str | Table]]:
         low, high = prediction_interval(scaled)
         words = f"{low:.3g} to {high:.3g}" if np.isfinite(low) else ""
         factors.append((name, f"{np.median(scaled):.3g}", words))
-    note = "Amplification factor: worst sector over that of the tuned disk without absorbers, at the middle force."
+    note = (
+        "Amplification factor: worst sector over that of the tuned disk without absorbers, at the "
+        "middle force."
+    )
     return [
         lines,
         [Table.of_words(header, rows)],
@@ -299,12 +310,18 @@ def comparison_chart(levels: DiskComparisonLevels) -> Chart:
 
 
 def lowest_line(levels: DiskComparisonLevels) -> str:
-    """Return the absorbers with the lowest level of the worst sector at the middle force, in words."""
+    """Return a text with the absorbers of the lowest level of the worst sector.
+
+    The level is that at the middle force.
+    """
     k = len(levels.forces) // 2
     medians = {name: float(np.median(table[k])) for name, table in levels.levels.items()}
     best = min(medians, key=lambda name: medians[name])
     share = 100 * medians[best] / medians[WITHOUT]
-    return f"Lowest level of the worst sector at {levels.forces[k]:.4g} N on each: {best}, {share:.1f} % of {WITHOUT}."
+    return (
+        f"Lowest level of the worst sector at {levels.forces[k]:.4g} N on each: {best}, "
+        f"{share:.1f} % of {WITHOUT}."
+    )
 
 
 def comparison_groups(levels: DiskComparisonLevels) -> tuple[Group, ...]:

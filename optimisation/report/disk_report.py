@@ -55,7 +55,10 @@ def describe_disk_absorbers(disk: BladedDisk) -> str:
 def describe_disk_run(
     disk: BladedDisk, drive: Excitation, resonance: int, start: str, method: str
 ) -> str:
-    """Return in a line what drives the disk; ``resonance`` of the tuned disk, ``start`` and ``method`` in words."""
+    """Return a line that describes the drive of a disk.
+
+    ``resonance`` is that of the tuned disk. ``start`` and ``method`` are texts.
+    """
     schedule = drive.schedule
     ratios = schedule.omegas / schedule.reference
     modes = describe_modes(disk.model.modes)
@@ -76,7 +79,10 @@ def describe_disk_run(
 
 
 def level_lines(responses: Sequence[SectorResponse], periods: float) -> list[str]:
-    """Return lines on the worst sector, the mean, localisation and impacts; of several disks with their spread."""
+    """Return lines on the worst sector, the mean, localisation and impacts.
+
+    For several disks they include the spread.
+    """
     levels = [response.levels for response in responses]
     first = levels[0]
     worst = first.worst_sector
@@ -111,7 +117,10 @@ def _spread(values: list[float]) -> list[tuple[str, str, str]]:
 
 
 def sector_table(responses: Sequence[SectorResponse], absorbers: Sequence[int]) -> Table:
-    """Return a row for each sector of the first disk: level, where it was read, largest displacement."""
+    """Return a row for each sector of the first disk.
+
+    It has the level, the frequency at which it was read, and the largest displacement.
+    """
     levels = responses[0].levels
     header = ("sector", "absorber", "level, mm", "read at", "largest, mm")
     rows = [
@@ -143,7 +152,11 @@ def levels_to_json(responses: Sequence[SectorResponse]) -> dict[str, Any]:
 
 
 def draw_disk_sweep(title: str, responses: Sequence[SectorResponse]) -> Figure:
-    """Return the figure: sectors over the frequency of the first disk, and each sector's level with the worst of all disks."""
+    """Return the figure of a sweep of disks.
+
+    It shows the sectors of the first disk over the frequency, and each sector's level with the
+    worst of all disks.
+    """
     figure, axes = figure_of(12, 4.6, 1, 2, width_ratios=[2, 1])
     figure.suptitle(title, fontsize=10)
     windows = responses[0].windows

@@ -46,7 +46,10 @@ HATCHED: dict[str, Any] = {
 def figure_of(
     width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple[Figure, Any]:
-    """Return a figure of a size in inches with its axes: one, a row of them, or an array (rows, columns); ``options`` as in `Figure.subplots`."""
+    """Return a figure of a size in inches with its axes.
+
+    They are one, a row, or an array (rows, columns). ``options`` as in `Figure.subplots`.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -134,9 +137,12 @@ def draw_legend(figure: Figure, panel: Axes, columns: int = 5, **options: Any) -
 
 
 def write_figure(figure: Figure, path: Path, dpi: float = 160) -> None:
-    """Write a figure, whole or not at all, in the format that the ending of its path names (PNG where it has none).
+    """Write a figure, completely or not at all.
 
-    A PNG has a palette of 256 colours: less than half as large, and off by less than one of 255 steps of a colour in the mean, at edges of lines.
+    The ending of its path names the format (PNG without an ending).
+
+    A PNG has a palette of 256 colours: less than half as large, and off by less than one of 255
+    steps of a colour in the mean, at edges of lines.
     """
     from PIL import Image  # which matplotlib needs
 
@@ -151,7 +157,7 @@ def write_figure(figure: Figure, path: Path, dpi: float = 160) -> None:
 
 
 def few_colours(image: Image.Image) -> Image.Image:
-    """Return an image with a palette, without a pattern of dots in place of colours that are left out."""
+    """Return an image with a palette of few colours, without dithering."""
     from PIL import Image
 
     return image.convert("RGB").quantize(

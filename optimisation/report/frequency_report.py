@@ -1,4 +1,7 @@
-"""The level over the frequency as figure, chart and JSON; and the time history of a run as table, arrays or figure."""
+"""Level over the frequency as figure, chart and JSON, and a run's time history.
+
+The time history is a table, arrays or a figure.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +86,11 @@ def frequency_figures(parts: Sequence[ResonanceCurves]) -> dict[str, Draw]:
 
 
 def history_arrays(run: WorstRun) -> dict[str, Array]:
-    """Return a run's samples by the names of `COLUMNS`; of several absorbers the first, and without an absorber only the structure's."""
+    """Return a run's samples by the names of `COLUMNS`.
+
+    For several absorbers they are those of the first one, and without absorber those of the
+    structure alone.
+    """
     response = run.response
     history = require_recorded("history", response.history)
     model = response.scene.model
@@ -100,7 +107,10 @@ def history_arrays(run: WorstRun) -> dict[str, Array]:
 
 
 def save_history(path: Path, run: WorstRun) -> None:
-    """Write or draw the motion of a run; the ending of ``path`` chooses the format, one of `HISTORY_FORMATS`."""
+    """Write or draw the motion of a run.
+
+    The ending of ``path`` determines the format, one of `HISTORY_FORMATS`.
+    """
     arrays = history_arrays(run)
     ending = path.suffix.lower()
     if ending == ".csv":

@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 
 def front_table(front: Front) -> Table:
-    """Return a table with a row for each design, by number; an empty cell where it did not run on fresh members."""
+    """Return a table with a row for each design, in the order of their numbers.
+
+    A cell is empty if the design was not run on fresh members.
+    """
     fresh = {} if front.fresh is None else dict(zip(front.index, front.fresh, strict=True))
     free = [v.name for v in front.problem.space.free]
     names = [name_of(objective) for objective in front.problem.objectives]
@@ -97,13 +100,17 @@ def text_blocks(front: Front) -> list[list[str | Table]]:
     cost = front.cost
     lines: list[str | Table] = [
         f"{problem.space.concept}: {title(front)}",
-        f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s, {100 * cost.overhead:.1f} % of it outside the runs",
+        (
+            f"  {cost.designs} designs, {cost.runs} runs, {cost.seconds:.0f} s, "
+            f"{100 * cost.overhead:.1f} % of it outside the runs"
+        ),
     ]
     for k, condition in enumerate(problem.conditions):
         ratio = problem.sweep_ratio(condition)
         if condition.loads is not None:
             lines.append(
-                f"  under {condition.words}; the level is the {LABELS[condition.measure_and_unit[0]]}"
+                f"  under {condition.words}; the level is the "
+                f"{LABELS[condition.measure_and_unit[0]]}"
             )
             continue
         low, high = condition.limits
@@ -118,7 +125,10 @@ def text_blocks(front: Front) -> list[list[str | Table]]:
 
 
 def member_table(front: Front) -> Table:
-    """Return the designs of the front with their scores, as the search saw them and on fresh members."""
+    """Return the designs of the front with their scores.
+
+    The scores are those with the members of the search and those with fresh members.
+    """
     free = [v.name for v in front.problem.space.free]
     names = [name_of(objective) for objective in front.problem.objectives]
     rows = []
@@ -135,18 +145,27 @@ def _volume_lines(front: Front) -> Iterator[str]:
         values = ", ".join(f"{x:.4g}" for x in front.paper.score.values)
         yield f"  paper's design on fresh members: {values}"
     fresh = "" if front.fresh_volume is None else f", {front.fresh_volume:.4g} on fresh members"
-    yield f"  hypervolume {front.volume:.4g}{fresh} up to the corner {front.corner[0]:g}, {front.corner[1]:g}"
+    yield (
+        f"  hypervolume {front.volume:.4g}{fresh} up to the corner {front.corner[0]:g}, "
+        f"{front.corner[1]:g}"
+    )
     for seed, mine, random in front.against:
         change = ""
         if random > 0:
             change = f": {mine:.4g}, random search {random:.4g}, {100 * (mine / random - 1):+.1f} %"
         yield f"  seed {seed}{change}"
     if front.against:
-        yield f"  larger hypervolume than a random search with the same budget in {front.won} of {len(front.against)} seeds"
+        yield (
+            f"  larger hypervolume than a random search with the same budget in {front.won} of "
+            f"{len(front.against)} seeds"
+        )
 
 
 def bounds_of(front: Front) -> NDArray[np.float64]:
-    """Return the stationary limits of the designs on the front, (designs, 2), as relative levels; NaN where the closed form does not apply."""
+    """Return the stationary limits of the designs on the front, (designs, 2).
+
+    They are relative levels, and NaN if the closed form does not apply.
+    """
     problem = front.problem
     without = problem.reference(problem.ensemble[:1], problem.rate)[
         0, :, :, problem.measures.index(LEVEL)

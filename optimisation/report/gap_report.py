@@ -1,4 +1,7 @@
-"""The answers of `design gap` and what they rest on: as text, card, rows, JSON and figures. SI units, unless named."""
+"""The results of `design gap` and their basis: text, card, rows, JSON and figures.
+
+Quantities are in SI units unless stated otherwise.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +98,10 @@ def _percent(answer: Answer, advice: Advice, factor: float) -> str:
 
 
 def band_in_words(answer: Answer, factor: float = 1e3) -> str:
-    """Return the interval that holds 90 % of fresh runs in brackets, times a factor; nothing where it is not known."""
+    """Return the interval that holds 90 % of fresh runs as text in brackets.
+
+    Its ends are multiplied by ``factor``. The text is empty if the interval is not known.
+    """
     if answer.prediction is None:
         return ""
     return f" (90 % of runs: {factor * answer.low:.4g} to {factor * answer.high:.4g})"
@@ -112,7 +118,10 @@ def device(answer: Answer, mass: float) -> str:
         f"friction limit {answer.friction_limit:.4g} N" if answer.friction_limit else "no friction"
     )
     restitution = answer.absorber.walls.restitution  # type: ignore[union-attr]
-    return f"a clearance of {1e3 * answer.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}, mass {mass:.4g} kg"
+    return (
+        f"a clearance of {1e3 * answer.gap:.4g} mm to either wall, {friction}, restitution "
+        f"{restitution:g}, mass {mass:.4g} kg"
+    )
 
 
 def _worst(answer: Answer) -> str:
@@ -128,7 +137,10 @@ def title(advice: Advice) -> str:
 
 
 def answer(advice: Advice) -> list[str]:
-    """Return the recommended device, the one with the lowest level, and what both do when the force changes."""
+    """Return lines on the recommended device and on the one with the lowest level.
+
+    They include the levels of both if the force changes.
+    """
     check = advice.check
     best = advice.recommended
     sharp = advice.sharp
@@ -140,7 +152,8 @@ def answer(advice: Advice) -> list[str]:
     lines = [
         f"Recommended: {device(best, check.mass)}, for {force}.",
         (
-            f"  Level {1e3 * best.level:.4g} mm{band_in_words(best)}, {100 * best.level / without:.1f} % of no absorber, read at {_ratio(best)}; "
+            f"  Level {1e3 * best.level:.4g} mm{band_in_words(best)}, "
+            f"{100 * best.level / without:.1f} % of no absorber, read at {_ratio(best)}; "
             f"{_worst(best)} from {(1 - t) * check.force:.4g} to {(1 + t) * check.force:.4g} N."
         ),
     ]
@@ -151,7 +164,10 @@ def answer(advice: Advice) -> list[str]:
             f"{100 * sharp.level / without:.1f} % of no absorber; {_worst(sharp)} over that range."
         )
     rows = [
-        f"{100 * (factor - 1):+.0f} % force: {_percent(best, advice, factor)}, {_percent(sharp, advice, factor)}"
+        (
+            f"{100 * (factor - 1):+.0f} % force: {_percent(best, advice, factor)}, "
+            f"{_percent(sharp, advice, factor)}"
+        )
         for factor in (1.1, 1.2, 1.3)
     ]
     lines.append(
@@ -167,11 +183,13 @@ def answer(advice: Advice) -> list[str]:
         if check.gaps.size and check.gaps[check.at_rule] == check.rule
         else math.nan
     )
+    over_best = ""
+    if not math.isnan(at_rule):
+        over_best = f", level {at_rule / best.level:.2f} times that of the recommended{single}"
+    lines.append(f"{rule}{over_best}.")
     lines.append(
-        f"{rule}{'' if math.isnan(at_rule) else f', level {at_rule / best.level:.2f} times that of the recommended{single}'}."
-    )
-    lines.append(
-        f"Free amplitude over the rule's gap: {check.reach:.3g}. The friction limit follows the gap by the scaling law: docs/which_gap.md."
+        f"Free amplitude over the rule's gap: {check.reach:.3g}. The friction limit follows "
+        "the gap by the scaling law: docs/which_gap.md."
     )
     lines += _limit_lines(advice)
     lines += _tried(advice.tried)
@@ -179,7 +197,10 @@ def answer(advice: Advice) -> list[str]:
 
 
 def probability(advice: Advice, limit: float | None) -> list[str]:
-    """Return the line about the probability that the recommended device's level stays below a limit in m; none without a limit."""
+    """Return the probability that the recommended device's level stays below a limit in m.
+
+    It is a line of text. The list is empty without a limit.
+    """
     best = advice.recommended
     if limit is None or best is None:
         return []
@@ -209,7 +230,10 @@ def _limit_lines(advice: Advice) -> list[str]:
 
 
 def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
-    """Return the lowest level with each value of a free variable, relative to the first, and its gap."""
+    """Return the lowest level with each value of a free variable, and its gap.
+
+    Levels are relative to that of the first value.
+    """
     lines = []
     for name in dict.fromkeys(name for name, *_ in tried):
         rows = [row for other, *row in tried if other == name]
@@ -223,7 +247,8 @@ def _tried(tried: Sequence[tuple[str, float, float, float]]) -> list[str]:
             else ""
         )
         lines.append(
-            f"Lowest level of a coarse search over that of the first value, and its gap, {name.replace('_', ' ')} {words}.{softer}"
+            "Lowest level of a coarse search over that of the first value, and its gap, "
+            f"{name.replace('_', ' ')} {words}.{softer}"
         )
     return lines
 
@@ -238,28 +263,43 @@ def warnings(advice: Advice) -> list[str]:
     best = advice.recommended
     read_at_end = best is not None and is_at_end(best.frequency_ratio, check.limits, check.rate)
     conditions = {
-        f"the level was read at an end of the sweeps, {_ratio(best) if best else ''}: a resonance beside this one, or an absorber too heavy for the "
+        f"the level was read at an end of the sweeps, {_ratio(best) if best else ''}: a "
+        "resonance beside this one, or an absorber too heavy for the "
         "range, decides": read_at_end,
-        "no gap that ran keeps the limits; the recommended one breaks them least": not advice.keeps_limits,
-        f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} the rule's gap is too wide": check.reach
-        < SMALL_REACH,
-        f"free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too narrow, on the steep side": check.reach
-        > LARGE_REACH,
-        "the best gap is the narrowest or widest that was tried: another mass or place may suit better": advice.at_end,
-        "no gap brings the level below that without absorber: another place may suit better": useless,
-        "in some gaps no device can be sure to lower the level: the response is near a node of the resonance, or other modes decide there": bool(
-            check.out_of_reach.any()
+        "no gap that ran keeps the limits; the recommended one breaks them least": (
+            not advice.keeps_limits
         ),
+        (
+            f"the free amplitude is {check.reach:.3g} of the rule's gap; below {SMALL_REACH:g} "
+            "the rule's gap is too wide"
+        ): check.reach < SMALL_REACH,
+        (
+            f"free amplitude over the rule's gap above {LARGE_REACH:g}: the rule's gap is too "
+            "narrow, on the steep side"
+        ): check.reach > LARGE_REACH,
+        (
+            "the best gap is the narrowest or widest that was tried: another mass or place may "
+            "suit better"
+        ): advice.at_end,
+        "no gap brings the level below that without absorber: another place may suit better": (
+            useless
+        ),
+        (
+            "in some gaps no device can be sure to lower the level: the response is near a node "
+            "of the resonance, or other modes decide there"
+        ): bool(check.out_of_reach.any()),
     }
     lines = [f"{WARNING}{words}." for words, so in conditions.items() if so]
     low, high = check.limits
     lines.append(
-        f"Sweeps from {low:.3g} to {high:.3g} of the resonance at {check.rate:.3g} % per 100 pseudo periods "
+        f"Sweeps from {low:.3g} to {high:.3g} of the resonance at {check.rate:.3g} % per 100 "
+        "pseudo periods "
         f"show {ratio:.3f} of the stationary level without absorber."
     )
     if ratio < LEAST_RATIO:
         lines.append(
-            f"{WARNING}below {LEAST_RATIO:g} shares of the possible are left out; sweep more slowly."
+            f"{WARNING}below {LEAST_RATIO:g} shares of the possible are left out; sweep more "
+            "slowly."
         )
     left_out = (
         f"; {len(advice.single_runs)} other gaps, with one run each, are left out of the table"
@@ -275,12 +315,19 @@ def baselines(service: ServiceLoads) -> str:
     other = service.baselines
     alone = ", for this resonance alone" if other.tuned < service.answer.level else ""
     tuned = f"the best tuned absorber leaves {1e3 * other.tuned:.4g} mm{alone}"
-    return f"Of the same mass and over the same range, {tuned}; the best friction damper {1e3 * other.damper:.4g} mm."
+    return (
+        f"Of the same mass and over the same range, {tuned}; the best friction damper "
+        f"{1e3 * other.damper:.4g} mm."
+    )
 
 
 @dataclass(frozen=True)
 class UncertaintyResult:
-    """What is uncertain, and the 5, 50 and 95 % quantiles of the recommended device's level in m with all of it drawn."""
+    """Level in m of the recommended device under uncertainty.
+
+    ``every``: the uncertain quantities, all of which are drawn. ``low``, ``median`` and ``high``:
+    5, 50 and 95 % quantiles of the level.
+    """
 
     every: tuple[Distribution, ...]
     low: float
@@ -319,7 +366,10 @@ CONTACT_HEADING = "Contact, estimated after Hertz, without loss"
 def contact_rows(
     model: ModalModel, absorber_mass: float, speed: float, contact: tuple[str, str, float]
 ) -> tuple[tuple[Row, ...], list[str]]:
-    """Return the estimate of an impact at a speed in m/s, and a warning if it reaches modes that were left out."""
+    """Return the estimated contact of an impact at a speed in m/s, and warnings.
+
+    There is a warning if the impact excites modes that the model lacks.
+    """
     first, second, radius = contact
     if not speed > 0:
         return (Row("contact", "no impact"),), []
@@ -328,7 +378,10 @@ def contact_rows(
     rows = (
         Row(
             "of",
-            f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at {speed:.4g} m/s",
+            (
+                f"{first} and {second}, radius {1e3 * radius:.4g} mm, {one.mass:.4g} kg at "
+                f"{speed:.4g} m/s"
+            ),
         ),
         Row("contact time", 1e3 * one.time, "ms"),
         Row("peak force", one.force, "N"),
@@ -336,7 +389,10 @@ def contact_rows(
         Row("force up to about, one over the contact time", 1 / one.time, "Hz"),
         Row("modes kept up to", top, "Hz"),
     )
-    text = f"impacts of {1e3 * one.time:.3g} ms reach modes above the {model.modes} kept, up to about {1 / one.time:.3g} Hz: try more modes"
+    text = (
+        f"impacts of {1e3 * one.time:.3g} ms reach modes above the {model.modes} kept, up to "
+        f"about {1 / one.time:.3g} Hz: try more modes"
+    )
     return rows, [text] if reaches_beyond(model, one) else []
 
 
@@ -349,7 +405,8 @@ def device_groups(
 ) -> tuple[list[Group], list[str]]:
     """Return the card's groups about the recommended device, and its warnings.
 
-    ``contact``: two materials of `optimisation.contact` and the radius in m of the rounder one; ``more``: what more modes change, in words.
+    ``contact``: two materials of `optimisation.contact` and the radius in m of the rounder one;
+    ``more``: what more modes change, in words.
     """
     check = advice.check
     best = service.answer
@@ -466,7 +523,10 @@ def level_charts(advice: Advice, service: ServiceLoads) -> tuple[Chart, ...]:
 def answer_values(
     answer: Answer | None, mass: float, measure: str = "level", unit: str = "m"
 ) -> Json | None:
-    """Return a device and its levels, or what else is measured, as JSON values, mass in kg; None for none."""
+    """Return a device and its levels as JSON values, mass in kg; None without device.
+
+    Instead of levels they may be another ``measure`` in its ``unit``.
+    """
     if answer is None:
         return None
     levels = {"": answer.level, "_5": answer.low, "_95": answer.high, "_worst": answer.worst}
@@ -527,7 +587,10 @@ def summary(advice: Advice) -> Json:
             "sweep_limits": list(check.limits),
             "members": advice.members,
             "sweeps": advice.sweeps,
-            "level": "larger of sweep up and sweep down; median, and the interval that holds 90 % of further runs",
+            "level": (
+                "larger of sweep up and sweep down; median, and the interval that holds 90 % of "
+                "further runs"
+            ),
             "limits": {
                 name: value
                 for name, value in (
@@ -595,7 +658,10 @@ def draw_levels(advice: Advice) -> Figure:
     axes.set_ylabel("resonant response level in mm (RMS)", fontsize=11)
     draw_grid(axes)
     axes.legend(loc="upper center", ncols=2, fontsize=8.5, framealpha=0.95)
-    absorber = f"absorber of {100 * check.absorber.mass_ratio:g} % of the structure's mass; without absorber: {without:.3g} mm"
+    absorber = (
+        f"absorber of {100 * check.absorber.mass_ratio:g} % of the structure's mass; without "
+        f"absorber: {without:.3g} mm"
+    )
     axes.set_title(
         f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}",
         fontsize=11,

@@ -23,7 +23,10 @@ KIND_MARKS = {BIRTH: "v", "merger": "^"}
 
 
 def make_isola_report(isola_map: IsolaMap) -> Report:
-    """Return what `periodic isola` prints and writes: births and mergers of the case itself, then of the map."""
+    """Return what `periodic isola` prints and writes.
+
+    The births and mergers of the case itself come first, then those of the map.
+    """
     rows = [row for cell in (isola_map.own, *isola_map.cells) for row in cell.rows()]
     named = [dict(zip(ISOLA_COLUMNS, row, strict=True)) for row in rows]
     words = [
@@ -98,7 +101,10 @@ def _force(axes: Axes, isola_map: IsolaMap) -> None:
 
 
 def _map(axes: Axes, isola_map: IsolaMap, name: str) -> None:
-    """Draw births and mergers over one parameter, the other one as in the case itself, or as in the map's last cell."""
+    """Draw births and mergers of isolas over one parameter.
+
+    The other parameter has the value of the case itself, or that of the map's last cell.
+    """
     from matplotlib import colormaps
 
     (other,) = (one for one in ALONG if one != name)
@@ -142,7 +148,10 @@ def _map(axes: Axes, isola_map: IsolaMap, name: str) -> None:
         axes.plot([], [], "ks", ms=4, mfc="white", label="open: no orbit, by the exact method")
     axes.set(xlabel=ALONG[name], ylabel="force in N", ylim=(0, None))
     axes.set_title(
-        f"{ALONG[other].removesuffix(' in N')} {fixed:g}{' N' if other == 'friction_limit' else ''}",
+        (
+            f"{ALONG[other].removesuffix(' in N')} "
+            f"{fixed:g}{' N' if other == 'friction_limit' else ''}"
+        ),
         fontsize=9,
     )
     _below(axes)

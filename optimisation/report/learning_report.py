@@ -1,4 +1,7 @@
-"""Results of training: a curve of the evaluation score over the steps of each algorithm, and a table."""
+"""Results of training: learning curves and a table.
+
+A curve is the evaluation score of an algorithm over the steps.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -41,7 +44,10 @@ def by_algorithm(runs: Sequence[Run]) -> dict[str, list[Run]]:
 
 
 def curves(runs: Sequence[Run]) -> tuple[Array, Array]:
-    """Return steps (n,) and mean evaluation scores (runs, n) up to the last evaluation that all runs have."""
+    """Return steps (n,) and mean evaluation scores (runs, n).
+
+    They end at the last evaluation that all runs have.
+    """
     length = min(len(run.evaluations) for run in runs)
     steps = np.array([evaluation.steps for evaluation in runs[0].evaluations[:length]], dtype=float)
     return steps, np.array(
@@ -52,7 +58,11 @@ def curves(runs: Sequence[Run]) -> tuple[Array, Array]:
 def save_learning_curve(
     path: Path, title: str, runs: Sequence[Run], baselines: Mapping[str, float]
 ) -> None:
-    """Draw evaluation scores over the steps: seeds thinly, an algorithm's mean of the middle half with 10 to 90 % of its seeds, and baselines."""
+    """Draw evaluation scores over the steps, with the baselines.
+
+    Each seed has a thin line. Each algorithm has the mean of the middle half of its seeds, and a
+    band of 10 to 90 % of them.
+    """
     figure, panel = figure_of(7.4, 4.9)
     ends = [
         score for name, score in baselines.items() if name != "random"
@@ -103,7 +113,11 @@ def learning_rows(runs: Sequence[Run]) -> list[list[object]]:
 
 
 def table_rows(runs: Sequence[Run], baselines: Mapping[str, float]) -> list[tuple[str, ...]]:
-    """Return the lines of the table under `HEADER`: baselines, then algorithms at the last evaluation that all their seeds have."""
+    """Return the lines of the table under `HEADER`.
+
+    They are the baselines, followed by the algorithms at the last evaluation that all their seeds
+    have.
+    """
     rows: list[tuple[str, ...]] = [
         (name, "", "", f"{score:.4f}", "", "")
         for name, score in sorted(baselines.items(), key=lambda entry: entry[1])

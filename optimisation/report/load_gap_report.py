@@ -84,7 +84,10 @@ def lines_of(advice: Advice) -> list[str]:
             else f"at most {factor * answer.worst:.4g} {unit}"
         )
         runs = f"median of {answer.members} runs" if answer.members > 1 else "one run"
-        return f"{band}, {runs}, {100 * answer.level / without:.1f} % of no absorber; {worst} from {1 - t:.4g} to {1 + t:.4g} times the load"
+        return (
+            f"{band}, {runs}, {100 * answer.level / without:.1f} % of no absorber; {worst} from "
+            f"{1 - t:.4g} to {1 + t:.4g} times the load"
+        )
 
     lines = [
         f"Recommended: {device(best, check.mass)}, under {case.loads.describe()}.",
@@ -193,6 +196,7 @@ def warnings(advice: Advice) -> list[str]:
     if best is not None and best.level >= float(advice.check.without.median[0]):
         what = LABELS[advice.case.measure]
         lines.append(
-            f"no gap brings the {what} below that without absorber: another place or mass may suit better"
+            f"no gap brings the {what} below that without absorber: another place or mass may "
+            "suit better"
         )
     return lines

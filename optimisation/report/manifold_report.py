@@ -1,4 +1,7 @@
-"""The slow invariant manifold beside exact orbits, as a report: variants of the formula, their errors, and the figure."""
+"""Report on the slow invariant manifold compared with exact orbits.
+
+It has the variants of the formula, their errors, and the figure.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,8 @@ def make_manifold_report(
 ) -> Report:
     """Return what `periodic manifold` prints and writes.
 
-    ``force`` (N): amplitude for which a gap is wanted; ``cells``: checks of a map; ``complete``: whether all were made.
+    ``force`` (N): amplitude for which a gap is wanted; ``cells``: checks of a map; ``complete``:
+    whether all were made.
     """
     text: list[Block] = [[variant_table(own, force)]]
     if own.points:
@@ -52,7 +56,7 @@ def make_manifold_report(
 
 
 def variant_table(check: ManifoldCheck, force: float | None) -> Table:
-    """Return a line for each variant: what it says of the absorber, and its error beside the orbits."""
+    """Return a line for each variant: its predictions and its error relative to the orbits."""
     header = [
         "variant",
         "restitution of the mode",
@@ -85,7 +89,11 @@ def variant_table(check: ManifoldCheck, force: float | None) -> Table:
 
 
 def map_table(cells: Sequence[ManifoldCheck]) -> Table:
-    """Return a row for each cell of a map: its parameters, the number of orbits, and the median relative error of each variant."""
+    """Return a table with a row for each cell of a map.
+
+    A row has the cell's parameters, the number of orbits, and the median relative error of each
+    variant.
+    """
     columns = (
         Column("modes", "modes", "{:.0f}"),
         Column("restitution", "restitution", "{:g}"),

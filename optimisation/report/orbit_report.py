@@ -1,4 +1,8 @@
-"""Lists of periodic orbits, folds, thresholds, branches over a parameter and curves of bifurcations, as reports."""
+"""Reports on periodic orbits and their bifurcations.
+
+They have lists of orbits, folds and thresholds, branches over a parameter, and curves of
+bifurcations.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +54,11 @@ SPECIAL = (*CODIMENSION_TWO, GRAZING_FOLD, DOUBLE_GRAZING)  # marked with their 
 
 @dataclass(frozen=True)
 class CurveParameter:
-    """The second parameter of curves: its ``key`` in files, its ``label`` in text and figures, and the ``scale`` to the label's unit."""
+    """The second parameter of bifurcation curves.
+
+    ``key`` is its name in files, ``label`` its name in text and figures, and ``scale`` the factor
+    to the label's unit.
+    """
 
     key: str
     label: str
@@ -68,7 +76,11 @@ def _orbit_report(title: str, text: Sequence[Block], plain: list[Json]) -> Repor
 
 
 def make_orbit_report(searches: Sequence[OrbitSearch]) -> Report:
-    """Return what `periodic orbits` prints and writes: orbits at each frequency, their basins, and why others are none."""
+    """Return what `periodic orbits` prints and writes.
+
+    It has the orbits at each frequency, their basins, and the reasons why other solutions or runs
+    are not orbits.
+    """
     orbits = [(group, orbit) for group in searches for orbit in group.orbits]
     refused = [orbit for group in searches for orbit in group.refused]
     stable = sum(orbit.stability.stable for _, orbit in orbits)
@@ -88,7 +100,10 @@ def make_orbit_report(searches: Sequence[OrbitSearch]) -> Report:
 
 
 def make_hybrid_report(orbits: Sequence[HybridOrbit], notes: Sequence[str]) -> Report:
-    """Return what `periodic orbits` prints and writes for several absorbers or springs; ``notes``: lines below the table."""
+    """Return what `periodic orbits` prints and writes for several absorbers or springs.
+
+    ``notes`` are lines below the table.
+    """
     stable = sum(orbit.stable for orbit in orbits)
     lines = [f"{len(orbits)} orbits, {stable} of them stable.", *notes]
     plain = [plain_hybrid_orbit(orbit) for orbit in orbits]
@@ -114,8 +129,10 @@ def orbit_table(searches: Sequence[OrbitSearch]) -> Table:
         sides = 2 if schedule.symmetric else 1
         rows.append(
             [
-                f"{orbit.case.omega_ratio:.6f}", kind, str(len(orbit.impacts)), str(sides * schedule.reversals), f"{MM * orbit.motion.tip_max:.6f}",
-                f"{MM * orbit.motion.tip_rms:.6f}", f"{slow:.4f}", f"{fast:.4f}", "yes" if orbit.stability.stable else "no", basin,
+                f"{orbit.case.omega_ratio:.6f}", kind, str(len(orbit.impacts)),
+                str(sides * schedule.reversals), f"{MM * orbit.motion.tip_max:.6f}",
+                f"{MM * orbit.motion.tip_rms:.6f}", f"{slow:.4f}", f"{fast:.4f}",
+                "yes" if orbit.stability.stable else "no", basin,
                 f"{orbit.residual:.0e}",
             ]
         )  # fmt: skip
@@ -136,12 +153,18 @@ def orbit_table(searches: Sequence[OrbitSearch]) -> Table:
 
 
 def share_text(share: Share) -> str:
-    """Return the number of runs that ended on a motion, and the interval of their share in percent."""
+    """Return the number of runs that ended on a motion, with the interval of their share.
+
+    The interval is in percent.
+    """
     return f"{share.ended} of {share.runs} ({100 * share.low:.0f}-{100 * share.high:.0f} %)"
 
 
 def basin_lines(searches: Sequence[OrbitSearch]) -> list[str]:
-    """Return a line for each frequency at which runs from random initial states ended on no orbit with impacts; of a single frequency always."""
+    """Return a line for each frequency at which runs ended on no orbit with impacts.
+
+    The runs start from random initial states. A single frequency always has a line.
+    """
     lines = []
     for group in searches:
         basins = group.basins
@@ -163,7 +186,10 @@ def basin_lines(searches: Sequence[OrbitSearch]) -> list[str]:
 
 
 def hybrid_table(orbits: Sequence[HybridOrbit]) -> Table:
-    """Return a line for each orbit of a scene with several absorbers or springs; impacts are counted absorber by absorber."""
+    """Return a line for each orbit of a scene with several absorbers or springs.
+
+    Impacts are counted for each absorber.
+    """
     rows = []
     for orbit in orbits:
         places = range(orbit.case.scene.places)
@@ -200,12 +226,18 @@ def hybrid_table(orbits: Sequence[HybridOrbit]) -> Table:
 
 
 def refusals(refused: list[NoOrbit], what: str) -> list[str]:
-    """Say how many are no orbit, and why, the commonest reasons first; nothing if there are none."""
+    """Return lines with the number of candidates that are no orbit, and the reasons.
+
+    The most frequent reasons come first. The list is empty if there are none.
+    """
     return count_reasons([orbit.reason for orbit in refused], what)
 
 
 def count_reasons(refused: list[str], what: str) -> list[str]:
-    """Say of how many reasons why something is no orbit there are, the commonest first; nothing if there are none."""
+    """Return lines with the number of candidates that are no orbit, by reason.
+
+    The most frequent reasons come first. The list is empty if there are none.
+    """
     if not refused:
         return []
     counts = Counter(
@@ -244,7 +276,10 @@ def make_fold_report(located: Sequence[Threshold]) -> Report:
 
 
 def make_threshold_report(thresholds: Sequence[Threshold]) -> Report:
-    """Return what `periodic folds --thresholds` prints and writes: confirmed births and mergers, and why others are none."""
+    """Return what `periodic folds --thresholds` prints and writes.
+
+    It has the confirmed births and mergers, and the reasons why other candidates are not confirmed.
+    """
     good = [(level, level.orbit) for level in thresholds if isinstance(level.orbit, Orbit)]
     rows = [
         (
@@ -279,7 +314,8 @@ def make_branch_report(
 ) -> Report:
     """Return what `periodic orbits --over` prints and writes: branches over a parameter.
 
-    ``key``: name of the parameter in files; ``shared``: values of all branches; ``ends``: lines below the table.
+    ``key``: name of the parameter in files; ``shared``: values of all branches; ``ends``: lines
+    below the table.
     """
     plain = [{**(shared or {}), **rename_parameter(curve.to_plain(), key)} for curve in curves]
     rows = list(branch_rows(plain, key))
@@ -315,7 +351,10 @@ def branch_table(curves: Sequence[ResponseCurve], name: str) -> Table:
 
 
 def rename_parameter(plain: Any, key: str) -> Any:
-    """Return a curve's plain form with its parameter by name in place of the frequency; its orbits have both."""
+    """Return a curve's plain form in which its parameter replaces the frequency.
+
+    The parameter is under its own name. The orbits of the curve have both frequency and parameter.
+    """
     if isinstance(plain, list):
         return [rename_parameter(value, key) for value in plain]
     if not isinstance(plain, dict):
@@ -329,7 +368,10 @@ def rename_parameter(plain: Any, key: str) -> Any:
 
 
 def make_curve_report(curves: Sequence[Json], title: str, parameter: CurveParameter) -> Report:
-    """Return what `periodic curves` prints and writes, from plain forms of `BifurcationCurve`; ``title``: of the figure."""
+    """Return what `periodic curves` prints and writes.
+
+    ``curves`` are plain forms of `BifurcationCurve`. ``title`` is the title of the figure.
+    """
     text: list[Block] = [
         [curve_table(curves, parameter)],
         [
@@ -455,7 +497,10 @@ def draw_curves(curves: Sequence[Json], title: str, parameter: CurveParameter) -
 
 
 def _draw_special(axes: Axes, curves: Sequence[Json], scale: float) -> None:
-    """Mark the special points of curves with numbers, and list their names in the legend; one that several curves have is marked once."""
+    """Mark the special points of curves with numbers, and list their names in the legend.
+
+    A point that several curves share is marked once.
+    """
     marks: list[Json] = []
     for mark in (mark for curve in curves for mark in curve["located"] if mark["kind"] in SPECIAL):
         known = any(
@@ -477,5 +522,8 @@ def _draw_special(axes: Axes, curves: Sequence[Json], scale: float) -> None:
 
 
 def _is_turn(mark: Json) -> bool:
-    """Return whether a place located on a curve of bifurcations is marked: an end at a wall, or a least or greatest value at a true orbit."""
+    """Return whether a place located on a curve of bifurcations is marked.
+
+    It is marked if it is an end at a wall, or a least or greatest value at a true orbit.
+    """
     return mark["kind"] in TURNS and (mark["kind"] != FOLD or mark["orbit"] == "yes")

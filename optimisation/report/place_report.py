@@ -1,4 +1,8 @@
-"""The content of the answer of `design place`, with a picture of the structure coloured by reach. SI units, unless named."""
+"""The content of the result of `design place`.
+
+It has a picture of the structure coloured by reach. Quantities are in SI units unless stated
+otherwise.
+"""
 
 from __future__ import annotations
 
@@ -85,8 +89,10 @@ def _runs(number: int) -> str:
 def level_line(part: ResonanceLevel) -> str:
     """Return a device's level near one resonance in words."""
     return (
-        f"{part.force:g} N near resonance {part.resonance}: level {MM * part.level:.4g} mm (90 % of runs: {_interval(part.interval, MM)}), "
-        f"{100 * part.share:.1f} % of no absorber, read at {part.frequency_ratio:.4g} of the resonance; at most {MM * part.worst:.4g} mm."
+        f"{part.force:g} N near resonance {part.resonance}: level {MM * part.level:.4g} mm "
+        f"(90 % of runs: {_interval(part.interval, MM)}), "
+        f"{100 * part.share:.1f} % of no absorber, read at {part.frequency_ratio:.4g} of the "
+        f"resonance; at most {MM * part.worst:.4g} mm."
     )
 
 
@@ -103,18 +109,21 @@ def answer(advice: PlaceAdvice) -> list[str]:
     tolerance = 100 * advice.tolerance
     lines = [
         (
-            f"Recommended: at {advice.places.word(best.place)}, mass {mass:.4g} kg ({100 * best.mass_ratio:.4g} %), a clearance of "
+            f"Recommended: at {advice.places.word(best.place)}, mass {mass:.4g} kg "
+            f"({100 * best.mass_ratio:.4g} %), a clearance of "
             f"{MM * best.gap:.4g} mm to either wall, {friction}, restitution {restitution:g}."
         ),
         *(f"  {level_line(part)}" for part in best.parts),
     ]
     if len(best.parts) > 1:
         lines.append(
-            f"  The worse of them: {100 * best.share:.1f} % of no absorber (90 % of runs: {_interval(best.interval, 100, ' %')}); "
+            f"  The worse of them: {100 * best.share:.1f} % of no absorber (90 % of runs: "
+            f"{_interval(best.interval, 100, ' %')}); "
             f"at most {100 * best.worst:.1f} % with {tolerance:g} % more or less force."
         )
     lines.append(
-        f"Gap: from {MM * best.gaps[0]:.4g} to {MM * best.gaps[1]:.4g} mm the level is at most {FLAT:g} times that."
+        f"Gap: from {MM * best.gaps[0]:.4g} to {MM * best.gaps[1]:.4g} mm the level is at "
+        f"most {FLAT:g} times that."
     )
     lines += _place_lines(advice, best)
     lines += _mass_lines(advice, best)
@@ -130,7 +139,8 @@ def _place_lines(advice: PlaceAdvice, best: PlacedDevice) -> list[str]:
         else:
             chance = f"{100 * probability_lower(best.prediction, rival.prediction):.0f} %"
         words.append(
-            f"{advice.places.word(rival.place)} leaves {100 * rival.share:.1f} % with {MM * rival.gap:.4g} mm; "
+            f"{advice.places.word(rival.place)} leaves {100 * rival.share:.1f} % with "
+            f"{MM * rival.gap:.4g} mm; "
             f"probability that a run of the recommended is lower: {chance}"
         )
     tried = {trial.place for trial in advice.trials if trial.mass_ratio == best.mass_ratio}
@@ -152,7 +162,10 @@ def _mass_lines(advice: PlaceAdvice, best: PlacedDevice) -> list[str]:
         odds = "not known from single runs" if math.isnan(chance) else f"{100 * chance:.0f} %"
         kind = "the lightest that stays" if advice.keeps_limit else "the most likely to stay"
         return [
-            f"Mass: {kind} below {MM * advice.limit_level:.4g} mm with {100 * SURE:.0f} %; its probability: {odds}."
+            (
+                f"Mass: {kind} below {MM * advice.limit_level:.4g} mm with {100 * SURE:.0f} %; "
+                f"its probability: {odds}."
+            )
         ]
     others = ", ".join(
         f"{100 * one.mass_ratio:.4g} %: {100 * one.worst:.1f} %"
@@ -160,7 +173,10 @@ def _mass_lines(advice: PlaceAdvice, best: PlacedDevice) -> list[str]:
         if one.mass_ratio != best.mass_ratio
     )
     return [
-        f"Mass: the lightest within {LIGHTEST:g} of the lowest level; level at most with others: {others or 'none was finished'}."
+        (
+            f"Mass: the lightest within {LIGHTEST:g} of the lowest level; level at most with "
+            f"others: {others or 'none was finished'}."
+        )
     ]
 
 
@@ -174,16 +190,19 @@ def warnings(advice: PlaceAdvice) -> list[str]:
             near = max(1e-3 * part.rate, 0.01 * (high - low))
             if not low + near < part.frequency_ratio < high - near:
                 lines.append(
-                    f"the level near resonance {part.resonance} was read at an end of the sweeps, {part.frequency_ratio:.4g} of it: a resonance "
+                    f"the level near resonance {part.resonance} was read at an end of the "
+                    f"sweeps, {part.frequency_ratio:.4g} of it: a resonance "
                     "beside this one, or an absorber too heavy for the range, decides"
                 )
             if part.share > 1:
                 lines.append(
-                    f"near resonance {part.resonance} the level is above that without absorber: one gap cannot serve these forces together"
+                    f"near resonance {part.resonance} the level is above that without "
+                    "absorber: one gap cannot serve these forces together"
                 )
         if not advice.keeps_limit:
             lines.append(
-                f"no device that ran stays below {MM * (advice.limit_level or 0):.4g} mm with {100 * SURE:.0f} %"
+                f"no device that ran stays below {MM * (advice.limit_level or 0):.4g} mm with "
+                f"{100 * SURE:.0f} %"
             )
         if not advice.keeps_speed(best):
             lines.append("no gap that ran keeps the impact speed")
@@ -193,7 +212,10 @@ def warnings(advice: PlaceAdvice) -> list[str]:
 def sweeps_line(advice: PlaceAdvice) -> str:
     """Return how many sweeps were made over which ranges."""
     ranges = "; ".join(
-        f"{low:.3g} to {high:.3g} of resonance {r} at {advice.study.rates[r]:.3g} % per 100 pseudo periods"
+        (
+            f"{low:.3g} to {high:.3g} of resonance {r} at {advice.study.rates[r]:.3g} % per 100 "
+            "pseudo periods"
+        )
         for r, (low, high) in advice.study.ranges.items()
     )
     return f"{advice.sweeps} sweeps, {ranges}. {len(advice.places)} places by the linear structure."
@@ -308,7 +330,8 @@ def summary(advice: PlaceAdvice) -> Json:
                 )
                 if value is not None
             },
-            "level": "larger of sweep up and sweep down; relative: of the worst resonance over no absorber; median, and the interval that holds 90 % "
+            "level": "larger of sweep up and sweep down; relative: of the worst resonance over no "
+            "absorber; median, and the interval that holds 90 % "
             "of further runs",
         },
     }
@@ -333,7 +356,10 @@ def map_table(advice: PlaceAdvice) -> Table:
 
 @dataclass(frozen=True)
 class PlaceService:
-    """Service loads of a recommended device: ``impacts`` near its worst resonance, and other absorbers by resonance."""
+    """Service loads of a recommended device, and baselines.
+
+    ``impacts``: its impacts near its worst resonance. ``baselines``: other absorbers by resonance.
+    """
 
     impacts: ImpactLoads
     baselines: Mapping[int, Baselines]
@@ -345,7 +371,10 @@ def make_report(
     curves: Sequence[ResonanceCurves] = (),
     service: PlaceService | None = None,
 ) -> Report:
-    """Return the content of the answer; without ``service`` there is no card. ``curves``: levels over the frequency."""
+    """Return the content of the result.
+
+    Without ``service`` there is no card. ``curves``: levels over the frequency.
+    """
     where = " and ".join(f"{force:g} N near resonance {r}" for r, force in advice.forces.items())
     groups: tuple[Group, ...] = ()
     charts: tuple[Chart, ...] = ()
@@ -373,7 +402,10 @@ def make_report(
 def card_groups(
     advice: PlaceAdvice, best: PlacedDevice, service: PlaceService
 ) -> tuple[tuple[Group, ...], list[str]]:
-    """Return the card's groups about the recommended device, and a warning if its impacts reach modes that were left out."""
+    """Return the card's groups about the recommended device, and warnings.
+
+    There is a warning if its impacts excite modes that the model lacks.
+    """
     model = advice.places.model_at(best.place)
     impacts = service.impacts
     contact = service.contact
@@ -437,7 +469,10 @@ def card_groups(
                 *(
                     Row(
                         f"swept near resonance {part.resonance}",
-                        f"{part.sweep_range[0]:.3g} to {part.sweep_range[1]:.3g} of it, {part.rate:.3g} % per 100 pseudo periods",
+                        (
+                            f"{part.sweep_range[0]:.3g} to {part.sweep_range[1]:.3g} of it, "
+                            f"{part.rate:.3g} % per 100 pseudo periods"
+                        ),
                     )
                     for part in best.parts
                 ),
@@ -470,9 +505,12 @@ def _place_charts(advice: PlaceAdvice, best: PlacedDevice) -> tuple[Chart, ...]:
 
 
 def draw_places(advice: PlaceAdvice) -> Figure:
-    """Draw the structure coloured by reach, a panel for each resonance, and below the levels to expect and those simulated.
+    """Draw the structure coloured by reach, and the expected and simulated levels below.
 
-    A beam is drawn by its mode shapes, nodes with coordinates at their points, places without as bars.
+    Each resonance has a panel.
+
+    A beam is drawn by its mode shapes, nodes with coordinates at their points, places without as
+    bars.
     """
     best = advice.recommended
     own = advice.maps[-1] if best is None else advice.map_of(best)
@@ -492,7 +530,10 @@ def _draw_reach(
     places = advice.places
     reach = np.where(np.isfinite(own.reach[k]), own.reach[k], 0.0)
     hertz = places.model.resonance_omega(resonance) / (2 * np.pi)
-    words = f"resonance {resonance}, {hertz:.4g} Hz; absorber of {100 * own.mass_ratio:.4g} % of the structure's mass"
+    words = (
+        f"resonance {resonance}, {hertz:.4g} Hz; absorber of {100 * own.mass_ratio:.4g} % of the "
+        "structure's mass"
+    )
     axes.set_title(words, fontsize=10, loc="left")
     if isinstance(places.structure, Beam):
         drawn = _draw_beam(axes, places, reach, resonance)
@@ -553,7 +594,11 @@ def _point_of(places: Places, k: int, resonance: int) -> tuple[float, float]:
 
 
 def place_with(places: Places, shape: Array) -> int | None:
-    """Return the index of the place with some mode shapes (N_m,); None if no place moves so, as one in another direction."""
+    """Return the index of the place with given mode shapes (N_m,).
+
+    The result is None if no place moves in this way, for example because the shapes are in another
+    direction.
+    """
     distance = np.linalg.norm(places.shapes - shape, axis=1)
     k = int(np.argmin(distance))
     return k if distance[k] <= SHAPE_TOL * np.linalg.norm(shape) else None
@@ -567,7 +612,10 @@ def _widest_axes(points: Array) -> tuple[int, int]:
 
 
 def _draw_nodes(axes: Any, places: Places, reach: Array) -> Any:
-    """Draw places at their coordinates, in the plane of their two widest axes, coloured by reach."""
+    """Draw places at their coordinates, coloured by reach.
+
+    They are drawn in the plane of the two axes with the largest extent.
+    """
     assert places.points is not None
     first, second = _widest_axes(places.points)
     order = np.argsort(reach, kind="stable")
@@ -602,7 +650,10 @@ def _draw_bars(axes: Any, places: Places, reach: Array) -> None:
 
 
 def _draw_levels(axes: Any, advice: PlaceAdvice) -> None:
-    """Draw the expected level of each place and mass, and the levels that were simulated with their intervals."""
+    """Draw the expected level of each place and mass, and the simulated levels.
+
+    The simulated levels have their intervals.
+    """
     beam = isinstance(advice.places.structure, Beam)
     chosen = sorted(
         {trial.place for trial in advice.trials} | {one.place for one in advice.devices}

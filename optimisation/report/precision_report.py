@@ -1,4 +1,7 @@
-"""How precisely a device must be made, and which of its numbers its level depends on: as lines, rows of a card and JSON."""
+"""Manufacturing tolerances of a device, and its sensitivity, as lines, card and JSON.
+
+The sensitivity says on which parameters of the device its level depends.
+"""
 
 import numpy as np
 
@@ -38,7 +41,10 @@ def tolerance_lines(tolerances: Tolerances, absorber: SlidingAbsorber) -> list[s
     if tolerances.nominal < SURE:
         below = round(tolerances.nominal * NOMINAL_RUNS)
         return [
-            f"Tolerances for {what}: none are small enough; of {NOMINAL_RUNS} runs of the exact device {below} stay below."
+            (
+                f"Tolerances for {what}: none are small enough; of {NOMINAL_RUNS} runs of the "
+                f"exact device {below} stay below."
+            )
         ]
     alone = _listed(tolerances.alone, absorber)
     one, every = tolerances.draws
@@ -49,7 +55,8 @@ def tolerance_lines(tolerances: Tolerances, absorber: SlidingAbsorber) -> list[s
     lines.append(
         f"All together, from {every} draws: {_listed(tolerances.together, absorber)}; "
         f"of {tolerances.checked} fresh draws {tolerances.below} stay below "
-        f"({100 * tolerances.below / tolerances.checked:.0f} %, 95 % interval {low:.0f} to {high:.0f} %)."
+        f"({100 * tolerances.below / tolerances.checked:.0f} %, 95 % interval {low:.0f} to "
+        f"{high:.0f} %)."
     )
     return lines
 
@@ -136,9 +143,13 @@ def sensitivity_lines(sensitivity: Sensitivity) -> list[str]:
         for k in order
     ]
     return [
-        f"Sobol shares of the level's variance, alone and with the others (95 % interval): {'; '.join(words)}.",
         (
-            f"  Standard deviation {1e3 * sensitivity.spread:.4g} mm, of {sensitivity.designs} devices; "
+            "Sobol shares of the level's variance, alone and with the others (95 % interval): "
+            f"{'; '.join(words)}."
+        ),
+        (
+            f"  Standard deviation {1e3 * sensitivity.spread:.4g} mm, of "
+            f"{sensitivity.designs} devices; "
             "what runs differ by chance is in the second number only."
         ),
     ]

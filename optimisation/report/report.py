@@ -1,7 +1,10 @@
-"""An answer's content, `Report`, and its forms: text, JSON, CSV, Markdown, figures, and an HTML page, the card, with curves.
+"""The content of an answer, `Report`, and its output formats.
 
-`CompleteAnswer` offers these forms to Python. The HTML requests nothing: its policy forbids it. Its curves are drawn by the script of the
-explorer's page, which it contains with uPlot, and printed as vectors.
+The formats are text, JSON, CSV, Markdown, figures, and an HTML page with curves, the card.
+
+`CompleteAnswer` offers these forms to Python. The HTML requests nothing: its policy forbids it. Its
+curves are drawn by the script of the explorer's page, which it contains with uPlot, and printed as
+vectors.
 """
 
 from __future__ import annotations
@@ -88,7 +91,8 @@ class Column:
     heading : str, optional
         Name in text and Markdown, which may be empty; None for a column of CSV and JSON alone.
     show : str or callable
-        Text of a cell: pattern of the value times ``scale``, or a function of the row's values by their keys.
+        Text of a cell: pattern of the value times ``scale``, or a function of the row's values by
+        their keys.
     scale : float
         Unit of CSV and JSON over that of the text.
     unknown : str
@@ -146,7 +150,10 @@ class Table:
         ]
 
     def to_csv(self) -> tuple[tuple[str, ...], Iterable[Sequence[object]]]:
-        """Return names and rows for `optimisation.files.write_files`; an empty cell where nothing is known."""
+        """Return names and rows for `optimisation.files.write_files`.
+
+        The cell of a value that is not known is empty.
+        """
         return self.keys, (["" if not is_known(x) else x for x in row] for row in self.rows)
 
     def to_text(self) -> str:
@@ -193,7 +200,10 @@ class Chart:
 
 
 def choose_colours(chart: Chart) -> list[int]:
-    """Return the number of each curve's colour: that of its absorber, or else the first that is free."""
+    """Return the number of each curve's colour.
+
+    It is that of the curve's absorber, or else the first free one.
+    """
     chosen: list[int | None] = []
     for curve in chart.curves:
         known = (k for name, k in ABSORBER_COLOURS.items() if curve.name.startswith(name))
@@ -354,7 +364,10 @@ def render_html(report: Report) -> str:
 
 
 def list_files(report: Report, folder: Path) -> dict[Path | None, object]:
-    """Return summary, tables, figures and card of a report by their paths, for `optimisation.files.write_files`."""
+    """Return summary, tables, figures and card of a report by their paths.
+
+    They are in the form of `optimisation.files.write_files`.
+    """
     contents: dict[Path | None, object] = {
         folder / name: table.to_csv() for name, table in report.tables.items()
     }
@@ -372,9 +385,11 @@ def list_files(report: Report, folder: Path) -> dict[Path | None, object]:
 def list_named_files(
     report: Report, json: Path | None, csv: Path | None = None, plot: Path | None = None
 ) -> dict[Path | None, object]:
-    """Return the numbers, the first table and the first figure of a report by the paths that options name, for `optimisation.files.write_files`.
+    """Return the numbers, first table and first figure of a report by the options' paths.
 
-    A path of None is not wanted; neither is written what the report does not have.
+    The result is an argument of `optimisation.files.write_files`.
+
+    No file is written for a path of None, nor for a part that the report does not have.
     """
     contents: dict[Path | None, object] = {json: report.numbers}
     for table in list(report.tables.values())[:1]:
@@ -435,7 +450,8 @@ def _figure(chart: Chart) -> Json:
     }
 
 
-# Groups of rows that several answers have: the device, its service loads, other absorbers, assumptions. In SI units.
+# Groups of rows that several answers have: the device, its service loads, other absorbers,
+# assumptions. In SI units.
 
 Rows = tuple[Row, ...]
 RATE = "% per 100 pseudo periods"
@@ -492,7 +508,10 @@ def assumed_rows(
     rows = [
         Row(
             f"resonance {r}",
-            f"{model.resonance_omega(r) / (2 * math.pi):.4g} Hz, damping ratio {100 * model.damping_ratio[r - 1]:.4g} %",
+            (
+                f"{model.resonance_omega(r) / (2 * math.pi):.4g} Hz, damping ratio "
+                f"{100 * model.damping_ratio[r - 1]:.4g} %"
+            ),
         )
         for r in dict.fromkeys(resonances)
     ]
@@ -503,7 +522,10 @@ def assumed_rows(
 def with_band(
     value: float, low: float, high: float, pattern: str = "{:.4g}", unit: str = ""
 ) -> str:
-    """Return a value with its unit, and in brackets the band; without it where it is not known (NaN), or its ends agree to the digits shown."""
+    """Return a value with its unit, followed by its band in brackets.
+
+    The band is left out if it is not known (NaN), or if its ends agree to the digits shown.
+    """
     if math.isnan(low) or math.isnan(high):
         low = high = value
     ends = pattern.format(low), pattern.format(high)
@@ -553,27 +575,38 @@ class CompleteAnswer(ABC):
         return render_markdown(self.report)
 
     def to_html(self) -> str:
-        """Return the card as one HTML page with curves, which requests nothing; raises ParameterError without a card."""
+        """Return the card as one HTML page with curves that loads nothing else.
+
+        Raises ParameterError without a card.
+        """
         if not self.report.groups:
             raise ParameterError("this answer has no card: it was left out, or does not exist here")
         return render_html(self.report)
 
     def plot(self) -> Figure:
-        """Return the answer's first figure, of matplotlib; raises ParameterError where nothing was run that could be drawn."""
+        """Return the first matplotlib figure of the answer.
+
+        Raises ParameterError if nothing was run that can be drawn.
+        """
         for draw in self.report.figures.values():
             return draw()
         raise ParameterError("this answer has no figure: nothing was run that could be drawn")
 
     def worst_run(self) -> WorstRun | None:
-        """Return the recorded run of the answer's device with the highest level; None where there is none."""
+        """Return the recorded run of the answer's device with the highest level, or None."""
         return None
 
     def device_scene(self) -> Json | None:
-        """Return structure and recommended device as plain data, which other commands read by --scene; None without a device."""
+        """Return structure and recommended device as plain data, or None without a device.
+
+        Other commands read these data with --scene.
+        """
         return None
 
     def save(self, folder: Path | str) -> list[Path]:
-        """Write summary, tables, figures and card into a folder, which is made if need be; return their paths.
+        """Write summary, tables, figures and card into a folder and return their paths.
+
+        The folder is made if it does not exist.
 
         Raises ParameterError if nothing can be written there.
         """

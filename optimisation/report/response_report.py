@@ -1,4 +1,7 @@
-"""Periodic responses over the frequency, as a report: a line for each curve, a row for each point, and the figure."""
+"""Report on periodic responses over the frequency.
+
+It has a line for each curve, a row for each point, and the figure.
+"""
 
 from __future__ import annotations
 
@@ -220,7 +223,10 @@ def _sweeps(axes: Axes, overview: Overview) -> None:
 
 
 def _stationary(axes: Axes, overview: Overview) -> None:
-    """Draw the median of the stationary responses, and a band between the lowest and the highest of their quantiles."""
+    """Draw the median of the stationary responses, and a band of their quantiles.
+
+    The band extends from the lowest to the highest quantile.
+    """
     if not overview.stationary:
         return
     ratio = np.array([at.omega_ratio for at in overview.stationary])
@@ -277,7 +283,10 @@ def _kinds(curve: ResponseCurve) -> NDArray[np.str_]:
 
 
 def _exact(axes: Axes, curve: ResponseCurve) -> None:
-    """Draw each stretch of one stability with its look; neighbours share the point between, so that no gap is seen."""
+    """Draw each section of a branch with the line style of its stability.
+
+    Neighbouring sections share the point between them, so that the line has no gap.
+    """
     kinds = _kinds(curve)
     tip_max = MM * np.where(_drawn_already(curve), np.nan, curve.tip_max)
     ends = np.flatnonzero(kinds[1:] != kinds[:-1]) + 1
@@ -311,7 +320,8 @@ def _draw_marks(axes: Axes, curves: Iterable[ResponseCurve]) -> None:
 def thin_marks(marks: Iterable[CurvePoint], width: float, height: float) -> list[CurvePoint]:
     """Return the marks without those of a kind that would lie on one another.
 
-    Of marks of one kind that are closer than `MARK_DISTANCE` of the axes' ``width`` (frequency ratio) and ``height`` (m), the first is taken.
+    Of marks of one kind that are closer than `MARK_DISTANCE` of the axes' ``width`` (frequency
+    ratio) and ``height`` (m), the first is taken.
     """
     drawn: list[CurvePoint] = []
     for mark in marks:
@@ -332,7 +342,8 @@ def thin_marks(marks: Iterable[CurvePoint], width: float, height: float) -> list
 def _drawn_already(curve: ResponseCurve) -> NDArray[np.bool_]:
     """Return which points (m,) lie on what was drawn of their own curve before.
 
-    A branch without symmetry leads through its mirror image, whose dashes would fill the gaps between the first ones.
+    A branch without symmetry leads through its mirror image, whose dashes would fill the gaps
+    between the first ones.
     """
     rows = np.column_stack([curve.omega_ratio, curve.tip_max])
     known = np.isfinite(rows).all(axis=1)

@@ -1,4 +1,8 @@
-"""A structure as a report: masses, a line for each mode, the mode shapes of another file beside it, and the figure."""
+"""Report on a structure.
+
+It has masses, a line for each mode, a comparison with the mode shapes of another file, and the
+figure.
+"""
 
 from __future__ import annotations
 
@@ -38,17 +42,23 @@ def make_structure_report(
 ) -> Report:
     """Return what `structure` prints and writes.
 
-    ``nearest``: lines on the nodes nearest to a point; ``comparison``: with the modes of another file.
+    ``nearest``: lines on the nodes nearest to a point; ``comparison``: with the modes of another
+    file.
     """
     model = model_with_absorber_at(structure)
     table = mode_table(model)
-    note = "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode alone."
+    note = (
+        "Shapes at the places in use, in 1/sqrt(kg); free amplitude: at the response, one mode "
+        "alone."
+    )
     text: list[Block] = [mass_lines(model, structure), [table], [note], nearest]
     numbers: dict[str, Any] = {"mass_kg": model.beam_mass, "modes": table.records()}
     if comparison is not None:
         note = (
-            f"Modal assurance criterion at {comparison.places} places and directions that move in both files, "
-            "1: the same shape; columns: modes of the second file. Last column: its frequency over that of the first."
+            f"Modal assurance criterion at {comparison.places} places and directions that "
+            "move in both files, "
+            "1: the same shape; columns: modes of the second file. Last column: its frequency "
+            "over that of the first."
         )
         text += [[assurance_table(comparison)], [note]]
         numbers["mac"] = assurance_numbers(comparison)
@@ -61,7 +71,11 @@ def make_structure_report(
 
 
 def mode_table(model: ModalModel) -> Table:
-    """Return a row for each mode, SI units; ``free_amplitude_m_per_n``: of the level's place at its resonance, by this mode alone."""
+    """Return a row for each mode, in SI units.
+
+    ``free_amplitude_m_per_n``: amplitude at the level's place at the mode's resonance, by this mode
+    alone.
+    """
     rows = []
     for k in range(model.modes):
         omega = float(model.omega[k])
@@ -86,7 +100,10 @@ def mass_lines(model: ModalModel, structure: Structure) -> list[str]:
         places = ", ".join(f"{p:g}" for p in x if p is not None)
         lines += [
             f"force, absorber and response at {places} of the length, {structure.length:g} m",
-            f"bending stiffness {structure.bending_stiffness:.5g} N m^2, mass per length {structure.mass_per_length:.5g} kg/m",
+            (
+                f"bending stiffness {structure.bending_stiffness:.5g} N m^2, mass per length "
+                f"{structure.mass_per_length:.5g} kg/m"
+            ),
         ]
     elif len(model.places) > 1:
         lines.append(f"{len(model.places)} places for absorbers; the first is shown")
@@ -94,7 +111,10 @@ def mass_lines(model: ModalModel, structure: Structure) -> list[str]:
 
 
 def assurance_table(comparison: ModeComparison) -> Table:
-    """Return the modal assurance criterion, a line for each mode of the first file, and the mode of the second that is most alike."""
+    """Return a table of the modal assurance criterion.
+
+    It has a line for each mode of the first file, with the most similar mode of the second file.
+    """
     header = ("mode", "Hz", *(f"{hertz:.5g} Hz" for hertz in comparison.second), "most alike")
     rows = []
     for k, hertz in enumerate(comparison.first):
@@ -134,7 +154,10 @@ def draw_structure(structure: Structure) -> Figure:
             places = [0.0, 1.0, 2.0]
         for place, shape, (name, colour, mark, size) in zip(places, shapes, PLACES, strict=True):
             panel.plot([place], [shape[k]], mark, color=colour, label=name, ms=size)
-        words = f"mode {k + 1}, {model.omega[k] / (2 * np.pi):.4g} Hz, damping {100 * model.damping_ratio[k]:.3g} %"
+        words = (
+            f"mode {k + 1}, {model.omega[k] / (2 * np.pi):.4g} Hz, damping "
+            f"{100 * model.damping_ratio[k]:.3g} %"
+        )
         panel.set_title(words, fontsize=9, loc="left")
     panels[0].legend(ncols=3, fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1, 1))
     if isinstance(beam, Beam):

@@ -1,4 +1,7 @@
-"""One sweep as a report: the lines that are printed, the content of the JSON file, and the figure."""
+"""Report on one sweep.
+
+It has the lines that are printed, the content of the JSON file, and the figure.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +105,10 @@ def make_sweep_report(result: SweepResult) -> Report:
 
 
 def sweep_numbers(result: SweepResult) -> dict[str, Any]:
-    """Return the content of the JSON file; the scene is written with its beam, or with its modes where it is none."""
+    """Return the content of the JSON file of a sweep.
+
+    The scene is written with its beam, or with its modes if the structure is not a beam.
+    """
     response = result.response
     level = require_recorded("level", response.level)
     impacts = require_recorded("impacts", response.impacts)
@@ -151,7 +157,10 @@ def describe_start(result: SweepResult) -> str:
 
 
 def find_end(result: SweepResult) -> str | None:
-    """Return which end of a swept run the level of the first member was read at, "start" or "end"; None inside, and where nothing is swept."""
+    """Return the end of the sweep at which the first member's level was read.
+
+    It is "start" or "end". It is None if the level was read inside, or if nothing is swept.
+    """
     response = result.response
     schedule = response.drive.schedule
     if schedule.omegas[0] == schedule.omegas[-1]:
@@ -173,25 +182,37 @@ def end_warning(result: SweepResult) -> list[str]:
     why = {
         "start": "the range may begin too late"
         if result.steady
-        else "the force that begins at once shakes all modes, or the range begins too late: see --start steady",
+        else (
+            "the force that begins at once shakes all modes, or the range begins too late: see "
+            "--start steady"
+        ),
         "end": "the range may end too early, or another resonance decides",
     }[end]
     return [f"Warning: the level was read at the {end} of the sweep: {why}."]
 
 
 def describe_run(response: Response, resonance: int, start: str = "") -> str:
-    """Say in a line how the run was driven, from which ``start`` (in words), and with which method."""
+    """Return a line that describes the drive, the start and the method of a run.
+
+    ``start``: text that describes the start.
+    """
     schedule = response.drive.schedule
     modes = response.scene.model.modes
     if isinstance(response.drive, Loads):
         about = f"{response.drive.describe()} for {float(schedule.times[-1]):g} s"
-        return f"{about}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} rad/s{start}, {describe_modes(modes)}, {response.method}"
+        return (
+            f"{about}, {schedule.periods:g} pseudo periods of {schedule.reference:.6g} "
+            f"rad/s{start}, {describe_modes(modes)}, {response.method}"
+        )
     ratios = schedule.omegas / schedule.reference
     frequency = (
         f"at {ratios[0]:g}" if ratios[0] == ratios[-1] else f"from {ratios[0]:g} to {ratios[-1]:g}"
     )
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
-    return f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods{start}, {describe_modes(modes)}, {response.method}"
+    return (
+        f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods{start}, "
+        f"{describe_modes(modes)}, {response.method}"
+    )
 
 
 def number_lines(result: SweepResult) -> list[str]:
@@ -292,7 +313,10 @@ DETAIL_PERIODS = 4  # to either side of the maximum
 
 @dataclass(frozen=True)
 class _Axis:
-    """The figure's horizontal axis: the frequency ratio of a sweep, or time in pseudo periods at a constant frequency."""
+    """The figure's horizontal axis.
+
+    It is the frequency ratio of a sweep, or the time in pseudo periods at a constant frequency.
+    """
 
     response: Response
     resonance: int
@@ -321,7 +345,9 @@ class _Axis:
 def draw_sweep(
     title: str, response: Response, resonance: int, band: LevelBand | None = None
 ) -> Figure:
-    """Draw a response that has its level, events and history recorded, and its energies if it has them.
+    """Draw a response of which level, events and history were recorded.
+
+    Energies are drawn if the response has them.
 
     ``band``: levels of scenes with drawn parameters, over the frequency.
     """
@@ -358,7 +384,10 @@ def draw_sweep(
 
 
 def _bins(history: History, response: Response) -> list[Array]:
-    """Return the samples of each column of the figure: whole pseudo periods, and no more columns than can be distinguished."""
+    """Return the samples of each column of the figure.
+
+    A column has whole pseudo periods. There are no more columns than can be distinguished.
+    """
     samples = len(history.time)
     per_period = (
         max(1, round(response.drive.schedule.pseudo_period / (history.time[1] - history.time[0])))
@@ -440,7 +469,10 @@ def _displacement(ax: Axes, response: Response, history: History, axis: _Axis) -
 
 
 def _around_maximum(ax: Axes, response: Response, history: History) -> tuple[slice, Array]:
-    """Return the samples around the maximum and their time from it in pseudo periods; draw the impacts there."""
+    """Return the samples around the maximum and their times, and draw the impacts there.
+
+    The times are counted from the maximum in pseudo periods.
+    """
     start = require_recorded("level", response.level).time
     period = response.drive.schedule.pseudo_period
     at = (history.time - start) / period

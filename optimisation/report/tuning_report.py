@@ -1,4 +1,8 @@
-"""All tunings of one absorber mass and one resonance, scored over one range, and the content of this answer. SI units, unless named."""
+"""All tunings of one absorber mass and one resonance, scored over one range.
+
+The module also makes the content of this result. Quantities are in SI units unless stated
+otherwise.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +72,10 @@ _PRINTED = 1e-3  # the paper prints its values to this accuracy
 
 @dataclass(frozen=True)
 class Tuning:
-    """A tuned absorber (None: no absorber) with its scores: ``peak`` in m/N at ``peak_ratio`` (to omega_r), ``h2`` in m/(N sqrt(s))."""
+    """A tuned absorber (None: no absorber) with its scores.
+
+    ``peak``: in m/N, at ``peak_ratio`` (to omega_r). ``h2``: H2 norm in m/(N sqrt(s)).
+    """
 
     key: str
     label: str
@@ -80,7 +87,10 @@ class Tuning:
 
 @dataclass(frozen=True, eq=False)
 class TuningTable:
-    """Tunings, the first without absorber; ``low`` and ``high`` are the scoring range over omega_r."""
+    """Tunings, of which the first is without absorber.
+
+    ``low`` and ``high``: ends of the scoring range over omega_r.
+    """
 
     model: ModalModel
     mass_ratio: float
@@ -101,7 +111,10 @@ class TuningTable:
 
     @cached_property
     def reference(self) -> float:
-        """Amplitude in m/N that peaks are told by: the peak without absorber, of an undamped structure the static deflection."""
+        """Reference amplitude of the peaks in m/N.
+
+        It is the peak without absorber, or the static deflection of an undamped structure.
+        """
         if not self.undamped:
             return self.tunings[0].peak
         return float(np.abs(tip_response(self.model, None, np.zeros(1)))[0])
@@ -116,12 +129,19 @@ class TuningTable:
         return tuning.peak / self.reference
 
     def relative_h2(self, tuning: Tuning) -> float:
-        """Return the H2 norm over that without absorber, of an undamped structure over the smallest one."""
+        """Return the H2 norm over that without absorber.
+
+        For an undamped structure it is the H2 norm over the smallest one.
+        """
         least = min(known.h2 for known in self.tunings)
         return tuning.h2 / (least if self.undamped else self.tunings[0].h2)
 
     def ratios_drawn(self, points: int) -> NDArray[np.float64]:
-        """Return frequencies over omega_r to draw: so many over the range, and those of the peaks, but none where one is infinite."""
+        """Return frequencies over omega_r at which to draw.
+
+        They are ``points`` frequencies over the range and those of the peaks, except those of
+        infinite peaks.
+        """
         endless = [tuning.peak_ratio for tuning in self.tunings if not math.isfinite(tuning.peak)]
         every = np.union1d(
             np.linspace(self.low, self.high, points), [t.peak_ratio for t in self.tunings]
@@ -138,7 +158,10 @@ class TuningTable:
 def paper_tuning(
     model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
 ) -> TunedAbsorber:
-    """Return the paper's own values where its rule gives them (its beam, mass and first resonance), otherwise what its rule gives."""
+    """Return the tuning by the paper's rule, or the paper's own values.
+
+    The own values are returned for the paper's beam, mass and first resonance.
+    """
     rule = paper_rule(model, mass_ratio, resonance)
     printed = (
         abs(rule.stiffness / PAPER.stiffness - 1) < _PRINTED
@@ -154,10 +177,13 @@ def tuning_table(
     low: float = LOW,
     high: float = HIGH,
 ) -> TuningTable:
-    """Return all tunings of an absorber of ``mass_ratio`` (to the beam's mass), tuned to a resonance and scored over low..high times omega_r.
+    """Return all tunings of an absorber of ``mass_ratio`` (to the beam's mass).
 
-    An undamped structure has an infinite peak and H2 norm without absorber. Raises ParameterError for numbers out of range,
-    a mode that nothing damps, a node at the absorber, and a scoring range that cannot hold both split peaks (`require_wide_range`).
+    They are tuned to a resonance and scored over low..high times omega_r.
+
+    An undamped structure has an infinite peak and H2 norm without absorber. Raises ParameterError
+    for numbers out of range, a mode that nothing damps, a node at the absorber, and a scoring range
+    that cannot hold both split peaks (`require_wide_range`).
     """
     require_wide_range(model, mass_ratio, resonance, low, high)
     case = (mass_ratio, resonance)
@@ -234,12 +260,19 @@ def list_notes(table: TuningTable, bounds: Bounds) -> list[str]:
         else "relative to no absorber"
     )
     notes = [
-        f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = {table.omega:.6g} rad/s, {relative}.",
-        f"Mistuning: {paper.label} leave{'s' if paper.label.endswith('rule') else ''} a peak {paper.peak / best.peak:.2f} times the smallest one.",
+        (
+            f"Scored over {table.low:g} to {table.high:g} times omega_{table.resonance} = "
+            f"{table.omega:.6g} rad/s, {relative}."
+        ),
+        (
+            f"Mistuning: {paper.label} leave{'s' if paper.label.endswith('rule') else ''} a peak "
+            f"{paper.peak / best.peak:.2f} times the smallest one."
+        ),
     ]
     if bounds:
         notes.append(
-            "Proved: no amplitude in the range is larger, flanks of other resonances and all between the grid's points included."
+            "Proved: no amplitude in the range is larger, flanks of other resonances and all "
+            "between the grid's points included."
         )
     return notes
 
@@ -311,7 +344,10 @@ def draw_tunings(table: TuningTable) -> Figure:
     draw_grid(axes)
     axes.legend(loc="upper right", fontsize=9.5, framealpha=0.95)
     axes.set_title(
-        f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest peak)",
+        (
+            f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest "
+            "peak)"
+        ),
         fontsize=12,
     )
     return figure
@@ -326,7 +362,11 @@ def least_peak_line(table: TuningTable) -> str:
 
 
 def card_groups(table: TuningTable, bounds: Bounds) -> tuple[Group, ...]:
-    """Return all tunings with their peaks, the service loads of the one with the smallest peak, and assumptions."""
+    """Return the groups of the card of all tunings.
+
+    They are the tunings with their peaks, the service loads of the tuning with the smallest peak,
+    and assumptions.
+    """
     rows = []
     for tuning in table.tunings:
         own = tuning.absorber
@@ -369,7 +409,10 @@ def amplitude_chart(table: TuningTable) -> Chart:
 
 
 def tuned_service_rows(table: TuningTable, absorber: TunedAbsorber) -> tuple[Row, ...]:
-    """Return the largest stationary stroke, speed, accelerations and loss of a tuned absorber under 1 N."""
+    """Return the largest stationary motion and the loss of a tuned absorber under 1 N.
+
+    The rows are stroke, speed, accelerations and loss.
+    """
     model = table.model
     omega = table.ratios_drawn(POINTS) * table.omega
     mass = absorber.mass_ratio * table.model.beam_mass

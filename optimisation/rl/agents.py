@@ -1,4 +1,7 @@
-"""A trained agent as one small file: the layers of its actor and what it was trained for. It needs neither torch nor stable-baselines3 to act."""
+"""A trained agent as a small file with the layers of its actor and its training task.
+
+The agent needs neither torch nor stable-baselines3 to act.
+"""
 
 import csv
 import io
@@ -40,7 +43,9 @@ def _sigmoid(x: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class Memory:
-    """Long short-term memory (S. Hochreiter and J. Schmidhuber 1997) of a number of lanes; gates lie in the order input, forget, cell, output.
+    """Long short-term memory (S. Hochreiter and J. Schmidhuber 1997) of several lanes.
+
+    The gates are in the order input, forget, cell, output.
 
     ``cells``: weights of the inputs (4 H, features) and of its own outputs (4 H, H), biases (4 H,).
     """
@@ -68,11 +73,14 @@ class Memory:
 
 @dataclass(frozen=True, eq=False)
 class Agent:
-    """A policy that sees nothing but the observation: its mean action through fully connected layers, no chance.
+    """A policy that depends on the observation alone.
 
-    ``layers``: weights (out, in) and biases (out,) from first to last, with ``activation`` between them and ``squash`` behind the last. ``cells``
-    of a `Memory` ahead of them; None: no memory.
-    ``arguments`` are those of the environment ``env_id`` it was trained on with ``seed``, for ``steps`` steps.
+    It returns its mean action through fully connected layers, without randomness.
+
+    ``layers``: weights (out, in) and biases (out,) from first to last, with ``activation`` between
+    them and ``squash`` behind the last. ``cells`` of a `Memory` ahead of them; None: no memory.
+    ``arguments`` are those of the environment ``env_id`` it was trained on with ``seed``, for
+    ``steps`` steps.
     """
 
     env_id: str
@@ -180,9 +188,12 @@ def shipped() -> dict[str, list[str]]:
 
 
 def packaged_file(task: str, algorithm: str = "ppo") -> Path:
-    """Return the file of an agent that ships with the package, which stable-baselines3 goes on from: ``PPO.load(file, env=...)``.
+    """Return the file of an agent that ships with the package.
 
-    It holds critic and optimiser, too, and beside them the small file that needs no torch. Raises ParameterError if there is none.
+    stable-baselines3 can continue the training from this file: ``PPO.load(file, env=...)``.
+
+    It holds critic and optimiser, too, and beside them the small file that needs no torch. Raises
+    ParameterError if there is none.
     """
     known = shipped()
     require(task in known, "task", task, f"one of {', '.join(known)}")
@@ -191,7 +202,9 @@ def packaged_file(task: str, algorithm: str = "ppo") -> Path:
 
 
 def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
-    """Return the agent of a file that `save_agent` wrote, or, for the name of a task (ActiveGap-v0), the one that ships with the package.
+    """Return the agent of a file, or the agent that ships with the package for a task.
+
+    ``place``: a file that `save_agent` wrote, or the name of a task (ActiveGap-v0).
 
     Raises ParameterError for any other file, task or algorithm.
     """
@@ -222,7 +235,11 @@ def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
 
 
 def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> list[Agent]:
-    """Return the agents of all files called ``name`` under a folder, of one environment if it is named: by environment, algorithm and seed."""
+    """Return the agents of all files called ``name`` under a folder.
+
+    They are in the order of environment, algorithm and seed. With ``env_id`` only those of this
+    environment are returned.
+    """
     agents = [load_agent(path) for path in sorted(folder.rglob(name))]
     return sorted(
         (a for a in agents if env_id in (None, a.env_id)),
@@ -231,7 +248,10 @@ def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> l
 
 
 def actor_of(model: Any, env_id: str, seed: int, arguments: Mapping[str, Any]) -> Agent:
-    """Return the agent that acts as a PPO, SAC or recurrent PPO model of stable-baselines3 does when it is deterministic."""
+    """Return the agent that acts as a model of stable-baselines3 does deterministically.
+
+    The model is PPO, SAC or recurrent PPO.
+    """
     stochastic_squash = hasattr(model, "actor")
     policy = model.policy
     hidden, last = (
@@ -277,7 +297,8 @@ EVALUATIONS = "evaluations.csv"
 class TrainingEvaluation:
     """What an agent reached after ``steps`` of training, over the evaluation seeds.
 
-    ``score``: mean; ``iqm``: mean of the middle half; ``low``, ``high``: 10th and 90th percentile; ``intervals``: mean length of an episode.
+    ``score``: mean; ``iqm``: mean of the middle half; ``low``, ``high``: 10th and 90th percentile;
+    ``intervals``: mean length of an episode.
     """
 
     leg: int
@@ -294,7 +315,11 @@ COLUMNS = tuple(f.name for f in fields(TrainingEvaluation))
 
 @dataclass(frozen=True)
 class Run:
-    """A training run: its ``folder``, ``settings`` as JSON values, evaluations from first to last, and whether it came to its end."""
+    """A training run.
+
+    It has its ``folder``, its ``settings`` as JSON values, its evaluations from first to last, and
+    whether it is finished.
+    """
 
     folder: Path
     settings: dict[str, Any]
@@ -332,7 +357,10 @@ def write_evaluations(folder: Path, evaluations: Sequence[TrainingEvaluation]) -
 
 
 def read_evaluations(folder: Path) -> tuple[TrainingEvaluation, ...]:
-    """Return a run's evaluations, none if it has not come to one. Raises ParameterError for a file that is damaged."""
+    """Return a run's evaluations, none if it has not reached the first one.
+
+    Raises ParameterError for a damaged file.
+    """
     file = folder / EVALUATIONS
     if not file.exists():
         return ()
@@ -369,7 +397,11 @@ def find_runs(folder: Path) -> list[Run]:
 
 
 def typical(runs: Sequence[Run]) -> Run:
-    """Return the run in the middle by its score on the evaluation seeds, the better one of two; test seeds choose nothing."""
+    """Return the run with the median score on the evaluation seeds.
+
+    For an even number of runs it is the better one of the two in the middle. Test seeds have no
+    influence.
+    """
     return sorted(runs, key=lambda run: (run.score, run.seed))[len(runs) // 2]
 
 
@@ -386,7 +418,10 @@ def _model_of(folder: Path) -> Path:
 
 
 def ship(source: Path, target: Path) -> list[Path]:
-    """Write the `typical` run of each task and algorithm under ``source`` as one file, stable-baselines3's with the agent's own in it."""
+    """Write the `typical` run of each task and algorithm under ``source`` as one file.
+
+    It is the file of stable-baselines3, which also contains the agent's own file.
+    """
     groups: dict[tuple[str, str], list[Run]] = {}
     for run in find_runs(source):
         if run.finished:

@@ -1,4 +1,7 @@
-"""Training with a vector of costs: a weighted sum as reward, and a limit of one cost by a Lagrange multiplier."""
+"""Training with a vector of costs.
+
+The reward is a weighted sum of the costs. A Lagrange multiplier limits one cost.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,7 +27,8 @@ class WeightedCosts(VecEnvWrapper):
     Parameters
     ----------
     venv : VecEnv
-        Lanes of `make_native` with ``vector_reward=True``, whose rewards are minus the costs (L, C).
+        Lanes of `make_native` with ``vector_reward=True``, whose rewards are minus the costs (L,
+        C).
     weights : sequence of float
         Weights (C,) of the costs in the order of ``info["costs"]``; `set_weights` changes them.
     """
@@ -53,7 +57,10 @@ def make_weighted_lanes(
     weights: Sequence[float],
     arguments: Mapping[str, Any] | None = None,
 ) -> WeightedCosts:
-    """Return ``lanes`` lanes of a task whose reward is minus the sum of its costs times ``weights`` (C,)."""
+    """Return ``lanes`` lanes of a task whose reward is minus its weighted costs.
+
+    The reward is minus the sum of the costs times ``weights`` (C,).
+    """
     native = make_native(env_id, lanes, vector_reward=True, **(arguments or {}))
     return WeightedCosts(native, weights)
 
@@ -61,19 +68,25 @@ def make_weighted_lanes(
 def mean_costs(
     policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None
 ) -> Array:
-    """Return the costs (E, C) of an interval, means over the intervals of one episode for each seed; ``policy`` as `evaluate` takes it."""
+    """Return the mean costs (E, C) of a control interval in one episode for each seed.
+
+    The means are taken over the intervals of the episode. ``policy`` has the form that `evaluate`
+    takes.
+    """
     played = play(policy, env_id, seeds, {"vector_reward": True, **(arguments or {})})
     costs: Array = -played.scores / played.steps[:, None]
     return costs
 
 
 class LagrangeMultiplier(BaseCallback):  # type: ignore[misc]
-    """Keep the mean of one cost below a limit while a model is trained: dual ascent on a Lagrange multiplier.
+    """Limit the mean of one cost in training by dual ascent on a Lagrange multiplier.
 
-    The lanes' reward is minus the weighted costs, plus ``multiplier`` times the cost over its limit. After every ``rounds`` rounds the mean
-    action plays one episode on each of ``seeds``. The multiplier then grows by ``rate`` times the relative violation, cost / limit - 1, and
-    falls where the cost is below the limit; it is never below 0 (D. Bertsekas, Nonlinear Programming; A. Ray, J. Achiam and D. Amodei 2019,
-    Benchmarking safe exploration in deep reinforcement learning).
+    The lanes' reward is minus the weighted costs, plus ``multiplier`` times the cost over its
+    limit. After every ``rounds`` rounds the mean action plays one episode on each of ``seeds``. The
+    multiplier then grows by ``rate`` times the relative violation, cost / limit - 1, and falls
+    where the cost is below the limit; it is never below 0 (D. Bertsekas, Nonlinear Programming; A.
+    Ray, J. Achiam and D. Amodei 2019, Benchmarking safe exploration in deep reinforcement
+    learning).
 
     Parameters
     ----------
@@ -90,7 +103,8 @@ class LagrangeMultiplier(BaseCallback):  # type: ignore[misc]
     seeds : sequence of int
         Training seeds of the episodes that measure the cost.
     intervals : int
-        Control intervals of an episode: the multiplier's part of the reward is a mean over them, as the level is.
+        Control intervals of an episode: the multiplier's part of the reward is a mean over them, as
+        the level is.
     rate : float, optional
         Step of the multiplier.
     rounds : int, optional
@@ -141,7 +155,10 @@ class LagrangeMultiplier(BaseCallback):  # type: ignore[misc]
             self.update(cost)
 
     def update(self, cost: float) -> None:
-        """Move the multiplier by the violation of the limit at a mean ``cost``, and set the weights of the lanes."""
+        """Move the multiplier by the violation of the limit, and set the weights of the lanes.
+
+        ``cost`` is the mean cost.
+        """
         self.multiplier = max(0.0, self.multiplier + self.rate * (cost / self.limit - 1))
         weights = self.aim.copy()
         weights[self.cost] += self.multiplier / (self.limit * self.intervals)

@@ -1,7 +1,10 @@
-"""Episodes as an offline data set, in the format of Minari (https://minari.farama.org), which other libraries read as well, and as films.
+"""Episodes as an offline data set in the format of Minari, and as films.
 
-A data set is a folder with Minari's HDF5 file: for each episode ``observations`` (T + 1, features) float32, ``actions`` (T, A) float32, ``rewards``
-(T,) float64, ``terminations`` and ``truncations`` (T,) bool, and the seed; scores are the sums of the rewards.
+Other libraries read the format (https://minari.farama.org) as well.
+
+A data set is a folder with Minari's HDF5 file: for each episode ``observations`` (T + 1, features)
+float32, ``actions`` (T, A) float32, ``rewards`` (T,) float64, ``terminations`` and ``truncations``
+(T,) bool, and the seed; scores are the sums of the rewards.
 """
 
 from __future__ import annotations
@@ -36,7 +39,11 @@ HDF5 = Path("data") / "main_data.hdf5"
 
 @dataclass(frozen=True, eq=False)
 class Demonstrations:
-    """Episodes: ``observations`` (T + 1, features), ``actions`` (T, A), ``rewards`` (T,) of each, and whether it terminated (or else was cut off)."""
+    """Recorded episodes.
+
+    Each has ``observations`` (T + 1, features), ``actions`` (T, A) and ``rewards`` (T,), and
+    whether it terminated (or else was truncated).
+    """
 
     env_id: str
     seeds: tuple[int, ...]
@@ -49,7 +56,10 @@ class Demonstrations:
 def record(
     policy: Any, env_id: str, seeds: Sequence[int], arguments: Mapping[str, Any] | None = None
 ) -> Demonstrations:
-    """Play one episode a seed and return what was seen, done and earned by something with ``start`` and ``act``."""
+    """Play one episode for each seed and return observations, actions and rewards.
+
+    ``policy``: an object with ``start`` and ``act``.
+    """
     lanes = len(seeds)
     with optional():
         import gymnasium
@@ -108,7 +118,11 @@ def write_demonstrations(
     author: str,
     arguments: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a data set; the folder appears as a whole or not at all, and replaces one of the same name. Raises ParameterError for another folder."""
+    """Write a data set.
+
+    The folder is written completely or not at all, and replaces a data set of the same name. Raises
+    ParameterError for an existing folder of another kind.
+    """
     replaceable = not folder.exists() or (folder / HDF5).is_file()
     require(replaceable, "folder", str(folder), "a new one, or a data set that is to be replaced")
     require(
@@ -137,7 +151,10 @@ def write_demonstrations(
                     id=k, seed=seed, terminations=last & over, truncations=last & (not over), **own
                 )
             )
-        words = f"{author} on {demonstrations.env_id}, one episode for each of the seeds {demonstrations.seeds[0]} to {demonstrations.seeds[-1]}"
+        words = (
+            f"{author} on {demonstrations.env_id}, one episode for each of the seeds "
+            f"{demonstrations.seeds[0]} to {demonstrations.seeds[-1]}"
+        )
         with (
             warnings.catch_warnings()
         ):  # it asks for an address and a link, which a reader's own data set has none of
@@ -157,7 +174,10 @@ def write_demonstrations(
 
 
 def read_demonstrations(folder: Path, env_id: str) -> Demonstrations:
-    """Return the episodes of a data set. Raises ParameterError if there is none, or if it is of another environment."""
+    """Return the episodes of a data set.
+
+    Raises ParameterError if there is none, or if it belongs to another environment.
+    """
     require(
         (folder / HDF5).is_file(),
         "demonstrations",
@@ -208,7 +228,9 @@ if TYPE_CHECKING:
     import gymnasium
 
 NAMES = {name.split("/")[1].split("-")[0].lower(): name for name in ENVIRONMENTS}
-INTERVAL = 2.0625  # pseudo periods: frames show a slow motion, as under a stroboscope that is a little slower than the machine
+# pseudo periods: frames show a slow motion, as under a stroboscope that is a little slower than the
+# machine
+INTERVAL = 2.0625
 COLOURS = 48
 
 
@@ -229,7 +251,10 @@ def episode(
     action: float | Agent | None,
     most: int,
 ) -> tuple[list[np.ndarray], int]:
-    """Return the frames of an episode of an environment, and how many of them are shown in a second; ``action`` None: a random one each time."""
+    """Return the frames of an episode of an environment, and their number in a second.
+
+    ``action`` None: a random action in each step.
+    """
     with optional():
         import gymnasium
     env = gymnasium.make(name, render_mode=mode, **options)
@@ -262,7 +287,10 @@ def film(
 
 
 def save(path: Path, frames: list[np.ndarray], fps: int) -> None:
-    """Write an animated GIF with one palette for all frames: the last frame's, which has all colours."""
+    """Write an animated GIF with one palette for all frames.
+
+    The palette is that of the last frame, which has all colours.
+    """
     palette = Image.fromarray(frames[-1]).quantize(COLOURS)
     pictures = [
         Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)

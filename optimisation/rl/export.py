@@ -1,4 +1,6 @@
-"""Agents and rules as files that a controller can run without Python: C source, ONNX, and a table of their numbers.
+"""Agents and rules as files for a controller without Python.
+
+The files are C source, ONNX, and a table of their numbers.
 
 An ONNX model is a message of Protocol Buffers; the few fields that a network needs are written here
 (fields and their numbers from onnx.proto3, https://github.com/onnx/onnx, ONNX 1.19, opset 13), so
@@ -30,7 +32,10 @@ PREFIX = "impact_agent"  # of the names in C source
 
 
 def describe_observation(env_id: str, arguments: Any = None) -> list[dict[str, Any]]:
-    """Return name, meaning, unit and kind of each number of the observation of an environment, in their order."""
+    """Return name, meaning, unit and kind of each component of an observation.
+
+    The components are in the order of the environment's observation.
+    """
     task = task_of(env_id, arguments)
     words = {
         "few": "",
@@ -50,7 +55,10 @@ def describe_observation(env_id: str, arguments: Any = None) -> list[dict[str, A
 
 
 def make_table(policy: Agent | FamilyPolicy, env_id: str) -> dict[str, Any]:
-    """Return a policy as plain data: its observation, and the numbers of its layers or of its rule."""
+    """Return a policy as plain data.
+
+    The data have its observation, and the numbers of its layers or of its rule.
+    """
     table: dict[str, Any] = {
         "format": TABLE_FORMAT,
         "environment": env_id,
@@ -247,7 +255,8 @@ C_RULES: dict[type, str] = {
          + (p[7] + p[8] * log_size) * tanh(fabs(o[{rules.W}]) / size)
          + p[9] * along + p[11] * o[{rules.LEFT}];
 """,
-    rules.PairBySize: f"""    const double log_size = log(fmax(o[{rules.PAIR_SIZE}], 0.0) + {rules.SMALL!r});
+    rules.PairBySize: f"""    const double size = fmax(o[{rules.PAIR_SIZE}], 0.0);
+    const double log_size = log(size + {rules.SMALL!r});
     const double other = fabs(o[{{feature}}]);
     a[0] = p[0] + p[1] * log_size + p[4] * o[{rules.PAIR_RATIO}] + p[6] * other;
     a[1] = p[2] + p[3] * log_size + p[5] * o[{rules.PAIR_RATIO}] + p[7] * other;
@@ -283,10 +292,13 @@ def _write_rule_in_c(policy: FamilyPolicy, env_id: str) -> str:
 
 
 def write_c(policy: Agent | FamilyPolicy, env_id: str) -> str:
-    """Return C source (C99, needs only the mathematical library) with a function ``impact_agent_act`` that acts as a policy does.
+    """Return C source with a function ``impact_agent_act`` that acts as a policy does.
 
-    An agent computes in single precision, a rule in double. An agent with memory takes a structure in which its memory is, and which is zero at the
-    start. Raises ParameterError for a rule that has a memory.
+    The source is C99 and needs only the mathematical library.
+
+    An agent computes in single precision, a rule in double. An agent with memory takes a structure
+    in which its memory is, and which is zero at the start. Raises ParameterError for a rule that
+    has a memory.
     """
     if isinstance(policy, Agent):
         return _write_agent_in_c(policy, env_id)
@@ -307,7 +319,10 @@ def _encode_integer(value: int) -> bytes:
 
 
 def _encode_field(number: int, value: int | float | str | bytes) -> bytes:
-    """Return a field of a message: a whole number, a float, or text, bytes or a message with their length."""
+    """Return a field of a message.
+
+    It is an integer, a float, or text, bytes or a message with their length.
+    """
     if isinstance(value, int):
         return _encode_integer(number << 3) + _encode_integer(value)
     if isinstance(value, float):
@@ -383,10 +398,12 @@ def _add_memory(agent: Agent, nodes: list[bytes], constants: list[bytes]) -> Non
 
 
 def write_onnx(agent: Agent) -> bytes:
-    """Return an ONNX model that computes ``action`` (lanes, A) from ``observation`` (lanes, features), floats, as an agent does.
+    """Return an ONNX model that computes ``action`` from ``observation`` as an agent does.
 
-    An agent with memory also takes ``output before`` and ``state before`` (lanes, H), zero at the start of an episode, and returns ``output`` and
-    ``state`` for the next call.
+    Both are floats, ``action`` (lanes, A) and ``observation`` (lanes, features).
+
+    An agent with memory also takes ``output before`` and ``state before`` (lanes, H), zero at the
+    start of an episode, and returns ``output`` and ``state`` for the next call.
     """
     nodes: list[bytes] = []
     constants: list[bytes] = []

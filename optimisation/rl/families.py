@@ -1,6 +1,9 @@
-"""Kinds of policies with a few numbers to choose, each lane with its own numbers: the engineer's answers that an agent is compared with.
+"""Families of policies with a few parameters, the baselines of an agent.
 
-A family is made from the task behind its environment, whose scales it may need. What lies outside [-1, 1] of its actions is cut off.
+Each lane has its own parameters. The policies are schedules and rules that an engineer would use.
+
+A family is made from the task behind its environment, whose scales it may need. What lies outside
+[-1, 1] of its actions is cut off.
 """
 
 from __future__ import annotations
@@ -32,10 +35,14 @@ Start = Callable[[Sequence[float]], Sequence[float]]
 
 
 class Family(ABC):
-    """A kind of policy: lane i acts by row i of ``parameters`` (L, P), which have ``names`` and ``limits`` (P pairs, or `LARGEST` to either side).
+    """A family of policies with a few parameters.
 
-    ``begins``: where a search begins, for the numbers of the best constant action. The first ``few`` numbers alone are a rule, with the others at
-    ``neutral``; ``few`` is 0 for a family that has no such rule in it.
+    Lane i acts by row i of ``parameters`` (L, P), which have ``names`` and ``limits`` (P pairs, by
+    default `LARGEST` to either side).
+
+    ``begins``: where a search begins, for the numbers of the best constant action. The first
+    ``few`` numbers alone are a rule, with the others at ``neutral``; ``few`` is 0 for a family that
+    has no such rule in it.
     """
 
     names: Sequence[str] = ()
@@ -71,7 +78,11 @@ def task_of(name: str, arguments: Mapping[str, Any] | None = None) -> Any:
 
 @dataclass(frozen=True)
 class Rates:
-    """The sweep's scale: range of frequency ratios, and zero and unit of the frequency in observations."""
+    """Frequency scale of the sweep.
+
+    It has the range of frequency ratios, and the zero and the unit of the frequency in
+    observations.
+    """
 
     low: float
     high: float
@@ -84,7 +95,10 @@ class Rates:
         return cls(*task.passage.limits, task.frequency_origin, task.frequency_unit)
 
     def share(self, observations: Observations) -> Array:
-        """Return where in the range the frequencies in observations are (L,): 0 at its low end, 1 at its high one."""
+        """Return the position in the range of the frequencies in observations, (L,).
+
+        It is 0 at the low end and 1 at the high end.
+        """
         ratio = self.origin + self.unit * observations[:, FREQUENCY].astype(np.float64)
         return (ratio - self.low) / (self.high - self.low)
 
@@ -116,7 +130,8 @@ class FamilyPolicy:
         self.parameters = np.atleast_2d(np.asarray(parameters, dtype=np.float64))
         if self.parameters.shape[1] != len(family.names):
             raise ParameterError(
-                f"parameters of {name} = {parameters!r} is not allowed: {len(family.names)} numbers ({', '.join(family.names)})"
+                f"parameters of {name} = {parameters!r} is not allowed: {len(family.names)} "
+                f"numbers ({', '.join(family.names)})"
             )
 
     def start(self, lanes: int) -> None:
@@ -137,7 +152,10 @@ class FamilyPolicy:
 
 
 class RandomPolicy:
-    """Any action from [-1, 1] in every interval, the same ones again after `start`; ``numbers`` of them for a task that takes several."""
+    """Uniformly distributed actions from [-1, 1] in every interval.
+
+    The sequence is repeated after `start`. ``numbers``: how many numbers an action of the task has.
+    """
 
     name = "random"
 
@@ -158,22 +176,27 @@ class RandomPolicy:
 Random = RandomPolicy  # the name before; for one release
 
 
-# Rules for the tasks that see amplitudes over an interval: rate, rate and gap, friction of a passage, and the gap under a force that changes.
+# Rules for the tasks that see amplitudes over an interval: rate, rate and gap, friction of a
+# passage, and the gap under a force that changes.
 #
-# On the low branch impacts have stopped, and do not come back on the way down; that is all a rule of the rate looks at, beside the frequency, which
-# the machine's control knows. A friction limit that suits a response goes with a power of its size (scaling law), and so does the gap:
-# the design rule (`optimisation.bounds`) says g0 = force/f* for a gap of 1 m. Where the force is not known it follows from what is seen, by the
-# balance of the spectral line at the forcing frequency that `optimisation.bounds` derives:
+# On the low branch impacts have stopped, and do not come back on the way down; that is all a rule
+# of the rate looks at, beside the frequency, which the machine's control knows. A friction limit
+# that suits a response goes with a power of its size (scaling law), and so does the gap: the design
+# rule (`optimisation.bounds`) says g0 = force/f* for a gap of 1 m. Where the force is not known it
+# follows from what is seen, by the balance of the spectral line at the forcing frequency that
+# `optimisation.bounds` derives:
 #
 #     f G_f = (1 - kappa) q - kappa r.
 #
-# The observation gives q (in phase with the force and a quarter behind it). Without impacts the absorber, free of friction, stays where it is:
-# r = -q and f = q/G_f. With impacts |r| is taken as ``stroke`` times the gap (a triangle's line is 0.81 of its amplitude, a square's 1.27), with
-# the phase for which f is real (its phase is the reference) and the absorber works against the force:
+# The observation gives q (in phase with the force and a quarter behind it). Without impacts the
+# absorber, free of friction, stays where it is: r = -q and f = q/G_f. With impacts |r| is taken as
+# ``stroke`` times the gap (a triangle's line is 0.81 of its amplitude, a square's 1.27), with the
+# phase for which f is real (its phase is the reference) and the absorber works against the force:
 #
-#     f = Re a + sqrt((|b| stroke gap)^2 - (Im a)^2),        a = (1 - kappa) q/G_f,        b = kappa/G_f.
+#     f = Re a + sqrt((|b| stroke gap)^2 - (Im a)^2),  a = (1 - kappa) q/G_f,  b = kappa/G_f.
 #
-# This is exact for a stationary response with that stroke, so a transient misleads it; the estimate is smoothed over the intervals.
+# This is exact for a stationary response with that stroke, so a transient misleads it; the estimate
+# is smoothed over the intervals.
 
 
 # columns of the observation
@@ -181,7 +204,9 @@ IN_PHASE = 0
 QUADRATURE = 1
 IMPACTS = 4
 TIME_LEFT = 7
-FEW = 0.25  # of the feature "impacts": one in two pseudo periods; above the noise of a sensor, below what a sustained response has
+# of the feature "impacts": one in two pseudo periods; above the noise of a sensor, below what a
+# sustained response has
+FEW = 0.25
 LAST = 0.15  # share of the time budget at which the small rule leaves
 SMALLEST = 1e-9  # of a look: what a passage that was never looked at counts as
 
@@ -194,7 +219,10 @@ class OverFrequency(Family):
 
 
 class FrequencyWindow(OverFrequency):
-    """A schedule: one rate inside a window of the frequency, another outside. Edges are shares of the range, in any order."""
+    """A schedule with one rate inside a window of the frequency and another outside.
+
+    The edges of the window are shares of the range, in any order.
+    """
 
     names = ("edge", "other edge", "action inside", "action outside")
     begins = (lambda _: (0.35, 0.5, 0.05, 1.0), lambda _: (0.33, 0.47, 0.1, 1.0))
@@ -210,7 +238,11 @@ class FrequencyWindow(OverFrequency):
 
 
 class SmallRule(OverFrequency):
-    """Haste to a frequency; then slow while there are impacts and time is left, and back from another frequency on; else haste."""
+    """A rule with full speed down to a frequency, then a slow rate, and a rate back.
+
+    The slow rate holds while there are impacts and time is left. Beyond another frequency the rate
+    goes back under the same conditions. Otherwise the sweep has full speed.
+    """
 
     names = ("slow from", "action when slow", "back at", "action back")
     begins = (
@@ -245,13 +277,17 @@ class LimitOverFrequency(OverFrequency):
 
 
 class FeedbackFriction(OverFrequency):
-    """One limit at first, and from some place on one that goes with a power of the amplitude seen there: one look, which is remembered.
+    """A constant friction limit up to a place, then one that follows the amplitude there.
 
-    Where the first limit holds the absorber fast the response until the look is linear, and its amplitude speaks for the force.
+    The limit is proportional to a power of the amplitude, which is measured once at that place and
+    stored.
+
+    Where the first limit holds the absorber stuck, the response up to that observation is linear
+    and its amplitude is proportional to the force.
     """
 
     names = (
-        "action until the look",
+        "action until the observation",
         "share of the range at which it is",
         "action for one half-clearance",
         "exponent",
@@ -290,7 +326,11 @@ class FeedbackFriction(OverFrequency):
 
 
 class GapScale:
-    """What gap rules know of a task: limits and unit of the gap (m), f*/gap of the design rule (N/m), the beam, the absorber's mass."""
+    """Properties of a task that the gap rules use.
+
+    They are limits and unit of the gap (m), f*/gap of the design rule (N/m), the beam and the
+    absorber's mass.
+    """
 
     def __init__(self, task: GapTask | SweepGapTask) -> None:
         limits = (
@@ -354,9 +394,13 @@ class GapOverFrequency(Family):
 
 
 class GapByEstimatedForce(Family):
-    """The design rule with a force that is estimated from the response, see the text above, times a factor that depends on the frequency.
+    """The design rule's gap for a force that is estimated from the response.
 
-    gap = (factor + slope * (ratio - 1)/0.1) * force/f*. ``memory`` is the weight of the estimate so far.
+    The estimation is described in the text above. The gap is multiplied by a factor that depends on
+    the frequency.
+
+    gap = (factor + slope * (ratio - 1)/0.1) * force/f*. ``memory`` is the weight of the estimate so
+    far.
     """
 
     names = ("factor", "slope over the frequency", "stroke", "memory")
@@ -405,12 +449,19 @@ PACE = (
 
 
 def pace(parameters: Array, share: Array) -> Array:
-    """Return rate actions (L,): one above a share of the range (of a passage down), another below it."""
+    """Return rate actions (L,), with one value above a share of the range and one below.
+
+    A passage goes down through the range.
+    """
     return np.where(share > parameters[:, 1], parameters[:, 0], parameters[:, 2])
 
 
 class RateAndGapOverFrequency(OverFrequency):
-    """A schedule of rate and gap: the rate has one value to some place on the way and another after it, the gap's action is a parabola."""
+    """A schedule of rate and gap.
+
+    The rate has one value up to some place on the way and another after it. The gap's action is a
+    parabola over the frequency.
+    """
 
     names = (*PACE, "gap action in the middle", "its slope", "its curvature")
     begins = (lambda c: (c[0], 0.5, c[0], c[1], 0.0, 0.0),)
@@ -425,7 +476,10 @@ class RateAndGapOverFrequency(OverFrequency):
 
 
 class RateAndGapByEstimatedForce(OverFrequency):
-    """The same rates, with which there is time for a look at the force, and the gap of `GapByEstimatedForce`."""
+    """Rates as in `RateAndGapOverFrequency`, with the gap of `GapByEstimatedForce`.
+
+    Slow rates leave time to estimate the force.
+    """
 
     names = (*PACE, *GapByEstimatedForce.names)
     begins = (

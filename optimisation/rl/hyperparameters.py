@@ -1,4 +1,7 @@
-"""Hyperparameters of the agents: read from YAML by environment and algorithm, and checked before anything is trained."""
+"""Hyperparameters of the agents, read from YAML by environment and algorithm.
+
+They are checked before any training.
+"""
 
 import math
 import re
@@ -96,12 +99,13 @@ PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 class Hyperparameters(ABC):
     """What all algorithms have.
 
-    ``steps`` of the environment, counted over all ``lanes``, trained in ``legs`` of equal length: after each the agent is evaluated and a
-    checkpoint is written. The learning rate falls from ``learning_rate`` to
-    ``final_learning_rate``, linearly from leg to leg. Rewards are multiplied by ``reward_scale`` for the algorithm alone. ``hidden``: widths of
-    the layers of actor and critic. ``gamma`` is the discount for one step. The first policy does about ``initial_action`` wherever it is.
-    ``start``: the policy that the actor imitates before training: `FRESH` for no policy, `RULE`, `AGENT`, or the path of an agent's file or of
-    a data set of demonstrations.
+    ``steps`` of the environment, counted over all ``lanes``, trained in ``legs`` of equal length:
+    after each the agent is evaluated and a checkpoint is written. The learning rate falls from
+    ``learning_rate`` to ``final_learning_rate``, linearly from leg to leg. Rewards are multiplied
+    by ``reward_scale`` for the algorithm alone. ``hidden``: widths of the layers of actor and
+    critic. ``gamma`` is the discount for one step. The first policy does about ``initial_action``
+    wherever it is. ``start``: the policy that the actor imitates before training: `FRESH` for no
+    policy, `RULE`, `AGENT`, or the path of an agent's file or of a data set of demonstrations.
     """
 
     steps: int
@@ -128,7 +132,10 @@ class Hyperparameters(ABC):
         return (1 - share) * self.learning_rate + share * self.final_learning_rate
 
     def end_of(self, leg: int) -> int:
-        """Return the number of steps after which a leg, counted from 0, ends; a round of the algorithm is never broken off, so it may end later."""
+        """Return the number of steps after which a leg, counted from 0, ends.
+
+        A round of the algorithm is always completed, so that the leg may end later.
+        """
         return -(-self.steps * (leg + 1) // self.legs)
 
     @property
@@ -146,10 +153,13 @@ class Hyperparameters(ABC):
 
 @dataclass(frozen=True)
 class PPOSettings(Hyperparameters):
-    """Proximal policy optimisation: ``n_steps`` of each lane a round; names are those of stable-baselines3.
+    """Proximal policy optimisation.
 
-    In the first ``critic_rounds`` only the critic is trained: that of a cloned actor knows nothing yet, and its advantages would spoil the clone.
-    With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, with -1 a whole round.
+    ``n_steps``: steps of each lane in a round. The names are those of stable-baselines3.
+
+    In the first ``critic_rounds`` only the critic is trained: that of a cloned actor knows nothing
+    yet, and its advantages would spoil the clone. With ``use_sde`` a deviation from the policy
+    lasts ``sde_sample_freq`` steps of a lane, with -1 a whole round.
     """
 
     log_interval = 1  # rounds
@@ -183,7 +193,10 @@ class PPOSettings(Hyperparameters):
 
 @dataclass(frozen=True)
 class RecurrentPPOSettings(PPOSettings):
-    """Proximal policy optimisation with a memory of ``lstm`` cells in the actor, and as many in the critic, ahead of their layers (sb3-contrib)."""
+    """Proximal policy optimisation with a long short-term memory (sb3-contrib).
+
+    Actor and critic have ``lstm`` memory cells each, ahead of their layers.
+    """
 
     lstm: int
 
@@ -192,10 +205,11 @@ class RecurrentPPOSettings(PPOSettings):
 class PolicyIterationSettings(Hyperparameters):
     """Rollout policy iteration (`optimisation.rl.policy_iteration`).
 
-    A round has ``n_steps`` intervals of each lane, with actions explored at a standard deviation of exp(``log_std_init``), and then ``n_epochs``
-    over the trials of ``rounds_in_memory`` rounds. A trial, every ``trial_interval`` intervals, compares ``candidates`` actions within ``reach``
-    of the actor's. Each is held for ``hold`` intervals and followed by the actor, ``horizon`` intervals in all. ``width``: of the kernel that
-    gives the mean action a score.
+    A round has ``n_steps`` intervals of each lane, with actions explored at a standard deviation of
+    exp(``log_std_init``), and then ``n_epochs`` over the trials of ``rounds_in_memory`` rounds. A
+    trial, every ``trial_interval`` intervals, compares ``candidates`` actions within ``reach`` of
+    the actor's. Each is held for ``hold`` intervals and followed by the actor, ``horizon``
+    intervals in all. ``width``: of the kernel that gives the mean action a score.
     """
 
     log_interval = 1  # rounds
@@ -220,11 +234,15 @@ class PolicyIterationSettings(Hyperparameters):
 
 @dataclass(frozen=True)
 class SACSettings(Hyperparameters):
-    """Soft actor-critic: ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that hold the rewards of ``n_steps`` steps;
-    names are those of stable-baselines3. With ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, and no longer
-    than a round. ``initial_value``: what the critics take any state for at first, in scaled rewards; where rewards are costs, 0 is hope, and an
-    agent puts off what it does not know.
-    """  # noqa: D205
+    """Soft actor-critic.
+
+    There are ``gradient_steps`` after every ``train_freq`` steps of all lanes, with targets that
+    contain the rewards of ``n_steps`` steps. The names are those of stable-baselines3. With
+    ``use_sde`` a deviation from the policy lasts ``sde_sample_freq`` steps of a lane, and no longer
+    than a round. ``initial_value``: value that the critics give to any state at first, in scaled
+    rewards. If rewards are costs, the value 0 is optimistic, and an agent delays actions that it
+    does not know.
+    """
 
     log_interval = 100  # episodes
 
@@ -277,7 +295,10 @@ ALGORITHMS: dict[str, type[Settings]] = {
 
 
 def read(file: Path = PACKAGED) -> dict[str, dict[str, dict[str, Any]]]:
-    """Return a YAML file's values by environment, algorithm and name. Raises ParameterError for anything else."""
+    """Return a YAML file's values by environment, algorithm and name.
+
+    Raises ParameterError for any other content.
+    """
     with optional():
         import yaml
     name = "hyperparameters"
@@ -317,7 +338,10 @@ def _mapping(
 
 
 def recipes(environment: str) -> list[str]:
-    """Return the algorithms for which the package has hyperparameters on an environment; raises ParameterError if there are none."""
+    """Return the algorithms for which the package has hyperparameters on an environment.
+
+    Raises ParameterError if there are none.
+    """
     packaged = read()
     require(environment in packaged, "environment", environment, f"one of {', '.join(packaged)}")
     return list(packaged[environment])
@@ -326,9 +350,12 @@ def recipes(environment: str) -> list[str]:
 def settings_for(
     environment: str, algorithm: str, file: Path | None = None, **options: Any
 ) -> Settings:
-    """Return the hyperparameters of an algorithm on an environment: those of the package, replaced by those of ``file``, and by those ``options``.
+    """Return the hyperparameters of an algorithm on an environment.
 
-    Raises ParameterError for an unknown environment or algorithm, and for a value that is not allowed.
+    They are those of the package, overridden by those of ``file``, and these by ``options``.
+
+    Raises ParameterError for an unknown environment or algorithm, and for a value that is not
+    allowed.
     """
     require(algorithm in ALGORITHMS, "algorithm", algorithm, f"one of {', '.join(ALGORITHMS)}")
     packaged = read()
@@ -354,7 +381,11 @@ ELSEWHERE = {f.name for f in fields(Hyperparameters)} - {"gamma", "batch_size"} 
 
 
 def zoo_recipe(environment: str, algorithm: str) -> dict[str, Any]:
-    """Return the package's recipe as rl-zoo3 has it, where rewards are scaled by how they vary, the learning rate falls to 0, actions begin at 0."""
+    """Return the package's recipe in the form of rl-zoo3.
+
+    There rewards are scaled by their variation, the learning rate falls to 0, and actions start at
+    0.
+    """
     own = settings_for(environment, algorithm).describe()
     net = {"net_arch": own["hidden"], "log_std_init": own["log_std_init"]} | (
         {"lstm_hidden_size": own["lstm"]} if "lstm" in own else {}
@@ -371,7 +402,10 @@ def zoo_recipe(environment: str, algorithm: str) -> dict[str, Any]:
 
 
 def write_zoo(folder: Path) -> list[Path]:
-    """Write all recipes of the package in the form of rl-zoo3, a file for each algorithm, and return the files."""
+    """Write all recipes of the package in the form of rl-zoo3, and return the files.
+
+    Each algorithm has a file.
+    """
     import yaml
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,7 @@
-"""PPO and SAC of stable-baselines3 on a native vector environment: made from hyperparameters, written to files and read from them."""
+"""PPO and SAC of stable-baselines3 on a native vector environment.
+
+They are made from hyperparameters, written to files and read from them.
+"""
 
 from __future__ import annotations
 
@@ -119,9 +122,12 @@ def make_lanes(
     arguments: Mapping[str, Any] | None = None,
     threads: int | None = None,
 ) -> ScaledRewards:
-    """Return the environment to train on, by hyperparameters or, for an algorithm's name, those of the package.
+    """Return the environment to train on.
 
-    `VecMonitor` lies inside, so episode statistics are in units of the score, while a critic's values are in that of the scaled rewards.
+    It is made for hyperparameters or, for an algorithm's name, for those of the package.
+
+    `VecMonitor` lies inside, so episode statistics are in units of the score, while a critic's
+    values are in that of the scaled rewards.
     """
     chosen = settings_for(env_id, chosen) if isinstance(chosen, str) else chosen
     native = make_native(env_id, chosen.lanes, **{"threads": threads, **(arguments or {})})
@@ -177,14 +183,21 @@ def recurrent() -> Any:
 
 
 def _start_at(layer: Any, action: float) -> None:
-    """Set the last layer of an actor so that its first actions lie around ``action``; of several numbers the first, the others around 0."""
+    """Set the last layer of an actor so that its first actions are close to ``action``.
+
+    If an action has several numbers, the first is close to ``action`` and the others are close to
+    0.
+    """
     torch.nn.init.constant_(layer.bias, 0.0)
     with torch.no_grad():
         layer.bias[0] = action
 
 
 def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
-    """Seed all generators anew, so that what follows depends on the model and its lanes alone, and set the leg's learning rate."""
+    """Seed all generators, and set the leg's learning rate.
+
+    So the further training depends on the model and its lanes alone.
+    """
     own = int(np.random.SeedSequence((seed, leg)).generate_state(1)[0] >> 1)
     if leg == 0:
         model.set_random_seed(own)  # the lanes' seeds, too
@@ -196,7 +209,10 @@ def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
 
 
 def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
-    """Write networks, optimisers and counters, where the lanes are in their episodes, and for SAC what it remembers."""
+    """Write networks, optimisers, counters, and the lanes' places in their episodes.
+
+    For SAC the replay buffer is written as well, and for rollout policy iteration its memory.
+    """
     model.save(folder / "model.zip")
     (folder / "lanes.pickle").write_bytes(
         pickle.dumps((env.snapshot(), getattr(model, "_last_lstm_states", None)))
@@ -208,7 +224,10 @@ def save_model(folder: Path, model: Model, env: ScaledRewards) -> None:
 
 
 def load_model(folder: Path, algorithm: str, env: ScaledRewards) -> Model:
-    """Return the model of `save_model`, with its lanes where they were. Raises ParameterError for files that are damaged or missing."""
+    """Return the model of `save_model`, with its lanes at their places in their episodes.
+
+    Raises ParameterError for files that are damaged or missing.
+    """
     try:
         kind: Any = recurrent() if algorithm == "rppo" else KINDS[algorithm]
         with warnings.catch_warnings():  # the library warns of the memory that it chose itself
@@ -240,7 +259,10 @@ def save_checkpoint(
     evaluations: list[TrainingEvaluation],
     agent: Agent,
 ) -> None:
-    """Write the checkpoint at the end of a leg, and remove those that are neither among the last two nor the best."""
+    """Write the checkpoint at the end of a leg, and remove old ones.
+
+    The last two checkpoints and the best one remain.
+    """
     target = folder / f"leg-{leg:03d}"
     temporary = folder / f".{target.name}-{os.getpid()}"
     temporary.mkdir(parents=True)
@@ -261,7 +283,10 @@ def checkpoints(folder: Path) -> list[Path]:
 
 
 def best_checkpoint(folder: Path) -> Path:
-    """Return the checkpoint of the leg with the best evaluation, the first of equal ones; the last leg's where none can be read."""
+    """Return the checkpoint of the leg with the best evaluation, the first of equal ones.
+
+    If no evaluation can be read, it is that of the last leg.
+    """
     known = checkpoints(folder)
     scores = []
     for checkpoint in known:
@@ -282,7 +307,10 @@ def read_evaluations_of(checkpoint: Path) -> list[TrainingEvaluation]:
 def last_checkpoint(
     folder: Path, algorithm: str, env: ScaledRewards
 ) -> tuple[Model, list[TrainingEvaluation]] | None:
-    """Return model and evaluations of the last checkpoint that is whole, or None; what is not whole is removed."""
+    """Return model and evaluations of the last complete checkpoint, or None.
+
+    Incomplete checkpoints are removed.
+    """
     for half_made in folder.glob(".leg-*"):
         shutil.rmtree(half_made)
     for checkpoint in reversed(checkpoints(folder)):
@@ -296,6 +324,9 @@ def last_checkpoint(
 
 
 def forget_replay(folder: Path) -> None:
-    """Remove what SAC remembered: of a finished run it is the larger part by far, and nothing needs it."""
+    """Remove the replay buffers of a run.
+
+    They are by far the largest part of a finished run, and nothing needs them.
+    """
     for file in folder.glob(f"leg-*/{REPLAY}"):
         file.unlink()

@@ -1,10 +1,14 @@
-"""Rollout policy iteration: an agent is improved with values of actions that are simulated on copies of the lanes.
+"""Rollout policy iteration: an agent is improved with simulated values of actions.
 
-At visited states several candidate actions are each tried for an interval or a few on a copy of the lane, followed by the present policy over a
-short horizon. The actor is then moved towards the candidates that scored higher. This is approximate policy iteration with rollouts (D. Bertsekas,
-Dynamic Programming and Optimal Control; M. Lagoudakis and R. Parr 2003, Reinforcement learning as classification), with a policy gradient in
-place of the classification. Copies share force and phase errors, so what the agent learns does not hang on chaos that nobody could predict.
-The simulator's state is used in training alone: the agent acts on observations.
+The actions are simulated on copies of the lanes.
+
+At visited states several candidate actions are each tried for an interval or a few on a copy of the
+lane, followed by the present policy over a short horizon. The actor is then moved towards the
+candidates that scored higher. This is approximate policy iteration with rollouts (D. Bertsekas,
+Dynamic Programming and Optimal Control; M. Lagoudakis and R. Parr 2003, Reinforcement learning as
+classification), with a policy gradient in place of the classification. Copies share force and phase
+errors, so what the agent learns does not hang on chaos that nobody could predict. The simulator's
+state is used in training alone: the agent acts on observations.
 """
 
 from __future__ import annotations
@@ -35,9 +39,12 @@ Trials = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 def draw_candidates(
     means: NDArray[np.float32], count: int, reach: float, generator: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Return the mean action of each lane and ``count`` others within ``reach`` of it, (L, count + 1, A), all in [-1, 1].
+    """Return the mean action of each lane and ``count`` others, (L, count + 1, A).
 
-    Each number of the action is stratified: one candidate in each of ``count`` equal parts of its range, in random order (Latin hypercube).
+    The others are within ``reach`` of it. All are in [-1, 1].
+
+    Each number of the action is stratified: one candidate in each of ``count`` equal parts of its
+    range, in random order (Latin hypercube).
     """
     lanes, numbers = means.shape
     middle = np.clip(means, -1, 1)
@@ -51,7 +58,11 @@ def draw_candidates(
 
 
 def add_errors(task: Task, copies: int, generator: np.random.Generator) -> None:
-    """Put errors on force and phase of all lanes of a task, each group of so many copies alike; a disturbance begins elsewhere in its record."""
+    """Add random errors to force and phase of all lanes of a task.
+
+    Each group of ``copies`` lanes has the same errors. A disturbance starts at another place of its
+    record.
+    """
     groups = task.lanes // copies
 
     def draw_errors(low: float, high: float) -> Array:
@@ -74,9 +85,12 @@ def score_candidates(
     horizon: int,
     gamma: float,
 ) -> Array:
-    """Return the discounted rewards (L, C) of candidate actions (L, C, A), each taken for ``hold`` intervals and followed by an agent.
+    """Return the discounted rewards (L, C) of candidate actions (L, C, A).
 
-    ``trials`` has L times C lanes, C copies of each lane, and is left where the horizon, in intervals, or the episodes end.
+    Each action is taken for ``hold`` intervals and followed by the actions of an agent.
+
+    ``trials`` has L times C lanes, C copies of each lane, and is left where the horizon, in
+    intervals, or the episodes end.
     """
     lanes, copies, numbers = candidates.shape
     actions = candidates.reshape(lanes * copies, numbers)
@@ -95,16 +109,20 @@ def score_candidates(
 
 
 class RolloutPolicyIteration(PPO):  # type: ignore[misc]
-    """Rollout policy iteration within the loop of stable-baselines3: its rounds, files and optimiser are those of PPO.
+    """Rollout policy iteration within the loop of stable-baselines3.
 
-    A round plays ``n_steps`` intervals of each lane by the actor with its exploration noise. Every ``trial_interval`` intervals ``candidates``
-    actions within ``reach`` of the actor's and the actor's own are held for ``hold`` intervals and scored over ``horizon``. The actor then
+    Its rounds, files and optimiser are those of PPO.
+
+    A round plays ``n_steps`` intervals of each lane by the actor with its exploration noise. Every
+    ``trial_interval`` intervals ``candidates`` actions within ``reach`` of the actor's and the
+    actor's own are held for ``hold`` intervals and scored over ``horizon``. The actor then
     maximises
 
-        mean over states of the sum over candidates j of w_j q_j,    w = softmax(-|mean action - candidate|^2 / (2 width^2)),
+        mean over states of the sum over candidates j of w_j q_j,    w = softmax(-|mean action -
+        candidate|^2 / (2 width^2)),
 
-    with q the scores less their mean, over the trials of the last ``rounds_in_memory`` rounds. All steps of the copies count as steps. The critic
-    is not trained.
+    with q the scores less their mean, over the trials of the last ``rounds_in_memory`` rounds. All
+    steps of the copies count as steps. The critic is not trained.
     """
 
     candidates = 5

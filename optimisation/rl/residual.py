@@ -1,4 +1,6 @@
-"""Residual policy learning: the action is that of a rule plus that of a network, which is 0 before training.
+"""Residual policy learning: the action is a rule's action plus that of a network.
+
+The network's action is 0 before training.
 
 T. Silver, K. Allen, J. Tenenbaum and L. Kaelbling 2018, arXiv:1812.06298. The rule has no memory.
 """
@@ -17,7 +19,10 @@ Observations = NDArray[np.float32]
 
 
 class AddRule(VecEnvWrapper):
-    """Lanes whose action is that of a rule without memory plus the action that is taken, cut to [-1, 1]."""
+    """Lanes that add the action of a rule without memory to the action that is taken.
+
+    The sum is clipped to [-1, 1].
+    """
 
     def __init__(self, venv: Any, rule: Any) -> None:
         super().__init__(venv)
@@ -42,7 +47,10 @@ class AddRule(VecEnvWrapper):
 
 
 class RuleAndNetwork:
-    """The action of a rule plus the mean action of a model on the last ``frames`` observations, as `evaluate` takes policies."""
+    """Policy for `evaluate`: the action of a rule plus the mean action of a model.
+
+    The model acts on the last ``frames`` observations.
+    """
 
     name = "rule and network"
 

@@ -1,4 +1,7 @@
-"""What needs no learning, for all tasks: families of rules and schedules, and the numbers that `admit_tasks` chose for them."""
+"""Baselines of all tasks that need no learning.
+
+They are families of rules and schedules, and the parameters that `admit_tasks` chose for them.
+"""
 
 import json
 import math
@@ -12,10 +15,12 @@ from impact_env.parameters import require
 from optimisation.rl import families
 from optimisation.rl.families import Array, Family, Observations
 
-# Rules of few numbers for tasks within a period and for the limited passage: what needs no learning and sees what an agent sees.
+# Rules of few numbers for tasks within a period and for the limited passage: what needs no learning
+# and sees what an agent sees.
 #
-# The scene and its mirror image are one, so an action is even in displacements and velocities: rules take products of two of them, over the mean
-# square of the tip. Friction and gap that suit a response go in proportion to its size (scaling law), so each family has its logarithm.
+# The scene and its mirror image are one, so an action is even in displacements and velocities:
+# rules take products of two of them, over the mean square of the tip. Friction and gap that suit a
+# response go in proportion to its size (scaling law), so each family has its logarithm.
 
 
 # columns of a task within a period
@@ -52,7 +57,9 @@ def _columns(observations: Observations) -> tuple[Array, Array, Array]:
 
 
 class Switch(Family):
-    """One action while the slip takes energy from a motion of a certain phase, another while it gives.
+    """A rule with one action while the slip takes energy from a motion, another otherwise.
+
+    The motion has a given phase.
 
     Eight numbers; the first four alone are a rule, with the others at `neutral`.
     """
@@ -94,7 +101,10 @@ class Switch(Family):
 
 
 class Phase(Family):
-    """An action that swings twice a period with the force's phase: blind to the motion but for its size."""
+    """An action that oscillates twice a period with the force's phase.
+
+    It depends on the motion only through the size of the response.
+    """
 
     few = 4
     begins = (lambda c: (c[0], 0.3, 0.0, 0.3), lambda c: (c[0], 0.3, 1.0, 0.0))
@@ -163,9 +173,12 @@ class Products(Family):
 
 
 class SideAndSlip(Family):
-    """An action by the tip's phase on the absorber's side of the cavity, by the slip speed and by the size of the response.
+    """An action by the tip's phase, the slip speed and the size of the response.
 
-    Its twelve numbers were fitted to agents: a family of eight that has the same terms was not found by hand.
+    The tip's phase is taken relative to the absorber's side of the cavity.
+
+    Its twelve numbers were fitted to agents: a family of eight that has the same terms was not
+    found by hand.
     """
 
     names = (
@@ -238,9 +251,12 @@ class Blind(Family):
 
 
 class PairBySize(Family):
-    """Gap and friction of the limited passage by the size of the response, the frequency and, if all numbers are free, more.
+    """Gap and friction of the limited passage by the size of the response and the frequency.
 
-    Both in proportion to a power of the size (scaling law); the first four numbers are two places and two powers.
+    If all parameters are free, they also depend on the remaining way.
+
+    Both in proportion to a power of the size (scaling law); the first four numbers are two places
+    and two powers.
     """
 
     few = 4
@@ -283,7 +299,10 @@ class PairByImpacts(PairBySize):
 
 
 class BlindPair(Family):
-    """Gap and friction as parabolas over the way that is left: a schedule that does not look at the response."""
+    """A schedule of gap and friction as parabolas over the remaining way.
+
+    It does not depend on the response.
+    """
 
     names = ("gap", "gap's slope", "gap's bend", "friction", "friction's slope", "friction's bend")
     begins = (lambda c: (c[0], 0.0, 0.0, c[1], 0.0, 0.0),)
@@ -312,7 +331,12 @@ OF_AGENTS = Path(__file__).with_name("agent_rules.json")  # the same, of rules r
 
 
 class Families(NamedTuple):
-    """Of a task: what is always the same, what looks at nothing, and what looks. ``planned``: a planner over such a rule is worth a look."""
+    """Families of policies of a task.
+
+    ``constant``: the same action always. ``blind``: schedules that do not depend on the response.
+    ``feedback``: rules that depend on it. ``planned``: whether a planner over such a rule is
+    promising.
+    """
 
     constant: type[Family]
     blind: type[Family]
@@ -370,7 +394,10 @@ def read_off_agents(file: Path = OF_AGENTS) -> dict[str, dict[str, Any]]:
 def policies(
     task: str, arguments: Mapping[str, Any] | None = None
 ) -> dict[str, families.FamilyPolicy]:
-    """Return the chosen policies of a task, by what they are; the rule of eight stands for the one of four where it is no other."""
+    """Return the chosen policies of a task by their labels.
+
+    The label of the rule with eight parameters holds the rule with four if the two do not differ.
+    """
     behind = families.task_of(env_of(task), arguments)
     own = TASKS[task]
     known: dict[str, Callable[[Any], Family]] = {

@@ -1,4 +1,7 @@
-"""Where the training of an agent starts: its actor imitates a rule, an agent or recorded episodes (behaviour cloning)."""
+"""Start of the training of an agent by behaviour cloning.
+
+Its actor imitates a rule, an agent or recorded episodes.
+"""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -30,9 +33,12 @@ Decisions = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
 def imitate(model: Model, demonstrations: Demonstrations, seed: int, epochs: int = EPOCHS) -> float:
-    """Fit the mean action of a PPO or SAC model to demonstrations by least squares; return the mean squared error at the end.
+    """Fit the mean action of a PPO or SAC model to demonstrations by least squares.
 
-    Raises ParameterError if the demonstrations' observations or actions are of another size than the model's.
+    The mean squared error at the end is returned.
+
+    Raises ParameterError if the demonstrations' observations or actions are of another size than
+    the model's.
     """
     observations = np.concatenate([rows[:-1] for rows in demonstrations.observations])
     actions = np.concatenate(demonstrations.actions)
@@ -47,7 +53,9 @@ def imitate(model: Model, demonstrations: Demonstrations, seed: int, epochs: int
 def fit_actor(
     model: Model, decisions: Decisions, seed: int, epochs: int, batch: int, learning_rate: float
 ) -> float:
-    """Fit the mean action of a PPO or SAC model to decisions by least squares; return the mean squared error at the end.
+    """Fit the mean action of a PPO or SAC model to decisions by least squares.
+
+    The mean squared error at the end is returned.
 
     Parameters
     ----------
@@ -86,8 +94,9 @@ def fit_actor(
 class CloneEffort:
     """Effort of `clone_policy`: ``rounds`` in which the clone acts.
 
-    ``episodes`` of each round are played on training seeds; ``noise`` is the standard deviation of what is added to actions; ``epochs`` over
-    all decisions so far follow, with batches of ``batch`` decisions.
+    ``episodes`` of each round are played on training seeds; ``noise`` is the standard deviation of
+    what is added to actions; ``epochs`` over all decisions so far follow, with batches of ``batch``
+    decisions.
     """
 
     rounds: int = 2
@@ -111,9 +120,12 @@ def record_decisions(
     noise: float,
     generator: np.random.Generator,
 ) -> Decisions:
-    """Play one episode a seed by ``actor``, and return all observations with the actions that ``teacher`` takes there.
+    """Play one episode for each seed by ``actor``, and record what ``teacher`` would do.
 
-    Both have ``start`` and ``act``. ``noise`` (standard deviation) is added to the actor's actions, so that states off its way occur, too.
+    All observations are returned with the actions that ``teacher`` takes for them.
+
+    Both have ``start`` and ``act``. ``noise`` (standard deviation) is added to the actor's actions,
+    so that states off its way occur, too.
     """
     lanes = len(seeds)
     env: Any = gymnasium.make_vec(
@@ -150,10 +162,13 @@ def clone_policy(
     seed: int,
     effort: CloneEffort = EFFORT,
 ) -> float:
-    """Make the mean action of a PPO or SAC model that of a policy; return the mean squared error over all decisions.
+    """Fit the mean action of a PPO or SAC model to that of a policy.
 
-    The first fit is to the teacher's own episodes, without and with noise. In further rounds the model acts, and the data get what the teacher
-    would have done (S. Ross, G. Gordon and D. Bagnell 2011, dataset aggregation, DAgger): they cover states that only the clone visits.
+    The mean squared error over all decisions is returned.
+
+    The first fit is to the teacher's own episodes, without and with noise. In further rounds the
+    model acts, and the data get what the teacher would have done (S. Ross, G. Gordon and D. Bagnell
+    2011, dataset aggregation, DAgger): they cover states that only the clone visits.
     """
     generator = np.random.default_rng(seed)
     first = seed * (effort.rounds + 2) * effort.episodes
@@ -196,7 +211,9 @@ def task_name(env_id: str) -> str:
 
 
 def describe_start(chosen_settings: Hyperparameters, env_id: str, algorithm: str) -> dict[str, Any]:
-    """Return what identifies a start as JSON values: the rule's numbers, or the hash of a file or data set; nothing for a start at random.
+    """Return the identity of a start as JSON values.
+
+    It has the rule's parameters, or the hash of a file or data set. It is empty for a random start.
 
     Raises ParameterError if there is no such rule, agent or data set.
     """

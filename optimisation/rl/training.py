@@ -1,8 +1,11 @@
-"""Training of one agent, leg by leg: learn, evaluate, write a checkpoint. A killed run goes on from its last checkpoint.
+"""Training of one agent in legs: learn, evaluate, write a checkpoint.
 
-A checkpoint holds the model, where its lanes are in their episodes, and for SAC what it remembers; a leg seeds all generators anew from the
-run's seed and the leg's number. So a run that was resumed equals one that never stopped, number by number (on one machine, with the same
-versions and compiled kernels).
+A run that was killed continues from its last checkpoint.
+
+A checkpoint holds the model, where its lanes are in their episodes, and for SAC what it remembers;
+a leg seeds all generators anew from the run's seed and the leg's number. So a run that was resumed
+equals one that never stopped, number by number (on one machine, with the same versions and compiled
+kernels).
 """
 
 import json
@@ -66,14 +69,18 @@ PACKAGES = (
     "gymnasium",
     "stable_baselines3",
 )  # what a training's digits may depend on
-FIRST_EVALUATION_SEED = 1_000_000  # apart from the seeds on which baselines are tuned, and from those on which all are judged
+# apart from the seeds on which baselines are tuned, and from those on which all are judged
+FIRST_EVALUATION_SEED = 1_000_000
 EVALUATION_EPISODES = 256  # the choice of a checkpoint by fewer would be one by chance
 Show = Callable[[int, list[TrainingEvaluation]], None]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One agent to train: on an environment with its ``arguments``, with an algorithm's hyperparameters and a seed."""
+    """An agent to train.
+
+    It has an environment with its ``arguments``, the hyperparameters of an algorithm and a seed.
+    """
 
     env_id: str
     algorithm: str
@@ -100,7 +107,10 @@ class Job:
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return all that the result depends on as JSON values; the environment with every argument, also those left at their defaults."""
+        """Return everything on which the result depends as JSON values.
+
+        The environment is described with all its arguments, also those with default values.
+        """
         env = gymnasium.make_vec(
             self.env_id, num_envs=1, vectorization_mode="vector_entry_point", **self.arguments
         )
@@ -153,11 +163,14 @@ def evaluate(policy: Any, job: Job, leg: int, steps: int) -> TrainingEvaluation:
 def train(
     job: Job, folder: Path, show: Show | None = None, threads: int | None = None
 ) -> list[TrainingEvaluation]:
-    """Train an agent in a folder, or go on where that stopped, and return its evaluations; one that is finished is not trained again.
+    """Train an agent in a folder, or continue its training, and return its evaluations.
 
-    The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and tensorboard/. The agent of final.npz is that of the
-    leg with the best evaluation. ``show`` is called
-    with the number of steps done and the evaluations so far. A KeyboardInterrupt costs the leg that was under way.
+    A finished agent is not trained again.
+
+    The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and
+    tensorboard/. The agent of final.npz is that of the leg with the best evaluation. ``show`` is
+    called with the number of steps done and the evaluations so far. A KeyboardInterrupt costs the
+    leg that was under way.
 
     Raises ParameterError if the folder holds a run of other settings, or is in use.
     """
@@ -267,7 +280,10 @@ class _CriticFirst(BaseCallback):
 
 
 def check_folder(job: Job, folder: Path) -> None:
-    """Raise ParameterError if a folder holds a run of other settings than the job's; a new one is fine."""
+    """Raise ParameterError if a folder holds a run with other settings than the job's.
+
+    A new folder is allowed.
+    """
     file = folder / SETTINGS
     if not file.exists():
         return
@@ -277,19 +293,25 @@ def check_folder(job: Job, folder: Path) -> None:
         held.pop("versions", None)
     except (OSError, ValueError, AttributeError) as error:
         raise ParameterError(
-            f"folder = {str(folder)!r} is not allowed: its {SETTINGS} cannot be read ({error}); choose another"
+            f"folder = {str(folder)!r} is not allowed: its {SETTINGS} cannot be read "
+            f"({error}); choose another"
         ) from error
     if held != wanted:
         other = difference(held, wanted)
         raise ParameterError(
-            f"folder = {str(folder)!r} is not allowed: it holds a run of other settings: {other}; choose another, or remove it"
+            f"folder = {str(folder)!r} is not allowed: it holds a run of other settings: "
+            f"{other}; choose another, or remove it"
         )
 
 
-# What `train` does with its runs: one after the other with a live bar, or in several processes whose files are watched.
+# What `train` does with its runs: one after the other with a live bar, or in several processes
+# whose files are watched.
 
 
-BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}, {remaining} left{postfix}]"
+BAR = (
+    "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}, {remaining} "
+    "left{postfix}]"
+)
 WATCH_S = 1.0
 NO_LIMIT_S = 1e9
 LogFormatter = Callable[["Planned", TrainingEvaluation], str]
@@ -315,7 +337,10 @@ class Planned:
 
 
 class TrainingProgress:
-    """The bar over all steps of all runs, and a line for each evaluation where they are asked for."""
+    """Progress bar over all steps of all runs.
+
+    If requested, each evaluation prints a line.
+    """
 
     def __init__(self, bar: Bar, format_line: LogFormatter | None) -> None:
         self.bar = bar

@@ -1,4 +1,7 @@
-"""stable-baselines3 over a native vector environment: no processes, no loop over environments, one kernel call a step."""
+"""stable-baselines3 with a native vector environment.
+
+There are no processes and no loop over environments. Each step is one kernel call.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +21,10 @@ Info = dict[str, Any]
 
 
 def lane_info(infos: Info, lane: int) -> Info:
-    """Return one lane's info from a vector's, with Python numbers; what its mask leaves out is left out."""
+    """Return one lane's info from a vector's, with Python numbers.
+
+    Values that the mask excludes are left out.
+    """
     return {
         name: values[lane].item() if isinstance(values[lane], np.generic) else values[lane]
         for name, values in infos.items()
@@ -27,12 +33,15 @@ def lane_info(infos: Info, lane: int) -> Info:
 
 
 class NativeVecEnv(VecEnv):
-    """A `VecEnv` around a vector environment with autoreset in the same step; put `VecMonitor` around it for episode statistics.
+    """A `VecEnv` around a vector environment with autoreset in the same step.
 
-    Info is given at the end of an episode only, unless ``all_info``: with thousands of lanes its dicts cost more than the simulation. At an
-    end it holds ``terminal_observation``, ``TimeLimit.truncated`` (cut off and not ended by itself, so that the value of the last state is
-    counted), and what the environment's own info says. Rewards are float32, as stable-baselines3 has them; the float64 sum of an episode is
-    info's ``score``.
+    Put `VecMonitor` around it for episode statistics.
+
+    Info is given at the end of an episode only, unless ``all_info``: with thousands of lanes its
+    dicts cost more than the simulation. At an end it holds ``terminal_observation``,
+    ``TimeLimit.truncated`` (cut off and not ended by itself, so that the value of the last state is
+    counted), and what the environment's own info says. Rewards are float32, as stable-baselines3
+    has them; the float64 sum of an episode is info's ``score``.
 
     Raises ParameterError if the vector environment resets in another way.
     """
@@ -51,7 +60,10 @@ class NativeVecEnv(VecEnv):
         super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
 
     def reset(self) -> NDArray[Any]:
-        """Start episodes in all lanes, with the seeds given to `seed` if that was called since the last reset."""
+        """Start episodes in all lanes.
+
+        The seeds given to `seed` are used if it was called since the last reset.
+        """
         seeds: Any = self._seeds if any(seed is not None for seed in self._seeds) else None
         observations, infos = self.venv.reset(seed=seeds)
         self.reset_infos = [lane_info(infos, lane) for lane in range(self.num_envs)]
@@ -98,7 +110,10 @@ class NativeVecEnv(VecEnv):
         return [None] * self.num_envs if images is None else list(images)
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the vector environment, once for each lane asked for; a tuple with one entry a lane is taken apart."""
+        """Return an attribute of the vector environment, once for each requested lane.
+
+        A tuple with one entry for each lane is split into its entries.
+        """
         value = getattr(self.venv, attr_name)
         own = isinstance(value, tuple) and len(value) == self.num_envs
         return [value[lane] if own else value for lane in self._get_indices(indices)]
@@ -106,7 +121,8 @@ class NativeVecEnv(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: the lanes share their attributes."""
         raise AttributeError(
-            f"{attr_name} cannot be set: the lanes of a native vector environment share their attributes"
+            f"{attr_name} cannot be set: the lanes of a native vector environment share their "
+            "attributes"
         )
 
     def env_method(
@@ -114,7 +130,8 @@ class NativeVecEnv(VecEnv):
     ) -> list[Any]:
         """Refuse: there are no single environments to call."""
         raise AttributeError(
-            f"{method_name} cannot be called: a native vector environment has no single environments"
+            f"{method_name} cannot be called: a native vector environment has no single "
+            "environments"
         )
 
     def env_is_wrapped(
@@ -125,7 +142,10 @@ class NativeVecEnv(VecEnv):
 
 
 def make_native(name: str, lanes: int, all_info: bool = False, **arguments: Any) -> NativeVecEnv:
-    """Return the bridge to ``gymnasium.make_vec(name, lanes, **arguments)``; ``name`` is one of `impact_env.envs.ENVIRONMENTS`."""
+    """Return the bridge to ``gymnasium.make_vec(name, lanes, **arguments)``.
+
+    ``name`` is one of `impact_env.envs.ENVIRONMENTS`.
+    """
     return NativeVecEnv(
         gymnasium.make_vec(
             name, num_envs=lanes, vectorization_mode="vector_entry_point", **arguments

@@ -1,9 +1,11 @@
 """Runs on other machines: pieces of work sent to the workers of a Dask scheduler (``distributed``).
 
-A piece is the same plain data that a thread of this machine would get, and a worker does it with the same function, so the
-results are the same bit for bit on machines of one kind (docs/method.md says what another processor may change). Each piece names the sources that
-it must be done by, and the worker that does it looks at its own: whether it was there from the beginning or came later, no result is of
-other sources. A worker that dies costs time only: the scheduler gives its pieces to another.
+A piece is the same plain data that a thread of this machine would get, and a worker does it with
+the same function, so the results are the same bit for bit on machines of one kind (docs/method.md
+says what another processor may change). Each piece names the sources that it must be done by, and
+the worker that does it looks at its own: whether it was there from the beginning or came later, no
+result is of other sources. A worker that dies costs time only: the scheduler gives its pieces to
+another.
 """
 
 from __future__ import annotations
@@ -44,7 +46,10 @@ class ClusterError(ParameterError):
 
 
 class Workers:
-    """The workers of the scheduler at ``address`` (host:port), as an `impact_env.ensemble.Executor`; use it in a ``with`` statement."""
+    """The workers of the scheduler at ``address`` (host:port).
+
+    They are an `impact_env.ensemble.Executor`, to be used in a ``with`` statement.
+    """
 
     def __init__(self, address: str, patience: float = PATIENCE) -> None:
         self._address = address
@@ -53,7 +58,8 @@ class Workers:
             self._client = distributed.Client(address, timeout=patience, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise ClusterError(
-                f"--cluster = {address} is not allowed: an address (host:port) where a Dask scheduler answers ({error})"
+                f"--cluster = {address} is not allowed: an address (host:port) where a Dask "
+                f"scheduler answers ({error})"
             ) from error
 
     def __enter__(self) -> Workers:
@@ -71,9 +77,13 @@ class Workers:
     def each(
         self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]
     ) -> Generator[tuple[int, R], None, None]:
-        """See `impact_env.ensemble.Executor`. The first item of each kind is done here, which compiles its kernels before workers need them.
+        """Run items on the workers, see `impact_env.ensemble.Executor`.
 
-        Raises ClusterError if there are no workers, or one of other sources; ParameterError and IntegrationError as the function does.
+        The first item of each kind is run in this process, so that its kernels are compiled before
+        the workers need them.
+
+        Raises ClusterError if there are no workers, or one of other sources; ParameterError and
+        IntegrationError as the function does.
         """
         first = find_first_of_each(
             kinds
@@ -135,7 +145,8 @@ class Workers:
             raise
         except Exception as error:  # a worker that does not even know the function or the data
             raise ClusterError(
-                f"--cluster = {self._address} is not allowed: workers with {SAME}; one could not do its work ({error!r})"
+                f"--cluster = {self._address} is not allowed: workers with {SAME}; one could "
+                f"not do its work ({error!r})"
             ) from error
 
     def _workers(self) -> dict[str, object]:
@@ -144,14 +155,21 @@ class Workers:
         return {}
 
     def _lost(self, what: str) -> str:
-        return f"--cluster = {self._address}: the scheduler {what}; the study keeps what is finished: start workers and run it again"
+        return (
+            f"--cluster = {self._address}: the scheduler {what}; the study keeps what is "
+            "finished: start workers and run it again"
+        )
 
 
 def do(sources: dict[str, str], function: Callable[[T], R], item: T) -> R:
-    """Return ``function(item)``, on a worker; raises ClusterError if its sources are others than those wanted."""
+    """Return ``function(item)``, on a worker.
+
+    Raises ClusterError if the worker's sources differ from the given ones.
+    """
     if sources != SOURCES:
         other = difference(SOURCES, sources, "sources")
         raise ClusterError(
-            f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; its {other}"
+            f"worker = {distributed.get_worker().address} is not allowed: one with {SAME}; "
+            f"its {other}"
         )
     return function(item)

@@ -1,4 +1,6 @@
-"""A whole search: propose and run designs, choose among the finalists, judge the choice on fresh members, and say what is known.
+"""A complete search: propose and run designs, choose a finalist, and judge it.
+
+The choice is judged on fresh members, and the results are collected.
 
     problem = Problem(design_space("impact"), (Condition(1, 3.5), Condition(2, 35.0)))
     findings = find(problem, Plan(designs=200))
@@ -54,7 +56,10 @@ Counting = Callable[[int, int], None]  # takes how many runs are done, and of ho
 
 @dataclass
 class TimedExecutor:
-    """An executor that counts the ``seconds`` that its caller waits for runs: the rest of a search is overhead."""
+    """An executor that counts the ``seconds`` for which its caller waits for runs.
+
+    The remaining time of a search is overhead.
+    """
 
     executor: Executor
     seconds: float = 0.0
@@ -75,7 +80,10 @@ class TimedExecutor:
 
 @dataclass(frozen=True)
 class ProgressBars:
-    """What shows how far a search is: ``runs`` under a label, and the designs of a ``study`` under a label, of so many, with their runs.
+    """Progress displays of a search.
+
+    ``runs``: display of runs under a label. ``study``: display of designs under a label, with their
+    total number and the number of their runs.
 
     The default shows nothing.
     """
@@ -93,7 +101,10 @@ QUIET = ProgressBars()
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How to search: number of ``designs``, ``sampler`` (None: `method`), and the rest as in `default_settings`; ``audit`` as in `judge.audit`.
+    """Options of a search.
+
+    They are the number of ``designs``, the ``sampler`` (None: `method`), and others as in
+    `default_settings`. ``audit`` as in `judge.audit`.
 
     ``modes``: whether the winner runs again with more modes.
     """
@@ -108,7 +119,11 @@ class SearchOptions:
     modes: bool = True
 
     def method(self, problem: Problem) -> str:
-        """Return the sampler, or the default one: SciPy without walls, NSGA-II for several objectives, else the Gaussian process."""
+        """Return the sampler, or the default one.
+
+        The default is SciPy without walls, NSGA-II for several objectives, and the Gaussian process
+        otherwise.
+        """
         if self.sampler is not None:
             return self.sampler
         if problem.space.concept not in WITH_IMPACTS:
@@ -117,7 +132,10 @@ class SearchOptions:
 
 
 def identity(problem: Problem, search: dict[str, object]) -> dict[str, object]:
-    """Return the identity of a search, which one that goes on with its runs must share: question, method and sources."""
+    """Return the identity of a search: question, method and sources.
+
+    Only a search with the same identity can continue its runs.
+    """
     return {"problem": problem.describe(), "search": search, "sources": source_hash(SEARCHING)}
 
 
@@ -134,7 +152,10 @@ def searched(
     cache: RunCache,
     bars: ProgressBars = QUIET,
 ) -> tuple[DesignStudy, bool, Cost]:
-    """Run a study under a bar; return it, whether it came to its end, and what it took. It is written for Optuna next to the run cache's file."""
+    """Run a study with a progress bar; return it, whether it was completed, and its cost.
+
+    The study is also written for Optuna, next to the run cache's file.
+    """
     from optimisation.search.study import DesignStudy  # the other searches need no Optuna
 
     began = time.perf_counter()
@@ -164,10 +185,14 @@ def find(
     executor: Executor | None = None,
     bars: ProgressBars = QUIET,
 ) -> SearchResult:
-    """Search, choose and judge; what a KeyboardInterrupt breaks off is left out, and the same call goes on from the ``journal``.
+    """Search, choose and judge.
 
-    ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises ParameterError for a plan that the problem does not allow and
-    for a journal that is another study's.
+    Results that a KeyboardInterrupt prevents are left out. The same call continues from the
+    ``journal``.
+
+    ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises
+    ParameterError for a plan that the problem does not allow and for a journal that is another
+    study's.
     """
     executor = executor or Threads()
     concept = problem.space.concept
@@ -266,7 +291,10 @@ def _judged(
 
 @contextmanager
 def study_bar(label: str, wanted: int) -> Iterator[Counting]:
-    """Give a function that shows how many designs are done of those that are ``wanted``, and the runs that they took."""
+    """Yield a function that shows the number of finished designs and of their runs.
+
+    ``wanted``: number of all designs.
+    """
     with Bar(total=wanted, desc=label, unit="designs") as bar:
 
         def show(designs: int, runs: int) -> None:

@@ -1,9 +1,13 @@
-"""A search with a Gaussian process that knows the noise: it runs one member of a design at a time, and repeats those that look best.
+"""A search with a Gaussian process that models the noise of the levels.
 
-The level of one member is one draw from a design's distribution. A member is better spent on another design than on the same one, as long as a model
-joins what neighbours say; near the optimum it is better spent on a further member of a good design (B. Ankenman, B. Nelson and J. Staum, Stochastic
-kriging, 2010). The process (Matern 5/2, a length for each coordinate, all by maximum likelihood) models the logarithm of the cost over the unit cube
-(`DesignSpace.at`). Each round runs new designs by Thompson sampling, and another member of designs with the lowest mean.
+It runs one member of a design at a time, and further members of the most promising designs.
+
+The level of one member is one draw from a design's distribution. A member is better spent on
+another design than on the same one, as long as a model joins what neighbours say; near the optimum
+it is better spent on a further member of a good design (B. Ankenman, B. Nelson and J. Staum,
+Stochastic kriging, 2010). The process (Matern 5/2, a length for each coordinate, all by maximum
+likelihood) models the logarithm of the cost over the unit cube (`DesignSpace.at`). Each round runs
+new designs by Thompson sampling, and another member of designs with the lowest mean.
 """
 
 import math
@@ -31,7 +35,8 @@ NEIGHBOUR_STEPS = (
     0.05,
     0.1,
 )  # standard deviations of these candidates, in shares of the ranges
-# designs that the process knows at most, which bounds its time: of more the first ones, which are spread evenly, and the best
+# designs that the process knows at most, which bounds its time: of more the first ones, which are
+# spread evenly, and the best
 MOST_MODELLED = 600
 FIRST_MODELLED = 150
 REFIT_GROWTH = 1.15  # of the number of designs, after which the process is fitted again
@@ -48,8 +53,9 @@ PRIOR_WIDTHS = (1.0, 1.5)  # standard deviations of their logarithms
 class GaussianProcess:
     """A Gaussian process of the mean cost, fitted to N designs at ``points`` (N, d).
 
-    ``means`` (N,) of ``members`` (N,) values each; ``square``: sum of squares of the values around their designs' means; ``logs`` (d + 2,):
-    logarithms of the lengths, of the standard deviation of the mean and of the members around it.
+    ``means`` (N,) of ``members`` (N,) values each; ``square``: sum of squares of the values around
+    their designs' means; ``logs`` (d + 2,): logarithms of the lengths, of the standard deviation of
+    the mean and of the members around it.
     """
 
     points: Array
@@ -69,7 +75,10 @@ class GaussianProcess:
         return np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
 
     def log_likelihood(self) -> float:
-        """Return the log-likelihood of all values up to a constant, with a weak prior of lengths and noise."""
+        """Return the log-likelihood of all values up to a constant.
+
+        It includes a weak prior of lengths and noise.
+        """
         factor = self._factor()
         white = scipy.linalg.solve_triangular(factor, self.means - self.means.mean(), lower=True)
         of_means = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor))))
@@ -96,7 +105,9 @@ class GaussianProcess:
 def fit_process(
     points: Array, values: Sequence[Sequence[float]], logs: Array | None = None, fit: bool = True
 ) -> GaussianProcess:
-    """Return the process of greatest likelihood for designs at ``points`` (N, d) with the ``values`` of each one's members.
+    """Return the process of maximum likelihood for designs at ``points`` (N, d).
+
+    ``values``: those of each design's members.
 
     ``logs`` is where the fit begins; without ``fit`` they are taken as they are.
     """
@@ -128,7 +139,10 @@ def fit_process(
 
 @dataclass(eq=False)
 class DesignRuns:
-    """Designs that were run: points (variables,) of the unit cube, and measures (members so far, conditions, up or down, measures)."""
+    """Designs that were run, as points of the unit cube, and their measures.
+
+    A point is (variables,). The measures are (members so far, conditions, up or down, measures).
+    """
 
     problem: Problem
     executor: Executor
@@ -196,8 +210,9 @@ class DesignRuns:
     def transformed(self) -> list[list[float]]:
         """Return what the process models, a value for each member of each design.
 
-        It is the logarithm of the cost (the cost itself if it is not above 0 everywhere), and more by `VIOLATION_WEIGHT` where a constraint is
-        broken; a failed run is as bad as the worst of the others.
+        It is the logarithm of the cost (the cost itself if it is not above 0 everywhere), and more
+        by `VIOLATION_WEIGHT` where a constraint is broken; a failed run is as bad as the worst of
+        the others.
         """
         positive = self.positive
         costs = np.array([x for own in self.costs for x in own])
@@ -222,8 +237,9 @@ def model_search(
 ) -> tuple[list[Evaluated], list[Evaluated], bool]:
     """Search until about ``members`` members have been run, ``batch`` of them in a round.
 
-    Returns all designs by number; the same designs with their modelled values, the lowest cost first; and False if a KeyboardInterrupt ended it
-    early. Begins with the space's start unless ``from_scratch``. Raises ParameterError for several objectives, and for concepts without walls.
+    Returns all designs by number; the same designs with their modelled values, the lowest cost
+    first; and False if a KeyboardInterrupt ended it early. Begins with the space's start unless
+    ``from_scratch``. Raises ParameterError for several objectives, and for concepts without walls.
     """
     with_walls = "an impact absorber: others have hardly any noise"
     require(problem.space.concept in WITH_IMPACTS, "sampler", GP, with_walls)
@@ -269,7 +285,10 @@ def model_search(
 
 
 def select_designs(values: Sequence[Sequence[float]]) -> list[int]:
-    """Return the numbers, rising, of the designs that the process knows: all up to `MOST_MODELLED`, else the first and those of least mean value."""
+    """Return the ascending numbers of the designs that the process uses.
+
+    They are all up to `MOST_MODELLED` designs, else the first ones and those of lowest mean value.
+    """
     if len(values) <= MOST_MODELLED:
         return list(range(len(values)))
     means = [float(np.mean(own)) for own in values]
@@ -284,7 +303,10 @@ def run_round(
     generator: np.random.Generator,
     members: int,
 ) -> None:
-    """Run new designs, and further members of those among the ``modelled`` ones that have the lowest modelled cost."""
+    """Run new designs, and further members of promising designs.
+
+    The latter are those of the ``modelled`` designs with the lowest modelled cost.
+    """
     mean = process.predict(process.points)[0]
     order = np.argsort(mean, kind="stable")
     candidates = draw_candidates(process.points[order[:NEIGHBOURS]], generator)
@@ -300,7 +322,10 @@ def run_round(
 
 
 def draw_candidates(best: Array, generator: np.random.Generator) -> Array:
-    """Return points of the unit cube, half of them evenly spread and half around the best designs (n, d)."""
+    """Return points of the unit cube as candidates.
+
+    Half of them are evenly distributed, and half are around the best designs (n, d).
+    """
     half = CANDIDATE_POINTS // 2
     even = scipy.stats.qmc.Halton(best.shape[1], rng=generator).random(half)
     step = generator.choice(NEIGHBOUR_STEPS, size=(half, 1))

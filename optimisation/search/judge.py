@@ -1,8 +1,9 @@
 """A search's finalists judged again on fresh members: the best of many noisy values is biased.
 
-The finalists of a study run again on members of the ensemble that the search has not seen, and the best of them there is the
-winner. What the winner is worth is then read from yet other members, on which the designs that it is compared with run as well. A gain is the
-ratio of two designs' values with a bootstrap interval (`optimisation.statistics`).
+The finalists of a study run again on members of the ensemble that the search has not seen, and the
+best of them there is the winner. What the winner is worth is then read from yet other members, on
+which the designs that it is compared with run as well. A gain is the ratio of two designs' values
+with a bootstrap interval (`optimisation.statistics`).
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 FINALISTS = 5
 AUDITED = 8
-# sets of fresh members: one chooses among the finalists, one judges the choice (2 is `insight.REPORT_SEEDS`)
+# sets of fresh members: one chooses among the finalists, one judges the choice (2 is
+# `insight.REPORT_SEEDS`)
 CHOICE = 0
 VERDICT = 1
 AUDIT = 3
@@ -44,11 +46,14 @@ AUDIT = 3
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A design on fresh members: its ``score`` and, for each objective, one value a member, ``members`` (objectives, M).
+    """A design with its results on fresh members.
 
-    ``levels`` (M, conditions) in m of the free end, the larger of up and down, and that ``without`` absorber of the same members. ``ratios``
-    (conditions,): where the level was read, over the resonance, the median of the members; 0 under loads. ``alike``: designs
-    near this one, whose spread is used where there are few members.
+    ``score``: its score. ``members`` (objectives, M): one value for each objective and member.
+
+    ``levels`` (M, conditions) in m of the free end, the larger of up and down, and that ``without``
+    absorber of the same members. ``ratios`` (conditions,): where the level was read, over the
+    resonance, the median of the members; 0 under loads. ``alike``: designs near this one, whose
+    spread is used where there are few members.
     """
 
     design: Design
@@ -61,7 +66,10 @@ class Judged:
 
     @property
     def bands(self) -> list[tuple[float, float]]:
-        """Ends of the interval that holds 90 % of fresh runs, for each objective; NaN where the spread is not known."""
+        """Ends of the interval that holds 90 % of fresh runs, for each objective.
+
+        They are NaN if the spread is not known.
+        """
         return [
             prediction_interval(row, [other.members[k] for other in self.alike])
             for k, row in enumerate(self.members)
@@ -69,7 +77,10 @@ class Judged:
 
     @property
     def level_bands(self) -> Array:
-        """Ends of the interval that holds 90 % of fresh levels in m, (2, conditions); NaN where the spread is not known."""
+        """Ends of the interval that holds 90 % of fresh levels in m, (2, conditions).
+
+        They are NaN if the spread is not known.
+        """
         ends = [
             prediction_interval(column, [other.levels[:, k] for other in self.alike])
             for k, column in enumerate(self.levels.T)
@@ -81,14 +92,16 @@ class Judged:
 class Verdict:
     """The winner of a study, the paper's design and the space's start, on the same fresh members.
 
-    The winner is the best of the search's designs and these two by other fresh members (`verdict`); ``search_best`` is the search's best, with the
-    score that the search knew. Where no design keeps the constraints the winner is the one that breaks them least, which `feasible` tells.
+    The winner is the best of the search's designs and these two by other fresh members (`verdict`);
+    ``search_best`` is the search's best, with the score that the search knew. Where no design keeps
+    the constraints the winner is the one that breaks them least, which `feasible` tells.
     """
 
     search_best: Evaluated
     winner: Judged
     paper: Judged
-    rule: Judged  # where the search begins unless it is from scratch: the paper's design scaled to the structure
+    # where the search begins unless it is from scratch: the paper's design scaled to the structure
+    rule: Judged
     share: float = 0.5  # of the members that the first objective's value is the quantile of
 
     @property
@@ -97,7 +110,10 @@ class Verdict:
         return self.winner.score.feasible
 
     def levels(self, conditions: Sequence[Condition]) -> Levels:
-        """Return the levels of winner and paper's design, (2, conditions), under the problem's own ``conditions``."""
+        """Return the levels of winner and paper's design, (2, conditions).
+
+        They are those under the problem's own ``conditions``.
+        """
         both = (self.winner, self.paper)
         median = np.array([np.median(one.levels, axis=0) for one in both])
         low, high = np.moveaxis(np.array([one.level_bands for one in both]), 1, 0)
@@ -106,7 +122,10 @@ class Verdict:
         return Levels(tuple(conditions), median, low, high, without, ratios)
 
     def gain_over(self, other: Judged) -> Gain:
-        """Return the winner over another design in the first objective: the ratio of their values, and its 95 % bootstrap interval."""
+        """Return the ratio of the winner's first objective to that of another design.
+
+        It has a 95 % bootstrap interval.
+        """
         return ratio_of_quantiles(self.winner.members[0], other.members[0], self.share)
 
     @property
@@ -148,7 +167,10 @@ def rank_on_fresh_members(
     executor: Executor,
     progress: Progress | None = None,
 ) -> dict[int, Judged]:
-    """Run designs on members that the search has not seen and that judge no winner; return them by their number, best first."""
+    """Run designs on members that neither the search nor the final judgement uses.
+
+    The results are returned by the number of the design, best first.
+    """
     ensemble = problem.fresh_ensemble(problem.members, CHOICE)
     again = judged(problem, designs, ensemble, executor, progress)
     costs = [problem.penalised_cost(one.score) for one in again]
@@ -158,7 +180,10 @@ def rank_on_fresh_members(
 def best_candidates(
     problem: Problem, candidates: Sequence[Evaluated], number: int
 ) -> list[Evaluated]:
-    """Return the best of a search's designs by what the search knows of them; those that break constraints come last, by how much they do."""
+    """Return the best of a search's designs by the results of the search.
+
+    Designs that break constraints come last, in the order of their violation.
+    """
     ranked = sorted(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))
     return ranked[:number]
 
@@ -170,10 +195,14 @@ def verdict(
     finalists: int = FINALISTS,
     progress: Progress | None = None,
 ) -> Verdict:
-    """Choose a winner among the best ``finalists`` of the candidates, the paper's design and the space's start, and judge it.
+    """Choose a winner among the best candidates, and judge it.
 
-    Fresh members rank them, and yet other members judge the first of the ranking: the least of several noisy values would be biased. A design
-    that breaks a constraint there gives way to the next. Raises ParameterError if there are no candidates.
+    It is chosen from the best ``finalists`` of the candidates, the paper's design and the start of
+    the space.
+
+    Fresh members rank them, and yet other members judge the first of the ranking: the least of
+    several noisy values would be biased. A design that breaks a constraint there gives way to the
+    next. Raises ParameterError if there are no candidates.
     """
     finalists = count("finalists", finalists, 1)
     require(len(candidates) > 0, "candidates", 0, "one design or more")
@@ -205,15 +234,19 @@ def verdict(
 
 
 REPAIRS = 8  # gaps that are tried for a design that breaks a constraint
-# of the gap that the scaling law gives for the broken constraint: the narrowest that is tried, and of the design's own the widest
+# of the gap that the scaling law gives for the broken constraint: the narrowest that is tried, and
+# of the design's own the widest
 REPAIR_SPAN = (0.8, 1.05)
 
 
 def repaired(problem: Problem, candidates: Sequence[Evaluated]) -> list[Design]:
-    """Return designs to try where no candidate keeps the constraints: the one that breaks them least, with other gaps.
+    """Return designs to try if no candidate meets the constraints.
 
-    By the scaling law stroke and speeds go with the gap, so that a quantity s times its limit asks for a gap 1/s times as wide; friction limits go
-    with it. Empty where a candidate keeps all constraints, and for concepts without walls.
+    They are the candidate with the smallest violation, with other gaps.
+
+    By the scaling law stroke and speeds go with the gap, so that a quantity s times its limit asks
+    for a gap 1/s times as wide; friction limits go with it. Empty where a candidate keeps all
+    constraints, and for concepts without walls.
     """
     best = min(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))
     gaps = [name for name in best.design.values if parts_of(name)[0] == GAP]
@@ -251,7 +284,10 @@ def with_repaired(
 
 @dataclass(frozen=True, eq=False)
 class MoreModes:
-    """A winner with more ``modes`` kept than the search had: judged on the same members, and the change of its value with a bootstrap interval."""
+    """Results of a winner with more ``modes`` than in the search.
+
+    It is judged on the same members. ``change``: change of its value with a bootstrap interval.
+    """
 
     modes: int
     judged: Judged
@@ -265,7 +301,10 @@ def more_modes(
     executor: Executor,
     progress: Progress | None = None,
 ) -> MoreModes | None:
-    """Run a winner again with twice the modes, as far as the elements allow; None if the structure has no more."""
+    """Run a winner again with twice the modes, as far as the elements allow.
+
+    The result is None if the structure has no more modes.
+    """
     beam = with_more_modes(problem.beam)
     if beam is None:
         return None
@@ -283,7 +322,11 @@ def more_modes(
 
 @dataclass(frozen=True)
 class Audit:
-    """Designs that were left behind, run in full: their number, how many of them beat the best design, and the rank correlation of both values."""
+    """Results of designs that were abandoned early and then run in full.
+
+    ``designs``: their number. ``missed``: number of those that beat the best design.
+    ``rank_correlation``: that of both values.
+    """
 
     designs: int
     missed: int
@@ -293,11 +336,14 @@ class Audit:
 def audit(
     study: DesignStudy, executor: Executor, designs: int = AUDITED, progress: Progress | None = None
 ) -> Audit:
-    """Run some of the designs that a study left behind in full, on fresh members beside the best found.
+    """Run some of a study's abandoned designs in full.
+
+    This test uses fresh members, on which the best design found is run as well.
 
     It shows what the shortcut cost.
 
-    Drawn at random from the better half of those that stopped on each rung, where a mistake is most likely.
+    The designs are drawn at random from the better half of those that stopped on each rung, where a
+    mistake is most likely.
     """
     problem = study.problem
     complete = study.complete
@@ -333,7 +379,11 @@ def audit(
 
 @dataclass(frozen=True, eq=False)
 class Cost:
-    """What a search took: designs, runs and seconds of this session, and the share of the seconds that was not spent in runs."""
+    """Cost of a search.
+
+    It has the designs, runs and seconds of this session. ``overhead``: share of the seconds that
+    was not spent in runs.
+    """
 
     designs: int
     runs: int
@@ -351,7 +401,10 @@ class Cost:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """All that is known about one concept; what was not computed, or was broken off, is None. All of it is judged on fresh members."""
+    """All results on one concept, judged on fresh members.
+
+    A result that was not computed, or was interrupted, is None.
+    """
 
     problem: Problem
     evaluated: list[Evaluated]
@@ -370,5 +423,8 @@ class SearchResult:
 
     @cached_property
     def own(self) -> Levels | None:
-        """Levels of winner and paper's design under the problem's own conditions, on the members that judged them."""
+        """Levels of winner and paper's design under the problem's own conditions.
+
+        They are those of the members that judged the two designs.
+        """
         return None if self.verdict is None else self.verdict.levels(self.problem.conditions)

@@ -1,4 +1,7 @@
-"""Optuna's samplers by its public ask-and-tell interface, and a study as a file that Optuna's dashboard reads."""
+"""Optuna's samplers by its public ask-and-tell interface.
+
+A study is also written as a file that Optuna's dashboard reads.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +66,10 @@ class OptunaSampler:
 
 
 def nsga2(population: int, seed: int) -> BaseSampler:
-    """Return NSGA-II with real-valued operators: the default ones swap and redraw whole coordinates, which does not home in on a front."""
+    """Return NSGA-II with real-valued operators.
+
+    The default operators swap and redraw whole coordinates, which does not converge to a front.
+    """
     with quiet_optuna():
         return NSGAIISampler(
             population_size=population,
@@ -80,7 +86,10 @@ def write_study(
     designs: Sequence[Evaluated],
     costs: Sequence[Sequence[float]],
 ) -> None:
-    """Write designs with their ``costs`` (designs, objectives), to be minimised, as a file that Optuna and its dashboard read."""
+    """Write designs with their costs as a file that Optuna and its dashboard read.
+
+    ``costs``: (designs, objectives), to be minimised.
+    """
     distributions: dict[str, BaseDistribution] = {
         v.name: IntDistribution(int(v.low), int(v.high))
         if v.whole

@@ -1,4 +1,7 @@
-"""A Pareto study: search, run the front again on fresh members, and compare it with random search of the same budget."""
+"""A Pareto study: a search, its front on fresh members, and a comparison.
+
+The comparison is with random search of the same budget.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +32,10 @@ Array = NDArray[np.float64]
 
 
 def hypervolume(costs: Array, corner: tuple[float, float]) -> float:
-    """Return the area between costs (N, 2), to be minimised, and a corner; rows that are not better than the corner in both have no part in it."""
+    """Return the area between costs (N, 2), to be minimised, and a corner.
+
+    Rows that are not better than the corner in both costs do not count.
+    """
     with optional():
         import moocore
     rows = costs[np.isfinite(costs).all(axis=1)]
@@ -37,7 +43,10 @@ def hypervolume(costs: Array, corner: tuple[float, float]) -> float:
 
 
 def find_front(costs: Array) -> list[int]:
-    """Return which finite rows of costs (N, K) no other row beats, in the order of their costs; of equal rows the first."""
+    """Return the indices of the finite rows of costs (N, K) that no other row dominates.
+
+    They are in the order of the costs. Of equal rows the first one counts.
+    """
     with optional():
         import moocore
     finite = np.flatnonzero(np.isfinite(costs).all(axis=1))
@@ -50,11 +59,15 @@ def find_front(costs: Array) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Front:
-    """A study of two objectives: all designs, the indices of those not dominated, and these and the paper's design on fresh members.
+    """A study of two objectives.
 
-    ``corner`` is what hypervolumes refer to, ``volume`` that of the front as the search saw it; ``against`` has seed, hypervolume of the method and
-    of a random search with the same budget, both of their fronts run again on fresh members. ``service``: `Service.measures` of some designs, by
-    their number.
+    It has all designs, the indices of those not dominated, and the results of these and of the
+    paper's design on fresh members.
+
+    ``corner`` is what hypervolumes refer to, ``volume`` that of the front as the search saw it;
+    ``against`` has seed, hypervolume of the method and of a random search with the same budget,
+    both of their fronts run again on fresh members. ``service``: `Service.measures` of some
+    designs, by their number.
     """
 
     problem: Problem
@@ -129,7 +142,10 @@ def search_front(
 
 
 def judge_front(front: Front, executor: Executor) -> Front:
-    """Run the front and the paper's design again, on twice as many members as the search had, none of which it has seen."""
+    """Run the front and the paper's design again on fresh members.
+
+    They are twice as many members as in the search, none of which the search has used.
+    """
     problem = front.problem
     designs = [e.design for e in front.members]
     with runs_bar("front on fresh members") as show:
@@ -144,7 +160,11 @@ def judge_front(front: Front, executor: Executor) -> Front:
 
 
 def front_service_loads(front: Front, executor: Executor) -> Front:
-    """Run what is best for either objective, and the middle of the front, for what they bear, which is told under a force alone."""
+    """Compute the service loads of three designs of the front.
+
+    They are the best for either objective and the middle one. Nothing is computed under loads, only
+    under a force.
+    """
     if front.problem.under_loads:
         return front
     chosen = [front.members[k] for k in sorted({0, len(front.index) // 2, len(front.index) - 1})]
@@ -165,7 +185,10 @@ def front_service_loads(front: Front, executor: Executor) -> Front:
 def compare_with_random(
     front: Front, settings: SearchSettings, seeds: int, executor: Executor
 ) -> Front:
-    """Search again with other seeds, by the method and at random, with the same budget; what counts is each one's front on fresh members."""
+    """Search again with other seeds, by the method and at random, with the same budget.
+
+    The fronts are compared on fresh members.
+    """
     problem = front.problem
     wanted = len(front.evaluated)
     batch = settings.batch if settings.sampler != RANDOM else default_settings(problem, NSGA2).batch

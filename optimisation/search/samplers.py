@@ -1,7 +1,10 @@
-"""Samplers: methods that propose designs as points of the unit cube. Ask for a batch, run it, and tell its costs.
+"""Samplers: methods that propose designs as points of the unit cube.
 
-A coordinate of a point is the share of a free variable's range (`DesignSpace.at`). What a sampler proposes follows from its seed and from all
-batches before, and nothing else: the same search run again proposes the same designs.
+A sampler is asked for a batch, the batch is run, and its costs are passed to the sampler.
+
+A coordinate of a point is the share of a free variable's range (`DesignSpace.at`). What a sampler
+proposes follows from its seed and from all batches before, and nothing else: the same search run
+again proposes the same designs.
 """
 
 from dataclasses import dataclass
@@ -23,8 +26,9 @@ CMA_STEP = 1 / 6  # standard deviation of CMA-ES's first generation, in shares o
 class BatchCosts:
     """What a batch of n designs cost; all to be minimised.
 
-    ``costs`` (n, objectives); ``violations`` (n, constraints), 0 or below where a constraint is kept; ``penalised`` (n,): the first objective's
-    cost, or more than any cost where a constraint is broken.
+    ``costs`` (n, objectives); ``violations`` (n, constraints), 0 or below where a constraint is
+    kept; ``penalised`` (n,): the first objective's cost, or more than any cost where a constraint
+    is broken.
     """
 
     costs: Array
@@ -36,7 +40,11 @@ class Sampler(Protocol):
     """A method that proposes points from the costs of earlier ones."""
 
     def ask(self, count: int, first: Array | None = None) -> Array:
-        """Return ``count`` points (count, variables), below the point ``first`` (variables,) if it is given."""
+        """Return ``count`` points (count, variables).
+
+        If the point ``first`` (variables,) is given, it comes first, followed by the ``count``
+        points.
+        """
         ...
 
     def tell(self, batch: BatchCosts) -> None:
@@ -65,9 +73,12 @@ class RandomSampler:
 
 
 class CmaSampler:
-    """CMA-ES by the package cmaes (N. Hansen, arXiv:1604.00772), one generation a batch, from the middle of the ranges.
+    """CMA-ES by the package cmaes (N. Hansen, arXiv:1604.00772).
 
-    After it has converged it begins again at a random point. The point ``first`` of `ask` has no part in its distribution.
+    Each batch is a generation. The search starts from the middle of the ranges.
+
+    After it has converged it begins again at a random point. The point ``first`` of `ask` has no
+    part in its distribution.
     """
 
     def __init__(self, variables: int, population: int, seed: int) -> None:

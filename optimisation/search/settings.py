@@ -1,10 +1,13 @@
-"""How a search is made: method, batch, seed, and the rungs on which hopeless designs are left behind.
+"""Settings of a search: method, batch, seed and rungs of successive halving.
 
-A design climbs rung by rung. On each rung the batch is run with more members or with a slower sweep, and only the best share of the batch
-goes on (successive halving). What is left behind was judged by the few runs it got, and is told to the
-method as worse than all that went on; only designs that reached the last rung can win. A sweep ten times as fast takes a tenth of
-the time and ranks designs much like the usual rate does, though not in the same order: `optimisation.search.judge.audit` measures what
-the shortcut cost.
+Designs that compare badly on a rung are abandoned.
+
+A design climbs rung by rung. On each rung the batch is run with more members or with a slower
+sweep, and only the best share of the batch goes on (successive halving). What is left behind was
+judged by the few runs it got, and is told to the method as worse than all that went on; only
+designs that reached the last rung can win. A sweep ten times as fast takes a tenth of the time and
+ranks designs much like the usual rate does, though not in the same order:
+`optimisation.search.judge.audit` measures what the shortcut cost.
 """
 
 from dataclasses import asdict, dataclass
@@ -31,7 +34,11 @@ from optimisation.space import TUNED, Design
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """A design that was told: its ``number``, what it scored, and on how many ``rungs`` (all of them: it can win)."""
+    """A design with its result in a search.
+
+    ``number``: number of the design. ``rungs``: number of rungs on which it was run. Only a design
+    that was run on all rungs can win.
+    """
 
     number: int
     design: Design
@@ -44,10 +51,13 @@ NSGA2 = "nsga2"
 RANDOM = "random"
 SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", RANDOM: "random search"}
 BATCHES = {CMA: 40, NSGA2: 20}
-# searches that propose no batches: SciPy's (`optimisation.search.smooth`), and the Gaussian process (`optimisation.search.gaussian_process`)
+# searches that propose no batches: SciPy's (`optimisation.search.smooth`), and the Gaussian process
+# (`optimisation.search.gaussian_process`)
 SCIPY = "scipy"
 GP = "gp"
-FAST = 10.0  # rate of the first rung over the usual one: faster still, the sweep is over before the response has built up
+# rate of the first rung over the usual one: faster still, the sweep is over before the response has
+# built up
+FAST = 10.0
 FEW = 2  # members of the first rungs
 RUNG_SHARES = (0.2, 0.25)  # shares that go on from the first rungs: of 40 designs 8, and then 2
 
@@ -59,7 +69,11 @@ def seed_of(seed: int, *numbers: int) -> int:
 
 @dataclass(frozen=True)
 class Rung:
-    """``members`` of the ensemble, counted from its first; ``speed``: sweep rate over the problem's; ``keep``: share that goes on from here."""
+    """A rung of successive halving.
+
+    ``members``: number of ensemble members, from the first. ``speed``: sweep rate over the
+    problem's. ``keep``: share of designs that continue to the next rung.
+    """
 
     members: int
     speed: float = 1.0
@@ -76,7 +90,10 @@ class Rung:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """``sampler`` of `SAMPLERS`; designs a ``batch``, which is also the population of CMA-ES and NSGA-II; ``rungs`` from first to last.
+    """Settings of a search.
+
+    ``sampler``: one of `SAMPLERS`. ``batch``: number of designs in a batch, also the population of
+    CMA-ES and NSGA-II. ``rungs``: from first to last.
 
     ``from_scratch``: the first design is a random one, and not the paper's.
     """
@@ -99,7 +116,10 @@ class SearchSettings:
 
     @property
     def members_a_design(self) -> float:
-        """Members at the problem's own rate that a design costs on average, with those that are left behind."""
+        """Mean cost of a design, in members at the problem's own rate.
+
+        Designs that are abandoned early count with their smaller cost.
+        """
         cost = 0.0
         going = 1.0
         below = None
@@ -161,7 +181,10 @@ class SearchSettings:
         }
 
     def whole_batches(self, designs: int) -> int:
-        """Return a number of designs rounded up to whole batches; the first batch has the paper's design as one more."""
+        """Return a number of designs rounded up to whole batches.
+
+        The first batch has one design more, the paper's.
+        """
         designs = count("designs", designs, 1)
         return 1 + self.batch * max(1, -(-(designs - 1) // self.batch))
 
@@ -174,9 +197,13 @@ def default_settings(
     screening: bool = True,
     from_scratch: bool = False,
 ) -> SearchSettings:
-    """Return settings for a problem: CMA-ES for one objective, NSGA-II for several, and rungs unless ``screening`` is off.
+    """Return the default settings for a problem.
 
-    One free variable goes to the random search. A tuned absorber is linear: its runs are cheap and hardly differ, so it needs no rungs.
+    They are CMA-ES for one objective and NSGA-II for several, with rungs unless ``screening`` is
+    off.
+
+    One free variable goes to the random search. A tuned absorber is linear: its runs are cheap and
+    hardly differ, so it needs no rungs.
     """
     several = len(problem.objectives) > 1
     name = sampler or (NSGA2 if several else CMA if len(problem.space.free) > 1 else "random")

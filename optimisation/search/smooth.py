@@ -1,7 +1,9 @@
-"""SciPy's search for problems that are smooth: without walls there is no chaos, a level has hardly any noise, and few minima.
+"""SciPy's search for smooth problems.
 
-Nelder-Mead over the shares of the free variables' ranges, from several starts, since the optimum is often a kink (two equal peaks). A few
-members of the ensemble are enough here.
+Without walls there is no chaos. A level then has hardly any noise and few minima.
+
+Nelder-Mead over the shares of the free variables' ranges, from several starts, since the optimum is
+often a kink (two equal peaks). A few members of the ensemble are enough here.
 """
 
 from collections.abc import Callable
@@ -32,7 +34,10 @@ def smooth_search(
     from_scratch: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[list[Evaluated], bool]:
-    """Return the designs that were run, by number: the space's start (unless ``from_scratch``), scattered ones, and descents from the best of those.
+    """Return the designs that were run, by number, and a flag.
+
+    They are the start of the space (unless ``from_scratch``), scattered designs, and descents from
+    the best of these.
 
     Ends after about ``designs`` of them, or when every descent has come to rest. The flag is
     False if a KeyboardInterrupt ended it early. Raises ParameterError

@@ -1,7 +1,10 @@
-"""A study: batches of designs that a sampler proposes, run in one call each, and told in the order of their numbers.
+"""A study: batches of designs that a sampler proposes, each run in one call.
 
-Nothing is told before the whole batch has been run, so that a proposal depends on whole batches only. A study lives in memory: a study that was
-stopped is replayed from its seed with the runs that a file holds (`optimisation.checkpoint`), and so equals one that was never interrupted.
+The sampler gets the results in the order of the designs' numbers.
+
+A proposal depends on whole batches only, because no result is passed on before the batch has been
+run. A study lives in memory: a study that was stopped is replayed from its seed with the runs that
+a file holds (`optimisation.checkpoint`), and so equals one that was never interrupted.
 """
 
 import math
@@ -40,9 +43,13 @@ def make_sampler(problem: Problem, settings: SearchSettings) -> Sampler:
 
 
 class DesignStudy:
-    """A study of a problem: ``told`` has the finished designs by number, and ``runs`` counts those behind them.
+    """A study of a problem.
 
-    ``sampler`` takes the place of the sampler that the settings name. Raises as `SearchSettings.check`.
+    It has the finished designs by number, ``evaluated``. ``runs``: number of the runs of these
+    designs.
+
+    ``sampler`` takes the place of the sampler that the settings name. Raises as
+    `SearchSettings.check`.
     """
 
     def __init__(
@@ -70,7 +77,11 @@ class DesignStudy:
         executor: Executor,
         progress: Callable[[int, int], object] = lambda _designs, _runs: None,
     ) -> bool:
-        """Search until at least ``designs`` (whole batches) are told; return False if a KeyboardInterrupt ended it early; call it again to go on."""
+        """Search until at least ``designs`` designs, in whole batches, are finished.
+
+        The result is False if a KeyboardInterrupt ended the search early. Another call continues
+        it.
+        """
         wanted = self.settings.whole_batches(designs)
 
         def show() -> None:
@@ -90,14 +101,20 @@ class DesignStudy:
         return True
 
     def _first_point(self) -> Array:
-        """Return the first design's point: the space's start, or a random point where the search is from scratch."""
+        """Return the first design's point.
+
+        It is the start of the space, or a random point if the search is from scratch.
+        """
         space = self.problem.space
         if self.settings.from_scratch:
             return np.random.default_rng(seed_of(self.settings.seed, 0)).random(len(space.free))
         return np.array(space.shares(space.default))
 
     def run_batch(self, points: Array, executor: Executor, show: Show = lambda: None) -> BatchCosts:
-        """Run designs at points (n, variables) of the unit cube on one rung after the other, and return what they cost."""
+        """Run designs at points (n, variables) of the unit cube, rung by rung.
+
+        The costs of the designs are returned.
+        """
         first = len(self.evaluated)
         designs = [self.problem.space.at(point) for point in points.tolist()]
         going = list(range(len(designs)))
@@ -133,7 +150,11 @@ class DesignStudy:
         executor: Executor,
         show: Show,
     ) -> None:
-        """Run what is missing on a rung: of a design that ran as fast on the rung below only the members that are added."""
+        """Run the missing members of the designs on a rung.
+
+        For a design that had the same rate on the previous rung these are only the additional
+        members.
+        """
         rung = self.settings.rungs[level]
         below = self.settings.rungs[level - 1] if level else None
         problem = self.problem
@@ -156,7 +177,10 @@ class DesignStudy:
             measured[k] = np.concatenate([measured[k], rows]) if known else rows
 
     def _count_costs(self, rows: list[tuple[int, Score]]) -> BatchCosts:
-        """Return a batch's costs from (rungs, score) of each design; designs left behind cost more than all that went on."""
+        """Return a batch's costs from (rungs, score) of each design.
+
+        Designs that are abandoned on a rung cost more than all designs that continue.
+        """
         problem = self.problem
         signs = np.array([-1.0 if o.maximise else 1.0 for o in problem.objectives])
         costs = np.array([score.values for _, score in rows]) * signs

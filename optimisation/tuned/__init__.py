@@ -1,6 +1,9 @@
-"""Tuning of the linear absorber (LTVA): closed forms as start values and tests, numerical optima of the multi-mode model as the answer.
+"""Tuning of the linear absorber (LTVA): closed forms, and numerical optima.
 
-`optimisation.tuned.certificate` proves a largest amplitude between grid points; it needs cvxpy and is imported on its own.
+The closed forms are start values and tests. The optima of the multi-mode model are the results.
+
+`optimisation.tuned.certificate` proves a largest amplitude between grid points; it needs cvxpy and
+is imported on its own.
 """
 
 from collections.abc import Callable
@@ -27,11 +30,13 @@ from impact_env.parameters import (
     require,
 )
 
-# Tunings of the linear absorber in closed form: one mode, no damping of its own. Start values and tests for the numerical ones.
+# Tunings of the linear absorber in closed form: one mode, no damping of its own. Start values and
+# tests for the numerical ones.
 #
-# The mass ratio that counts for a resonance is the *effective* one, mu = m_a phi_tip,r^2, absorber mass over the modal mass seen at
-# the absorber: four times the plain ratio to the beam's mass for the free end of a cantilever. The paper (section 6) names Den Hartog's
-# rule, but its values follow from a modal mass of one (`paper_rule`) and twice the rule's damping: `PAPER` is mistuned.
+# The mass ratio that counts for a resonance is the *effective* one, mu = m_a phi_tip,r^2, absorber
+# mass over the modal mass seen at the absorber: four times the plain ratio to the beam's mass for
+# the free end of a cantilever. The paper (section 6) names Den Hartog's rule, but its values follow
+# from a modal mass of one (`paper_rule`) and twice the rule's damping: `PAPER` is mistuned.
 
 
 PAPER = TunedAbsorber()  # the paper's values are the defaults
@@ -40,9 +45,12 @@ PAPER = TunedAbsorber()  # the paper's values are the defaults
 def effective_mass_ratio(
     model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
 ) -> float:
-    """Return mu = m_a phi_tip,r^2, the absorber mass over the resonance's effective modal mass at the tip.
+    """Return mu = m_a phi_tip,r^2, the effective mass ratio.
 
-    ``mass_ratio`` is m_a over the beam's mass. Raises ParameterError if the mode has a node at the absorber: nothing can be tuned there.
+    It is the absorber mass over the resonance's effective modal mass at the tip.
+
+    ``mass_ratio`` is m_a over the beam's mass. Raises ParameterError if the mode has a node at the
+    absorber: nothing can be tuned there.
     """
     instance("model", model, ModalModel).resonance_omega(resonance)
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
@@ -63,7 +71,10 @@ def _tuned(
     frequency_ratio: float,
     damping_ratio: float,
 ) -> TunedAbsorber:
-    """Return the absorber with omega_a = frequency_ratio * omega_r and c = 2 m_a omega_a * damping_ratio."""
+    """Return an absorber of given frequency and damping ratios.
+
+    Its omega_a is frequency_ratio * omega_r, and its c is 2 m_a omega_a * damping_ratio.
+    """
     mass = mass_ratio * model.beam_mass
     omega = frequency_ratio * model.resonance_omega(resonance)
     return TunedAbsorber(mass_ratio, mass * omega**2, 2 * mass * omega * damping_ratio)
@@ -72,10 +83,14 @@ def _tuned(
 def den_hartog(
     model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
 ) -> TunedAbsorber:
-    """Return Den Hartog's tuning of a resonance: fixed points of equal height, damping the mean of the two that flatten one of them.
+    """Return Den Hartog's tuning of a resonance.
 
-    omega_a/omega_r = 1/(1 + mu), c/(2 m_a omega_a) = sqrt(3 mu / (8 (1 + mu))) with the effective mu (one undamped mode). The same
-    damping referred to the beam's frequency, c/(2 m_a omega_r), has (1 + mu)^3 under the root: the two forms are easily confused.
+    The fixed points have equal height. The damping is the mean of the two values that make the
+    curve flat at one of them.
+
+    omega_a/omega_r = 1/(1 + mu), c/(2 m_a omega_a) = sqrt(3 mu / (8 (1 + mu))) with the effective
+    mu (one undamped mode). The same damping referred to the beam's frequency, c/(2 m_a omega_r),
+    has (1 + mu)^3 under the root: the two forms are easily confused.
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
     return _tuned(
@@ -86,10 +101,13 @@ def den_hartog(
 def undamped_minimax(
     model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
 ) -> TunedAbsorber:
-    """Return the exact minimum of the largest amplitude for one undamped mode (force to displacement): both peaks are equal.
+    """Return the exact minimum of the largest amplitude for one undamped mode.
 
-    With r = sqrt(4 + 3 mu): omega_a/omega_r = 2/(1 + mu) sqrt(2 (16 + 23 mu + 9 mu^2 + 2 (2 + mu) r) / (3 (64 + 80 mu + 27 mu^2)))
-    and c/(2 m_a omega_a) = sqrt((8 + 9 mu - 4 r)/(1 + mu))/4 (the closed-form exact solution of Nishihara and Asami).
+    The amplitude is that of the displacement under a force. Both peaks are equal.
+
+    With r = sqrt(4 + 3 mu): omega_a/omega_r = 2/(1 + mu) sqrt(2 (16 + 23 mu + 9 mu^2 + 2 (2 + mu)
+    r) / (3 (64 + 80 mu + 27 mu^2))) and c/(2 m_a omega_a) = sqrt((8 + 9 mu - 4 r)/(1 + mu))/4 (the
+    closed-form exact solution of Nishihara and Asami).
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
     r = np.sqrt(4 + 3 * mu)
@@ -108,10 +126,12 @@ def undamped_minimax(
 def undamped_h2(
     model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
 ) -> TunedAbsorber:
-    """Return the exact minimum of the displacement's variance under white noise at the mode, undamped.
+    """Return the exact minimum of the displacement's variance for one undamped mode.
 
-    omega_a/omega_r = sqrt(1 + mu/2)/(1 + mu), c/(2 m_a omega_a) = sqrt(mu (4 + 3 mu)/(8 (1 + mu)(2 + mu))) (Warburton's optimum for a
-    random force on the main mass).
+    The excitation is white noise at the mode.
+
+    omega_a/omega_r = sqrt(1 + mu/2)/(1 + mu), c/(2 m_a omega_a) = sqrt(mu (4 + 3 mu)/(8 (1 + mu)(2
+    + mu))) (Warburton's optimum for a random force on the main mass).
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
     return _tuned(
@@ -126,9 +146,12 @@ def undamped_h2(
 def paper_rule(
     model: ModalModel, mass_ratio: float = DEFAULT_MASS_RATIO, resonance: int = 1
 ) -> TunedAbsorber:
-    """Return the rule behind the paper's values, for any mass and resonance: Den Hartog's rule with m_a over 1 kg as mass ratio, damping doubled.
+    """Return the rule behind the paper's values, for any mass and resonance.
 
-    For the paper's beam it gives the paper's k = 701.8 N/m and c = 0.728 N s/m to the digits printed. Not a rule to follow.
+    It is Den Hartog's rule with m_a over 1 kg as mass ratio and with twice the damping.
+
+    For the paper's beam it gives the paper's k = 701.8 N/m and c = 0.728 N s/m to the digits
+    printed. Not a rule to follow.
     """
     mu = (
         positive("mass_ratio", mass_ratio) * instance("model", model, ModalModel).beam_mass
@@ -138,9 +161,11 @@ def paper_rule(
     )
 
 
-# Scores of a linear absorber: the largest resonance peak over a range that holds both of the peaks into which it splits a resonance.
+# Scores of a linear absorber: the largest resonance peak over a range that holds both of the peaks
+# into which it splits a resonance.
 #
-# A narrower range, the paper's sweep limits for one, lets an optimiser push a peak out of sight, so it is refused.
+# A narrower range, the paper's sweep limits for one, lets an optimiser push a peak out of sight, so
+# it is refused.
 
 
 # scoring range in units of the resonance frequency
@@ -159,9 +184,12 @@ _UNDAMPED = 1e-10  # a pole with a smaller damping ratio counts as undamped
 def require_wide_range(
     model: ModalModel, mass_ratio: float, resonance: int, low: float, high: float
 ) -> None:
-    """Raise ParameterError unless [low, high] (over omega_r) holds both peaks that a well-tuned absorber of this mass leaves.
+    """Raise ParameterError unless [low, high] contains both peaks of a well-tuned absorber.
 
-    Measured by the undamped natural frequencies of the Den Hartog tuning, which lie outside the two damped peaks.
+    The range is over omega_r, and the absorber has this mass.
+
+    Measured by the undamped natural frequencies of the Den Hartog tuning, which lie outside the two
+    damped peaks.
     """
     low, high = frequency_range(low, high)
     mu = effective_mass_ratio(model, mass_ratio, resonance)
@@ -176,10 +204,15 @@ def require_wide_range(
             low <= first and high >= second,
             "absorber mass",
             f"{mass:.4g} kg",
-            f"less beside the {mass / mu:.4g} kg that mode {resonance} moves at its place: the peaks would lie at {first:.4f} and {second:.4f} "
-            "of the resonance, out of the scoring range; are the mass in kg and the shapes in 1/sqrt(kg)?",
+            f"less beside the {mass / mu:.4g} kg that mode {resonance} moves at its place: "
+            f"the peaks would lie at {first:.4f} and {second:.4f} "
+            "of the resonance, out of the scoring range; are the mass in kg and the shapes in "
+            "1/sqrt(kg)?",
         )
-    allowed = f"a scoring range that holds both peaks of the split resonance: low at most {first:.4f}, high at least {second:.4f} (of the resonance)"
+    allowed = (
+        f"a scoring range that holds both peaks of the split resonance: low at most {first:.4f}, "
+        f"high at least {second:.4f} (of the resonance)"
+    )
     require(low <= first and high >= second, "scoring range (low, high)", (low, high), allowed)
 
 
@@ -195,14 +228,20 @@ def _scored(
 
 
 def _inside(s: NDArray[np.complex128], low: float, high: float) -> NDArray[np.bool_]:
-    """Return which poles lie in low..high, the ends included up to rounding: there an undamped response is infinite, too."""
+    """Return which poles lie in low..high.
+
+    The ends are included up to rounding, because an undamped response is infinite there, too.
+    """
     return np.asarray((s.imag >= low * (1 - 1e-12)) & (s.imag <= high * (1 + 1e-12)))
 
 
 def _grid(
     model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, low: float, high: float
 ) -> NDArray[np.float64] | None:
-    """Return frequency ratios that no resonance peak can hide between, or None if an undamped pole lies in the range."""
+    """Return frequency ratios that are dense enough to find every resonance peak.
+
+    The result is None if an undamped pole lies in the range.
+    """
     s = poles(model, absorber) / omega_r
     inside = _inside(s, low, high)
     if np.any(-s.real[inside] <= _UNDAMPED * s.imag[inside]):
@@ -223,7 +262,9 @@ def peaks(
     low: float = LOW,
     high: float = HIGH,
 ) -> list[tuple[float, float]]:
-    """Return all local maxima of the tip amplitude in [low, high] as (m/N, frequency over omega_r), in order of frequency; ends are left out.
+    """Return all local maxima of the tip amplitude in [low, high], in order of frequency.
+
+    They are (m/N, frequency over omega_r). The ends of the range do not count.
 
     Arguments and errors as in `peak`; an undamped pole in the range raises ParameterError.
     """
@@ -233,7 +274,8 @@ def peaks(
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:
         raise ParameterError(
-            f"damping_ratio = {model.damping_ratio!r} is not allowed: above 0 at every resonance of the range"
+            f"damping_ratio = {model.damping_ratio!r} is not allowed: above 0 at every "
+            "resonance of the range"
         )
     return _local_maxima(model, absorber, omega_r, grid)
 
@@ -241,7 +283,10 @@ def peaks(
 def _local_maxima(
     model: ModalModel, absorber: LinearAbsorber | None, omega_r: float, grid: NDArray[np.float64]
 ) -> list[tuple[float, float]]:
-    """Return the local maxima on the grid, each refined by a grid of its own that shrinks tenfold a round."""
+    """Return the local maxima on the grid, refined.
+
+    Each is refined by a grid of its own that shrinks tenfold in each round.
+    """
     amplitude = np.abs(tip_response(model, absorber, grid * omega_r))
     middle = amplitude[1:-1]
     at = 1 + np.flatnonzero((middle >= amplitude[:-2]) & (middle > amplitude[2:]))
@@ -284,14 +329,17 @@ def peak(
     low: float = LOW,
     high: float = HIGH,
 ) -> tuple[float, float]:
-    """Return the highest resonance peak over low..high times omega_r: (tip amplitude per newton in m/N, its frequency over omega_r).
+    """Return the highest resonance peak over low..high times omega_r.
 
-    A peak is a local maximum of the amplitude; a flank of a neighbouring resonance at an end of the range counts only if there is
-    none. All modes and their damping take part, and a neighbouring resonance inside the range is scored with the rest: narrow the
-    range for high modes, which lie close together. The grid contains every pole of the damped system with points around it, and
-    local maxima are refined, so narrow peaks are not missed. Infinite if an undamped pole lies in the range. Raises ParameterError
-    for a resonance that the model lacks and, with a TunedAbsorber, for a range that cannot hold both split peaks (see
-    `require_wide_range`).
+    The result is (tip amplitude per newton in m/N, its frequency over omega_r).
+
+    A peak is a local maximum of the amplitude; a flank of a neighbouring resonance at an end of the
+    range counts only if there is none. All modes and their damping take part, and a neighbouring
+    resonance inside the range is scored with the rest: narrow the range for high modes, which lie
+    close together. The grid contains every pole of the damped system with points around it, and
+    local maxima are refined, so narrow peaks are not missed. Infinite if an undamped pole lies in
+    the range. Raises ParameterError for a resonance that the model lacks and, with a TunedAbsorber,
+    for a range that cannot hold both split peaks (see `require_wide_range`).
     """
     low, high = frequency_range(low, high)
     model = instance("model", model, ModalModel)
@@ -305,10 +353,13 @@ def highest_amplitude(
     low: float = LOW,
     high: float = HIGH,
 ) -> tuple[float, float]:
-    """Return the largest amplitude over low..high times omega_r, ends and flanks included: (m/N, its frequency over omega_r).
+    """Return the largest amplitude over low..high times omega_r, including ends and flanks.
 
-    It serves for limits and certificates, which know no difference between a peak and a flank; `peak` is the score. A range of any
-    width may be asked for. Infinite if an undamped pole lies in the range.
+    The result is (m/N, its frequency over omega_r).
+
+    It serves for limits and certificates, which know no difference between a peak and a flank;
+    `peak` is the score. A range of any width may be asked for. Infinite if an undamped pole lies in
+    the range.
     """
     omega_r = model.resonance_omega(resonance)
     low, high = frequency_range(low, high)
@@ -323,15 +374,17 @@ def highest_amplitude(
     )
 
 
-# Numerical tuning on the damped multi-mode model: the smallest peak (H-infinity) and the smallest variance (H2), from several starts.
+# Numerical tuning on the damped multi-mode model: the smallest peak (H-infinity) and the smallest
+# variance (H2), from several starts.
 
 
 # H2: the response to white noise, from a Lyapunov equation, over all frequencies or over a range.
 #
 #     ||H||_2^2 = 1/(2 pi) integral of |H(i omega)|^2 over omega = c W c',    A W + W A' + b b' = 0.
 #
-# Over |omega| <= w the Gramian is S W + W S' with S = 1/(2 pi) times the integral of (i nu - A)^-1 from -w to w, which is
-# i/(2 pi) log((A + i w)(A - i w)^-1); a range is the difference of two such. The range keeps a higher resonance from being drowned by the first.
+# Over |omega| <= w the Gramian is S W + W S' with S = 1/(2 pi) times the integral of (i nu - A)^-1
+# from -w to w, which is i/(2 pi) log((A + i w)(A - i w)^-1); a range is the difference of two such.
+# The range keeps a higher resonance from being drowned by the first.
 
 
 Real = NDArray[np.float64]
@@ -346,9 +399,12 @@ def h2_norm(
     low: float = LOW,
     high: float = HIGH,
 ) -> float:
-    """Return the part of the H2 norm that comes from low..high times omega_r (and its mirror image), in m/(N sqrt(s)).
+    """Return the part of the H2 norm from low..high times omega_r, in m/(N sqrt(s)).
 
-    Raises ParameterError for a mode without damping and, with a TunedAbsorber, for a range that cannot hold both split peaks.
+    The mirror image of the range is included.
+
+    Raises ParameterError for a mode without damping and, with a TunedAbsorber, for a range that
+    cannot hold both split peaks.
     """
     omega_r = _scored(model, absorber, resonance, low, high)
     matrix, b, c = state_space(model, absorber, omega_r)
@@ -364,7 +420,10 @@ def h2_norm(
 
 
 def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) -> float:
-    """Return c (S(high) - S(low)) ``weighted``, S of the text above: the logarithm of a matrix by its poles, or as such where two coincide."""
+    """Return c (S(high) - S(low)) ``weighted``, with S of the text above.
+
+    The logarithm of the matrix is computed from its poles, or directly if two poles coincide.
+    """
     s, vectors = np.linalg.eig(matrix)
     if np.linalg.cond(vectors) < _CONDITION:
         turned = [(np.log(-s - 1j * w) - np.log(-s + 1j * w)) for w in (low, high)]
@@ -381,11 +440,14 @@ def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) 
     return float(np.real(1j / (2 * np.pi) * c @ (logs[1] - logs[0]) @ weighted))
 
 
-# shifts of ln stiffness and ln damping from the closed form, a grid whose lowest local minima are starts of a search too
+# shifts of ln stiffness and ln damping from the closed form, a grid whose lowest local minima are
+# starts of a search too
 STIFFNESS_SHIFTS = (-1.6, -1.2, -0.8, -0.4, -0.2, 0.0, 0.15, 0.3, 0.6, 1.0)
 DAMPING_SHIFTS = (-3.5, -2.5, -1.5, -0.5, 0.5, 1.5, 2.5)
 GRID_STARTS = 4
-FARTHEST = 7.0  # from the closed form, in ln stiffness or damping: a spring as stiff as that holds the mass, one as soft leaves it at rest
+# from the closed form, in ln stiffness or damping: a spring as stiff as that holds the mass, one as
+# soft leaves it at rest
+FARTHEST = 7.0
 _REFUSED = 1e3  # objective (log of the score) of a design that the range cannot score
 
 Array = NDArray[np.float64]
@@ -399,10 +461,13 @@ def minimax(
     low: float = LOW,
     high: float = HIGH,
 ) -> TunedAbsorber:
-    """Return the stiffness and damping with the smallest `peak` over low..high times omega_r: H-infinity tuning.
+    """Return the stiffness and damping with the smallest `peak` over low..high times omega_r.
 
-    Designs with a natural frequency next to omega_r outside the range are excluded, so no peak can be pushed out of sight. Raises
-    ParameterError if the range is too narrow for a tuned absorber of this mass.
+    This is H-infinity tuning.
+
+    Designs with a natural frequency next to omega_r outside the range are excluded, so no peak can
+    be pushed out of sight. Raises ParameterError if the range is too narrow for a tuned absorber of
+    this mass.
     """
     model = instance("model", model, ModalModel)
     exact = undamped_minimax(model, mass_ratio, resonance)
@@ -420,10 +485,14 @@ def minimax(
 def smallest_amplitude(
     model: ModalModel, mass_ratio: float, resonance: int, low: float, high: float
 ) -> TunedAbsorber:
-    """Return the stiffness and damping with the smallest `highest_amplitude` over low..high times omega_r, flanks and other resonances included.
+    """Return the stiffness and damping with the smallest `highest_amplitude`.
 
-    It is judged as other absorbers are whose sweeps go over the range. A peak of the split resonance that lies beyond the range counts as well
-    (`_visible_range`), so that no design is best because its peak is out of sight.
+    The amplitude of the absorber is taken over low..high times omega_r, including flanks and other
+    resonances.
+
+    It is judged as other absorbers are whose sweeps go over the range. A peak of the split
+    resonance that lies beyond the range counts as well (`_visible_range`), so that no design is
+    best because its peak is out of sight.
     """
     exact = undamped_minimax(model, mass_ratio, resonance)
     rule = den_hartog(model, mass_ratio, resonance)
@@ -438,9 +507,12 @@ def smallest_amplitude(
 def _visible_range(
     model: ModalModel, absorber: TunedAbsorber, resonance: int, low: float, high: float
 ) -> tuple[float, float]:
-    """Return low..high (over omega_r), widened so that it holds both natural frequencies into which an absorber splits the resonance.
+    """Return low..high (over omega_r), widened to contain the split resonance.
 
-    It goes no further than half-way (geometric mean) to the neighbouring resonances, and to `LOW` and `HIGH`.
+    The range contains both natural frequencies into which an absorber splits the resonance.
+
+    It goes no further than half-way (geometric mean) to the neighbouring resonances, and to `LOW`
+    and `HIGH`.
     """
     omega_r = model.resonance_omega(resonance)
     split = natural_frequencies(model, absorber)[resonance - 1 : resonance + 1] / omega_r
@@ -459,7 +531,10 @@ def minimum_h2(
     low: float = LOW,
     high: float = HIGH,
 ) -> TunedAbsorber:
-    """Return the stiffness and damping with the smallest `h2_norm` over low..high times omega_r; range and errors as in `minimax`."""
+    """Return the stiffness and damping with the smallest `h2_norm` over low..high.
+
+    The range, over omega_r, and the errors are those of `minimax`.
+    """
     exact = undamped_h2(model, mass_ratio, resonance)
     rule = den_hartog(model, mass_ratio, resonance)
     return _smallest(
@@ -481,11 +556,14 @@ def _smallest(
     high: float,
     inside: bool = True,
 ) -> TunedAbsorber:
-    """Return the absorber with the smallest score: Nelder-Mead in the logarithms of k and c from several starts.
+    """Return the absorber with the smallest score.
 
-    They are two known tunings and the lowest local minima of a grid around them (`STIFFNESS_SHIFTS`): with close modes there are several. The search
-    is repeated from the best, because the optimum of a largest peak is a kink (two equal peaks). ``inside``: only designs whose natural
-    frequencies around the resonance lie within the range.
+    The method is Nelder-Mead in the logarithms of k and c from several starts.
+
+    They are two known tunings and the lowest local minima of a grid around them
+    (`STIFFNESS_SHIFTS`): with close modes there are several. The search is repeated from the best,
+    because the optimum of a largest peak is a kink (two equal peaks). ``inside``: only designs
+    whose natural frequencies around the resonance lie within the range.
     """
     mass_ratio = known[0].mass_ratio
     if inside:

@@ -1,21 +1,27 @@
-"""A proof that a linear absorber's amplitude stays under a number at every frequency, between grid points as well.
+"""A proof that a linear absorber's amplitude stays below a bound at every frequency.
+
+It holds between grid points as well.
 
 Bounded-real lemma: with H(s) = c (s - A)^-1 b stable, |H(i w)| <= g at all w if a symmetric P makes
 
     [ A'P + P A + c'c    P b ]
     [ b'P               -g^2 ]   negative semidefinite.
 
-Over w1 <= w <= w2 only, the generalised Kalman-Yakubovich-Popov lemma has a Hermitian P and a Hermitian Q >= 0 instead:
+Over w1 <= w <= w2 only, the generalised Kalman-Yakubovich-Popov lemma has a Hermitian P and a
+Hermitian Q >= 0 instead:
 
-    [A b; I 0]* [ -Q            P + i m Q ] [A b; I 0]  +  [ c'c   0  ]   negative semidefinite,    m = (w1 + w2)/2.
+    [A b; I 0]* [ -Q            P + i m Q ] [A b; I 0]  +  [ c'c   0  ]   negative semidefinite,
+    m = (w1 + w2)/2.
                 [ P - i m Q     -w1 w2 Q  ]                [ 0   -g^2 ]
 
-A semidefinite programme minimises g^2. Its answer is not taken at its word: Q is shifted to Q >= 0, the upper left block S is checked to be negative
-definite, and g^2 then follows from P and Q by the Schur complement, whatever the solver's accuracy. Both lemmas hold at any frequency, so
-nothing is sampled; the grid's largest amplitude only has to agree, as a check of the whole chain.
+A semidefinite programme minimises g^2. Its answer is not taken at its word: Q is shifted to Q >= 0,
+the upper left block S is checked to be negative definite, and g^2 then follows from P and Q by the
+Schur complement, whatever the solver's accuracy. Both lemmas hold at any frequency, so nothing is
+sampled; the grid's largest amplitude only has to agree, as a check of the whole chain.
 
-All is dimensionless: time over 1/omega_r, the amplitude over the grid's largest, the states turned to the poles' own coordinates, each block with
-equal input and output. In SI units the same programme ends far off.
+All is dimensionless: time over 1/omega_r, the amplitude over the grid's largest, the states turned
+to the poles' own coordinates, each block with equal input and output. In SI units the same
+programme ends far off.
 """
 
 from collections.abc import Sequence
@@ -39,7 +45,8 @@ with optional():
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# margin of the matrix inequality, and the solver's tolerance; they lift the bound by some parts in a million
+# margin of the matrix inequality, and the solver's tolerance; they lift the bound by some parts in
+# a million
 _EVERYWHERE = 1e-4  # in decay rates of the slowest pole
 _WITHIN = (1e-6, 1e-5)  # the next where the solver does not reach an optimum with one
 _LEAST_MARGIN = 1e-8  # what the solver can still keep
@@ -51,8 +58,9 @@ _CONDITION = 1e9  # of the poles' coordinates
 class Certificate:
     """``bound`` in m/N: the tip's amplitude per newton stays below it.
 
-    ``grid`` in m/N: the largest amplitude found on a refined grid, at ``frequency_ratio`` (to omega_r).
-    ``everywhere``: the bound holds at all frequencies, otherwise within the range that was asked for.
+    ``grid`` in m/N: the largest amplitude found on a refined grid, at ``frequency_ratio`` (to
+    omega_r). ``everywhere``: the bound holds at all frequencies, otherwise within the range that
+    was asked for.
     """
 
     bound: float
@@ -72,9 +80,10 @@ def certify(
 ) -> Certificate:
     """Return a certificate for low..high times omega_r, or for all frequencies.
 
-    ``everywhere`` None takes all frequencies (the cheaper proof, under a second against several) where the largest amplitude of all lies in the
-    range. The flanks of neighbouring resonances count, unlike in `peak`. Raises ParameterError for bad input and for an undamped
-    pole, NotOptimalError if the solver's status is not ``optimal`` or the proof does not hold.
+    ``everywhere`` None takes all frequencies (the cheaper proof, under a second against several)
+    where the largest amplitude of all lies in the range. The flanks of neighbouring resonances
+    count, unlike in `peak`. Raises ParameterError for bad input and for an undamped pole,
+    NotOptimalError if the solver's status is not ``optimal`` or the proof does not hold.
     """
     omega_r = model.resonance_omega(resonance)
     inside = highest_amplitude(model, absorber, resonance, low, high)
@@ -100,13 +109,17 @@ def certify(
     bound = grid * float(np.sqrt(square))
     if not abs(bound / grid - 1) < _AGREEMENT:
         raise NotOptimalError(
-            f"certificate: the bound is {bound:.9g} m/N and the grid's largest amplitude {grid:.9g} m/N: no agreement"
+            f"certificate: the bound is {bound:.9g} m/N and the grid's largest amplitude "
+            f"{grid:.9g} m/N: no agreement"
         )
     return Certificate(bound, grid, ratio, bool(everywhere))
 
 
 def _balanced(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
-    """Return the same system in real blocks, one for each pair of poles or real pole, with input and output of each block of equal size."""
+    """Return the same system in real blocks, one for each pair of poles or real pole.
+
+    Input and output of each block have equal size.
+    """
     s, vectors = np.linalg.eig(matrix)
     columns = []
     blocks = []
@@ -120,7 +133,8 @@ def _balanced(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
     basis = np.array(columns).T
     if np.linalg.cond(basis) > _CONDITION:
         raise ParameterError(
-            "absorber is not allowed: two poles coincide; change its stiffness or damping by a part in a million"
+            "absorber is not allowed: two poles coincide; change its stiffness or damping by "
+            "a part in a million"
         )
     b = np.linalg.solve(basis, b)
     c = c @ basis
@@ -191,10 +205,15 @@ def _minimise(matrix: Any, square: Any, margins: Sequence[float], constraints: l
 
 
 def _schur(corner: Complex | Real, side: Complex | Real, last: float) -> float:
-    """Return the smallest g^2 for which [[corner, side], [side*, last - g^2]] is negative semidefinite, or raise NotOptimalError."""
+    """Return the smallest g^2 for which a matrix is negative semidefinite.
+
+    The matrix is [[corner, side], [side*, last - g^2]]. Raises NotOptimalError if there is no such
+    g^2.
+    """
     top = float(np.max(np.linalg.eigvalsh((corner + np.conj(corner.T)) / 2)))
     if not top < 0:
         raise NotOptimalError(
-            f"certificate: the solution found does not satisfy the matrix inequality (largest eigenvalue {top:.3g})"
+            "certificate: the solution found does not satisfy the matrix inequality (largest "
+            f"eigenvalue {top:.3g})"
         )
     return last + float(np.real(np.conj(side.T) @ np.linalg.solve(-corner, side))[0, 0])

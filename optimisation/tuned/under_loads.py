@@ -1,7 +1,10 @@
-"""The tuned absorber under loads: the spring and damper that leave least of the measure that belongs to them.
+"""The tuned absorber under loads.
 
-Under several tones, and where a sweep goes through several resonances, the measure is that of each band, and the band of which most is left counts.
-Under random loads alone it is the absorber with the least mean square that is expected for the spectrum (H2).
+Its spring and damper are those with the least measure of these loads.
+
+Under several tones, and where a sweep goes through several resonances, the measure is that of each
+band, and the band of which most is left counts. Under random loads alone it is the absorber with
+the least mean square that is expected for the spectrum (H2).
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +37,9 @@ MeanRatio = Callable[[Sequence[Absorber]], Array]
 
 
 def mean_ratio(run: Callable[..., Array], drives: Sequence[Excitation]) -> MeanRatio:
-    """Return a function of absorbers: the mean over the drives of each one's largest relative measure in any band, (absorbers,).
+    """Return a function of absorbers that gives their mean relative measure, (absorbers,).
+
+    It is the mean over the drives of the largest relative measure in any band.
 
     ``run`` is `runs_of` on a model.
     """
@@ -48,9 +53,12 @@ def mean_ratio(run: Callable[..., Array], drives: Sequence[Excitation]) -> MeanR
 
 
 def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -> float:
-    """Return the RMS (m) that is expected where the level is read under a random load: the sum over its lines, with a tuned absorber or none.
+    """Return the expected RMS (m) where the level is read under a random load.
 
-    A base's acceleration puts a load of its own on the absorber, whose force on the structure is a rank-one change (`impact_env.frequency`).
+    It is the sum over the load's lines, with a tuned absorber or without absorber.
+
+    A base's acceleration puts a load of its own on the absorber, whose force on the structure is a
+    rank-one change (`impact_env.frequency`).
     """
     omega = 2 * np.pi * load.lines / load.length
     place = load.force_place
@@ -80,7 +88,9 @@ def tuned_for(
     drives: Sequence[Excitation],
     run: Callable[..., Array] | None = None,
 ) -> TunedAbsorber:
-    """Return the spring and damper that leave least of the measure; the search begins at the tuning for the first resonance's peak.
+    """Return the spring and damper with the least measure.
+
+    The search starts at the tuning for the first resonance's peak.
 
     ``run`` is `runs_of` on the model, as it is to be done (None: in threads on all cores).
     """
@@ -112,7 +122,10 @@ def tuned_for(
 
 @dataclass(frozen=True, eq=False)
 class TunedUnder:
-    """Tuned absorbers under ``loads``: the ``best`` for them and that with the least ``peak``; what either leaves of the measure, (2, M).
+    """Tuned absorbers under ``loads``.
+
+    ``best``: absorber with the least measure. ``peak``: absorber with the smallest peak. ``ratios``
+    (2, M): their measures over those without absorber.
 
     Under several tones that is of the band of which most is left.
     """
@@ -125,7 +138,11 @@ class TunedUnder:
 
 
 def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float) -> TunedUnder:
-    """Return the tuned absorber with the least measure under loads, over `RECORDS` members: for a random load that of the least mean square."""
+    """Return the tuned absorber with the least measure under loads.
+
+    The measure is taken over `RECORDS` members. For a random load the absorber is that of the least
+    mean square.
+    """
     check_load(Scene(model, None), loads, Exact())
     drives = drives_of(draw_members(RECORDS, 0), loads)
     best = tuned_for(model, positive("mass_ratio", mass_ratio), drives)

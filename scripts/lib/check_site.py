@@ -1,4 +1,7 @@
-"""A built site: each link inside it leads to a file and a place in it, and nothing is fetched from elsewhere when a page is opened."""
+"""Check the links of a built site, and that its pages fetch nothing from other sites.
+
+Each link inside the site must lead to an existing file and to an existing place in it.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,11 @@ class Page(HTMLParser):
 
 
 def problems(site: Path) -> list[str]:
-    """Return a line for each link of a site's pages that leads nowhere, and for each thing that is fetched from elsewhere."""
+    """Return a message for each dead link and each external fetch of a site's pages.
+
+    A dead link leads to no file of the site, or to no place in the file. An external fetch is
+    something that is loaded from another site when a page is opened.
+    """
     pages = {
         file.resolve(): Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")
     }

@@ -1,4 +1,8 @@
-"""A wheel for Linux that brings the compiled kernels of the folder ``KERNELS``, for the Python that builds it; without that variable, a pure one."""
+"""Build a wheel for Linux with compiled kernels, for the Python that builds it.
+
+The compiled kernels come from the folder that the environment variable ``KERNELS`` names. Without
+this variable the wheel is a pure one.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,8 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-SYSTEM = "manylinux_2_27_x86_64"  # as llvmlite's own wheels: kernels call nothing but what that and the C library's mathematics have
+# as llvmlite's own wheels: kernels call nothing but what that and the C library's mathematics have
+SYSTEM = "manylinux_2_27_x86_64"
 
 
 class CompiledWheel(BuildHookInterface[Any]):

@@ -1,6 +1,9 @@
-"""The README as a package index shows it: it knows no file beside it, so links lead into the repository that ``PROJECT_URL`` names.
+"""The README for a package index, with links into the repository at ``PROJECT_URL``.
 
-Where that is not set, as in a build by hand, links into the checkout become plain words, figures go, and the package has no addresses.
+A package index does not have the files next to the README, so relative links would lead nowhere.
+
+Where that is not set, as in a build by hand, links into the checkout become plain text, figures are
+left out, and the package has no addresses.
 """
 
 from __future__ import annotations
@@ -17,7 +20,11 @@ MARKER = re.compile(r"^<!-- /?[\w ]+ -->\n", re.MULTILINE)
 
 
 def page(text: str, address: str, version: str) -> str:
-    """Return a README whose links into a checkout lead to those files of a version at an address, or to nothing where that is empty."""
+    """Return a README whose links into a checkout are replaced by links to ``address``.
+
+    The links lead to the same files of the given version. If ``address`` is empty, links become
+    plain words and figures are removed.
+    """
 
     def link(match: re.Match[str]) -> str:
         figure, words, path = match.groups()

@@ -1,9 +1,12 @@
-"""Lint of names: words that no name has, class names defined twice, and tuple assignments that unpack nothing.
+"""Lint of names: forbidden words, class names defined twice, needless tuple assignments.
 
-The rules are in CONTRIBUTING.md. ``scripts/lib/names_not_converted.toml`` has what older files still contain: the number of
-findings of each file, packages that are left out altogether, and class names that stand twice. The numbers may only become
-smaller. The lint fails where a file has more findings than its number; where it has fewer it says so, and
-``python scripts/lib/lint_names.py --write`` writes the smaller numbers.
+A tuple assignment is needless if it unpacks nothing.
+
+The rules are in CONTRIBUTING.md. ``scripts/lib/names_not_converted.toml`` has what older files
+still contain: the number of findings of each file, packages that are left out altogether, and class
+names that stand twice. The numbers may only become smaller. The lint fails where a file has more
+findings than its number; where it has fewer it says so, and ``python scripts/lib/lint_names.py
+--write`` writes the smaller numbers.
 """
 
 import argparse
@@ -19,7 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 NOT_CONVERTED = Path(__file__).with_name("names_not_converted.toml")
 PACKAGES = ("impact_env", "optimisation")
 CHECKED = (*PACKAGES, "scripts", "tests")  # folders whose names are checked
-# participles, adverbs, pronouns and metaphors: a name says what a quantity is, or what a function does
+# participles, adverbs, pronouns and metaphors: a name says what a quantity is, or what a function
+# does
 WORDS = frozenset(
     [
         "told",
@@ -51,7 +55,10 @@ SMALLER = ": --write"  # ends a line about something that has become better
 
 
 def defined_names(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and name of every function, class, argument, variable and attribute that a module defines."""
+    """Yield line and name of each definition in a module.
+
+    Definitions are functions, classes, arguments, variables and attributes.
+    """
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             yield node.lineno, node.name
@@ -82,7 +89,10 @@ def find_words(tree: ast.Module) -> list[Finding]:
 
 
 def _parallel(node: ast.AST) -> bool:
-    """Return whether a statement assigns a tuple of values to as many names; a swap of two names does, but may."""
+    """Return whether a statement assigns a tuple of values to as many names.
+
+    A swap of two names is such an assignment too, but is allowed: the result is then false.
+    """
     if not isinstance(node, ast.Assign) or not isinstance(node.value, ast.Tuple):
         return False
     target = node.targets[0]
@@ -123,7 +133,7 @@ def find_repeated_classes(root: Path) -> list[str]:
 
 
 def check_names(root: Path, known: dict[str, Any]) -> tuple[list[str], dict[str, int]]:
-    """Return a line for everything that differs from what is known, and the number of findings of each file."""
+    """Return messages about differences from ``known``, and each file's number of findings."""
     lines = []
     numbers = {}
     for package in CHECKED:

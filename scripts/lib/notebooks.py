@@ -1,7 +1,10 @@
-"""Execute notebooks and keep what they show: docs/notebooks/*.ipynb, each in a kernel of its own, from its own folder.
+"""Execute the notebooks in docs/notebooks and store their outputs in them.
 
-What stands on stderr (progress, what is being compiled) and times of execution are left out, figures get a palette: a notebook that says the same is
-the same file but for digits of figures. With names of files as arguments only those.
+Each docs/notebooks/*.ipynb runs in a kernel of its own, from its own folder.
+
+What stands on stderr (progress, what is being compiled) and times of execution are left out,
+figures get a palette: a notebook that says the same is the same file but for digits of figures.
+With names of files as arguments only those.
 """
 
 from __future__ import annotations
@@ -23,12 +26,16 @@ from optimisation.report.figures import few_colours
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "notebooks"
 TIMEOUT = 3600  # s for one cell: the first one of its kind compiles
-INLINE = "module://matplotlib_inline.backend_inline"  # figures into the notebook, also where a shell's setting is another
+# figures into the notebook, also where a shell's setting is another
+INLINE = "module://matplotlib_inline.backend_inline"
 VOLATILE = ("execution", "widgets", "language_info")
 
 
 def executed(file: Path) -> Any:
-    """Return a notebook with the outputs of today's code; raises nbclient's CellExecutionError where a cell fails."""
+    """Return a notebook with the outputs of the present code.
+
+    Raises nbclient's CellExecutionError if a cell fails.
+    """
     notebook = nbformat.read(file, as_version=4)
     client = NotebookClient(
         notebook,
@@ -55,7 +62,10 @@ def tidy(notebook: Any) -> Any:
 
 
 def merge_streams(outputs: list[Any]) -> list[Any]:
-    """Return outputs without stderr, with one text for printed lines that arrived in several parts."""
+    """Return the outputs of a notebook cell without stderr.
+
+    Printed text that arrived in several consecutive parts is joined to one output.
+    """
     merged: list[Any] = []
     for output in outputs:
         if output.get("name") == "stderr":

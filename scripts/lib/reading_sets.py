@@ -1,10 +1,15 @@
-"""How much a reader opens to answer five questions, and what else says how the sources read. Nothing is required of the numbers.
+"""Count how much code a reader opens to answer five questions, and other measures.
 
-``python scripts/lib/reading_sets.py`` runs each question's example and records every function of the two packages that it enters,
-as somebody would who follows it in a debugger. A traced run is taken instead of a search through the sources for names, since it
-also follows tables of functions and methods of subclasses, and takes only the branch that runs. Functions that run only while a
-module is imported do not count. The questions about the simulator run kernels in plain Python, those about commands take
-compiled kernels as closed boxes. It prints, of each question: files, functions, lines of these functions, and lines of these files.
+The other measures also describe how readable the sources are. No limit is set on any of the
+numbers.
+
+``python scripts/lib/reading_sets.py`` runs each question's example and records every function of
+the two packages that it enters, as somebody would who follows it in a debugger. A traced run is
+taken instead of a search through the sources for names, since it also follows tables of functions
+and methods of subclasses, and takes only the branch that runs. Functions that run only while a
+module is imported do not count. The questions about the simulator run kernels in plain Python,
+those about commands take compiled kernels as closed boxes. It prints, of each question: files,
+functions, lines of these functions, and lines of these files.
 """
 
 import argparse
@@ -66,7 +71,10 @@ def simulate_loads() -> Callable[[], object]:
     import impact_env
     from impact_env.plain_loads import read_loads
 
-    text = '[load]\nkind = "tones"\nduration_s = 0.03\ntones = [{ amplitude_n = 9.0, frequency_hz = 40.0 }]\n'
+    text = (
+        '[load]\nkind = "tones"\nduration_s = 0.03\ntones = [{ amplitude_n = 9.0, frequency_hz = '
+        "40.0 }]\n"
+    )
     scene = impact_env.beam_scene(impact_env.Beam(modes=2), impact_env.impact_absorber(3e-4))
 
     def run() -> object:
@@ -120,7 +128,10 @@ QUESTIONS: dict[str, tuple[str, Callable[[], Callable[[], object]], bool]] = {
 
 
 class Trace:
-    """Records the functions of the packages that run, in all threads, without those that run during an import."""
+    """Records the functions of the packages that run, in all threads.
+
+    Functions that run during an import are not recorded.
+    """
 
     def __init__(self) -> None:
         self.codes: set[CodeType] = set()
@@ -230,10 +241,13 @@ def _functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
 
 
 def small_functions_used_once(package: str) -> dict[str, bool]:
-    """Return the functions of a package with a name of their own, at most `SHORT` lines and one place that names them.
+    """Return the short functions of a package that a single place uses.
 
-    Each has whether that place calls it. A function that is a value there, a property, or one whose results are kept cannot be written
-    where it is used.
+    These functions have a name that no other function has, at most `SHORT` lines, and one place
+    that names them.
+
+    The value of each is True if that place calls it. A function that is a value there, a property,
+    or one with a cache cannot be written where it is used.
     """
     definitions: Counter[str] = Counter()
     uses: Counter[str] = Counter()
@@ -297,7 +311,8 @@ def main() -> None:
         small = small_functions_used_once(package)
         count = sum(small.values())
         print(
-            f"Functions of at most {SHORT} lines used once in {package}: {len(small)}, {count} of them by a call"
+            f"Functions of at most {SHORT} lines used once in {package}: {len(small)}, "
+            f"{count} of them by a call"
         )
         if options.names:
             print(

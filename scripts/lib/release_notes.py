@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Print the section of CHANGELOG.md of one version: ``release_notes.py 1.0.0``. Needs Python alone."""
+"""Print the section of CHANGELOG.md of one version: ``release_notes.py 1.0.0``.
+
+It needs nothing but Python.
+"""
 
 import re
 import sys

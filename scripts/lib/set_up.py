@@ -1,7 +1,11 @@
-"""Make or complete the environment in .venv: one call at a time, and started afresh after one that was broken off.
+"""Make or complete the environment in .venv.
 
-Arguments are layers: "main", "test", "env", "rl", ... are files in requirements/; "kernels" compiles the kernels into their cache.
-Only the standard library is used, as this runs before anything is installed.
+Only one call runs at a time. After a call that was interrupted, the next one starts from an empty
+folder.
+
+Arguments are layers: "main", "test", "env", "rl", ... are files in requirements/; "kernels"
+compiles the kernels into their cache. Only the standard library is used, as this runs before
+anything is installed.
 """
 
 from __future__ import annotations
@@ -39,7 +43,10 @@ def stamp_text(root: Path, layer: str) -> bytes:
 
 
 def hold(file: int) -> bool:
-    """Lock a file for this process, if no other one has; the system lets go of it when the process ends, however it ends."""
+    """Lock a file for this process, and return whether no other process holds the lock.
+
+    The operating system releases the lock when the process ends, however it ends.
+    """
     try:
         if sys.platform == "win32":
             msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
@@ -72,7 +79,11 @@ class SetUp:
         self.incomplete = self.folder / "incomplete"
 
     def usable(self) -> bool:
-        """Tell whether the folder can be built upon: complete, at its place, and its Python still there."""
+        """Return whether the existing folder can be completed instead of made again.
+
+        It can if no installation was interrupted, the folder has not been moved, and its Python
+        still exists.
+        """
         main = self.stamps / "main"
         moved = main.exists() and not main.read_bytes().startswith(
             os.fsencode(self.root.as_posix()) + b"\n"
@@ -98,7 +109,10 @@ class SetUp:
         subprocess.run(command, check=True, cwd=self.root, stdin=subprocess.DEVNULL)
 
     def install(self, layers: list[str]) -> None:
-        """Install all at once, so that two layers that want different versions of a package are an error."""
+        """Install all layers in one call of pip.
+
+        Two layers that require different versions of a package are thus an error.
+        """
         requirements = self.root / "requirements"
         self.pip(
             "-c",
@@ -123,9 +137,10 @@ class SetUp:
             self.install(["main"])
             self.pip("--no-deps", "--no-build-isolation", "--editable", str(self.root))
         if added := [layer for layer in due if layer != "main"]:
-            say(
-                f"Adding to .venv: {', '.join(added)} (once, {'several minutes, as torch is large' if 'rl' in added else 'up to a minute'}) ..."
+            time_needed = (
+                "several minutes, as torch is large" if "rl" in added else "up to a minute"
             )
+            say(f"Adding to .venv: {', '.join(added)} (once, {time_needed}) ...")
             self.install(added)
         # as pip would, on all cores; a file that is no Python of today is left
         subprocess.run(
@@ -138,7 +153,10 @@ class SetUp:
         self.incomplete.unlink()
 
     def warm_kernels(self) -> None:
-        """Compile the kernels into their cache. A failure is printed, not raised: kernels are then compiled on first use."""
+        """Compile the kernels into their cache.
+
+        A failure is printed, not raised: the kernels are then compiled on first use.
+        """
         if not (self.root / "impact_env" / "warm_up.py").exists():
             return
         stamp = Path(os.environ.get("IMPACT_ENV_CACHE") or self.folder / "kernel-cache") / "warm"
@@ -152,13 +170,15 @@ class SetUp:
         if stamp.exists() and all(file.stat().st_mtime <= stamp.stat().st_mtime for file in files):
             return
         say(
-            "Compiling the kernels (once for each version of the sources, some 20 s on two cores) ..."
+            "Compiling the kernels (once for each version of the sources, some 20 s on two "
+            "cores) ..."
         )
         stamp.parent.mkdir(parents=True, exist_ok=True)
         command = [str(self.python), "-m", "impact_env.warm_up"]
         if subprocess.run(command, cwd=self.root, stdin=subprocess.DEVNULL).returncode:
             say(
-                "warning: the kernels could not be compiled in advance; they are compiled when they are first used"
+                "warning: the kernels could not be compiled in advance; they are compiled "
+                "when they are first used"
             )
             return
         stamp.touch()
@@ -183,7 +203,8 @@ def main(layers: list[str]) -> int:
         say(f"error: the set-up failed, and the next call does it again: {error}")
         if isinstance(error, subprocess.CalledProcessError) and "venv" in error.cmd:
             say(
-                "On Debian and Ubuntu the module venv is a package of its own: apt install python3-venv"
+                "On Debian and Ubuntu the module venv is a package of its own: apt install "
+                "python3-venv"
             )
         return 1
     return 0

@@ -1,7 +1,10 @@
-"""Whether a task has room: how far a planner is above what rules of few numbers do, from constants to rules of eight, on seeds that no search saw.
+"""Admission of a task: how far a planner scores above simple feedback rules.
 
-Room = (robust oracle - best rule of at most eight numbers) / (robust oracle - best constant). A task is admitted from 0.15 on, with its interval
-above 0.1. Clairvoyance alone would admit luck.
+The rules range from constants to rules of eight parameters. All are compared on seeds that no
+search used. The relative advantage of the planner is called the room of the task.
+
+Room = (robust oracle - best rule of at most eight numbers) / (robust oracle - best constant). A
+task is admitted from 0.15 on, with its interval above 0.1. Clairvoyance alone would admit luck.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,9 +23,11 @@ from impact_env.parameters import count, require
 from optimisation.rl.families import Array, Family, FamilyPolicy, Observations, task_of
 from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, FOUR, TASKS, env_of
 
-# Choosing a family's numbers on training seeds: a grid for one number, CMA-ES for several. All candidates see the same seeds.
+# Choosing a family's numbers on training seeds: a grid for one number, CMA-ES for several. All
+# candidates see the same seeds.
 #
-# CMA-ES: N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the implementation is the package cmaes.
+# CMA-ES: N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772; the implementation is
+# the package cmaes.
 
 
 CHUNK = 512  # lanes that are played together: candidates times seeds
@@ -31,7 +36,11 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Tuned:
-    """Numbers chosen for a family: their mean score over the training seeds, and how many candidates were tried."""
+    """Parameters chosen for a family of rules.
+
+    ``score`` is the mean score over the training seeds, ``candidates`` the number of candidates
+    that were tried.
+    """
 
     parameters: tuple[float, ...]
     score: float
@@ -74,9 +83,11 @@ def best_of(
 
 @dataclass(frozen=True)
 class Search:
-    """How far CMA-ES looks from each start: generations of ``population`` candidates, first standard deviation ``sigma``, in units of the
-    width of the numbers' bounds.
-    """  # noqa: D205
+    """Effort of the CMA-ES search from each start.
+
+    A search has ``generations`` of ``population`` candidates. The first standard deviation is
+    ``sigma``, in units of the width of the parameters' bounds.
+    """
 
     generations: int = 50
     population: int = 16
@@ -99,10 +110,13 @@ def evolve(
     search: Search,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the best numbers that CMA-ES finds from each of several starts (P,) within the family's bounds.
+    """Return the best parameters that CMA-ES finds within the family's bounds.
 
-    It sees a third of the seeds; the means of the distributions, the starts, and the best candidates of all generations (``finalists`` a start) are
-    then compared on the others, which were not searched on, so that the luckiest candidate has no advantage.
+    The search runs from each of several ``starts`` (P,).
+
+    It sees a third of the seeds; the means of the distributions, the starts, and the best
+    candidates of all generations (``finalists`` a start) are then compared on the others, which
+    were not searched on, so that the luckiest candidate has no advantage.
     """
     with optional():
         from cmaes import CMA
@@ -148,9 +162,11 @@ def evolve(
 
 # A planner that may look into the future: what is left above a rule, and how much of it is luck.
 #
-# Before each decision it tries candidates on copies of the lane, a constant action for a few intervals and the rule after them, and takes what did
-# best over a horizon (rollout: D. Bertsekas, Dynamic Programming and Optimal Control). With copies that are exact it is clairvoyant, and exploits a
-# chaos that nobody could. With copies whose force and phase are off it is robust: what it finds must hold for all of them.
+# Before each decision it tries candidates on copies of the lane, a constant action for a few
+# intervals and the rule after them, and takes what did best over a horizon (rollout: D. Bertsekas,
+# Dynamic Programming and Optimal Control). With copies that are exact it is clairvoyant, and
+# exploits a chaos that nobody could. With copies whose force and phase are off it is robust: what
+# it finds must hold for all of them.
 
 
 # of a copy: share of the force, rad
@@ -160,7 +176,12 @@ PHASE_OFF = (0.02, 0.1)
 
 @dataclass(frozen=True)
 class Planner:
-    """What is tried: constant ``actions`` for each of ``lasting`` intervals, then the rule, over ``horizon`` intervals, on ``copies`` off it."""
+    """The action sequences that a planner tries.
+
+    Each of the constant ``actions`` is applied for each of ``lasting`` numbers of intervals,
+    followed by the rule, over ``horizon`` intervals in all. Each trial runs on ``copies`` disturbed
+    copies of the environment.
+    """
 
     actions: Sequence[Sequence[float]]
     lasting: Sequence[int] = (1, 3)
@@ -198,7 +219,9 @@ class RuledLanes:
     def step(
         self, observations: Observations, constants: Array, takes: Mask, over: Mask
     ) -> tuple[Observations, Array, Mask]:
-        """Advance the lanes that are not over by the rule, or by the actions ``constants`` (L, A) in the mask ``takes`` (L,).
+        """Advance the lanes that are not over by the rule or by given actions.
+
+        The actions ``constants`` (L, A) apply to the lanes in the mask ``takes`` (L,).
 
         Return observations, rewards (L,), and the mask of the lanes whose episode is over.
         """
@@ -208,7 +231,10 @@ class RuledLanes:
 
 
 def disturb(task: Task, copies: int, generator: np.random.Generator) -> None:
-    """Put force and phase of all lanes off, each group of so many copies alike, by as much to either side; what disturbs them is drawn anew."""
+    """Disturb force and phase of all lanes, and redraw the random disturbances.
+
+    Each group of ``copies`` lanes gets the same offsets, as many to one side as to the other.
+    """
     groups = task.lanes // copies
     sides = np.where(np.arange(copies) % 2 == 0, 1.0, -1.0)
     off = (
@@ -232,9 +258,13 @@ def plan(
     advance: Progress | None = None,
     record: Callable[[Observations, Array], None] | None = None,
 ) -> Array:
-    """Return the scores (E,) of a planner over a rule without memory, on the seeds of the environment ``name``, which has neither noise nor delay.
+    """Return the scores (E,) of a planner over a rule without memory.
 
-    ``record`` is called before each step with the observations (L, features) of the episodes that are not over and the planner's actions (L, A).
+    The episodes are those of the ``seeds`` of the environment ``name``, which has neither noise nor
+    delay.
+
+    ``record`` is called before each step with the observations (L, features) of the episodes that
+    are not over and the planner's actions (L, A).
     """
     with optional():
         import gymnasium
@@ -299,7 +329,12 @@ EIGHTS = Search(generations=45, population=14, sigma=0.04, finalists=8)
 
 @dataclass(frozen=True)
 class Effort:
-    """``searched`` seeds (a third of which CMA-ES sees), ``judged`` ones, points of the grid of constants, searches, and the planner's horizon."""
+    """Effort of an admission.
+
+    ``searched`` seeds for the search (CMA-ES uses a third of them), ``judged`` seeds for the
+    scores, points of the ``grid`` of constants, settings of the two searches, and the planner's
+    horizon, copies and action points.
+    """
 
     searched: int = 72
     judged: int = 64
@@ -359,7 +394,7 @@ class Rule:
 
 
 def tried(task: str, effort: Effort) -> int:
-    """Return how many candidates, and decisions of planners, an admission is going to try at most."""
+    """Return the largest number of candidates and planner decisions of an admission."""
     looking = TASKS[task].feedback
     spent = sum(
         effort.four.generations * effort.four.population * len(family.begins)
@@ -376,7 +411,9 @@ def tried(task: str, effort: Effort) -> int:
 def rules(
     task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None
 ) -> dict[str, Rule]:
-    """Return the best constant, blind schedule, rule of at most four and of at most eight numbers: the latter begins at the former.
+    """Return the best constant, open-loop schedule and rules of at most four and eight parameters.
+
+    The search for the rule of eight starts from the rule of four.
 
     There is no rule of four for a task whose families all need more.
     """
@@ -427,7 +464,11 @@ def headroom(oracle: Array, rule: Array, constant: Array) -> float:
 def admit(
     task: str, arguments: Mapping[str, Any], effort: Effort, advance: Progress | None = None
 ) -> dict[str, Any]:
-    """Return an admission's result: rules with their numbers, scores (E,) of all, and room with its interval."""
+    """Return the result of an admission.
+
+    It has the rules with their parameters, the scores (E,) of all policies, and the room with its
+    interval.
+    """
     chosen = rules(task, arguments, effort, advance)
     name = env_of(task)
     seeds = range(FIRST_JUDGED, FIRST_JUDGED + effort.judged)
@@ -463,7 +504,11 @@ def admit(
 
 
 def add_agents(task: str, result: dict[str, Any], agents: Sequence[Any]) -> None:
-    """Put the scores of agents, by algorithm, beside what an admission has found, in place of those of the same algorithms; its verdict stays."""
+    """Add the scores of agents to the result of an admission, by algorithm.
+
+    They replace earlier scores of the same algorithms. The verdict of the admission does not
+    change.
+    """
     seeds = range(FIRST_JUDGED, FIRST_JUDGED + result["effort"]["judged"])
     runs = dict[str, list[Any]]()
     for agent in agents:

@@ -1,4 +1,7 @@
-"""Rules of twelve numbers that are read off agents: fitted to their actions, then refined by CMA-ES on training seeds."""
+"""Rules of twelve parameters that are derived from trained agents.
+
+They are fitted to the agents' actions and then refined by CMA-ES on training seeds.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +28,11 @@ FIRST_NUMBERS = (-0.4, 0.4, 0.05, 0.3, 0.0, 0.5, 0.1, 0.3, 0.1, 0.1, 0.0, 0.1)
 
 @dataclass(frozen=True)
 class Effort:
-    """Episodes of the agent that are fitted, seeds of the search (a third of which CMA-ES sees), and the search."""
+    """Effort of the derivation of a rule.
+
+    The number of episodes of the agent that are fitted, the number of seeds of the search (CMA-ES
+    uses a third of them), and the settings of the search.
+    """
 
     fitted: int = 64
     searched: int = 192
@@ -39,7 +46,11 @@ QUICK = Effort(4, 12, Search(generations=2, population=6, sigma=0.04, finalists=
 
 @dataclass(frozen=True)
 class ReadRule:
-    """A rule that was read off an agent: its ``numbers``, the share of the variance of the agent's actions that the ``fitted`` numbers explain."""
+    """A rule derived from an agent.
+
+    Its ``numbers`` after the search, the ``fitted`` numbers before it, and the share ``explained``
+    of the variance of the agent's actions that the fitted numbers explain.
+    """
 
     numbers: tuple[float, ...]
     fitted: tuple[float, ...]
@@ -47,7 +58,10 @@ class ReadRule:
 
 
 def fit_actions(observations: Any, actions: Array) -> tuple[Array, float]:
-    """Return the numbers that fit actions (n,) at observations (n, features) best by least squares, and the explained share of their variance."""
+    """Return the parameters that fit actions best, and the explained share of variance.
+
+    The fit is by least squares to the actions (n,) at the observations (n, features).
+    """
     family = SideAndSlip()
 
     def errors(numbers: Array) -> Array:
@@ -87,7 +101,10 @@ def read_rule(
 
 
 def compare_with_rule(task: str, numbers: Sequence[float], split: str) -> Array:
-    """Return differences (E,) of a rule's scores to those of the rule of eight on the seeds of a split."""
+    """Return the differences (E,) between a rule's scores and those of the rule of eight.
+
+    They are for the seeds of a split.
+    """
     own, other = (
         evaluate(policy, env_of(task), split).scores
         for policy in (FamilyPolicy("rule", SideAndSlip(), numbers), policies(task)[EIGHT])
@@ -110,7 +127,11 @@ STATES = {
 
 @dataclass(frozen=True)
 class ActionMap:
-    """Mean actions over phase of the tip and a state of the absorber (bins, bins), nan where there were too few; edges of the bins."""
+    """Mean actions over the phase of the tip and a state of the absorber.
+
+    ``actions`` (bins, bins) is NaN in bins with too few samples. ``phases`` and ``states`` are the
+    edges of the bins.
+    """
 
     phases: Array
     states: Array
@@ -120,7 +141,11 @@ class ActionMap:
 def map_actions(
     observations: Array, actions: Array, state: str, sizes: tuple[float, float]
 ) -> ActionMap:
-    """Return the mean actions (n,) at observations (n, features) whose response size is within two limits."""
+    """Return the mean actions over phase and state within a range of response sizes.
+
+    ``actions`` (n,) belong to ``observations`` (n, features), whose response size must lie within
+    the two limits ``sizes``.
+    """
     size = observations[:, 9]
     inside = (size >= sizes[0]) & (size < sizes[1])
     rows = observations[inside]

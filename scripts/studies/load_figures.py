@@ -47,7 +47,11 @@ def _panels(
 
 
 def save_both(path: Path, rows: Sequence[Json]) -> None:
-    """Draw what is left in either band over the free level of the higher one, and what was tried at its largest, the best of each remedy large."""
+    """Draw the relative level in both bands, and the effect of the remedies.
+
+    The left panels are over the free level of the higher resonance. The right ones show all
+    variants at the largest higher force, with a large marker for the best of each remedy.
+    """
     figure, panels = _panels(rows, 8.4, 7.0, 2)
     for structure, (left, right) in panels:
         own = [row for row in rows if row["structure"] == structure]
@@ -101,7 +105,10 @@ def save_both(path: Path, rows: Sequence[Json]) -> None:
 def save_over_force(
     path: Path, rows: Sequence[Json], colour: str, words: tuple[str, str], style: str = "friction"
 ) -> None:
-    """Draw the level over the force: a colour for each value of one name, a style for both of the other, in ``words``.
+    """Draw the level over the force for all combinations of two parameters.
+
+    Each value of ``colour`` has a colour, and each of the two values of ``style`` a line style,
+    which ``words`` describe.
 
     Of rows that name a restitution, those with neither losses nor friction and those with both.
     """
@@ -151,7 +158,11 @@ def _finish(figure: Figure, panels: list[tuple[str, Any]], path: Path) -> None:
 
 
 def save_random(path: Path, rows: Sequence[Json]) -> None:
-    """Draw what is left over the gap under three spectra, and on structures whose frequencies are shifted; tuned absorbers broken."""
+    """Draw the relative RMS under random loads.
+
+    It is drawn over the gap under three spectra, and on structures with shifted frequencies. Dashed
+    lines are tuned absorbers.
+    """
     figure, panels = _panels(rows, 9.0, 6.6, 2)
     for structure, (left, right) in panels:
         own = [row for row in rows if row["structure"] == structure]
@@ -182,7 +193,10 @@ def save_random(path: Path, rows: Sequence[Json]) -> None:
 
 
 def save_shock(path: Path, rows: Sequence[Json]) -> None:
-    """Draw the decay time over that without absorber, tuned absorbers broken, and the share of energy in higher modes, over the peak."""
+    """Draw the decay time over the peak of a shock, and the energy share of higher modes.
+
+    The decay time is relative to that without absorber. Dashed lines are tuned absorbers.
+    """
     figure, panels = _panels(rows, 9.0, 6.6, 2)
     for structure, (left, right) in panels:
         for k, width in enumerate(dict.fromkeys(row["width"] for row in rows)):

@@ -1,4 +1,7 @@
-"""Two structures, random loads and shocks on them, and what an impact absorber leaves beside the tuned one that is best."""
+"""Random loads and shocks on two structures with impact absorbers.
+
+The results are compared with those of the best tuned absorber.
+"""
 
 import itertools
 from collections.abc import Sequence
@@ -59,7 +62,10 @@ class SpectrumSettings(NamedTuple):
 
 @dataclass(frozen=True)
 class LoadCase:
-    """A beam, the places of its absorber and of its response, and the forces for which the design rule gives `GAP` there."""
+    """A beam with its absorber, response position and forces.
+
+    The design rule gives the gap `GAP` for these forces.
+    """
 
     name: str
     beam: Beam
@@ -110,7 +116,11 @@ def band_text(values: Sequence[float] | None) -> str:
 
 
 class LoadVariant(NamedTuple):
-    """What differs from a damping of 1 %, the usual mass and restitution, and no friction, under the wide spectrum."""
+    """A variant of the random load and of the absorber.
+
+    The defaults are the wide spectrum, a damping ratio of 1 %, the usual mass and restitution, and
+    no friction.
+    """
 
     spectrum: str = "wide"
     damping: float = 0.01
@@ -160,7 +170,10 @@ def _ratios(model: ModalModel, absorbers: Sequence[Absorber], loads: Sequence[Lo
 
 
 def random_rows(case: LoadCase, number: int, settings: SpectrumSettings) -> list[Json]:
-    """Return the relative measure under a random load over the gap, for one variant; for the first also on structures with shifted frequencies."""
+    """Return the relative RMS under a random load over the gap, for one variant.
+
+    The first variant also has it on structures with shifted frequencies.
+    """
     variant = VARIANTS[number]
     damped = replace(case.model, damping_ratio=np.full(case.model.modes, variant.damping))
     mass = variant.mass_ratio * damped.beam_mass
@@ -219,7 +232,10 @@ def _shock(model: ModalModel, width: float) -> Loads:
 
 
 def _high_share(lane: Lane) -> float:
-    """Return the share of the modes above the first in the structure's energy after the tenth impact; not a number where there are fewer."""
+    """Return the share of the modes above the first in the structure's energy.
+
+    It is taken after the tenth impact. With fewer impacts it is NaN.
+    """
     impacts = simulate(lane.scene, lane.drive, record=Record(events=True)).recorded.impacts
     history = simulate(lane.scene, lane.drive, record=SERIES).recorded.history
     if len(impacts.time) < TENTH:
@@ -231,7 +247,11 @@ def _high_share(lane: Lane) -> float:
 
 
 def shock_rows(case: LoadCase, width: float, settings: SpectrumSettings) -> list[Json]:
-    """Return decay times over that without absorber, and the share of the higher modes, over the peak; members begin elsewhere in the cavity."""
+    """Return relative decay times and the energy share of higher modes over the peak.
+
+    Decay times are relative to those without absorber. Members start at different positions in the
+    cavity.
+    """
     model = case.model
     unit = _shock(case.model, width)
     history = simulate(Scene(model), unit, record=SERIES).recorded.history

@@ -1,4 +1,7 @@
-"""Blocks of pages that show what a command or a Python example prints: found, run again and compared."""
+"""Blocks of pages that show the output of a command or of a Python example.
+
+They are found, run again and compared.
+"""
 
 import contextlib
 import io
@@ -17,7 +20,8 @@ from optimisation.files import ROOT
 
 EXAMPLES = Path("docs", "examples")
 # a command or Python code and what it prints: all of it, or, where words stand behind ```text, the
-# paragraphs that begin with one of them, or the lines after "="; several are separated by semicolons
+# paragraphs that begin with one of them, or the lines after "="; several are separated by
+# semicolons
 BLOCK = re.compile(
     r"```(?P<language>sh|python)\n(?P<source>(?:(?!```).*\n)+?)```\n\n"
     r"```text(?P<starts>[^\n]*)\n(?P<printed>(?:(?!```).*\n)*?)```\n"
@@ -64,16 +68,22 @@ def find_blocks(text: str) -> list[Block]:
 
 
 def write_files(text: str, folder: Path) -> None:
-    """Write the files that a page shows (TOML blocks whose first line is ``# NAME.toml``) and the examples into a folder."""
+    """Write the files that a page shows, and the examples, into a folder.
+
+    The files are TOML blocks whose first line is ``# NAME.toml``.
+    """
     for result in FILE.finditer(text):
         (folder / result["name"]).write_text(result["text"], encoding="utf-8")
     shutil.copytree(ROOT / EXAMPLES, folder / EXAMPLES, dirs_exist_ok=True)
 
 
 def run_source(language: str, source: str, names: dict[str, Any] | None = None) -> str:
-    """Return what a command or a Python example prints in the current folder: warnings and errors first, without progress.
+    """Return the output of a command or a Python example in the current folder.
 
-    ``names``: what the Python examples before it on the page have defined; the example adds its own.
+    Warnings and errors come first. Progress is left out.
+
+    ``names``: what the Python examples before it on the page have defined; the example adds its
+    own.
     """
     if language == "python":
         names = {} if names is None else names
@@ -94,9 +104,12 @@ def run_source(language: str, source: str, names: dict[str, Any] | None = None) 
 
 
 def select_paragraphs(text: str, starts: tuple[str, ...]) -> str:
-    """Return the paragraphs of an output that begin with one of ``starts``, or all of them if there are none.
+    """Return the paragraphs of an output that begin with one of ``starts``.
 
-    Of a paragraph with lines that begin with a word after "=", such as "=Level", only these lines are returned.
+    All paragraphs are returned if ``starts`` is empty.
+
+    Of a paragraph with lines that begin with a word after "=", such as "=Level", only these lines
+    are returned.
     """
     whole = "\n".join(line.rstrip() for line in text.strip().splitlines())
     if not starts:
@@ -113,7 +126,11 @@ def select_paragraphs(text: str, starts: tuple[str, ...]) -> str:
 
 
 def _pattern(line: str) -> str:
-    """Return a line with ``#`` for each number, and one space for a run of spaces and rules of tables; of `SEARCH_LINES` the label."""
+    """Return a pattern of a line that does not depend on its numbers.
+
+    Each number becomes ``#``, and a sequence of spaces and rules of tables one space. Of
+    `SEARCH_LINES` only the label is returned.
+    """
     if line.startswith(SEARCH_LINES):
         return line.partition(":")[0]
     return re.sub(r"[ \-:]+", " ", NUMBER.sub("#", line)).strip()
@@ -134,7 +151,9 @@ def _by_pattern(text: str) -> dict[str, list[str]]:
 
 
 def find_differences(page: str, output: str, tolerance: float) -> Iterator[str]:
-    """Yield how an output differs from what a page shows: in words, or in a number by more than a relative ``tolerance``.
+    """Yield the differences between an output and the text of a page.
+
+    A difference is another text, or a number that differs by more than a relative ``tolerance``.
 
     A table may have other rows, as long as they have the form of those on the page: which gaps a
     search runs depends on the last bits of chaotic runs. Then its numbers are not compared.

@@ -1,6 +1,9 @@
-"""Run in a process of its own by the specialisation report: compile, look into the compiled code, time, and print JSON.
+"""Measure a variant in a process of its own, for the specialisation report.
 
-Arguments: absorber, method, record, "inspect" or "time", pseudo periods, repeats. The kernel cache is that of IMPACT_ENV_CACHE.
+It compiles the kernel, inspects the compiled code, times it and prints JSON.
+
+Arguments: absorber, method, record, "inspect" or "time", pseudo periods, repeats. The kernel cache
+is that of IMPACT_ENV_CACHE.
 """
 
 import json
@@ -36,13 +39,19 @@ def _lane() -> Any:
 
 
 def _part(dispatcher: Any, signature: Any) -> Any:
-    """Return the compiled code of a kernel for this process's one lane: its part, or the one that is inlined sparingly."""
+    """Return the compiled code of a kernel for the single lane of this process.
+
+    It is the kernel's ``part``, or its ``limited_part`` with limited inlining.
+    """
     parts = [getattr(dispatcher, name, dispatcher) for name in ("part", "limited_part")]
     return next(part for part in parts if signature in part.overloads)
 
 
 def functions(lane: Any) -> list[dict[str, Any]]:
-    """Return the functions that a compiled kernel calls after numba has pruned what is absent: name, arithmetic operations."""
+    """Return the functions that a compiled kernel calls, after numba's dead branch pruning.
+
+    Each has its name and number of arithmetic operations.
+    """
     from numba.core import ir, types
 
     entries: dict[tuple[str, Any], dict[str, Any]] = {}
@@ -99,7 +108,10 @@ def _peak_kb(variant: KernelVariant, periods: float) -> float:
 def main(
     absorber: str, method: str, record: str, what: str, periods: float, repeats: int
 ) -> dict[str, Any]:
-    """Return the measurements of a variant: its first run, and its compiled code or the times of its runs."""
+    """Return the measurements of a variant.
+
+    They are its first run, and its compiled code or the times of its runs.
+    """
     variant = KernelVariant(absorber, method, record)
     scene = variant.scene()
     drive = variant.drive(1.0)

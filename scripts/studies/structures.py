@@ -1,7 +1,10 @@
-"""Structures on which the answers of `design gap` are put to the test: twenty of many kinds, and ten hard ones.
+"""Structures on which the results of `design gap` are tested.
 
-They are beams, plates, frames and modal models, none of them the paper's beam. Plates are Kirchhoff's by Ritz's method, with Legendre
-polynomials times what the held edges ask for; portal frames are plane Euler-Bernoulli finite elements. SI units.
+There are twenty of many kinds, and ten difficult ones.
+
+They are beams, plates, frames and modal models, none of them the paper's beam. Plates are
+Kirchhoff's by Ritz's method, with Legendre polynomials times what the held edges ask for; portal
+frames are plane Euler-Bernoulli finite elements. SI units.
 """
 
 import itertools
@@ -32,7 +35,11 @@ HELD = {
 
 @dataclass(frozen=True)
 class StructureCase:
-    """A structure with its name, the resonance (counted from 1) and the absorber's mass over the structure's."""
+    """A structure with its name, a resonance and a mass ratio.
+
+    ``resonance`` is counted from 1, and ``mass_ratio`` is the absorber's mass over that of the
+    structure.
+    """
 
     name: str
     structure: Callable[[], Beam | ModalModel]
@@ -53,7 +60,10 @@ def _functions(held: str) -> list[Polynomial]:
 
 @cache
 def _bending(held: tuple[str, str], sides: Point, poisson: float) -> tuple[Array, Array]:
-    """Return (mass, stiffness) of a plate's polynomials, (TERMS^2, TERMS^2), over its mass per area and its bending stiffness."""
+    """Return (mass, stiffness) of a plate's polynomials, (TERMS^2, TERMS^2).
+
+    They are relative to its mass per area and its bending stiffness.
+    """
     points, weights = leggauss(2 * TERMS + 4)
     tables = [
         np.array(
@@ -95,7 +105,10 @@ def plate(
     damping: float,
     material: Point,
 ) -> ModalModel:
-    """Return a plate held along x and y (`HELD`); sides and thickness in m; places of force, absorber and response as shares of the sides."""
+    """Return a plate that is held along x and y as in `HELD`.
+
+    Sides and thickness are in m. Places of force, absorber and response are shares of the sides.
+    """
     young, density = material
     force, absorber, response = places
     mass, stiffness = _bending(held, sides, 0.3)
@@ -130,9 +143,13 @@ def frame(
     response: int,
     damping: float,
 ) -> ModalModel:
-    """Return a portal frame that is clamped at both feet: its bending stiffness in N m^2 and mass in kg/m, and sideways motion at three nodes.
+    """Return a portal frame that is clamped at both feet.
 
-    Nodes go up the left column, along the beam and down the right column, `ELEMENTS` a member. Members do not stretch noticeably.
+    ``bending`` is its bending stiffness in N m^2, and ``per_length`` its mass in kg/m. Force,
+    absorber and response are sideways motions at three nodes.
+
+    Nodes go up the left column, along the beam and down the right column, `ELEMENTS` a member.
+    Members do not stretch noticeably.
     """
     corners = np.array([[0, 0], [0, height], [width, height], [width, 0]])
     steps = np.linspace(0, 1, ELEMENTS, endpoint=False)
@@ -159,7 +176,10 @@ def frame(
 def assembled(
     nodes: Array, members: Sequence[tuple[int, int]], bending: Array, per_length: Array
 ) -> tuple[Array, Array]:
-    """Return (mass, stiffness) of a plane frame: places of its nodes (n, 2), and the two nodes, N m^2 and kg/m of each member.
+    """Return (mass, stiffness) of a plane frame.
+
+    ``nodes`` (n, 2) are the positions of its nodes. Each member has two nodes, ``bending`` in N m^2
+    and ``per_length`` in kg/m.
 
     Three freedoms a node: along both axes, and turn.
     """
@@ -177,7 +197,10 @@ def assembled(
 
 
 def _inertia(length: float) -> Array:
-    """Return an element's mass matrix (6, 6) over its mass per length: freedoms are motion along, across and turn at either end."""
+    """Return an element's mass matrix (6, 6) over its mass per length.
+
+    Its degrees of freedom are axial motion, transverse motion and rotation at either end.
+    """
     result = np.zeros((6, 6))
     result[np.ix_([0, 3], [0, 3])] = length * np.array([[2, 1], [1, 2]]) / 6
     a = 22 * length
@@ -193,7 +216,11 @@ def _inertia(length: float) -> Array:
 
 
 def _stiffness(length: float) -> Array:
-    """Return an element's stiffness matrix (6, 6) over its bending stiffness; it is 1000 times as stiff along as a slenderness of 1 gives."""
+    """Return an element's stiffness matrix (6, 6) over its bending stiffness.
+
+    Its axial stiffness EA is 1e5 times the bending stiffness EI (1/m^2), so that the element hardly
+    stretches.
+    """
     result = np.zeros((6, 6))
     result[np.ix_([0, 3], [0, 3])] = 1e5 / length * np.array([[1, -1], [-1, 1]])
     a = 6 * length
@@ -208,7 +235,10 @@ def _stiffness(length: float) -> Array:
 
 
 def storeys(number: int, damping: float, force: int, absorber: int) -> ModalModel:
-    """Return a shear building of equal storeys, 1 t and 2 MN/m each; force and absorber at storeys counted from 1. Its modes are sines."""
+    """Return a shear building of equal storeys, 1 t and 2 MN/m each.
+
+    Force and absorber act at storeys, counted from 1. The modes are sines.
+    """
     k = np.arange(1, number + 1)
     angle = (2 * k - 1) * np.pi / (2 * number + 1)
     omega = 2 * np.sqrt(2e6 / 1e3) * np.sin(angle / 2)
@@ -225,7 +255,11 @@ def modal(
     tip: tuple[float, ...],
     mass: float,
 ) -> ModalModel:
-    """Return a model of measured numbers: frequencies in Hz, damping ratios, mass-normalised shapes in 1/sqrt(kg), mass in kg."""
+    """Return a modal model of measured values.
+
+    They are frequencies in Hz, damping ratios, mass-normalised shapes in 1/sqrt(kg), and the mass
+    in kg.
+    """
     return ModalModel(
         2 * np.pi * np.array(hertz), np.array(damping), np.array(force), np.array(tip), mass
     )
@@ -238,7 +272,10 @@ ALUMINIUM = (70e9, 2700.0)
 def beam(
     material: tuple[float, float], length: float, width: float, depth: float, **settings: object
 ) -> Beam:
-    """Return a beam of rectangular section (m) of a material's Young's modulus (Pa) and density (kg/m^3)."""
+    """Return a beam of rectangular section.
+
+    ``material`` has Young's modulus (Pa) and density (kg/m^3). Length, width and depth are in m.
+    """
     young, density = material
     return Beam(
         length=length,
@@ -430,7 +467,10 @@ CASES = (
 
 
 def close_plate() -> ModalModel:
-    """Return a nearly square plate on simple supports, whose second and third resonance are 5 % apart."""
+    """Return a nearly square plate on simple supports.
+
+    Its second and third resonance are 5 % apart.
+    """
     return plate(
         ("pinned", "pinned"),
         (0.5, 0.48),
@@ -442,7 +482,10 @@ def close_plate() -> ModalModel:
 
 
 def close_pair() -> ModalModel:
-    """Return a modal model with two resonances 8 % apart, both of which move the absorber's place."""
+    """Return a modal model with two resonances 8 % apart.
+
+    Both modes move the absorber's place.
+    """
     return modal(
         (20.0, 21.6, 55.0),
         (0.006, 0.006, 0.006),
@@ -452,7 +495,8 @@ def close_pair() -> ModalModel:
     )
 
 
-# ten cases beyond the first twenty: close modes, force and absorber near a node, light and heavy damping, light and heavy absorbers, high resonances
+# ten cases beyond the first twenty: close modes, force and absorber near a node, light and heavy
+# damping, light and heavy absorbers, high resonances
 HARD_CASES = (
     StructureCase("close pair", close_pair, 1, 0.02),
     StructureCase("nearly square plate", close_plate, 2, 0.02),

@@ -1,7 +1,10 @@
-"""A study: cases measured as plain values, kept as JSON, and shown on a page with figures; `run` carries it out.
+"""A study: cases measured as plain values, stored as JSON and shown on a page.
 
-A new one is its cases with a function that measures their rows, the text of its tables and figures, and a command with its options in ``cli``.
-`cli.reference_levels` has one table and all in one file; `accuracy` has parts with rows by case, files and figures of their own.
+The page has figures. `run` executes the study.
+
+A new one is its cases with a function that measures their rows, the text of its tables and figures,
+and a command with its options in ``cli``. `cli.reference_levels` has one table and all in one file;
+`accuracy` has parts with rows by case, files and figures of their own.
 """
 
 import sys
@@ -57,7 +60,11 @@ def not_none(value: T | None) -> T:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What is known of a part: plain values, the `conditions` under which they were measured, and whether that is all of them."""
+    """The known values of a part.
+
+    They come with the `conditions` under which they were measured, and with whether they are
+    ``complete``.
+    """
 
     values: Json
     conditions: Json = field(default_factory=dict)
@@ -76,13 +83,16 @@ class CsvTable(NamedTuple):
 class Part(Generic[S]):
     """What is measured together and kept in one JSON file.
 
-    ``measure(settings, known)`` yields, after each of its ``steps(settings, known)``, all values that are known by then; what it yielded last is kept
-    however it ends. ``known`` are the values of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own.
+    ``measure(settings, known)`` yields, after each of its ``steps(settings, known)``, all values
+    that are known by then; what it yielded last is kept however it ends. ``known`` are the values
+    of an earlier run to go on from, else empty. ``steps`` is None where it shows a bar of its own.
 
-    The rest tells of what was measured: ``sections`` the text between the page's ``markers``, ``tables`` the CSV files, ``figures`` by file name, a
-    PNG where it has no ending, ``summary`` what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
+    The rest tells of what was measured: ``sections`` the text between the page's ``markers``,
+    ``tables`` the CSV files, ``figures`` by file name, a PNG where it has no ending, ``summary``
+    what is printed (the sections, if it is None), and ``failures`` what makes the exit code 1.
 
-    ``key_values(settings)``: values on which all others depend. A part that has some goes on from its file whenever these are the same in it.
+    ``key_values(settings)``: values on which all others depend. A part that has some goes on from
+    its file whenever these are the same in it.
     """
 
     name: str
@@ -100,7 +110,10 @@ class Part(Generic[S]):
 
 
 def to_file_content(measured: Measurement) -> Json:
-    """Return the content of a part's JSON file: ``conditions``, ``complete``, and beside them the values by name."""
+    """Return the content of a part's JSON file.
+
+    It has ``conditions``, ``complete``, and the values by name.
+    """
     return {"conditions": measured.conditions, "complete": measured.complete, **measured.values}
 
 
@@ -116,11 +129,13 @@ def from_file_content(content: Json) -> Measurement:
 class Study(Generic[S]):
     """Parts by name; each has its own JSON file.
 
-    ``notes(settings)`` is added to the conditions once a part is measured. A run goes on from an earlier one if the conditions named in ``same``
-    are the same. ``stopped_message`` says what is left of a run that is stopped.
+    ``notes(settings)`` is added to the conditions once a part is measured. A run goes on from an
+    earlier one if the conditions named in ``same`` are the same. ``stopped_message`` says what is
+    left of a run that is stopped.
 
-    ``key(name, settings)``: all that a part's numbers depend on, as JSON has it; a file with another key is no earlier run of the part, which is
-    measured anew. None: the conditions alone tell.
+    ``key(name, settings)``: all that a part's numbers depend on, as JSON has it; a file with
+    another key is no earlier run of the part, which is measured anew. None: the conditions alone
+    tell.
     """
 
     parts: tuple[Part[S], ...]
@@ -137,7 +152,11 @@ class Study(Generic[S]):
 
 @dataclass(frozen=True)
 class OutputPaths:
-    """Where files go: PART.json.gz and all else into ``folder``, or JSON alone to ``json``; sections into ``page``, which starts as ``template``."""
+    """Paths of the results.
+
+    PART.json.gz and all other files go into ``folder``, or only the JSON file to ``json``. Sections
+    go into ``page``, which starts as ``template``.
+    """
 
     folder: Path | None = None
     page: Path | None = None
@@ -150,7 +169,10 @@ class OutputPaths:
 
 
 def paths_with_page(out: Path, names: Iterable[str]) -> OutputPaths:
-    """Return where files go: all into a folder, sections into the page FOLDER.md beside it, if there is one that has a place for them."""
+    """Return the paths of results that all go into one folder.
+
+    Sections go into the page FOLDER.md next to the folder, if it exists and has markers for them.
+    """
     page = (out if out.name else out.resolve()).with_suffix(".md")  # "." has no name
     if not page.is_file():
         return OutputPaths(out)
@@ -162,11 +184,15 @@ def paths_with_page(out: Path, names: Iterable[str]) -> OutputPaths:
 
 
 def paths_next_to_page(out: Path, name: str, data: Path | None = None) -> OutputPaths:
-    """Return the place of a study whose page NAME.md is in ``out``, and whose other files are there as well, or in ``data``."""
+    """Return the paths of a study whose page NAME.md is in ``out``.
+
+    The other files are in ``data``, or in ``out`` if ``data`` is None.
+    """
     return OutputPaths(data or out, out / f"{name}.md", DOCS / f"{name}.md")
 
 
-# How a study is carried out: the bar, Ctrl-C, going on from an earlier run, drawing anew from the files, machine and sources, and the exit code.
+# How a study is carried out: the bar, Ctrl-C, going on from an earlier run, drawing anew from the
+# files, machine and sources, and the exit code.
 
 WRITE_INTERVAL_S = (
     30.0  # what is measured is written this often at least, where a step does not take longer
@@ -182,11 +208,15 @@ def run(
     redraw: bool = False,
     resume: bool = False,
 ) -> None:
-    """Measure the parts (all, if ``only`` names none), or with ``redraw`` read them from their files, and write, draw and print the results.
+    """Measure the parts of a study, and write, draw and print the results.
+
+    All parts are measured if ``only`` names none. With ``redraw`` they are read from their files
+    instead.
 
     ``resume``: go on from files of runs that were stopped.
 
-    Exits with 1 if something failed, 2 with bad input, 130 if the run was stopped; each with one message.
+    Exits with 1 if something failed, 2 with bad input, 130 if the run was stopped; each with one
+    message.
     """
     with plain_errors(f"Stopped early: {study.stopped_message}"):
         parts = study.chosen(only)
@@ -234,27 +264,35 @@ def find_measured_parts(parts: list[Part[S]], place: OutputPaths, named: bool) -
     ]
     if not present:
         raise ParameterError(
-            f"--out = {place.folder} is not allowed with --redraw: a folder with results of {', '.join(files)}"
+            f"--out = {place.folder} is not allowed with --redraw: a folder with results of "
+            f"{', '.join(files)}"
         )
     return present
 
 
 def read_measurement(part: Part[S], place: OutputPaths, option: str = "--redraw") -> Measurement:
-    """Read what an earlier run has measured; raises ParameterError if it is not there, or is something else."""
+    """Return the measurement of an earlier run.
+
+    Raises ParameterError if it does not exist or is something else.
+    """
     path = place.numbers(part.name)
     assert path is not None
     try:
         return from_file_content(dict(read_json(path)))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ParameterError(
-            f"{option}: {path} is not allowed: a file that an earlier run of this command wrote ({error})"
+            f"{option}: {path} is not allowed: a file that an earlier run of this command "
+            f"wrote ({error})"
         ) from error
 
 
 def measure_or_resume(
     study: Study[S], part: Part[S], settings: S, place: OutputPaths, resume: bool
 ) -> Measurement:
-    """Measure a part and write its numbers; one that an earlier run has finished is left as it is with ``resume``."""
+    """Measure a part and write its numbers.
+
+    With ``resume``, a part that an earlier run has finished is not measured again.
+    """
     path = place.numbers(part.name)
     earlier = None
     resume_values = part.key_values(settings)
@@ -278,7 +316,8 @@ def measure_or_resume(
             for name in study.same:
                 if old.get(name) != new.get(name):
                     raise ParameterError(
-                        f"--resume is not allowed: with the same {name} as the earlier run, {old.get(name)}, not {new.get(name)}"
+                        f"--resume is not allowed: with the same {name} as the earlier run, "
+                        f"{old.get(name)}, not {new.get(name)}"
                     )
 
     def write(measured: Measurement) -> None:
@@ -295,7 +334,10 @@ def measure(
     earlier: Measurement | None = None,
     keep: Callable[[Measurement], object] = lambda _: None,
 ) -> Measurement:
-    """Measure a part, or what ``earlier`` lacks of it. Ctrl-C or a run that breaks down leaves what is known, and is raised if that is nothing.
+    """Measure a part, or what is missing in ``earlier``.
+
+    After Ctrl-C or a failed run, the values known so far are returned. If there are none, the
+    exception is raised.
 
     What is known is handed to ``keep`` every now and then, and at the end.
     """
@@ -340,7 +382,10 @@ def measure(
 def publish(
     part: Part[S], measured: Measurement, place: OutputPaths, written: Sequence[Path] = ()
 ) -> None:
-    """Write a part's CSV files, figures and sections of the page, and print the results and the names of all files ``written``."""
+    """Write a part's CSV files, figures and sections of the page, and print the results.
+
+    The names of all files ``written`` are printed too.
+    """
     sections = part.sections(measured)
     click.echo(
         part.summary(measured)
@@ -369,9 +414,12 @@ def publish(
 def measure_rows_by_case(
     cases: Mapping[Any, Callable[[], list[Json]]], key: Callable[[Json], Any], earlier: Json
 ) -> Steps:
-    """Yield {"rows": ...} after each case: a function that measures its rows, by what ``key`` returns of them. Cases that are known are left out.
+    """Yield {"rows": ...} after each case that has no rows yet.
 
-    Rows stand in the order of the cases, whatever the order in which they were measured, behind those of an earlier run's other cases.
+    A case is a function that measures its rows. ``key`` returns the case to which a row belongs.
+
+    Rows stand in the order of the cases, whatever the order in which they were measured, behind
+    those of an earlier run's other cases.
     """
     places = {name: place for place, name in enumerate(cases)}
     rows: list[Json] = list(earlier.get("rows", ()))
@@ -400,7 +448,11 @@ def make_rows_part(
     key_values: Callable[[S], Json] = lambda _: {},
     **others: Any,
 ) -> Part[S]:
-    """Return a part whose values are what is ``told`` and rows by case, and whose one section is ``text`` unless ``others`` say otherwise."""
+    """Return a part with rows by case as values, and with one section, ``text``.
+
+    The values of ``key_values`` belong to the part too. ``others`` override arguments of the part,
+    such as its sections.
+    """
     marker = marker or name
 
     def measure(settings: S, earlier: Json) -> Steps:
@@ -422,7 +474,10 @@ def make_whole_part(
     marker: str,
     **others: Any,
 ) -> Part[S]:
-    """Return a part that is measured as a whole, and whose one section is ``text``; ``others`` are a part's."""
+    """Return a part that is measured as a whole and has one section, ``text``.
+
+    ``others`` are further arguments of the part.
+    """
 
     def steps(settings: S, _earlier: Json) -> Steps:
         yield measure(settings)
@@ -438,17 +493,24 @@ def make_whole_part(
 
 
 def add_sources(summarise: Callable[[Measurement], str]) -> Callable[[Measurement], str]:
-    """Return a function that adds below a text when, where and with what its numbers were measured."""
+    """Return a function that adds the conditions of a measurement below a text.
+
+    They say when, where and with which versions the numbers were measured.
+    """
     return lambda measured: f"{summarise(measured)}\n\n{sources(measured.conditions)}"
 
 
-# Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a page, each on request.
+# Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a
+# page, each on request.
 
 
 def make_table_study(
     name: str, title: str, measure: Callable[[S], Json], summarise: Callable[[Measurement], str]
 ) -> Study[S]:
-    """Return the study whose table ``summarise`` puts into words; what ``measure`` returns of the settings is whole, or there is nothing."""
+    """Return a study of one part whose table is the text of ``summarise``.
+
+    The part is measured as a whole by ``measure``, so an interrupted run has no result.
+    """
     part = make_whole_part(name, title, measure, add_sources(summarise), name, summary=summarise)
     return Study(
         (part,),
@@ -457,21 +519,30 @@ def make_table_study(
 
 
 def format_table(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return a Markdown table with a line for each row; ``columns`` say by their headers how values of a row are written, as for `str.format`."""
+    """Return a Markdown table with a line for each row.
+
+    ``columns`` give for each header the format of a row's values, as for `str.format`.
+    """
     return markdown(
         tuple(columns), [tuple(form.format(**row) for form in columns.values()) for row in rows]
     )
 
 
 def add_table_options(marker: str, page: str) -> Callable[[Command], Command]:
-    """Add --json and --page to a command whose table stands between the markers of ``page``; it gets them as ``target`` and ``page``."""
+    """Add --json and --page to a command whose table is between markers of ``page``.
+
+    The command receives them as ``target`` and ``page``.
+    """
     json = json_option("Write the numbers, each repeat where there are any.", "target")
     table = page_option(marker, page)
     return lambda command: json(table(command))
 
 
 def make_table_paths(target: Path | None, page: Path | None) -> OutputPaths:
-    """Return where numbers and table go; raises BadInput, before any work is done, if they cannot be written."""
+    """Return the paths of numbers and table.
+
+    Raises BadInput before any computation if they cannot be written.
+    """
     check_target("--json", target)
     check_target("--page", page)
     return OutputPaths(json=target, page=page)

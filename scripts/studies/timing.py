@@ -1,4 +1,8 @@
-"""How benchmarks time: runs in turn, so that a machine that slows down meets all of them; medians of repeats, compilation apart."""
+"""Timing of benchmarks.
+
+Runs are timed in turn, so that a machine that slows down affects all of them. Results are medians
+of repeats, without compilation.
+"""
 
 import statistics
 import time
@@ -32,7 +36,10 @@ def time_call(work: Callable[[], object]) -> float:
 def time_in_turn(
     runs: Mapping[K, Callable[[], float]], repeats: int, advance: Advance = lambda: None
 ) -> dict[K, list[float]]:
-    """Return the times in s of each repeat, by name; in each repeat the runs go one after the other."""
+    """Return the times in s of each repeat, by name.
+
+    In each repeat the runs are timed one after the other.
+    """
     result: dict[K, list[float]] = {name: [] for name in runs}
     for _ in range(repeats):
         for name, run in runs.items():
@@ -42,7 +49,10 @@ def time_in_turn(
 
 
 def summarise_times(result: Mapping[str, Sequence[float]]) -> Json:
-    """Return the values of a benchmark's file, of times in s: by name all of them in us, and their median."""
+    """Return the values of a benchmark's file from times in s.
+
+    By name they are all times in us and their median.
+    """
     each = {name: [1e6 * x for x in times] for name, times in result.items()}
     return {f"{name}_us_each": times for name, times in each.items()} | {
         f"{name}_us": statistics.median(times) for name, times in each.items()
@@ -52,7 +62,10 @@ def summarise_times(result: Mapping[str, Sequence[float]]) -> Json:
 def measure_median_time(
     run: Callable[[], float], repeats: int, patience: float = float("inf")
 ) -> float:
-    """Return the median of several times in s; slow runs are repeated less often, once they have taken so many s."""
+    """Return the median of several times in s.
+
+    No further repeat starts after ``patience`` seconds, so that slow runs are repeated less often.
+    """
     began = time.perf_counter()
     times = [run()]
     while len(times) < repeats and time.perf_counter() - began < patience:
@@ -61,7 +74,10 @@ def measure_median_time(
 
 
 def make_sweep_up(scene: Scene, force: float, start: float, periods: float) -> Drive:
-    """Return the paper's sweep up from a frequency over the first resonance's, over so many pseudo periods."""
+    """Return the paper's sweep up from a frequency over ``periods`` pseudo periods.
+
+    ``start`` is relative to the first resonance.
+    """
     return Drive(
         force,
         linear_sweep(scene.model.resonance_omega(1), start, start + periods * PAPER_RATE / 1e4),

@@ -1,4 +1,7 @@
-"""Methods of training that are compared: algorithms with settings, scales of the tasks, and the effort of a training."""
+"""Training methods that are compared.
+
+The module has algorithms with their settings, scales of the tasks, and the effort of a training.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +16,11 @@ PERIOD = 4  # control intervals of a reward that is spread
 
 @dataclass(frozen=True)
 class TaskScales:
-    """What training on a task depends on: discount, factor of the rewards, intervals of a lane in a round of PPO, actions of the planner."""
+    """Parameters of training that depend on the task.
+
+    They are the discount, the factor of the rewards, the number of intervals of a lane in a round
+    of PPO, and the actions that the planner tries.
+    """
 
     gamma: float
     reward_scale: float
@@ -32,8 +39,9 @@ SCALES = {
 class TrainingMethod:
     """An algorithm and how it differs from its usual settings.
 
-    ``gamma``: discount, None for the task's. ``frames``: observations on which the network acts. ``rounds``: length of PPO's rounds over the
-    usual one. ``period``: intervals over which a reward is spread. ``horizon`` of the trials of rollout policy iteration, in intervals.
+    ``gamma``: discount, None for the task's. ``frames``: observations on which the network acts.
+    ``rounds``: length of PPO's rounds over the usual one. ``period``: intervals over which a reward
+    is spread. ``horizon`` of the trials of rollout policy iteration, in intervals.
     """
 
     algorithm: str
@@ -67,7 +75,11 @@ METHODS: dict[str, TrainingMethod] = {
 
 @dataclass(frozen=True)
 class TrainingEffort:
-    """CPU time of a training, the number of its evaluations, episodes of each, and the steps after which one is made in addition."""
+    """Effort of a training.
+
+    It consists of the CPU time in s, the number of evaluations, the number of episodes of each, and
+    the number of steps after which one additional evaluation is made.
+    """
 
     seconds: float = 150.0
     evaluations: int = 6

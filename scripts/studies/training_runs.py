@@ -1,8 +1,11 @@
-"""Ways of training an agent, compared at equal steps and at equal time of one core on the seeds of validation.
+"""Training methods for agents, compared on the validation seeds.
 
-Each starts at the rule of eight. For PPO, recurrent PPO, SAC, TQC and CrossQ the action is the rule's plus the network's, which is 0 at first
-(residual policy learning: T. Silver, K. Allen, J. Tenenbaum and L. Kaelbling 2018, arXiv:1812.06298). Rollout policy iteration starts at a clone
-of the rule, and the imitation of the planner at a network that knows nothing.
+They are compared at equal numbers of steps and at equal time of one core.
+
+All but one start at the rule of eight. For PPO, recurrent PPO, SAC, TQC and CrossQ the action is
+the rule's plus the network's, which is 0 at first (residual policy learning: T. Silver, K. Allen,
+J. Tenenbaum and L. Kaelbling 2018, arXiv:1812.06298). Rollout policy iteration starts at a clone of
+the rule. The imitation of the planner starts at a network with random weights.
 """
 
 import time
@@ -48,7 +51,11 @@ SEED_OF_TRAINING = 500_000  # first of the training seeds on which the planner a
 
 
 class SpreadRewards(VecEnvWrapper):
-    """Lanes in which each reward is paid in equal parts over an interval and those that follow; the end of an episode pays what is left."""
+    """Lanes in which each reward is paid in equal parts over several intervals.
+
+    The parts are paid in the interval of the reward and in those that follow. At the end of an
+    episode the remaining parts are paid at once.
+    """
 
     def __init__(self, venv: Any, period: int) -> None:
         super().__init__(venv)
@@ -139,7 +146,11 @@ def train_actor_too(model: Any, trains: bool) -> None:
 
 @dataclass
 class TrainingLoop:
-    """A training under way: rounds that make it longer by ``advance(share of the time that is gone)``, its steps and its present policy."""
+    """A training in progress.
+
+    ``advance(share)`` runs one more round, where ``share`` is the share of the training time
+    already spent. ``count_steps`` returns the steps so far, ``policy`` the present policy.
+    """
 
     advance: Callable[[float], None]
     count_steps: Callable[[], int]
@@ -196,7 +207,10 @@ def start_iteration(task: str, method: TrainingMethod, seed: int) -> TrainingLoo
 
 
 def start_imitation(task: str, method: TrainingMethod, seed: int) -> TrainingLoop:
-    """Return the imitation of the robust planner: episodes in which it acts, and then a fit of a network to its decisions."""
+    """Return the imitation of the robust planner.
+
+    The planner first acts in episodes, and a network is then fitted to its decisions.
+    """
     from optimisation.rl.agents import actor_of
 
     env_id = env_of(task)
@@ -234,10 +248,13 @@ def start_imitation(task: str, method: TrainingMethod, seed: int) -> TrainingLoo
 
 
 def train_method(task: str, name: str, seed: int, effort: TrainingEffort) -> Json:
-    """Train by a method for the CPU time of an effort, and return its evaluations on validation seeds beside the rule of eight.
+    """Train by a method for the CPU time of an effort, and return its evaluations.
 
-    ``points`` have steps, seconds and mean score; ``over_rule`` is the mean difference of the best evaluation to the rule with its 95 % interval,
-    ``over_rule_steps`` the difference of the best one among those with at most the steps of the effort, to the next round.
+    They are made on validation seeds and compared with the rule of eight.
+
+    ``points`` have steps, seconds and mean score; ``over_rule`` is the mean difference of the best
+    evaluation to the rule with its 95 % interval, ``over_rule_steps`` the difference of the best
+    one among those with at most the steps of the effort, to the next round.
     """
     from impact_env.envs.evaluation import SEED_SPLITS
 

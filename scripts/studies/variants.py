@@ -1,4 +1,7 @@
-"""Scenes with their observers, as studies of what is compiled run them, and more general scenes with a part switched off by its value."""
+"""Scenes with observers for studies of compiled code.
+
+The module also has more general scenes in which a part is switched off by its value.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +26,9 @@ MODES = 10
 FORCE = 3.5
 RATIO = 0.98
 OUT_OF_REACH = 1e6  # m: walls that are never met
-NO_FRICTION = 1e-200  # N: friction without any effect, and no subnormal numbers, which some processors are slow with; a limit of 0 is not a friction
+# N: friction without any effect, and no subnormal numbers, which some processors are slow with; a
+# limit of 0 is not a friction
+NO_FRICTION = 1e-200
 SPRING = 100 * Beam().static_tip_stiffness
 
 ABSORBERS: dict[str, Callable[[], Absorber | None]] = {

@@ -1,4 +1,8 @@
-"""What commands refuse: a table of lines, and what the one message to each holds. Exit code 2, nothing computed, nothing written."""
+"""Commands refuse wrong input with exit code 2 and one message.
+
+Nothing is computed or written. A table has the command lines and the text that each message must
+contain.
+"""
 
 import errno
 import gzip
@@ -25,9 +29,13 @@ INPUT_FILES = {  # files that lie in the folder of the call
     "kept.json": '{"form": "another"}',
     "good.toml": '[beam]\nmodes = 2\n[absorber]\nkind = "impact"\nrestitution = 0.7\n',
     "bad.toml": "[beam]\nlength = 2\n",
-    "grams.toml": "[model]\nomega_rad_s = [252.0, 1580.0]\ndamping_ratio = [0.01, 0.01]\nforce_shape_per_sqrt_kg = [0.5, -0.4]\n"
+    "grams.toml": "[model]\nomega_rad_s = [252.0, 1580.0]\ndamping_ratio = [0.01, "
+    "0.01]\nforce_shape_per_sqrt_kg = [0.5, -0.4]\n"
     "tip_shape_per_sqrt_kg = [2.66, -2.66]\nbeam_mass_kg = 563.7\n",
-    "levels.toml": '[measurement]\nkind = "levels"\nforces_n = [2.0]\nlevels_m = [1e-3]\nfrom_hz = 36.0\nto_hz = 43.0\nduration_s = 5.0\n',
+    "levels.toml": (
+        '[measurement]\nkind = "levels"\nforces_n = [2.0]\nlevels_m = [1e-3]\nfrom_hz = '
+        "36.0\nto_hz = 43.0\nduration_s = 5.0\n"
+    ),
     "other/jumps.json.gz": '{"part": "cost", "rows": []}',
     "paper/paper/jump.json.gz": '{"rows": []}',
 }
@@ -35,7 +43,8 @@ BINARY_INPUT_FILES = {
     name: gzip.compress(text.encode(), mtime=0) if name.endswith(".gz") else text.encode()
     for name, text in INPUT_FILES.items()
 }
-# for each command that has all options of the line and no other words for it, behind what its last lines begin with
+# for each command that has all options of the line and no other words for it, behind what its last
+# lines begin with
 COMMON = """
     --json nowhere/a.json -> --json = nowhere/a.json is not allowed: a file in a folder that exists
     --page bare.md -> one pair of markers
@@ -409,14 +418,21 @@ OPTION = re.compile(r"(?<!\S)--[a-z-]+")
 
 
 def together(start: str, line: str) -> str:
-    """Return a line behind what all of a command's lines begin with, but for options that the line gives itself."""
+    """Return a command line with the options that all lines of a command share.
+
+    Options that the line gives itself replace those of ``start``.
+    """
     for option in OPTION.findall(line):
         start = re.sub(rf"{option} \S+", "", start) if option != "--quick" else start
     return f"{start} {line}"
 
 
 def wrong(command: object, line: str, words: str) -> str:
-    """Return the differences between a call in this folder and a refusal in one line with these words: an empty text if there are none."""
+    """Return the differences between a call and a refusal in one line.
+
+    The call runs in the current folder. The refusal must contain ``words``. The text is empty if
+    there are no differences.
+    """
     for own, content in BINARY_INPUT_FILES.items():
         Path(own).parent.mkdir(parents=True, exist_ok=True)
         Path(own).write_bytes(content)
@@ -435,7 +451,10 @@ def wrong(command: object, line: str, words: str) -> str:
     return (
         ""
         if refused and left
-        else f"{line}: {result.exit_code}, {result.output} {result.exception!r}, {'' if left else 'files'}"
+        else (
+            f"{line}: {result.exit_code}, {result.output} {result.exception!r}, "
+            f"{'' if left else 'files'}"
+        )
     )
 
 
@@ -484,7 +503,10 @@ FULL = {  # a word of the answer, by the line
     "sweep --modes 2 --from 0.98 --to 1 --rate 10 --json a.json": "response level",
     "periodic isola --modes 1 --from 0.93 --csv a.csv": "restitution",
     "periodic manifold --modes 1 --points 0 --json a.json": "classical",
-    "periodic section --structure {steel} --restitution 0.7 --gap 5e-4 --force 0.25 --settle 100 --window 80 --json a.json": "rotation number",
+    (
+        "periodic section --structure {steel} --restitution 0.7 --gap 5e-4 --force 0.25 --settle "
+        "100 --window 80 --json a.json"
+    ): "rotation number",
     "design tune --quick --modes 2 --out .": "Den Hartog",
 }
 

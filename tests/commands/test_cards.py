@@ -1,5 +1,8 @@
-"""Cards and figures that commands write: every row is the number of summary.json, in its unit and in words, or is named here as known from elsewhere;
-lines and bands of figures are the numbers of the CSV files."""
+"""Cards and figures of commands show the numbers of summary.json and of the CSV files.
+
+Every row of a card is a number of summary.json, in its unit and in words, or is named here as known
+from another source. Lines and bands of figures are the numbers of the CSV files.
+"""
 
 import json
 from collections.abc import Mapping
@@ -75,7 +78,10 @@ def assumptions(resonances: tuple[int, ...], modes: str, rate: float | None = 40
 
 
 def check_rows(rows: Rows, expected: Mapping[tuple[str, str], str], elsewhere: set[str]) -> None:
-    """Compare all rows; those ``elsewhere``, by label, must be there and are judged by other tests."""
+    """Compare all rows of a card with the expected ones.
+
+    Rows ``elsewhere``, given by label, must exist and are checked by other tests.
+    """
     assert {label for _, label in rows.keys() - expected.keys()} == elsewhere
     assert {key: rows[key] for key in expected} == expected
 

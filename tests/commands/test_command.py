@@ -1,4 +1,7 @@
-"""The console command: from a wheel without a checkout, from the checkout, and with no more installed than what is declared."""
+"""The console command works from a wheel, from the checkout, and with declared packages only.
+
+A wheel needs no checkout.
+"""
 
 import functools
 import io
@@ -54,7 +57,10 @@ def needed(of: Distribution, extras: Iterable[str]) -> list[Requirement]:
 
 
 def closure(project: Distribution, extras: Iterable[str]) -> set[str]:
-    """Return the names of all distributions that come with a project and some of its extras; raises PackageNotFoundError if an extra's is absent."""
+    """Return the names of all distributions that a project and some extras require.
+
+    Raises PackageNotFoundError if a distribution of an extra is not installed.
+    """
     todo = [(project, frozenset(extras))]
     done = set()
     while todo:
@@ -74,7 +80,10 @@ def closure(project: Distribution, extras: Iterable[str]) -> set[str]:
 
 @functools.cache
 def refused(installed: Path, extras: tuple[str, ...]) -> str:
-    """Return the modules, with blanks between, of what is installed here but does not come with the project in a folder and these extras."""
+    """Return the installed modules that the project and the extras do not require.
+
+    They are separated by blanks. The project is installed in the folder ``installed``.
+    """
     (project,) = (
         distribution
         for distribution in distributions(path=[str(installed)])
@@ -89,7 +98,11 @@ def refused(installed: Path, extras: tuple[str, ...]) -> str:
 
 
 def environment(installed: Path, extras: tuple[str, ...], hook: Path) -> dict[str, str]:
-    """Return the variables of a process that imports from a folder and from what is declared, as all that it starts; ``hook``: a folder for it."""
+    """Return the environment variables of a process that can import only declared packages.
+
+    The process and all that it starts import from the folder ``installed`` and from the declared
+    packages. ``hook`` is a folder for the import hook.
+    """
     (hook / "sitecustomize.py").write_text(FINDER)
     paths = os.pathsep.join([str(hook), str(installed)])
     return os.environ | {
@@ -165,7 +178,10 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(
     installed: Path, folder: Path, *arguments: str, extras: tuple[str, ...] = (), **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Call the installed command from a folder that is no checkout, with no more packages than these extras bring."""
+    """Call the installed command from a folder outside the checkout.
+
+    It can import no more packages than these extras require.
+    """
     (folder / "hook").mkdir(exist_ok=True)
     variables = environment(installed, extras, folder / "hook") | variables
     program = next((installed / "bin").glob("impact-absorber*"))
@@ -228,10 +244,19 @@ def test_another_name_is_one_error(installed: Path, tmp_path: Path) -> None:
 
 
 def test_each_script_prints_its_help_without_any_extra(installed: Path, tmp_path: Path) -> None:
-    code = "import json, sys\nfrom click.testing import CliRunner\nfrom optimisation.cli.group import main\n"
-    code += f"names = {sorted(shipped())}\nfound = [CliRunner().invoke(main, [*n.split(), '--help'], prog_name='impact-absorber') for n in names]\n"
+    code = (
+        "import json, sys\nfrom click.testing import CliRunner\nfrom optimisation.cli.group "
+        "import main\n"
+    )
+    code += (
+        f"names = {sorted(shipped())}\nfound = [CliRunner().invoke(main, [*n.split(), '--help'], "
+        "prog_name='impact-absorber') for n in names]\n"
+    )
     code += "heavy = {'torch', 'cvxpy', 'optuna', 'gymnasium', 'distributed'} & set(sys.modules)\n"
-    code += "print(json.dumps([[[n, f.exit_code, f.output, repr(f.exception)] for n, f in zip(names, found)], sorted(heavy)]))"
+    code += (
+        "print(json.dumps([[[n, f.exit_code, f.output, repr(f.exception)] for n, f in zip(names, "
+        "found)], sorted(heavy)]))"
+    )
     call = [sys.executable, "-c", code]
     done = subprocess.run(
         call,
@@ -263,9 +288,9 @@ def test_what_is_not_declared_is_refused(installed: Path, tmp_path: Path) -> Non
     )
     result = run(installed, tmp_path, "sweep", "--load", str(tmp_path / "load.toml"))
     assert (result.returncode, result.stdout) == (1, "")
-    assert (
-        result.stderr
-        == 'Error: pyuff is not installed; it comes with: pip install "impact-absorber-workbench[files]"\n'
+    assert result.stderr == (
+        "Error: pyuff is not installed; it comes with: pip install "
+        '"impact-absorber-workbench[files]"\n'
     )
 
 

@@ -1,4 +1,7 @@
-"""Comparisons of absorbers: what their files and summaries hold, under a swept force and under loads."""
+"""Comparisons of absorbers have correct files and summaries.
+
+They are tested under a swept force and under loads.
+"""
 
 import contextlib
 import json
@@ -118,7 +121,11 @@ def test_study_holds_every_concept_near_both_resonances(study: Comparison) -> No
 
 
 def test_runs_of_the_papers_absorbers_start_in_the_steady_state(study: Comparison) -> None:
-    """One run of the impact absorber by hand, from there and from rest, whose transient is its level at this rate."""
+    """Runs of the paper's absorbers start in the steady state.
+
+    The level of one run of the impact absorber is that of a separate run from the steady state. A
+    run from rest has another level at this rate, because of the transient.
+    """
     part = study.resonances[1]
     case = part.cases[IMPACT]
     force = float(part.forces[0])
@@ -227,7 +234,11 @@ def test_files_are_whole_or_absent(tmp_path: Path) -> None:
 
 
 def test_the_decay_time_of_one_mode() -> None:
-    """The energy swings about its exponential by the damping ratio: a long decay averages that out."""
+    """The decay time of one mode agrees with its closed form.
+
+    The energy oscillates about its exponential by the damping ratio. A long decay averages these
+    oscillations out.
+    """
     shock = Loads((Shock("half-sine", 10.0, 0.0125, 2.0),), OMEGA[0])
     model = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
     assert measure_of(shock) == "decay"
@@ -236,8 +247,14 @@ def test_the_decay_time_of_one_mode() -> None:
     )
 
 
-PAPER = "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = 1.1275\nmodes = 2\n"
-CHAIN = "[matrices]\nmass = 'm.npz'\nstiffness = 'm.npz'\nunits = 'kg, m, s'\nforce = 0\nabsorber = 1\nmodes = 3\nmass_kg = 3\ndamping_ratio = 0.01\n"
+PAPER = (
+    "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = "
+    "1.1275\nmodes = 2\n"
+)
+CHAIN = (
+    "[matrices]\nmass = 'm.npz'\nstiffness = 'm.npz'\nunits = 'kg, m, s'\nforce = 0\nabsorber = "
+    "1\nmodes = 3\nmass_kg = 3\ndamping_ratio = 0.01\n"
+)
 
 
 NIGHTLY = {("matrices", kind) for kind in KINDS if kind != "shock"}  # 2 s of the processor each
@@ -257,7 +274,11 @@ NIGHTLY = {("matrices", kind) for kind in KINDS if kind != "shock"}  # 2 s of th
 def test_each_kind_goes_through_sweep_and_comparison(
     kind: str, structure: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Linear concepts leave the same at each intensity, and what is left without one grows with it, but for a decay time."""
+    """Each kind of load works in the commands sweep and compare.
+
+    Linear concepts leave the same share of the response at each intensity, and the response without
+    absorber grows with the intensity, except for a decay time.
+    """
     few = {
         "GAPS": np.array([1.0, 3.0]),
         "LIMITS": np.array([0.3]),

@@ -114,7 +114,8 @@ def test_card_and_summary_are_of_the_recommended_device(gap: ModuleType, tmp_pat
     best = content["recommended"]
     sharp = content["sharp"]
     assert result.stdout.startswith(
-        f"Recommended: a clearance of {1e3 * best['gap_m']:.4g} mm to either wall, friction limit {best['friction_limit_n']:.4g}"
+        f"Recommended: a clearance of {1e3 * best['gap_m']:.4g} mm to either wall, friction "
+        f"limit {best['friction_limit_n']:.4g}"
     )
     for answer in (best, sharp):
         row = table[answer["gap_m"]]
@@ -284,7 +285,10 @@ def test_full_disk_is_one_message_and_exit_code_1() -> None:
 
 
 def levels_drawn(rows: list[dict[str, str]], name: str, design: str) -> np.ndarray:
-    """Return what a figure shows of a table of levels, (2, K): over the force in mm, over a detuning in % of no absorber."""
+    """Return the values that a figure shows for a design, (2, K), from a table of levels.
+
+    Over the force they are in mm, and over a detuning in % of the level without absorber.
+    """
     own = [row for row in rows if row["design"] == design]
     x = np.array([float(row[name]) for row in own])
     level = np.array([float(row["level_median_m"]) for row in own])
@@ -404,7 +408,11 @@ def test_limit_is_that_of_the_free_end_for_any_place_and_any_number_of_cavities(
 
 
 def test_sobol_indices_find_what_matters() -> None:
-    """A tuned absorber's level is smooth; in a box of stiffness alone, damping can explain nothing."""
+    """Sobol indices find the variables that matter.
+
+    The level of a tuned absorber is smooth. If only the stiffness varies, the damping can explain
+    nothing.
+    """
     space = design_space("tuned", ["stiffness", "damping"], {"damping": (0.899, 0.901)}, {})
     problem = Problem(
         space, (Condition(1, 1.0, (0.5, 1.6)),), beam=Beam(modes=2), members=1, rate=40.0
@@ -422,7 +430,11 @@ def test_sobol_indices_find_what_matters() -> None:
 def test_a_long_search_says_how_long_and_answers_coarsely_first(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Every run counts as long; the coarse answer is one that the command gives alone, at ten times the rate."""
+    """A long search reports its duration and prints a coarse result first.
+
+    In the test every run counts as long. The coarse result is the one that the command gives alone
+    at ten times the rate.
+    """
     command = load("design_gap", monkeypatch)
     monkeypatch.setattr(command, "LONG_S", 0.0)
     monkeypatch.setattr("optimisation.progress.LONG_S", 0.0)
@@ -441,7 +453,11 @@ def test_a_long_search_says_how_long_and_answers_coarsely_first(
 
 
 def test_masses_are_announced_and_answered_coarsely_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A period counts as 1 s: the time is that of all sweeps; the coarse table is of one run at ten times the rate."""
+    """The search over masses reports its duration and prints a coarse table first.
+
+    A period counts as 1 s, so the time is that of all sweeps. The coarse table is of one run at ten
+    times the rate.
+    """
     calls: list[tuple[int, float | None]] = []
     factors = np.array([0.5, 1.0, 1.5])
     original = mass_ratios.checks

@@ -1,4 +1,7 @@
-"""Commands on bladed disks from files: levels by sector against closed forms, ensembles of mistuned disks, and refusals."""
+"""Commands on bladed disks from files agree with closed forms and refuse wrong files.
+
+Levels by sector and ensembles of mistuned disks are tested.
+"""
 
 import json
 from pathlib import Path
@@ -62,7 +65,9 @@ def results(folder: Path, *arguments: object) -> dict[str, Any]:
 def stationary_levels(
     deviation: float, seed: int, omega: float, force: float, pattern: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the RMS displacement (3,) in m of three coupled masses, by a linear solve with modal damping.
+    """Return the RMS displacement (3,) in m of three coupled masses.
+
+    It follows from a linear solve with modal damping.
 
     ``pattern`` (3,): of the force over the sectors; None: a travelling one.
     """
@@ -81,7 +86,11 @@ def stationary_levels(
 
 
 def test_levels_of_mistuned_disks_are_those_of_a_linear_solve(tmp_path: Path) -> None:
-    """In the steady state at a constant frequency; members differ in mistuning, phase, and by a millionth in force."""
+    """Levels of mistuned disks are those of a linear solve.
+
+    The disk is in the steady state at a constant frequency. Members differ in mistuning, in phase,
+    and by a millionth in force.
+    """
     disk = write_disk(tmp_path, mistuning={"frequency": 0.02, "seed": 4})
     plain = results(tmp_path, "--scene", disk, *AT_RATIO, "--start", "steady", "--members", 3)
     resonance = OMEGA * np.sqrt(1 + 4 * COUPLING * np.sin(np.pi / 3) ** 2)
@@ -191,7 +200,11 @@ def disk_with(absorber: dict[str, Any] | None = None, **changes: Any) -> BladedD
 
 @pytest.mark.parametrize(("order", "direction"), [(1, "forward"), (1, "backward"), (0, "standing")])
 def test_a_sector_of_a_travelling_wave_is_one_mass(order: int, direction: str) -> None:
-    """In steady motion at the resonance each mass moves as a single one with the frequency of its nodal diameter."""
+    """A sector of a travelling wave moves as one mass.
+
+    In steady motion at the resonance each mass moves like a single one with the frequency of its
+    nodal diameter.
+    """
     sector = equivalent_sector(disk_with(IMPACT, engine_order=order, direction=direction))
     omega = OMEGA * np.sqrt(1 + 4 * COUPLING * np.sin(np.pi * order / 3) ** 2)
     assert sector.omega[0] == pytest.approx(omega, rel=1e-12)
@@ -201,7 +214,11 @@ def test_a_sector_of_a_travelling_wave_is_one_mass(order: int, direction: str) -
 
 
 def test_uncoupled_sectors_have_the_level_of_a_single_absorber() -> None:
-    """Each sector is then a mass on a spring with an absorber, whose kernels are others; a short run, so that impacts amplify no rounding."""
+    """Uncoupled sectors have the level of a single absorber on a mass and a spring.
+
+    The single absorber uses other kernels. The run is short, so that impacts do not amplify
+    rounding errors.
+    """
     disk = disk_with(IMPACT | {"gap": 2e-5}, coupling=0.0, engine_order=0)
     case = disk_case(disk, rate=400.0)
     (level,) = worst_levels(case, disk, case.force, range(1))

@@ -1,4 +1,7 @@
-"""The explorer's server, without a browser: what it computes, what it refuses, who it answers to."""
+"""The explorer's server computes correct values and refuses wrong requests.
+
+The tests need no browser. They include the addresses to which the server responds.
+"""
 
 import json
 import socket
@@ -192,7 +195,11 @@ def test_others_are_refused(client: TestClient, headers: dict[str, str]) -> None
     ],
 )
 def test_a_page_answers_to_every_address_that_leads_to_it(listens: str, host: str) -> None:
-    """Through a tunnel or a container, which have ports of their own, at all addresses, and under a name that was allowed."""
+    """The server responds under every address that leads to it.
+
+    These are addresses through a tunnel or a container with other ports, all addresses, and an
+    allowed name.
+    """
     app = make_app(BEAM, "the paper's beam", names_of(listens, "proxy.example"))
     headers = {"host": host, "origin": f"http://{host}"}
     with TestClient(app, base_url=f"http://{HOST}") as client:
@@ -315,7 +322,10 @@ def test_what_is_drawn_is_what_the_library_computes(client: TestClient) -> None:
 
 
 def run_commands(taken: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
-    """Run the exported commands in a folder with the exported files, without figures, and return their results."""
+    """Run the exported commands in a folder with the exported files.
+
+    Return their results. Figures are not drawn.
+    """
     (folder / "scene.json").write_text(json.dumps(taken["scene"]))
     for name, load in taken["loads"].items():
         (folder / name).write_text(json.dumps(load))
@@ -343,7 +353,10 @@ def test_the_commands_give_the_cards_numbers(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    """Level and impacts of the page; the range of the sweeps is that of other commands for absorbers of the mass."""
+    """The exported commands give the level and impacts of the page's card.
+
+    The range of the sweeps is that of other commands for absorbers of this mass.
+    """
     with client.websocket_connect("/socket", headers=OWN) as session:
         session.send_text(json.dumps({"number": 1, "values": VALUES | values}))
         messages = until(session, "card", "failed")
@@ -584,7 +597,10 @@ def test_the_verdict_has_a_grade_and_a_reason(
 
 
 def test_advice_for_two_absorbers_is_better_than_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The level at the gaps that a search recommends, by the curve of the API, against the design rule's gap for both."""
+    """The recommended gaps of two absorbers give a lower level than the design rule.
+
+    The level is that of the API's performance curve. With the rule both absorbers have its gap.
+    """
     monkeypatch.setattr("optimisation.explore.advice.GAP_STEPS", range(-1, 6, 2))
     values = parse_controls(VALUES | {"concept": "two", "members": 1}, BEAM)
     work = Work(values, BEAM, Kernels())
@@ -623,7 +639,10 @@ def test_other_structures_have_their_own_controls(client: TestClient) -> None:
 def test_a_disks_level_is_that_of_its_worst_sector_and_of_its_commands(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Against the runs of `optimisation.disks`, the closed form without absorbers, and the exported commands."""
+    """The level of a disk is that of its worst sector and that of the exported commands.
+
+    It is compared with the runs of `optimisation.disks` and with the closed form without absorbers.
+    """
     monkeypatch.setattr("optimisation.explore.disk_work.FORCES", 3)
     ring = ring_of_masses(4, coupling=0.02, frequency=100.0, damping_ratio=0.02)
     disk = BladedDisk(ring, engine_order=1, amplitude=20.0)

@@ -1,4 +1,7 @@
-"""The explorer's page in a real browser, with the network off: what is drawn, what a slider does, what is refused, what is saved."""
+"""The explorer's page works in a real browser without network.
+
+The tests cover drawing, sliders, refused values and saved files.
+"""
 
 import csv
 import json
@@ -73,7 +76,10 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def page(browser: Any, address: str, request: pytest.FixtureRequest) -> Iterator[Any]:
-    """A page that reaches nothing but the server, in which nothing goes wrong; its parameter is the setting."""
+    """Yield a page that reaches only the server, and check that no error occurs in it.
+
+    The fixture's parameter is the setting.
+    """
     wrong: list[str] = []
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.add_init_script(WATCH)
@@ -96,7 +102,10 @@ def page(browser: Any, address: str, request: pytest.FixtureRequest) -> Iterator
 
 
 def finished(page: Any, number: int | None = None) -> int:
-    """Wait until a setting's numbers and its curve of all members are drawn, by default the newest's, and return its number."""
+    """Wait until a setting's numbers and its curve of all members are drawn.
+
+    By default it is the newest setting. Return its number.
+    """
     page.wait_for_selector("html[data-asked]", state="attached", timeout=WAIT)
     end = time.monotonic() + WAIT / 1000
     while True:
@@ -152,7 +161,11 @@ def test_numbers_are_those_of_the_library_and_files_are_whole(page: Any) -> None
 
 
 def test_settings_move_are_undone_and_refused_in_words(page: Any) -> None:
-    """The gap by arrow keys, by a page key, by text with a comma and with a unit; Back; values that are not allowed."""
+    """Settings change, are undone, and wrong values are refused with a message.
+
+    The gap is set by arrow keys, by a page key, and by text with a comma and with a unit. Back is
+    tested as well.
+    """
     finished(page)
     before = saved(page, "Save the curve as", "CSV").read_text()
     gap = page.locator("#n-gap")
@@ -236,7 +249,10 @@ OUTSIDE = """[...document.querySelectorAll('.panel:not(#card)')].filter((p) => [
 
 @pytest.mark.parametrize("page", [ONE], indirect=True)
 def test_it_fits_at_all_sizes_and_a_pinned_curve_stays(page: Any) -> None:
-    """Nothing is cut at five sizes, also with a second curve and with the values at the pointer in the legend."""
+    """The page fits at five sizes, and a pinned curve stays visible.
+
+    Nothing is cut off, also with a second curve and with the values at the pointer in the legend.
+    """
     finished(page)
     page.get_by_role("button", name="Pin this curve").click()
     force = page.locator("#n-force")

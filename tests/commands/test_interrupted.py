@@ -1,4 +1,7 @@
-"""Ctrl-C at a command: exit code 130 and one line, what is finished is kept, and the same command goes on from there or starts anew."""
+"""After Ctrl-C a command exits with code 130 and one line.
+
+Finished results are saved. The same command continues from them or starts again.
+"""
 
 import hashlib
 import importlib
@@ -33,15 +36,20 @@ PLAIN = "--concept friction --no-figures --audit 0"
 ORBITS = "--modes 1 --restitution 0.75 --force 1.5 --from 0.92 --to 0.94 --points 3"
 RESPONSE = "--modes 3 --friction-limit 0.01 --method exact --from 0.93 --to 0.95 --rate 20"
 ISOLA = "--modes 3 --from 0.93 --map-modes 1,3 --map-friction-limits 0,0.01"
-REGIMES = "--modes 2 --friction-limit 0.025 --force 1.5 --quick --members 6 --points 3 --from 0.98 --to 0.96 --approach 1 --only jump --threads 1"
+REGIMES = (
+    "--modes 2 --friction-limit 0.025 --force 1.5 --quick --members 6 --points 3 --from 0.98 --to "
+    "0.96 --approach 1 --only jump --threads 1"
+)
 
 
 class Stop(NamedTuple):
-    """A command that is broken off at call number ``at`` of a function (of a generator: where that would give its value number ``at``).
+    """A command that is interrupted at call number ``at`` of a function.
 
-    ``partial_file`` is the JSON file that it leaves (None: none). ``same`` is the file that in the end equals that of a run
-    without interruption. Where the command continues from saved results, ``calls`` counts the calls of both runs together,
-    the interrupted call included.
+    For a generator, ``at`` counts the values that it yields.
+
+    ``partial_file`` is the JSON file that it leaves (None: none). ``same`` is the file that in the
+    end equals that of a run without interruption. Where the command continues from saved results,
+    ``calls`` counts the calls of both runs together, the interrupted call included.
     """
 
     name: str
@@ -81,7 +89,10 @@ STOPS = (
     ),
     Stop(
         "design_place",
-        f"--force 3.5 --modes 2 --mass-ratio 0.02 --mass-ratio 0.03 --position 1 --members 1 {FAST} --no-card --out .",
+        (
+            "--force 3.5 --modes 2 --mass-ratio 0.02 --mass-ratio 0.03 --position 1 --members 1 "
+            f"{FAST} --no-card --out ."
+        ),
         SIMULATE,
         45,
         SUMMARY,
@@ -150,7 +161,10 @@ STOPS = (
     ),
     Stop(
         "periodic basins",
-        "--modes 1 --restitution 0.75 --over frequency 0.92 0.94 --points 3 --starts 2 --threads 1 --json a.json",
+        (
+            "--modes 1 --restitution 0.75 --over frequency 0.92 0.94 --points 3 --starts 2 "
+            "--threads 1 --json a.json"
+        ),
         f"{PERIODIC}.basins.settle_runs",
         2,
         "a.json",
@@ -158,7 +172,10 @@ STOPS = (
     ),
     Stop(
         "periodic basins",
-        "--modes 1 --over frequency 0.92 0.94 --points 2 --map force 1 2 --map-points 2 --threads 1 --json a.json",
+        (
+            "--modes 1 --over frequency 0.92 0.94 --points 2 --map force 1 2 --map-points 2 "
+            "--threads 1 --json a.json"
+        ),
         f"{PERIODIC}.attractors.settle_motion",
         3,
         "a.json",
@@ -166,7 +183,10 @@ STOPS = (
     ),
     Stop(
         "periodic diagram",
-        "--modes 1 --restitution 0.75 --over frequency 0.92 0.94 --points 2 --no-branches --json a.json",
+        (
+            "--modes 1 --restitution 0.75 --over frequency 0.92 0.94 --points 2 --no-branches "
+            "--json a.json"
+        ),
         f"{PERIODIC}.diagrams.settle_motion",
         3,
         "a.json",
@@ -260,13 +280,20 @@ def test_an_interrupted_command_saves_finished_parts_and_continues(
 
 
 def heed_interrupts() -> None:
-    """Let a process that is about to start notice Ctrl-C, also where these tests run in the background of a shell, which ignores it."""
+    """Let a process that is about to start react to Ctrl-C.
+
+    A shell ignores the signal in background jobs, in which these tests may run.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as a terminal does")
 def test_during_imports_it_is_one_line(tmp_path: Path) -> None:
-    """A module that takes for ever stands first on the path: the signal comes while it is being imported."""
+    """Ctrl-C during imports gives one line.
+
+    A module that takes for ever is first on the path, so that the signal arrives while it is
+    imported.
+    """
     mark = tmp_path / "there"
     (tmp_path / "click.py").write_text(
         f"import pathlib, time\npathlib.Path({str(mark)!r}).touch()\ntime.sleep(100)\n"
@@ -314,17 +341,25 @@ COMPILING = {
     "judge --task GapChoice-v1": CONSOLE,
     "simulate": SCENE + "i.simulate(scene, load)",
     "run_lanes": SCENE
-    + "from impact_env.ensemble import Lane, run_lanes\nassert not run_lanes([Lane(scene, load)] * 2).complete\nraise KeyboardInterrupt",
-    "environment": "import gymnasium, impact_env.envs\nenv = gymnasium.make('ImpactAbsorber/GapChoice-v1')\nenv.reset(seed=0)\n"
+    + (
+        "from impact_env.ensemble import Lane, run_lanes\nassert not run_lanes([Lane(scene, "
+        "load)] * 2).complete\nraise KeyboardInterrupt"
+    ),
+    "environment": "import gymnasium, impact_env.envs\nenv = "
+    "gymnasium.make('ImpactAbsorber/GapChoice-v1')\nenv.reset(seed=0)\n"
     "env.step(env.action_space.sample())",
-    "warm_up": "import time\nfrom functools import partial\nfrom pathlib import Path\nfrom impact_env.warm_up import warm_up\n"
+    "warm_up": "import time\nfrom functools import partial\nfrom pathlib import Path\nfrom "
+    "impact_env.warm_up import warm_up\n"
     "warm_up([('a', Path('compiling').touch), *[('b', partial(time.sleep, 1000))] * 2], print, 2)",
 }
 NEEDED = {"optimise_design": "optuna", "judge": "gymnasium", "environment": "gymnasium"}
 
 
 def interrupted(code: str, words: str, folder: Path, mark: Path) -> tuple[int, str]:
-    """Return exit code and standard error of a process that gets a terminal's signal once a file is there."""
+    """Return exit code and standard error of a process that is interrupted.
+
+    The process gets the signal of a terminal when the file ``mark`` exists.
+    """
     cache = folder / "cache"
     environment = os.environ | {"PYTHONPATH": str(ROOT), "IMPACT_ENV_CACHE": str(cache)}
     process = subprocess.Popen(
@@ -371,7 +406,11 @@ def test_a_compiler_that_never_ends_is_left_behind(words: str, tmp_path: Path) -
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal as a terminal does")
 def test_kernels_are_whole_after_a_compilation_that_was_left_behind(tmp_path: Path) -> None:
-    """The compiler is numba's own: what the cache holds is whole, its lock is free, and no file of its making is left."""
+    """Kernels are complete after an abandoned compilation.
+
+    The compiler is that of numba. The cache has only complete files, its lock is free, and no
+    temporary file is left.
+    """
     started = "from impact_env import on_compile\nfrom pathlib import Path\n"
     started += "on_compile(lambda about: Path('compiling').touch())\n" + SCENE
     code, err = interrupted(

@@ -1,4 +1,7 @@
-"""Names of commands and options: one table, help on one screen, examples that work, and names of the version before."""
+"""Names of commands and options agree with one table.
+
+Help fits on one screen, examples work, and names of the previous version are accepted.
+"""
 
 import json
 import re
@@ -26,7 +29,8 @@ SHIPPED = [name for names in HEADINGS.values() for name in names]
 PROGRAM = "impact-absorber"
 SCREEN = 40  # lines
 WIDTH = 80  # columns
-# options whose value is of another kind elsewhere: a list of harmonics, a name with its prior, a kind of file
+# options whose value is of another kind elsewhere: a list of harmonics, a name with its prior, a
+# kind of file
 OTHER_KINDS = {"--free", "--from", "--harmonics", "--to"}
 # examples that take at most seconds, once kernels are compiled, and write into the folder
 RUN = (
@@ -53,7 +57,7 @@ def help_of(name: str, option: str = "--help") -> str:
 
 
 def parse(line: str) -> dict[str, Any]:
-    """Return the parameters that a command line stands for, through the group as a user calls it."""
+    """Return the parameters of a command line, parsed by the group as for a user."""
     words = shlex.split(line)
     context = main.make_context(PROGRAM, list(words))
     command: click.Command = main
@@ -82,7 +86,11 @@ def test_help_is_one_screen(name: str) -> None:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_all_options_are_those_of_the_table(name: str) -> None:
-    """What click offers is what the dataclass declares, what --help-all lists, and one meaning for each name."""
+    """All options of a command are those of the table.
+
+    Click's options are those that the dataclass declares and that --help-all lists. Each name has
+    one meaning.
+    """
     command = imported(name).main
     offered = {option for one in command.params for option in one.opts if option[0] == "-"}
     everything = help_of(name, "--help-all") if "--help-all" in offered else help_of(name)

@@ -1,4 +1,7 @@
-"""Commands of periodic motions: the JSON contract of orbits, contents of files, and published numbers."""
+"""Commands of periodic motions keep their JSON format and agree with published numbers.
+
+Contents of their files are tested as well.
+"""
 
 import json
 from pathlib import Path
@@ -113,7 +116,10 @@ mass_ratio = 0.01
 
 
 def test_orbits_of_a_scene_with_two_absorbers_are_in_the_same_form(tmp_path: Path) -> None:
-    """Keys of JSON and columns of CSV are those of one absorber; each orbit is computed again from its entry."""
+    """Orbits of a scene with two absorbers have the same form as those of one absorber.
+
+    Keys of JSON and columns of CSV are the same. Each orbit is computed again from its entry.
+    """
     scene = tmp_path / "two.toml"
     scene.write_text(TWO_ABSORBERS, encoding="utf-8")
     table = tmp_path / "orbits.csv"
@@ -152,7 +158,11 @@ def test_options_that_do_not_go_with_several_absorbers_are_refused(tmp_path: Pat
 
 
 def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
-    """Low and high orbits of one frequency lie on one branch over the force, which turns where its fold force is."""
+    """A branch over the force contains both ends of an S.
+
+    Low and high orbits of one frequency are on one branch over the force. It turns at the force of
+    the fold.
+    """
     _, (branch,) = listed(
         tmp_path,
         "--modes",
@@ -234,7 +244,11 @@ def test_two_absorbers_are_refused_in_one_line(tmp_path: Path) -> None:
 
 
 def test_a_range_has_pairs_and_doubled_periods(tmp_path: Path) -> None:
-    """N_m = 1, e = 0.8: between 0.9307 and 0.9353 a stable orbit has two periods of the force, which runs settle to (test_switching)."""
+    """A range of frequencies has pairs of orbits and orbits with doubled period.
+
+    N_m = 1, e = 0.8: between 0.9307 and 0.9353 a stable orbit has two periods of the force, and
+    runs end on it (test_switching).
+    """
     arguments = [
         "--modes",
         "1",
@@ -405,7 +419,11 @@ def test_the_papers_isola_by_both_methods_in_all_files(
 def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches_them(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """With a contact stiffness: up to the fold the absorber floats and the beam is that without one, beyond it each solution is a saddle."""
+    """Harmonic balance with compliant walls becomes unstable at the first contact.
+
+    It has a contact stiffness. Up to the fold the absorber touches no wall and the beam moves as
+    without one. Beyond it each solution is a saddle.
+    """
     drawn = saved_figures(monkeypatch)
     file = tmp_path / "found.json"
     figure = tmp_path / "found.png"
@@ -450,7 +468,11 @@ def test_balance_at_springs_loses_its_stability_where_the_absorber_first_touches
 
 
 def test_both_commands_list_the_same_folds(tmp_path: Path) -> None:
-    """At 3 N the branch folds twice near 0.90321, with 4 reversals and with 8: which of them is met depends on the steps of the continuation."""
+    """The commands frequency_response and orbits list the same folds.
+
+    At 3 N the branch folds twice near 0.90321, with 4 reversals and with 8. The steps of the
+    continuation decide which of them is found.
+    """
     limits = ("--force", 3, "--from", 0.89, "--to", 0.93)
     done(
         imported("frequency_response"),
@@ -477,7 +499,11 @@ def test_both_commands_list_the_same_folds(tmp_path: Path) -> None:
 def test_the_envelope_has_quantiles_of_runs_that_settled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """The paper's two-mode case at 0.9 is linear but for sliding friction: all members alike, between the linear curves, without an impact."""
+    """The envelope has quantiles of stationary runs.
+
+    The paper's two-mode case at 0.9 is linear except for sliding friction: all members are equal,
+    between the linear curves, and without an impact.
+    """
     drawn = saved_figures(monkeypatch)
     files = [tmp_path / name for name in ("response.json", "response.png")]
     run = (
@@ -623,7 +649,11 @@ def test_marks_of_one_kind_that_would_cover_each_other_are_drawn_once() -> None:
 def test_curves_have_criticality_and_special_points_in_all_files(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """N_m = 1, e = 0.8: broken symmetry from 1.08 to 1.12 N becomes subcritical at 1.1003 N, next to a fold-flip."""
+    """Curves of bifurcations have criticality and special points in all files.
+
+    N_m = 1, e = 0.8: the symmetry breaking from 1.08 to 1.12 N becomes subcritical at 1.1003 N,
+    close to a fold-flip.
+    """
     drawn = saved_figures(monkeypatch)
     table = tmp_path / "curves.csv"
     target = tmp_path / "curves.json"

@@ -1,4 +1,7 @@
-"""Commands and environments on a structure from a file, with sweeps so fast that the numbers do not matter."""
+"""Commands and environments work on a structure from a file.
+
+Sweeps are so fast that the numbers do not matter.
+"""
 
 import json
 import shlex
@@ -53,13 +56,19 @@ def test_every_example_runs_from_rule_to_comparison(
     result = call(
         "design_gap",
         monkeypatch,
-        f"--structure {structure} --mass-ratio 0.01 --force 2 --rate 40 --gaps 3 --members 1 --out {tmp_path}",
+        (
+            f"--structure {structure} --mass-ratio 0.01 --force 2 --rate 40 --gaps 3 --members 1 "
+            f"--out {tmp_path}"
+        ),
     )
     assert (
-        f"Design rule (no simulation): {1e3 * design_gap(model, 0.01 * model.beam_mass, 2.0):.4g} mm"
-        in result.output
+        "Design rule (no simulation): "
+        f"{1e3 * design_gap(model, 0.01 * model.beam_mass, 2.0):.4g} mm"
+    ) in result.output
+    line = (
+        f"--structure {structure} --mass-ratio 0.01 --force 2 --resonances 1 1 --rate 40 --forces "
+        f"2 --members 1 --out {tmp_path}"
     )
-    line = f"--structure {structure} --mass-ratio 0.01 --force 2 --resonances 1 1 --rate 40 --forces 2 --members 1 --out {tmp_path}"
     call("compare_absorbers", monkeypatch, line)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["settings"]["gap_m"] == pytest.approx(
@@ -173,7 +182,10 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
     device.write_text(
         json.dumps(from_scene(beam_scene(beam, impact_absorber(7e-4, 0.55, 0.03, 0.015)), beam))
     )
-    line = f"--scene {device} --force 1.7 --resonances 1 2 --forces 2 --members 1 --rate 60 --out {tmp_path}"
+    line = (
+        f"--scene {device} --force 1.7 --resonances 1 2 --forces 2 --members 1 --rate 60 --out "
+        f"{tmp_path}"
+    )
     call("compare_absorbers", monkeypatch, line)
     summary = json.loads((tmp_path / "summary.json").read_text())
     impact = summary["resonances"]["1"]["concepts"]["impact"]["absorber"]
@@ -202,7 +214,10 @@ def test_a_device_goes_to_other_commands(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert "at_the_force" not in second["impact"]
     call("tune_ltva", monkeypatch, f"--scene {device} --quick --out {tmp_path}")
     assert json.loads((tmp_path / "summary.json").read_text())["settings"]["mass_ratio"] == 0.015
-    line = f"--scene {device} --at 1:2 --free gap --members 1 --rate 60 --batch 2 --designs 2 --no-figures --audit 0 --out {tmp_path}"
+    line = (
+        f"--scene {device} --at 1:2 --free gap --members 1 --rate 60 --batch 2 --designs 2 "
+        f"--no-figures --audit 0 --out {tmp_path}"
+    )
     call("optimise_design", monkeypatch, line)
     values = json.loads((tmp_path / "impact" / "summary.json").read_text())["winner"]["values"]
     assert (values["restitution"], values["friction_limit"], values["mass_ratio"]) == (

@@ -1,4 +1,7 @@
-"""Golden cases and every kind of load through the command sweep, from files; and what a file of loads is refused for."""
+"""The command sweep reproduces golden cases and works with every kind of load.
+
+Scenes and loads come from files. Wrong files of loads are refused.
+"""
 
 import json
 import re
@@ -33,7 +36,10 @@ from optimisation.signals import band_edges, of_signal
 
 
 def model(modes: int, damping: float, **more: float) -> str:
-    """Return a file's table of a structure: the closed-form cantilever's first modes, or of one mode what is given."""
+    """Return a file's table of a structure.
+
+    It has the first modes of the closed-form cantilever, or one mode with given values.
+    """
     rows = {
         "force_shape_per_sqrt_kg": FORCE_SHAPE[:modes],
         "tip_shape_per_sqrt_kg": TIP_SHAPE[:modes],
@@ -54,7 +60,10 @@ duration_s = 0.0555"""
 SCHEDULE = (
     "schedule = {{ times_s = [0, {0}], omegas_rad_s = [240.0, 265.0], reference_rad_s = 252.3 }}"
 )
-STILL = f"schedule = {{ times_s = [0, 0.089], omegas_rad_s = [{OMEGA[0]}, {OMEGA[0]}], reference_rad_s = {OMEGA[0]} }}"
+STILL = (
+    "schedule = "
+    f"{{ times_s = [0, 0.089], omegas_rad_s = [{OMEGA[0]}, {OMEGA[0]}], reference_rad_s = {OMEGA[0]} }}"
+)
 GRAVITY_LOAD = f"[load]\nkind = 'force'\namplitude_n = 3.0\n{STILL}"
 GOLDEN = {
     "tones": ("restitution = 0.7", TONES_LOAD, TONES),
@@ -136,8 +145,14 @@ BAD = {  # a load, or the file of its record, and the message
     "[load]\nkind = 'random'\nspectrum = [[1, 1], [2, 1]]\nduration_s = 1.0\nunit = 'g^2/Hz'": r"load\.unit = 'g\^2/Hz' .*N\^2/Hz",
     "[load]\nkind = 'base'\nspectrum = [[1, 1], [2, 1]]\nduration_s = 1.0\nunit = 'g'": r"load\.unit = 'g' .*g\^2/Hz",
     "[load]\nkind = 'random'\nspectrum = [[1, 1], [1, 2], [2, 1]]\nduration_s = 1.0": r"spectrum = .*a step, between others",
-    "[load]\nkind = 'random'\nspectrum = [[1, 1], [2, 1], [2, 2], [2, 3], [3, 1]]\nduration_s = 1.0": r"spectrum = .*a step, between others",
-    "[load]\nkind = 'base'\npulse = 'sawtooth'\npeak_g = 'high'\npulse_s = 0.1\nduration_s = 1.0": r"load\.peak_g = 'high'",
+    (
+        "[load]\nkind = 'random'\nspectrum = [[1, 1], [2, 1], [2, 2], [2, 3], [3, 1]]\nduration_s "
+        "= 1.0"
+    ): r"spectrum = .*a step, between others",
+    (
+        "[load]\nkind = 'base'\npulse = 'sawtooth'\npeak_g = 'high'\npulse_s = 0.1\nduration_s = "
+        "1.0"
+    ): r"load\.peak_g = 'high'",
     "[load]\nkind = 'shock'\npulse = 'sawtooth'\npeak_g = 1.0\npulse_s = 0.1\nduration_s = 1.0": r"load\.peak_g = 1\.0 .*peak_n",
     "[load]\nkind = 'base'\nacceleration_g = 1.0\nacceleration_m_s2 = 1.0\n"
     + SCHEDULE.format(1): r"load\.acceleration_m_s2 = 1\.0",
@@ -318,7 +333,8 @@ def test_a_sweep_through_a_resonance_at_nodes_is_warned_of(tmp_path: Path) -> No
         assert warned == (resonance == 2)
 
 
-# What sweep --measures tells, against closed forms: sines, Gaussian noise, transfer functions, and what an impact loses.
+# What sweep --measures tells, against closed forms: sines, Gaussian noise, transfer functions, and
+# what an impact loses.
 
 
 RATE = 1000.0
@@ -373,7 +389,10 @@ def test_a_sine() -> None:
 
 
 def test_gaussian_noise() -> None:
-    """Rice: |x| of a flat band from f1 to f2 rises above k sigma 2 nu exp(-k^2/2) times a second, nu^2 = (f1^2 + f1 f2 + f2^2)/3."""
+    """Exceedances of Gaussian noise agree with Rice's formula.
+
+    |x| of a flat band from f1 to f2 rises above k sigma 2 nu exp(-k^2/2) times a second, nu^2 = (f1^2 + f1 f2 + f2^2)/3.
+    """
     seconds = 400.0
     drawn = np.random.default_rng(1)
     low = 20.0
@@ -438,10 +457,17 @@ def test_a_record_of_a_base_begins_and_ends_at_one_place() -> None:
 
 
 def test_motion_in_space_over_that_of_the_base(tmp_path: Path) -> None:
-    """Transmissibility of an oscillator: (1 + 2 i D r)/(1 - r^2 + 2 i D r); relative to the base r^2 over the same."""
+    """Motion relative to that of the base agrees with the transmissibility of an oscillator.
+
+    The absolute motion is (1 + 2 i D r)/(1 - r^2 + 2 i D r), and that relative to the base has r^2
+    as numerator.
+    """
     r = 1.3
     acceleration = 2.0
-    load = f'[load]\nkind = "base"\ntones = [{{ amplitude_m_s2 = {acceleration}, frequency_hz = {r * OMEGA[0] / (2 * np.pi)} }}]\nduration_s = 4.0'
+    load = (
+        '[load]\nkind = "base"\ntones = '
+        f"[{{ amplitude_m_s2 = {acceleration}, frequency_hz = {r * OMEGA[0] / (2 * np.pi)} }}]\nduration_s = 4.0"
+    )
     base = acceleration / (r * OMEGA[0]) ** 2 / np.sqrt(2)
     dynamic = 1 - r**2 + 2j * 0.02 * r
     for option, ratio in (
@@ -483,7 +509,10 @@ def test_two_tones_have_a_band_each(tmp_path: Path) -> None:
 
 def test_the_energy_after_a_pulse_decays(tmp_path: Path) -> None:
     """As exp(-2 D omega t), about which the energy of a damped swing moves by the damping ratio."""
-    load = '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 9.0\npulse_s = 0.0125\nduration_s = 0.5'
+    load = (
+        '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 9.0\npulse_s = 0.0125\nduration_s '
+        "= 0.5"
+    )
     measured, _ = measures(tmp_path, ONE_MODE, load)
     times, energy = (np.array(measured["decay"][key]) for key in ("at_s", "energy_j"))
     assert times[0] == pytest.approx(0.0125, abs=1 / measured["sample_rate_hz"])

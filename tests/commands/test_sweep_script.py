@@ -1,4 +1,7 @@
-"""The command sweep: its JSON contract, what it prints and draws, and that scenes from files are those of options."""
+"""The command sweep keeps its JSON format, and prints and draws its results.
+
+Scenes from files are the same as those from options.
+"""
 
 import json
 import math
@@ -126,7 +129,11 @@ def test_too_fast_a_sweep_is_reported_and_nothing_where_nothing_is_swept() -> No
 
 
 def test_a_sweep_starts_from_the_chosen_state(tmp_path: Path) -> None:
-    """At a high resonance, below it: from rest the level is that of the start, which is warned of; from the steady state there is none."""
+    """A sweep starts from the chosen state.
+
+    At a high resonance, below it, the level of a sweep from rest is that of its start, and a
+    warning says so. From the steady state there is no warning.
+    """
     arguments = ("--resonance", 4, "--from", 0.9, "--to", 0.95, "--force", 1, "--modes", 5)
     out = done(sweep, "--absorber", "none", *arguments, "--phase", 1.57).stdout
     assert "from rest" in out
@@ -260,7 +267,11 @@ def test_defaults_are_the_papers() -> None:
 
 
 def test_members_have_the_parameters_of_a_posterior(tmp_path: Path) -> None:
-    """Levels are those of scenes with the drawn values; the band is where all draws are alike a line through these levels."""
+    """Members have parameters drawn from a posterior.
+
+    Levels are those of scenes with the drawn values. If all draws are equal, the band is a line
+    through these levels.
+    """
     draws = np.tile([1.5e-3, 0.4], (60, 1))
     write_json(tmp_path / "p.json", Posterior(("gap", "restitution"), draws).to_plain())
     arguments = [*SHORT[:-1], "20", "--gap", "1e-3", "--restitution", "0.7", "--uncertain"]

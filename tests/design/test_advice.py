@@ -45,7 +45,11 @@ def test_interval_covers_the_ratio_as_often_as_it_says() -> None:
 
 
 def test_ratio_of_medians_pairs_nothing() -> None:
-    """Members in another order are the same members; a pairing, by which each ratio here is 2, is not looked at."""
+    """The interval of a ratio of medians does not depend on pairs of members.
+
+    Members in another order are the same members. Here each pair would have the ratio 2, which must
+    not narrow the interval.
+    """
     second = np.arange(1.0, 17.0)
     gain = ratio_of_quantiles(2 * second, second)
     shuffled = ratio_of_quantiles(2 * second, second[::-1])
@@ -85,7 +89,11 @@ def test_two_branches_are_reported_and_one_is_not() -> None:
 
 
 def test_lasting_vibration_of_a_linear_absorber_is_its_receptance() -> None:
-    """A tuned absorber's largest stationary level over the frequencies that are tried, from the modal sum with the attachment's force."""
+    """The stationary level of a tuned absorber agrees with its receptance.
+
+    It is the largest level over the tested frequencies, from the modal sum with the force of the
+    absorber.
+    """
     problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
     design = problem.space.default
     (level,) = lasting_levels(problem, design, Threads(1))
@@ -144,18 +152,26 @@ def test_service_of_an_impact_absorber_on_another_beam() -> None:
 
 
 def test_uncertain_numbers_are_drawn_within_their_tolerances() -> None:
-    """Twice the tolerance's factor on the frequency: the sweep follows the beam, and displacements go with one over its square."""
+    """Uncertain parameters are drawn within their tolerances.
+
+    The draws differ in frequency by twice the tolerance's factor. The sweep follows the beam's
+    frequency, and displacements are proportional to the inverse square of the factor.
+    """
     problem = steel("friction", conditions=(Condition(1, 0.5),), members=2, rate=20.0)
     loads = service(problem, problem.space.default, Threads(), members=1, draws=2)
     low, high = loads.single["frequency"][:, 0]
-    # a friction damper under the same force: frequencies times s mean displacements over s^2, exactly
+    # a friction damper under the same force: frequencies times s mean displacements over s^2,
+    # exactly
     assert low * 0.95**2 == pytest.approx(high * 1.05**2, rel=1e-4)
     assert "gap" not in loads.single
     assert set(loads.measures) == {"friction_heat", "stroke", "acceleration"}
 
 
 def test_constant_force_settles_before_it_is_measured() -> None:
-    """The root of the mean square of the second half of a linear run, against Duhamel's integral."""
+    """Under a constant force the start-up is not part of the level.
+
+    The root mean square of the second half of a linear run agrees with Duhamel's integral.
+    """
     problem = steel("tuned", conditions=(Condition(1, 0.5, (0.5, 1.6)),))
     scene = Scene(problem.model)
     drive = Drive(0.5, constant_frequency(float(scene.model.omega[0]), 0.97, 60.0))

@@ -38,7 +38,10 @@ def quickly_tuned(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def check_files(answer: CompleteAnswer, command: Path, python: Path) -> dict[str, Any]:
-    """Check that an answer writes the files of a command, and return the content of the command's summary."""
+    """Check that a result writes the same files as a command.
+
+    Return the content of the command's summary.
+    """
     files = {file.relative_to(python) for file in answer.save(python)}
     assert files == {file.relative_to(command) for file in command.iterdir()}
     for file in files:
@@ -89,7 +92,10 @@ def test_advise_refuses_before_it_runs(
         optimisation.advise(Beam(modes=2), 3.5, **options)
 
 
-LOAD = '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 0.5\n'
+LOAD = (
+    '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = '
+    "0.5\n"
+)
 
 
 def test_advise_under_loads_gives_what_design_gap_gives(
@@ -142,7 +148,8 @@ def test_compare_gives_what_compare_absorbers_gives(
 ) -> None:
     file = tmp_path / "beam.toml"
     file.write_text(
-        "[beam]\nlength_m = 0.9\nbending_stiffness_n_m2 = 40.0\nmass_per_length_kg_m = 0.6\nmodes = 2\n"
+        "[beam]\nlength_m = 0.9\nbending_stiffness_n_m2 = 40.0\nmass_per_length_kg_m = "
+        "0.6\nmodes = 2\n"
     )
     line = ("--structure", file, "--rate", 40, "--forces", 3, "--members", 2, "--resonances", 1, 1)
     command = load("compare_absorbers", monkeypatch)

@@ -75,7 +75,10 @@ def moved(
     omega: float,
     at: np.ndarray,
 ) -> complex:
-    """Return the line of a place by solving for the places' own lines, with the free beam's receptances."""
+    """Return the line of a place from the free beam's receptances.
+
+    It solves for the lines of the absorbers' places first.
+    """
     shapes = places(model)
     inertia = np.array(masses) * omega**2
     between = np.array([[complex(receptance(model, omega, a, b)) for b in shapes] for a in shapes])
@@ -108,7 +111,11 @@ def moved(
 def test_lines_of_several_masses_read_anywhere(
     devices: list[tuple[float, ...]], place: float, force: float, at: float
 ) -> None:
-    """The line of any admissible strokes follows from receptances too, and its RMS is not below the limit."""
+    """Lines of several masses at any place agree with receptances.
+
+    The line of any admissible strokes follows from receptances too, and its RMS is not below the
+    limit.
+    """
     beam = Beam(modes=4)
     model = modal_model(beam, [x for x, *_ in devices])
     end = modal_model(Beam(modes=4, absorber_position=place)).tip_shape
@@ -126,7 +133,10 @@ def test_lines_of_several_masses_read_anywhere(
 
 
 def test_an_undamped_joined_resonance_is_infinite() -> None:
-    """At the resonance with the mass stuck a force is answered without bound, unless the device can cancel it."""
+    """The undamped resonance with the mass stuck is unlimited.
+
+    A force at this frequency gives an infinite response, unless the device can cancel it.
+    """
     undamped = ModalModel([100.0], [0.0], [1.0], [2.0], 1.0)
     omega = 100.0 / np.sqrt(1 + 0.25 * 4)
     assert stroke_limit_rms(undamped, 0.25, 1e-3, 1e4, omega) == np.inf
@@ -247,7 +257,11 @@ def test_the_expected_gap_is_the_rules_where_that_is_good_and_wider_with_light_d
 
 
 def test_friction_follows_the_scaling_law() -> None:
-    """Another length, mass and time: the paper's absorber has the paper's friction in those units."""
+    """Friction follows the scaling law.
+
+    With other units of length, mass and time, the paper's absorber has the paper's friction in
+    those units.
+    """
     assert scaled_friction(MODEL, MASS, GAP) == pytest.approx(0.1, rel=1e-12)
     length = 2.0
     stiffness = 3.0

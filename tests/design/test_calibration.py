@@ -1,4 +1,8 @@
-"""Calibration: measurement files, statistics, the linear fit, posteriors against closed forms, the predictive check, the command."""
+"""Calibration agrees with closed forms and refuses wrong measurements.
+
+Measurement files, statistics, the linear fit, posteriors, the predictive check and the command are
+tested.
+"""
 
 import json
 from collections.abc import Sequence
@@ -175,10 +179,12 @@ def test_records_of_another_length_or_clock_are_refused(
 def test_levels_and_decays_are_measurements(tmp_path: Path) -> None:
     write_records(tmp_path)
     (tmp_path / "m.toml").write_text(
-        '[[measurement]]\nkind = "levels"\nforces_n = [1.0, 2.0]\nlevels_m = [[1e-3, 1.1e-3], [2e-3, 2.2e-3]]\n'
+        '[[measurement]]\nkind = "levels"\nforces_n = [1.0, 2.0]\nlevels_m = [[1e-3, 1.1e-3], '
+        "[2e-3, 2.2e-3]]\n"
         "from_hz = 36.0\nto_hz = 43.0\nduration_s = 10.0\n"
         '[[measurement]]\nkind = "decay"\n'
-        'response = { file = "run.csv", channel = "response", quantity = "velocity", unit = "mm/s" }\n'
+        'response = { file = "run.csv", channel = "response", quantity = "velocity", unit = '
+        '"mm/s" }\n'
     )
     levels, decay = read_measurements(tmp_path / "m.toml")
     assert isinstance(levels, LevelMeasurement)
@@ -271,7 +277,10 @@ def test_a_base_in_space_adds_its_acceleration() -> None:
 
 
 def linear_response(omega: float, damping: float, load: Samples, shape: float) -> Array:
-    """The displacement of one mode under a load, by scipy's exact solution for straight lines between samples."""
+    """Return the displacement of one mode under a load.
+
+    It is scipy's exact solution for straight lines between samples.
+    """
     system = scipy.signal.lti(
         [[0, 1], [-(omega**2), -2 * damping * omega]], [[0], [shape]], [[shape, 0]], [[0]]
     )
@@ -416,7 +425,10 @@ def test_a_scene_takes_the_values_of_free_parameters() -> None:
 
 
 def test_scenes_of_one_structure_have_one_model() -> None:
-    """So that linear regimes are computed once for all simulations, unless frequency or damping is free."""
+    """Scenes of one structure share one model, unless frequency or damping is free.
+
+    Linear regimes are thus computed once for all simulations.
+    """
     load = swept_load()
     part = MeasurementSimulator(record_of(np.sin(load.times), load), modal_model(BEAM), 1)
     first, other = (
@@ -495,7 +507,11 @@ def test_more_parameters_than_statistics_are_refused() -> None:
 
 
 def test_predictions_without_a_simulation_are_those_of_a_fit_without_it() -> None:
-    """The shortcut for leaving one out, against fits that leave it out; ridge regression by the normal equations."""
+    """Predictions without a simulation are those of a fit without it.
+
+    The shortcut for leaving one simulation out is compared with fits that leave it out. These use
+    ridge regression by the normal equations.
+    """
     generator = np.random.default_rng(2)
     shares = generator.random((40, 1))
     statistics = shares + 0.3 * generator.standard_normal((40, 3))
@@ -557,9 +573,13 @@ def test_the_check_refuses_a_wrong_model_and_few_right_ones() -> None:
 
 
 def test_what_fitted_parameters_absorb_is_no_deviation() -> None:
-    """Linear statistics, parameters by least squares: the rest is judged alike, wherever the parameters of the simulations are.
+    """Deviations that fitted parameters can explain do not count.
 
-    Without the fit the scatter of the parameters would be that of the statistics: no model would be refused.
+    Statistics are linear and parameters are fitted by least squares. The remaining deviation is
+    judged equally, wherever the parameters of the simulations are.
+
+    Without the fit the scatter of the parameters would be that of the statistics: no model would be
+    refused.
     """
     generator = np.random.default_rng(0)
     design = generator.standard_normal((12, 2))
@@ -606,7 +626,8 @@ def test_measurements_that_give_other_parameters_contradict_one_another() -> Non
     estimates, apart = estimate_by_measurement(names, used, shares, simulated, observed, centre)
     assert apart is not None
     assert np.mean(apart >= apart[-1]) < 0.02
-    # the prior, which counts as one more measurement, draws the estimates to the middle by some percent
+    # the prior, which counts as one more measurement, draws the estimates to the middle by some
+    # percent
     assert [one.shares[0] for one in estimates] == pytest.approx([0.35, 0.65], abs=0.03)
 
 
@@ -762,10 +783,12 @@ def test_the_command_writes_a_posterior_and_refuses_before_it_runs(tmp_path: Pat
     (tmp_path / "run.csv").write_text("time (s),force (N),tip (m)\n" + text + "\n")
     (tmp_path / "m.toml").write_text(
         '[measurement]\nload = { file = "run.csv", channel = "force" }\n'
-        'response = { file = "run.csv", channel = "tip", quantity = "displacement", noise = 1e-5 }\n'
+        'response = { file = "run.csv", channel = "tip", quantity = "displacement", noise = '
+        "1e-5 }\n"
     )
     (tmp_path / "beam.toml").write_text(
-        "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = 1.1275\nmodes = 2\n"
+        "[beam]\nlength_m = 0.5\nbending_stiffness_n_m2 = 362.88\nmass_per_length_kg_m = "
+        "1.1275\nmodes = 2\n"
     )
     start = [tmp_path / "m.toml", "--structure", tmp_path / "beam.toml", "--out", tmp_path / "out"]
     free = ["--free", "restitution", 0.3, 0.9, "--friction-limit", 0.1]

@@ -1,4 +1,7 @@
-"""Reports: the same numbers as text, JSON, CSV, Markdown and HTML, and a page that opens in a browser, draws its curves and asks for nothing."""
+"""Reports have the same numbers as text, JSON, CSV, Markdown and HTML.
+
+The page opens in a browser, draws its curves and requests nothing.
+"""
 
 import json
 import shutil

@@ -52,7 +52,11 @@ def test_no_scheduler_and_no_worker_are_clear_errors() -> None:
 def test_worker_with_other_sources_is_refused_though_its_kernels_are_the_same(
     tmp_path: Path,
 ) -> None:
-    """A worker whose copy of the project measures a tenth less: it must not have a part in the result, which would not show it."""
+    """A worker with other sources is refused although its kernels are the same.
+
+    The worker's copy of the project measures a tenth less. It must not contribute to the result,
+    which would not show the difference.
+    """
     for package in ("impact_env", "optimisation"):
         shutil.copytree(
             ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")

@@ -86,7 +86,11 @@ def test_chosen_variables_are_free_and_the_others_fixed() -> None:
 
 @pytest.mark.parametrize("concept", VARIABLES)
 def test_scaled_designs_are_alike_on_a_scaled_structure(concept: str) -> None:
-    """Lengths, masses and times in other units: the same coordinates are the same absorber, each number in its new unit."""
+    """Scaled designs are equivalent on a scaled structure.
+
+    Lengths, masses and times have other units. The same coordinates give the same absorber, with
+    each value in its new unit.
+    """
     length = 3.0
     stiffness = 5.0
     density = 0.4

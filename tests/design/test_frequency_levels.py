@@ -1,4 +1,7 @@
-"""The level over the frequency against the receptance, and the motion of the worst run against its level."""
+"""The level over the frequency agrees with the receptance.
+
+The motion of the worst run agrees with its level.
+"""
 
 import math
 from pathlib import Path
@@ -38,7 +41,11 @@ def case(absorber: object, rate: float, force: float = 3.5) -> CurveCase:
 
 
 def test_without_absorber_it_is_the_receptance() -> None:
-    """A slow sweep from the steady state; the RMS over a window of twenty periods, during which the frequency moves by 0.05 %."""
+    """Without absorber the level over the frequency is the receptance.
+
+    The test is a slow sweep from the steady state. The RMS is over a window of twenty periods, in
+    which the frequency changes by 0.05 %.
+    """
     lanes = lanes_of(case(None, 0.25), draw_members(1, 0), 0)
     curve = frequency_curve("no absorber", lanes, (0.93, 1.06))
     assert curve is not None
@@ -117,7 +124,11 @@ def test_what_takes_too_much_memory_is_left_out(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_winner_of_a_search_has_its_curve_and_its_worst_run() -> None:
-    """The highest of its levels is the one that the report of the winner has on the same fresh members; without absorber it is as the force."""
+    """The winner of a search has its curve over the frequency and its worst run.
+
+    The highest of its levels is that of the winner's report on the same fresh members. The level
+    without absorber is proportional to the force.
+    """
     pytest.importorskip("optuna")
     from optimisation.answers.design import WinnerRuns
 

@@ -1,4 +1,7 @@
-"""The search for a gap: on landscapes that are known, by the scaling law, and in how many sweeps; and the study that puts it to the test."""
+"""The search for a gap finds known optima and follows the scaling law.
+
+Its number of sweeps and the study that tests it are checked too.
+"""
 
 import json
 import math
@@ -46,7 +49,11 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
     finished_runs: dict[float, np.ndarray] = {}
 
     def level(x: float) -> float:
-        """Over ln gap: in proportion to the gap above the edge, 1.6 times as high just below, rising slowly further down."""
+        """Return the level over ln gap.
+
+        It is proportional to the gap above the edge, 1.6 times as high just below it, and rises
+        slowly further down.
+        """
         return math.exp(x) if x >= edge else 1.6 * math.exp(edge) * math.exp(0.7 * (edge - x))
 
     def run_levels(n: float, members: int) -> np.ndarray:
@@ -68,7 +75,11 @@ def test_search_finds_the_edge_of_a_noisy_cliff(seed: int) -> None:
 
 
 def test_a_second_basin_that_is_nearly_as_low_is_searched_too() -> None:
-    """A deep narrow basin beside a wide one: single runs 8 steps apart see it 1.1 times as high as the wide one."""
+    """A second basin that is nearly as low is searched too.
+
+    A deep narrow basin is next to a wide one. Single runs 8 steps apart find it 1.1 times as high
+    as the wide one.
+    """
 
     def level(n: float, members: int) -> np.ndarray:
         wide = 1.0 + 0.01 * abs(n - 8) ** 1.5
@@ -81,7 +92,11 @@ def test_a_second_basin_that_is_nearly_as_low_is_searched_too() -> None:
 
 
 def test_eight_members_reveal_a_cliff_that_three_miss() -> None:
-    """Below the edge five of eight members are twice as high, the first three are not: the answer stands clear of it under 1.1 times the force."""
+    """Eight members reveal a cliff that three miss.
+
+    Below the edge five of eight members are twice as high, but not the first three. The result
+    keeps its distance from the edge under 1.1 times the force.
+    """
     edge = -3
 
     def run_levels(n: float, members: int) -> np.ndarray:
@@ -98,14 +113,19 @@ def test_eight_members_reveal_a_cliff_that_three_miss() -> None:
 
 
 def test_the_worst_level_over_a_tolerance_counts_each_member() -> None:
-    """One of three members on an upper branch: its geometric mean counts, not the median, which is that of the lower branch."""
+    """The worst level over a tolerance counts each member.
+
+    If one of three members is on an upper branch, their geometric mean counts, and not the median,
+    which is that of the lower branch.
+    """
     narrower = -math.log(1.1) / STEP
     levels = {narrower: [1.0, 1.0, 8.0], 0.0: [1.0, 1.0, 1.0], 3.0: [1.1, 1.1, 1.1]}
     samples = LevelSamples({n: np.array(x) for n, x in levels.items()})
     assert samples.worst(0.0, 0.1) == pytest.approx(1.1 * 2.0)
     assert samples.worst(0.0, 0.0) == 1.0
     assert math.isnan(samples.worst(narrower, 0.1))
-    # of eight members three on an upper branch, twice as high: the standard deviation beyond 0.15 is added
+    # of eight members three on an upper branch, twice as high: the standard deviation beyond 0.15
+    # is added
     samples.levels[narrower] = np.array([1.0, 2.0, 1.0, 1.0, 2.0, 1.0, 2.0, 1.0])
     deviation = math.log(2) * math.sqrt(8 * (3 / 8) * (5 / 8) / 7)
     level = 1.1 * 2 ** (3 / 8) * math.exp(deviation - 0.15)
@@ -116,7 +136,11 @@ def test_the_worst_level_over_a_tolerance_counts_each_member() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_recommended_device_of_a_window_is_clear_of_its_cliff(seed: int) -> None:
-    """Fresh members under 1.1 times the force: on the cliff half of them are twice as high as at the force."""
+    """The recommended device for a window is clear of its cliff.
+
+    It is tested by fresh members under 1.1 times the force. On the cliff half of them are twice as
+    high as at the force.
+    """
     (case,) = (case for case in CASES if case.name.startswith("window"))
     model = case.model()
     absorber = scaled_absorber(model, 1.0, case.resonance, case.mass_ratio)
@@ -155,7 +179,11 @@ def test_the_rules_gap_competes() -> None:
 
 
 def test_interval_holds_as_many_fresh_runs_as_it_says() -> None:
-    """Runs of five gaps that share one spread, three of each: the 90 % interval of one of them, and the probability below a limit."""
+    """The prediction interval contains its stated share of fresh runs.
+
+    The runs are of five gaps that have the same spread, three runs each. The 90 % interval of one
+    of them, and the probability below a limit, are tested.
+    """
     generator = np.random.default_rng(3)
     inside = []
     below = []
@@ -175,7 +203,11 @@ def test_interval_holds_as_many_fresh_runs_as_it_says() -> None:
 
 @pytest.mark.parametrize("members", [3, 4, 7, 16])
 def test_bands_of_few_members_hold_as_many_fresh_runs_as_they_say(members: int) -> None:
-    """Rows of members, each with a median and a spread of its own, alone and with neighbours of the same spread."""
+    """Bands of few members contain their stated share of fresh runs.
+
+    Rows of members have their own median and spread. They are tested alone and with neighbours of
+    the same spread.
+    """
     generator = np.random.default_rng(members)
     alone = []
     pooled = []
@@ -193,7 +225,11 @@ def test_bands_of_few_members_hold_as_many_fresh_runs_as_they_say(members: int) 
 
 
 def test_bands_of_odd_rows() -> None:
-    """Values at 0 follow a normal distribution, in closed form; missing values are left out, and one value alone has no band."""
+    """Prediction intervals of unusual rows are correct.
+
+    With values at 0 they follow a normal distribution in closed form. Missing values are left out,
+    and a single value has no band.
+    """
     values = [0.0, 1.0, 2.0]
     half = scipy.stats.t.ppf(0.95, 2) * math.sqrt(1 + 1 / 3)
     low, high = prediction_interval(values)
@@ -208,7 +244,11 @@ def test_bands_of_odd_rows() -> None:
 
 
 def test_a_narrow_gap_helps_where_the_rules_is_not_reached() -> None:
-    """The free amplitude is a tenth of the rule's gap: a gap of 0.4 to 0.8 of it leaves less than 70 %."""
+    """A narrow gap helps where the amplitude does not reach the rule's gap.
+
+    The free amplitude is a tenth of the rule's gap. A gap of 0.4 to 0.8 of the amplitude gives less
+    than 70 % of the level.
+    """
     model = modal_model(Beam(modes=3, damping_ratio=0.003, absorber_position=0.72))
     absorber = scaled_absorber(model, 10.0, 2, 0.05)
     advice = search_swept(model, 10.0, 2, absorber, members=1, rate=1.0)
@@ -270,7 +310,11 @@ def test_impact_speed_of_a_pressure_is_the_estimates_inverse() -> None:
 
 @pytest.mark.parametrize("case", HARD_CASES[:1], ids=lambda case: case.name)
 def test_tuned_absorber_near_a_close_resonance_is_the_best_of_a_grid(case: StructureCase) -> None:
-    """Largest amplitude over the common range against a grid of springs and dampers, each solved as two bodies more."""
+    """A tuned absorber near a close resonance is the best of a grid.
+
+    The largest amplitude over the common range is compared with that of a grid of springs and
+    dampers, by receptances.
+    """
     model = case.model()
     low, high = find_sweep_range(model, case.mass_ratio, case.resonance)
     mass = case.mass_ratio * model.beam_mass
@@ -307,8 +351,9 @@ def test_tuned_absorber_near_a_close_resonance_is_the_best_of_a_grid(case: Struc
     assert largest(tuned.stiffness, tuned.damping) <= 1.01 * min(grid)
 
 
-# random structures with close modes on which a search from too few starts ended 16 % above the least (first), or ran to an infinite spring (second);
-# the springs (over the mass, in rad/s) and damping ratios are those of a differential evolution
+# random structures with close modes on which a search from too few starts ended 16 % above the
+# least (first), or ran to an infinite spring (second); the springs (over the mass, in rad/s) and
+# damping ratios are those of a differential evolution
 CLOSE_MODES = {
     "little damping is best": (
         [125.66, 159.39, 169.85],
@@ -333,7 +378,11 @@ CLOSE_MODES = {
 
 @pytest.mark.parametrize("name", CLOSE_MODES)
 def test_tuned_absorber_at_close_modes_is_as_good_as_that_of_another_search(name: str) -> None:
-    """Largest amplitude from the receptances of the free structure, over the range and as far as both split frequencies, half-way to neighbours."""
+    """A tuned absorber at close modes is as good as that of another search.
+
+    The largest amplitude follows from the receptances of the free structure. Its range includes
+    both split frequencies, up to half-way to the neighbours.
+    """
     frequencies, damping, force, tip, read, (resonance, mass), best = CLOSE_MODES[name]
     omega = np.array(frequencies)
     shapes = {"force_shape": force, "tip_shape": tip, "response_shape": read}
@@ -387,7 +436,11 @@ def test_range_holds_the_stuck_resonance_and_both_peaks() -> None:
 
 
 def test_a_tolerance_is_that_of_neighbouring_gaps() -> None:
-    """level(k f, g) = k level(f, g/k), by simulation of a device under 0.9 and 1.1 times the force."""
+    """A tolerance of the force is equivalent to neighbouring gaps.
+
+    level(k f, g) = k level(f, g/k) holds in simulations of a device under 0.9 and 1.1 times the
+    force.
+    """
     absorber = scaled_absorber(MODEL, 6.0)
     changes = {k: math.log(1 / k) / STEP for k in (0.9, 1.0, 1.1)}
     levels = {}
@@ -442,7 +495,11 @@ def test_answers_are_runs(advice: Advice) -> None:
 
 
 def test_structures_of_the_study_are_those_of_the_books() -> None:
-    """Closed forms: a plate on simple supports, the clamped plate's and the portal's known numbers, and a chain's total mass in its modes."""
+    """Structures of the study agree with textbooks.
+
+    Closed forms and known numbers are those of a plate on simple supports, the clamped plate, the
+    portal frame, and the total mass of a chain in its modes.
+    """
     steel = (210e9, 7850.0)
     own = plate(("pinned", "pinned"), (0.4, 0.3), 0.004, ((0.5, 0.5),) * 3, 0.01, steel)
     rigidity = 210e9 * 0.004**3 / (12 * 0.91)
@@ -454,7 +511,8 @@ def test_structures_of_the_study_are_those_of_the_books() -> None:
     assert square.omega[0] * 0.09 * np.sqrt(area / rigidity) == pytest.approx(
         35.99, rel=1e-3
     )  # Leissa, Vibration of plates, 1969
-    # sway of a clamped portal with equal bending stiffness and span = height: omega = 1.7922^2 sqrt(EI/m)/h^2 (Blevins 1979)
+    # sway of a clamped portal with equal bending stiffness and span = height: omega = 1.7922^2
+    # sqrt(EI/m)/h^2 (Blevins 1979)
     portal = frame(1.0, 1.0, 1000.0, 2.0, 3, 6, 12, 0.01)
     assert portal.omega[0] == pytest.approx(1.7922**2 * np.sqrt(1000.0 / 2.0), rel=0.01)
     chain = storeys(4, 0.01, 1, 4)
@@ -465,7 +523,11 @@ def test_structures_of_the_study_are_those_of_the_books() -> None:
 
 
 def test_a_scan_judges_both_answers_by_fresh_runs(advice: Advice) -> None:
-    """Levels that are known: in proportion to the gap above the rule's, three times as high below; every run alike."""
+    """A scan judges both results by fresh runs.
+
+    The levels are known: in proportion to the gap above the rule's, three times as high below, and
+    equal for all runs.
+    """
 
     def levels(devices: list[SlidingAbsorber], factors: list[float], runs: int) -> np.ndarray:
         gaps = np.array([device.walls.gap for device in devices]) / advice.check.rule

@@ -1,4 +1,8 @@
-"""No device is ever below the limit: random impact absorbers and friction dampers by simulation, random tuned absorbers in closed form."""
+"""No device is ever below the limit.
+
+Random impact absorbers and friction dampers are simulated, and random tuned absorbers have a closed
+form.
+"""
 
 import core
 import numpy as np
@@ -33,7 +37,11 @@ DESIGNS = 40  # for each of four seeds
 def stationary(
     scene: Scene, force: float, omega: float, reference: float, settled: float = SETTLED
 ) -> tuple[float, np.ndarray]:
-    """Return the tip's RMS and the absorber's displacement relative to the tip in m after the start-up; of several absorbers, none."""
+    """Return the tip's RMS and the absorber's relative displacement after the start-up.
+
+    Displacements are in m and relative to the tip. Several absorbers have no relative displacements
+    here.
+    """
     drive = Drive(force, constant_frequency(reference, omega / reference, settled + MEASURED))
     history = core.run(scene, drive, samples=SAMPLES).history
     part = slice(-MEASURED * SAMPLES, None)
@@ -148,7 +156,11 @@ def test_stationary_friction_dampers_obey_the_limit_of_their_own_stroke() -> Non
 def test_tuned_absorbers_obey_the_limit_of_their_own_stroke(
     stiffness: float, damping: float, mass_ratio: float, at: float, resonance: int
 ) -> None:
-    """A tuned absorber is passive and its stroke is one line, of amplitude |r|: a gap of pi |r|/4 admits just that line, and the limit is met."""
+    """Tuned absorbers obey the limit of their own stroke.
+
+    A tuned absorber is passive, and its stroke is one line of amplitude |r|. A gap of pi |r|/4
+    admits just this line, so its response must not be below the limit.
+    """
     model = modal_model(Beam(modes=4))
     mass = mass_ratio * model.beam_mass
     omega = at * model.omega[0]

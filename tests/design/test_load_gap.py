@@ -1,4 +1,7 @@
-"""Gaps and tunings under loads: against scans, the scaling law and a transfer function written out; and the commands."""
+"""Gaps and tunings under loads agree with scans, the scaling law and a transfer function.
+
+The commands are tested too.
+"""
 
 import json
 from pathlib import Path
@@ -96,7 +99,10 @@ def test_a_search_under_loads_that_is_stopped_keeps_what_is_finished() -> None:
 
 
 def exact_rms(stiffness: float, damping: float) -> float:
-    """Return the RMS under the noise of one mode with a tuned absorber, from the sum over frequencies."""
+    """Return the RMS of one mode with a tuned absorber under the noise.
+
+    It is the sum over frequencies.
+    """
     omega = 2 * np.pi * np.linspace(BAND[0][0], BAND[1][0], 4001)
     mass = 0.02 * MASS
     link: NDArray[np.complex128] = stiffness + 1j * omega * damping
@@ -112,7 +118,11 @@ def exact_rms(stiffness: float, damping: float) -> float:
 def test_the_expected_rms_is_that_of_the_matrices(
     quantity: str, tuned: TunedAbsorber | None
 ) -> None:
-    """Three masses on a chain whose foot moves, or is fixed with a force at the first mass, with an absorber on the last: solved densely."""
+    """The expected RMS is that of the matrices.
+
+    A chain of three masses has an absorber at the last one. Its foot moves, or is fixed with a
+    force at the first mass. The reference is a dense solution.
+    """
     omega, vectors = scipy.linalg.eigh(CHAIN, np.eye(3))
     omega = np.sqrt(omega)
     model = ModalModel(
@@ -158,7 +168,8 @@ def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
 def written(folder: Path) -> list[object]:
     (folder / "structure.toml").write_text(file_of_one_mode(0.02))
     (folder / "load.toml").write_text(
-        '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = 0.0125\nduration_s = 0.5\n'
+        '[load]\nkind = "shock"\npulse = "half-sine"\npeak_n = 20.0\npulse_s = '
+        "0.0125\nduration_s = 0.5\n"
     )
     return [
         "--structure",
@@ -215,7 +226,8 @@ def test_the_commands(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "summary.json").read_text())["best"]["ratio"] < 1
 
 
-# Searches under loads: measures written out, members with records of their own, and both commands on a structure of one mode.
+# Searches under loads: measures written out, members with records of their own, and both commands
+# on a structure of one mode.
 
 
 def problem(
@@ -232,7 +244,11 @@ def problem(
 
 
 def test_a_design_is_judged_by_the_measure_of_its_loads() -> None:
-    """Member 0 meets the loads as they are, times the factor, and the value is relative to the same record without absorber."""
+    """A design is judged by the measure of its loads.
+
+    Member 0 has the given loads times the factor. The value is relative to the same record without
+    absorber.
+    """
     own = problem(SHORT_NOISE, (1.0, 2.0))
     gap = own.space.free[0]
     F, _, _ = evaluate_arrays(
@@ -252,7 +268,11 @@ def test_a_design_is_judged_by_the_measure_of_its_loads() -> None:
 
 
 def test_every_member_has_a_record_of_its_own() -> None:
-    """Also those of the set on which a winner is judged, and the parts of a set that a search runs one after the other."""
+    """Every member has its own record of a random load.
+
+    This includes the members that judge a winner, and parts of an ensemble that a search runs one
+    after the other.
+    """
     own = problem(SHORT_NOISE, members=6)
     sets = [own.ensemble, own.fresh_ensemble(6, 0), own.fresh_ensemble(6, 1)]
     drawn = [
@@ -291,9 +311,9 @@ def test_optimise_design_under_a_shock(tmp_path: Path) -> None:
     assert condition["winner"]["relative"] < 0.7
     assert "in_service" not in summary
     assert (
-        f"{condition['winner']['decay_s']:.3f} s, {100 * condition['winner']['relative']:.1f} % of no absorber"
-        in result.output
-    )
+        f"{condition['winner']['decay_s']:.3f} s, {100 * condition['winner']['relative']:.1f} "
+        "% of no absorber"
+    ) in result.output
     assert {"load", "factor", "decay_median_s"} <= set(read(out / "curves.csv")[0])
 
 

@@ -1,4 +1,7 @@
-"""Objectives, constraints and measures of runs: against closed forms, the textbook and the recorded motion."""
+"""Objectives, constraints and measures of runs are correct.
+
+They are compared with closed forms, the textbook and the recorded motion.
+"""
 
 import runpy
 from dataclasses import replace
@@ -45,7 +48,10 @@ BOTH = (FIRST, Condition(2, 35.0))
 
 
 def small(**changes: object) -> Problem:
-    """A problem whose runs take milliseconds: two modes, and sweeps forty times as fast as the paper's."""
+    """Return a problem whose runs take milliseconds.
+
+    It has two modes, and sweeps forty times as fast as in the paper.
+    """
     options = {
         "space": design_space("impact"),
         "conditions": BOTH,
@@ -77,7 +83,11 @@ def test_objectives_and_constraints_of_ones_own() -> None:
 
 
 def test_acceleration_and_stress_of_a_linear_run() -> None:
-    """Without absorber, against the modal equations of motion, and the moment of the recorded motion."""
+    """Acceleration and stress of a linear run are correct.
+
+    Without absorber they are compared with the modal equations of motion and the moment of the
+    recorded motion.
+    """
     model = modal_model(Beam(modes=2))
     beam = Beam(modes=2)
     drive = Drive(1.0, constant_frequency(float(model.omega[0]), 0.5, 200.0))
@@ -204,7 +214,10 @@ def test_conditions_directions_and_members_are_aggregated_as_chosen() -> None:
 
 
 def test_best_gap_scales_with_the_force_and_lies_at_the_rule() -> None:
-    """The scaling law as an oracle: twice the force, twice the best gap and friction, with the same scores; and the design rule near it."""
+    """The best gap is proportional to the force and close to the rule.
+
+    By the scaling law, twice the force gives twice the best gap and friction with the same scores.
+    """
     model = modal_model(Beam(modes=3))
     rule = design_gap(model, 0.02 * model.beam_mass, 3.5)
     factors = np.geomspace(1 / 2.5, 2.5, 9)
@@ -249,7 +262,11 @@ def test_constraints_are_the_worst_of_all_runs() -> None:
 
 
 def test_a_stroke_limit_cuts_the_space_of_gaps() -> None:
-    """Between rigid walls the stroke is the gap: the widest gap of the space is the limit, also where the rule's gap is wider."""
+    """A stroke limit reduces the space of gaps.
+
+    Between rigid walls the stroke is the gap. The widest gap of the space is thus the limit, also
+    if the rule's gap is wider.
+    """
     problem = small(constraints=(Constraint("stroke", 0.6e-3),))
     gap = [v.name for v in problem.space.free].index("gap")
     shares = [0.5] * len(problem.space.free)
@@ -260,7 +277,11 @@ def test_a_stroke_limit_cuts_the_space_of_gaps() -> None:
 
 
 def test_the_least_bad_design_is_tried_with_other_gaps() -> None:
-    """A quantity at 1.5 times its limit: gaps around 1/1.5 of the design's, friction in proportion; a design that keeps all is left alone."""
+    """The design that exceeds its limit least is tried with other gaps.
+
+    A quantity is 1.5 times its limit. Gaps are tried around 1/1.5 of the design's, with friction in
+    proportion. A design within all limits is not changed.
+    """
     problem = small(constraints=(Constraint("impact_speed", 0.5),), members=1, rate=40.0)
     design = problem.space.default
     bad = Evaluated(3, design, Score((0.5,), (0.5,)), 1)
@@ -278,7 +299,8 @@ def test_the_least_bad_design_is_tried_with_other_gaps() -> None:
     assert repaired(problem, [bad, good]) == []
 
 
-# Designs in arrays for other people's optimisers, and the worked examples with those, where they are installed.
+# Designs in arrays for other people's optimisers, and the worked examples with those, where they
+# are installed.
 
 
 STRIP = replace(STEEL, modes=2)
@@ -371,7 +393,11 @@ def test_worked_examples_find_a_quiet_design(
 
 
 def test_means_of_a_constant_frequency_leave_its_start_out() -> None:
-    """Counted here from the recorded impacts and motion, from five time constants 1/(D omega) on."""
+    """Means at a constant frequency do not include its start.
+
+    They are computed here from the recorded impacts and motion, from five time constants 1/(D
+    omega) on.
+    """
     scene = Scene(modal_model(Beam(modes=2)), impact_absorber(0.5e-3, 0.7, 0.1))
     omega = float(scene.model.omega[0])
     drive = Drive(3.5, constant_frequency(omega, 0.95, 300.0))

@@ -1,4 +1,7 @@
-"""The limit of passive devices by semidefinite programming: against the closed form, brute force and its own multipliers."""
+"""The limit of passive devices by semidefinite programming is correct.
+
+It is compared with the closed form, with brute force and with its own multipliers.
+"""
 
 from dataclasses import replace
 
@@ -121,7 +124,11 @@ def test_read_elsewhere_no_admissible_passive_stroke_is_below_it(
 
 
 def test_read_elsewhere_being_passive_can_cost_most() -> None:
-    """Between two resonances, with the force farther out than the absorber: to calm the end a device there would have to feed power into the beam."""
+    """For a response at another place, passivity can cost most of the reduction.
+
+    The frequency is between two resonances, and the force is farther out than the absorber. To calm
+    the end, a device at the absorber's place would have to feed power into the beam.
+    """
     beam = Beam(modes=3, absorber_position=0.55, force_position=0.94)
     model = modal_model(beam)
     end = modal_model(replace(beam, absorber_position=1.0)).tip_shape
@@ -139,7 +146,11 @@ def test_read_elsewhere_being_passive_can_cost_most() -> None:
 
 
 def test_solution_of_another_problem_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A status of "optimal" alone proves nothing: the multipliers must prove what the stroke reaches."""
+    """The solution of another problem is refused.
+
+    A status of "optimal" alone proves nothing. The multipliers must prove the level that the stroke
+    reaches.
+    """
     assert (
         passive_limit(MODEL, MASS, GAP, 5.0, 250.0).rms > 0
     )  # leaves its solution in the compiled problem
@@ -148,7 +159,8 @@ def test_solution_of_another_problem_is_refused(monkeypatch: pytest.MonkeyPatch)
         passive_limit(MODEL, MASS, GAP, 20.0, 240.0)
 
 
-# The proof of a largest amplitude: against the grid and an eigenvalue test that shares nothing with it, and what it refuses.
+# The proof of a largest amplitude: against the grid and an eigenvalue test that shares nothing with
+# it, and what it refuses.
 
 
 MODEL_CERTIFICATE = modal_model(Beam(modes=3))
@@ -157,7 +169,10 @@ MODEL_CERTIFICATE = modal_model(Beam(modes=3))
 def reaches(
     model: ModalModel, absorber: TunedAbsorber | StuckAbsorber | None, amplitude: float
 ) -> bool:
-    """Tell whether |H(i w)| = amplitude at some frequency: then the Hamiltonian matrix has an eigenvalue on the imaginary axis."""
+    """Return whether |H(i w)| equals ``amplitude`` at some frequency.
+
+    In this case the Hamiltonian matrix has an eigenvalue on the imaginary axis.
+    """
     a, b, c = state_space(model, absorber, float(model.omega[0]))
     b = b[:, None] / np.sqrt(amplitude)
     c = c[None] / np.sqrt(amplitude)
@@ -178,7 +193,11 @@ def test_bound_over_all_frequencies(absorber: TunedAbsorber | StuckAbsorber | No
 
 
 def test_bound_within_a_range() -> None:
-    """At the second resonance the first is higher, but outside; a narrow range may be proved, only not scored."""
+    """The bound holds within its range of frequencies.
+
+    At the second resonance the first peak is higher, but outside the range. A narrow range can be
+    proved, but not scored.
+    """
     rule = den_hartog(MODEL_CERTIFICATE, resonance=2)
     proof = certify(MODEL_CERTIFICATE, rule, 2)
     assert not proof.everywhere
@@ -202,7 +221,9 @@ def spoil(problem: cvxpy.Problem, *_arguments: object) -> None:
         variable.value = np.zeros(variable.shape)
 
 
-SPOILED = {  # what is put in its place, and what the error says: whatever the status, the inequality is checked on the numbers given back
+# what is put in its place, and what the error says: whatever the status, the inequality is checked
+# on the numbers given back
+SPOILED = {
     "a peak that the grid missed": (
         "optimisation.tuned.certificate.highest_amplitude",
         lambda *_: (0.9 * peak(MODEL_CERTIFICATE, PAPER)[0], 0.87),

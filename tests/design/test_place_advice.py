@@ -1,4 +1,7 @@
-"""Where, how heavy and which gap: the map of the linear structure, the search over places, and the command's files."""
+"""Advice on place, mass and gap is correct.
+
+The map of the linear structure, the search over places and the command's files are tested.
+"""
 
 import csv
 import json
@@ -46,7 +49,11 @@ FAST = {"percent_per_100_periods": 40.0, "threads": 1}
 
 
 def test_the_map_is_that_of_each_place_alone() -> None:
-    """The map knows all places at once; the design rule, its reach and the limit take one model each, by other equations and a refined grid."""
+    """The map of places agrees with each place alone.
+
+    The map computes all places at once. The design rule, its reach and the limit use one model for
+    each place, other equations and a refined grid.
+    """
     places = find_places(replace(STEEL, modes=6, response_position=0.9))
     forces = {1: 2.0, 3: 5.0}
     place_map = map_places(places, forces, 0.03)
@@ -68,7 +75,11 @@ def test_the_map_is_that_of_each_place_alone() -> None:
 
 
 def test_reach_of_one_mode_by_hand() -> None:
-    """Of one mode the receptances are one fraction: kappa = m Omega^2 phi^2/(omega^2 - Omega^2 + 2 i D omega Omega), G_f in proportion."""
+    """The reach of one mode agrees with its formula.
+
+    The receptances of one mode are one fraction: kappa = m Omega^2 phi^2/(omega^2 - Omega^2 + 2 i D
+    omega Omega), G_f in proportion.
+    """
     omega = 100.0
     damping = 0.01
     shape = 1.5
@@ -92,7 +103,11 @@ def test_reach_of_one_mode_by_hand() -> None:
 
 
 def test_one_gap_for_two_resonances_lies_between_theirs() -> None:
-    """Where the two ask for one gap the level is the higher of both; apart from each other, the gap is a compromise and the level higher."""
+    """One gap for two resonances lies between their own gaps.
+
+    If both have the same best gap, the level is the higher of both. Otherwise the gap is a
+    compromise, and the level is higher.
+    """
     reaches = np.array([[4.0, 4.0], [2.0, 2.0]])
     rule = np.array([[1e-3, 1e-3], [1.22e-3, 4e-3]])
     gap, share = expected_gap_and_share(rule, reaches)
@@ -123,7 +138,11 @@ def test_places_of_a_beam_leave_out_what_is_held() -> None:
 def test_places_of_a_file_are_its_nodes_in_the_direction_of_the_one_it_lists(
     name: str, own: str
 ) -> None:
-    """Each mode has one sign at all places: that in which the listed absorber moves up. Its own shape is that of the structure as it is read."""
+    """Places of a file are its nodes, in the direction of the listed absorber.
+
+    Each mode has the same sign at all places, such that the listed absorber moves up. The listed
+    place has the shape of the structure in the file.
+    """
     file = EXAMPLES / f"{name}.toml"
     structure = load_structure(file)
     assert isinstance(structure, ModalModel)
@@ -186,7 +205,11 @@ def test_for_one_resonance_the_gap_is_that_of_the_gap_search() -> None:
 
 
 def test_levels_of_two_resonances_are_those_of_runs_by_hand() -> None:
-    """Sweeps up and down of each member, near each resonance, from the steady state: the larger of all over that without absorber."""
+    """Levels of two resonances are those of separate runs.
+
+    The level is the largest of sweeps up and down near each resonance, from the steady state, for
+    each member. It is relative to that without absorber.
+    """
     places = find_places(SMALL).subset([0.9, 1.0])
     forces = {1: 3.5, 2: 35.0}
     advice = advise_place(places, forces, mass_ratios=[0.03], members=2, **FAST)  # type: ignore[arg-type]
@@ -239,7 +262,11 @@ def test_a_limit_of_the_stroke_cuts_the_gaps() -> None:
 
 
 def test_a_yield_stress_limits_the_impact_speed_at_each_place() -> None:
-    """The limit is the speed at which Hertz' closed form has 1.6 times the yield stress, for the mobility of the place."""
+    """A yield stress limits the impact speed at each place.
+
+    At the limit, Hertz' closed form gives 1.6 times the yield stress, for the mobility of the
+    place.
+    """
     stress = 12e6
     limit = YieldLimit(("steel", "pom"), 0.05, stress)
     advice = advise_place(
@@ -256,7 +283,8 @@ def test_a_yield_stress_limits_the_impact_speed_at_each_place() -> None:
     model = advice.places.model_at(best.place)
     mass = 1 / (1 / (0.02 * model.beam_mass) + np.sum(model.tip_shape**2))
     stiff = 1 / ((1 - 0.3**2) / 210e9 + (1 - 0.37**2) / 2.8e9)
-    # p = 3 F/(2 pi a^2), a^2 = R depth, F = 4/3 E* sqrt(R) depth^1.5, and the kinetic energy is 8/15 E* sqrt(R) depth^2.5
+    # p = 3 F/(2 pi a^2), a^2 = R depth, F = 4/3 E* sqrt(R) depth^1.5, and the kinetic energy is
+    # 8/15 E* sqrt(R) depth^2.5
     depth = (1.6 * stress * np.pi / (2 * stiff)) ** 2 * 0.05
     speed = np.sqrt(2 * 8 / 15 * stiff * np.sqrt(0.05) * depth**2.5 / mass)
     assert advice.study.speed_limit(model, 0.02) == pytest.approx(speed, rel=1e-3)
@@ -431,7 +459,11 @@ def test_command_refuses(line: list[object], message: str, monkeypatch: pytest.M
 def test_the_table_of_scans_stands_on_its_page(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Two places of a beam, the free end far better: a scan by runs of its own finds the same place, and its level there is that of the answer."""
+    """The table of scans is written into its page.
+
+    Of two places of a beam the free end is far better. A scan by its own runs finds the same place,
+    and a level close to that of the result.
+    """
     case = check_places.Case(
         "beam", lambda: find_places(SMALL).subset([0.6, 1.0]), ((1, 3.5), (2, 35.0))
     )

@@ -1,4 +1,7 @@
-"""How precisely a device must be made, against forward draws; and Sobol indices, against closed forms."""
+"""Tolerances of a device agree with forward draws, and Sobol indices with closed forms.
+
+The tolerances say how precisely a device must be made.
+"""
 
 import json
 import math
@@ -34,7 +37,11 @@ CASE = CurveCase(Scene(MODEL, ABSORBER), np.array([3.5]), 1, (0.83, 1.12), 20.0,
 
 @pytest.mark.parametrize(("dimension", "edge"), [(1, 0.5), (2, 0.5), (3, 0.7)])
 def test_boxes_of_all_scales_from_one_set_of_draws(dimension: int, edge: float) -> None:
-    """Beyond a distance every level is above the limit: a box of scale s holds the share 1 - (edge/s)^d of such draws."""
+    """Boxes of all scales follow from one set of draws.
+
+    Beyond a distance every level is above the limit: a box of scale s contains the share 1 -
+    (edge/s)^d of such draws.
+    """
     distances, points = surface_points(4096, dimension, 3)
     assert np.allclose(np.max(np.abs(points), axis=1), distances)
     above = np.max(np.abs(points), axis=1) > edge
@@ -46,7 +53,11 @@ def test_boxes_of_all_scales_from_one_set_of_draws(dimension: int, edge: float) 
 
 
 def test_directions_are_uniform_on_the_surface_of_the_box() -> None:
-    """In a cube of scale 1 each coordinate is uniform; a draw weighs r^2, as its distance is uniform."""
+    """Directions are uniform on the surface of the box.
+
+    In a cube of scale 1 each coordinate is uniform. A draw has the weight r^2, since its distance
+    is uniform.
+    """
     distances, points = surface_points(20000, 3, 0)
     weights = distances**2 / np.sum(distances**2)
     assert weights @ points == pytest.approx(np.zeros(3), abs=0.02)
@@ -62,7 +73,10 @@ def test_a_probability_that_only_chaos_exceeds_is_no_tolerance() -> None:
 
 
 def levels_within(widths: dict[str, float], number: int, seed: int) -> np.ndarray:
-    """Return levels in m of devices drawn uniformly within tolerances, each with a phase of its own: runs by hand."""
+    """Return levels in m of devices drawn uniformly within tolerances.
+
+    Each device has its own phase. The runs are simulated directly.
+    """
     generator = np.random.default_rng(seed)
     members = draw_members(number, seed)
     levels = []
@@ -83,7 +97,11 @@ def levels_within(widths: dict[str, float], number: int, seed: int) -> np.ndarra
 
 
 def test_devices_within_the_tolerances_stay_below_the_limit() -> None:
-    """Of 200 fresh draws by hand 95 % stay below, within the error of the draws that the tolerances rest on; of wider boxes fewer do."""
+    """Devices within the tolerances stay below the limit.
+
+    Of 200 fresh devices 95 % stay below it, within the error of the draws from which the tolerances
+    follow. Of wider boxes fewer devices stay below.
+    """
     limit = 1.2e-3
     tolerances = find_tolerances(CASE, limit)
     assert tolerances.nominal >= SURE
@@ -133,7 +151,11 @@ def test_an_interval_is_wilsons() -> None:
 
 
 def test_sobol_indices_of_ishigamis_function() -> None:
-    """sin x + 7 sin^2 y + 0.1 z^4 sin x on (-pi, pi)^3: the indices are known (Ishigami and Homma 1990)."""
+    """Sobol indices of Ishigami's function are correct.
+
+    The function is sin x + 7 sin^2 y + 0.1 z^4 sin x on (-pi, pi)^3. Its indices are known
+    (Ishigami and Homma 1990).
+    """
     low = -np.pi * np.ones(3)
     high = np.pi * np.ones(3)
     points = sobol_points(2048, low, high, 0)
@@ -156,7 +178,11 @@ def test_sobol_indices_of_ishigamis_function() -> None:
 
 
 def test_intervals_of_indices_cover_them() -> None:
-    """x + 2 y with noise: the share of y is 0.8 of what is no noise; an interval of 95 % holds the index of many samples in most seeds."""
+    """Intervals of Sobol indices contain the exact values.
+
+    For x + 2 y with noise the share of y is 0.8 without the noise. The 95 % interval contains the
+    index of many samples for most seeds.
+    """
     noise = np.random.default_rng(0)
     ends = np.zeros(2), np.ones(2)
     exact = 4 / (1 + 4 + 12 * 0.01)
@@ -170,7 +196,11 @@ def test_intervals_of_indices_cover_them() -> None:
 
 
 def test_shares_of_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The box of a device; a force of 10 % moves a level without walls to touch in proportion, and nothing else does."""
+    """The level of a device without wall contact depends on the force alone.
+
+    The force varies by 10 % and changes the level in proportion. The box of a device is checked
+    too.
+    """
     box = device_box(CASE, Beam(modes=2))
     assert list(box) == ["gap", "restitution", "friction", "mass", "force", "place"]
     assert box["gap"] == pytest.approx((0.9 * 1.35e-3, 1.1 * 1.35e-3))

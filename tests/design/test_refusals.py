@@ -1,4 +1,8 @@
-"""What design refuses: one table of calls, and what the message of each holds: the parameter, its value or what is allowed."""
+"""Design refuses wrong parameters.
+
+A table has the calls, and the text that each message must contain: the parameter, its value or the
+allowed values.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -113,7 +117,10 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
     # tunings
     (
         lambda: peak(MODEL, PAPER, low=0.9, high=1.06),
-        "scoring range (low, high) = (0.9, 1.06) is not allowed: a scoring range that holds both peaks",
+        (
+            "scoring range (low, high) = (0.9, 1.06) is not allowed: a scoring range that holds "
+            "both peaks"
+        ),
     ),
     (
         lambda: minimax(MODEL, 0.25),

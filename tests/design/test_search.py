@@ -1,4 +1,7 @@
-"""Searches: what they find, how they judge it, on formulas in the place of runs and on a steel strip."""
+"""Searches find known optima and judge them correctly.
+
+Formulas replace runs, or the structure is a steel strip.
+"""
 
 from collections import Counter
 from dataclasses import replace
@@ -141,7 +144,11 @@ def test_winner_is_chosen_and_judged_on_held_out_members() -> None:
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_an_audit_counts_the_designs_that_were_left_behind_wrongly(order: int) -> None:
-    """Run in full, designs are as good as the search thought, or in the opposite order: then each of them beats the best one found."""
+    """An audit counts the designs that were wrongly discarded.
+
+    In full runs the designs are as good as the search estimated, or in the opposite order. In the
+    second case each of them is better than the best one found.
+    """
     study = DesignStudy(problem(), settings())
     study.run(8 * BATCH + 1, Model())
 
@@ -157,7 +164,10 @@ def test_an_audit_counts_the_designs_that_were_left_behind_wrongly(order: int) -
 
 
 class Draws(Model):
-    """Every design has the same distribution of levels: a normal one of the logarithm, with 0.3 of standard deviation."""
+    """An executor in which every design has the same distribution of levels.
+
+    The logarithm of the level is normal with a standard deviation of 0.3.
+    """
 
     def value(self, chunk: object, lane: object) -> float:  # noqa: ARG002 - as in `Model`
         walls = lane.scene.absorber.walls
@@ -167,7 +177,11 @@ class Draws(Model):
 
 
 def test_winners_level_is_not_the_least_of_several_noisy_ones() -> None:
-    """The mean logarithm over 60 problems: the least of three such levels would be 0.85 * 0.3 below."""
+    """The winner's level is not the lowest of several noisy ones.
+
+    The test takes the mean logarithm over 60 problems. The lowest of three such levels would be
+    0.85 * 0.3 below.
+    """
     winners = []
     others = []
     for seed in range(60):
@@ -242,7 +256,11 @@ def test_front_of_a_search_beats_random_search_with_the_same_budget() -> None:
 
 
 def test_friction_damper_optimum_follows_the_energy_argument() -> None:
-    """At a tip amplitude q the loss 4 muN sqrt(q^2 - (4 muN/(pi m w^2))^2) is largest where 4 muN/pi = m w^2 q/sqrt(2)."""
+    """The optimal friction damper follows from its energy balance.
+
+    At a tip amplitude q the loss 4 muN sqrt(q^2 - (4 muN/(pi m w^2))^2) is largest where 4 muN/pi =
+    m w^2 q/sqrt(2).
+    """
     space = design_space("friction", bounds={"friction_limit": (0.1, 2.0)})
     damped = Problem(space, (Condition(1, 3.5),), beam=Beam(modes=1), members=1, rate=10.0)
     best = min(
@@ -287,7 +305,8 @@ def test_default_settings_screen_only_where_it_helps() -> None:
     assert default_settings(problem(2)).sampler == "nsga2"
 
 
-# A whole search from Python, on a steel strip: judged on fresh members, with more modes, and told in words.
+# A whole search from Python, on a steel strip: judged on fresh members, with more modes, and told
+# in words.
 
 
 STRIP = replace(STEEL, modes=2, damping_ratio=0.005)
@@ -329,7 +348,11 @@ def test_what_is_reported_is_the_verdicts_own(findings: SearchResult) -> None:
 def test_bands_of_the_verdict_are_predictions_and_levels_say_where_they_were_read(
     findings: SearchResult,
 ) -> None:
-    """The interval of the paper's design from its own four members in closed form; the winner's is narrower by the finalists' spread."""
+    """Bands of the verdict are prediction intervals, and levels have their frequency.
+
+    The interval of the paper's design follows from its own four members in closed form. That of the
+    winner is narrower because of the finalists' spread.
+    """
     judged = findings.verdict
     logs = np.log(judged.paper.members[0])
     half = scipy.stats.t.ppf(0.95, 3) * np.std(logs, ddof=1) * np.sqrt(1 + 1 / 4)
@@ -402,7 +425,11 @@ def test_noise_does_not_hide_the_bottom_of_a_bowl() -> None:
 
 
 def test_a_process_finds_the_edge_of_what_is_allowed() -> None:
-    """The bowl's bottom is forbidden: its level falls with the gap down to 0.6 mm, and a limit on the mass ratio stands for another quantity."""
+    """A Gaussian process finds the edge of the allowed designs.
+
+    The minimum of the bowl is forbidden. The level decreases with the gap down to 0.6 mm, and a
+    limit on the mass ratio represents another quantity.
+    """
     limited = problem(
         space=design_space("impact", ["gap", "mass_ratio"]),
         conditions=(Condition(1, 3.5),),
@@ -492,7 +519,11 @@ def test_comparison_runs_goes_on_and_writes_its_page(
 
 
 def test_comparison_pairs_seeds_and_states_exact_intervals() -> None:
-    """Random search at 2 in ten seeds, another method at 1.1 to 2.0: the median ratio lies between the second and the ninth value."""
+    """The comparison of search methods pairs seeds and gives exact intervals.
+
+    Random search has the level 2 in ten seeds, another method 1.1 to 2.0. The median ratio is
+    between the second and the ninth value.
+    """
     rows = []
     for seed in range(10):
         base = {"problem": "a", "seed": seed, "violation": 0.0}

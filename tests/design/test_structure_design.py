@@ -1,4 +1,7 @@
-"""Design on structures that are not the paper's beam: against closed forms and dense solutions that share no code with the package."""
+"""Design on other structures than the paper's beam agrees with closed forms.
+
+Dense solutions that share no code with the package are also used for comparison.
+"""
 
 import json
 from dataclasses import replace
@@ -54,7 +57,11 @@ OMEGA = cantilever.roots(MODES) ** 2 * np.sqrt(BENDING / LINE) / LENGTH**2
 
 
 def receptances(w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement of the absorber's place per force at the force's place, and per force at its own."""
+    """Return the receptances of the absorber's place.
+
+    They are displacements per force at the force's place, and per force at the absorber's own
+    place.
+    """
     den = OMEGA**2 - w[:, None] ** 2 + 2j * DAMPING * OMEGA * w[:, None]
     return (deflection(0.9) * deflection(0.25) / den).sum(axis=1), (deflection(0.9) ** 2 / den).sum(
         axis=1
@@ -190,7 +197,11 @@ def test_default_rate_holds_for_another_beam_and_its_least_damped_resonance() ->
 
 
 def test_ratio_agrees_with_an_integration_in_the_time_domain() -> None:
-    """One mode, damped by 0.4 %, swept up: SciPy's state-space integration of a finely sampled force."""
+    """The ratio of swept to stationary level agrees with an integration in the time domain.
+
+    One mode with 0.4 % damping is swept up. The reference is SciPy's state-space integration of a
+    finely sampled force.
+    """
     model = modal_model(replace(STEEL, modes=1, damping_ratio=0.004))
     omega = float(model.omega[0])
     damping = 0.004
@@ -210,7 +221,11 @@ def test_ratio_agrees_with_an_integration_in_the_time_domain() -> None:
 
 
 def test_ratio_at_another_place_than_the_absorbers_is_that_of_the_sampled_level() -> None:
-    """The level of a scene whose response is read elsewhere comes from samples; the ratio streams it, which must be the same."""
+    """The ratio of levels at another place is that of the sampled level.
+
+    If the response is read at another place than the absorber's, the level of a scene comes from
+    samples. The ratio computes the same level during the run.
+    """
     model = modal_model(replace(STEEL, modes=3, absorber_position=0.8, response_position=0.6))
     omega = model.resonance_omega(2)
     scene = Scene(model)
@@ -281,7 +296,10 @@ def test_rows_of_matrices_near_a_point(tmp_path: Path) -> None:
     (tmp_path / "nodes.csv").write_text(
         "x_m,y_m,z_m\n" + "".join(f"{0.1 * (k // 2)},0,0\n" for k in range(6))
     )  # two rows a node
-    keys = 'mass = "M.npz"\nstiffness = "K.npz"\nunits = "kg, m, s"\nforce = 1\nabsorber = 4\nmass_kg = 6\ndamping_ratio = 0.01\n'
+    keys = (
+        'mass = "M.npz"\nstiffness = "K.npz"\nunits = "kg, m, s"\nforce = 1\nabsorber = '
+        "4\nmass_kg = 6\ndamping_ratio = 0.01\n"
+    )
     (tmp_path / "chain.toml").write_text(f'[matrices]\n{keys}coordinates = "nodes.csv"\n')
     assert (
         "row 2, 3: 20 mm away\nrow 4, 5: 80 mm away\nrow 0, 1: 120 mm away"

@@ -43,7 +43,11 @@ def search(
 
 @pytest.mark.parametrize("sampler", ["cma", "nsga2", "random"])
 def test_study_goes_on_from_any_piece_of_its_file(tmp_path: Path, sampler: str) -> None:
-    """A process can be killed after any run: the resumed study is each time that in memory, and makes the missing runs only."""
+    """A study continues from any part of its file.
+
+    A process can be killed after any run. The resumed study is always the same as that in memory,
+    and computes only the missing runs.
+    """
     tested = problem(2 if sampler == "nsga2" else 1)
     file = tmp_path / "study.journal"
     expected, runs = search(None, tested, settings(sampler))
@@ -85,12 +89,16 @@ def test_optuna_reads_the_designs_of_a_study(tmp_path: Path) -> None:
     assert trials[0].values == list(study[0][2].values)
 
 
-# The file: written whole or not at all, for one process at a time, and refused where it is something else.
+# The file: written whole or not at all, for one process at a time, and refused where it is
+# something else.
 
 
 def test_pieces_survive_a_process_that_is_killed(tmp_path: Path) -> None:
     code = "import pathlib, sys; from optimisation.checkpoint import Checkpoint\n"
-    code += "kept, n = Checkpoint(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.keep(str(n), [n] * 1000); n += 1; print(n, flush=True)"
+    code += (
+        "kept, n = Checkpoint(pathlib.Path(sys.argv[1])), 0\nwhile True: kept.keep(str(n), [n] * "
+        "1000); n += 1; print(n, flush=True)"
+    )
     file = tmp_path / "kept"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
@@ -123,7 +131,10 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line_and_stays(tmp_path: P
         before = file.read_bytes()
         with pytest.raises(
             ParameterError,
-            match=rf"--resume = .*{file.name} is not allowed: a file that this option has written before",
+            match=(
+                rf"--resume = .*{file.name} is not allowed: a file that this option has written "
+                r"before"
+            ),
         ):
             Checkpoint(file)
         assert file.read_bytes() == before
@@ -156,7 +167,8 @@ def test_study_of_something_else_is_refused(
     assert (tmp_path / "a.journal").read_bytes() == before
 
 
-# Whole searches go on from their file, also in the judging, and only where they are the same search.
+# Whole searches go on from their file, also in the judging, and only where they are the same
+# search.
 
 
 def case(kind: str) -> tuple[Problem, SearchOptions, type[Bowl] | type[Model]]:

@@ -98,7 +98,10 @@ def test_numerical_minimax_finds_the_exact_optimum(mu: float) -> None:
 
 @pytest.mark.parametrize("mu", [0.02, 0.25])
 def test_den_hartog_fixed_points(mu: float) -> None:
-    """The two frequencies at which the damping does not matter have one height, sqrt((2 + mu)/mu) times the static one."""
+    """Den Hartog's fixed points have the same height for any damping.
+
+    At both frequencies it is sqrt((2 + mu)/mu) times the static displacement.
+    """
     single = one_mode()
     rule = den_hartog(single, mu)
     assert rule.damping / (2 * mu * np.sqrt(rule.stiffness / mu)) == pytest.approx(
@@ -232,7 +235,11 @@ def test_table_shows_the_mistuning() -> None:
 
 @pytest.mark.parametrize("mass_ratio", [0.01, 0.05])
 def test_an_undamped_structure_has_the_values_of_the_textbook(mass_ratio: float) -> None:
-    """Den Hartog's fixed points: both as high as sqrt(1 + 2/mu) times the static deflection, whatever the damping."""
+    """Tunings of an undamped structure agree with the textbook.
+
+    Den Hartog's fixed points are both as high as sqrt(1 + 2/mu) times the static deflection, for
+    any damping.
+    """
     model = modal_model(Beam(modes=1, damping_ratio=0.0))
     table = tuning_table(model, mass_ratio)
     by_key = {tuning.key: tuning for tuning in table.tunings}

@@ -1,4 +1,8 @@
-"""What is uncertain: distributions, lanes with everything drawn, a search's members, and the words of the command line."""
+"""Uncertain parameters are drawn correctly.
+
+Distributions, lanes with all parameters drawn, members of a search, and options of the command line
+are tested.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,7 +45,9 @@ def test_a_deviation_is_a_normal_distribution_cut_at_three() -> None:
     drawn_gaps = values("gap", "5%", 2e-3)
     assert drawn_gaps.min() == pytest.approx(2e-3 * 0.85)
     assert drawn_gaps.max() == pytest.approx(2e-3 * 1.15)
-    cut = 0.98658  # standard deviation of a standard normal variable that is cut at three, from tables of the truncated normal
+    # standard deviation of a standard normal variable that is cut at three, from tables of the
+    # truncated normal
+    cut = 0.98658
     assert drawn_gaps.std() == pytest.approx(2e-3 * 0.05 * cut, rel=5e-3)
     assert np.mean(np.abs(drawn_gaps / 2e-3 - 1) < 0.05) == pytest.approx(0.6827 / 0.9973, abs=2e-3)
 

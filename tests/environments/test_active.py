@@ -1,4 +1,7 @@
-"""Tasks within a period: what they score, what their actuators can do, what a step costs, and what a reset may choose."""
+"""Active tasks have correct scores, actuators, costs and resets.
+
+Their actions vary within a period.
+"""
 
 import dataclasses
 import itertools
@@ -146,7 +149,11 @@ def test_a_reset_may_choose_what_would_be_drawn() -> None:
 
 
 def test_lanes_of_a_pool_do_what_each_scene_does_by_itself() -> None:
-    """Structure by structure, chosen by a reset, against an environment whose only structure it is."""
+    """Lanes with different structures behave like single environments.
+
+    Each structure is chosen by a reset and compared with an environment that has only this
+    structure.
+    """
     many = gymnasium.make_vec(STRUCTURES, num_envs=6, time_budget=5.0, structures=3)
     task = many.unwrapped.task
     numbers = [2, 0, 1, 2, 0, 1]
@@ -254,7 +261,10 @@ def test_a_passage_draws_what_it_says_and_its_walls_have_a_speed_and_a_price() -
 
 @pytest.mark.filterwarnings("ignore:.*reward returned by")
 def test_a_passage_costs_what_simulate_says() -> None:
-    """With walls and friction that stay: response level, fatigue and impacts from samples and events of one run. Seed 2: the level also falls.
+    """The costs of a passage agree with those from `simulate`.
+
+    With constant walls and friction, response level, fatigue and impacts are computed from samples
+    and events of one run. Seed 2: the level also falls.
 
     Walls that take most of an impact's energy do not let rounding grow.
     """
@@ -322,7 +332,8 @@ def test_a_passage_costs_what_simulate_says() -> None:
     assert np.diff(levels).min() < 0 < np.diff(levels).max()
 
 
-# The choice of the friction limit: a choice that stays is the scene's own friction, and what the limit is on other scenes.
+# The choice of the friction limit: a choice that stays is the scene's own friction, and what the
+# limit is on other scenes.
 
 
 WAY: dict[str, Any] = {"limits": (0.98, 1.01), "rate": 4.0}
@@ -353,7 +364,10 @@ def test_a_choice_that_stays_is_a_passage_with_that_friction(action: float) -> N
 
 
 def test_mass_gap_and_time_are_the_units_of_friction() -> None:
-    """Twice the force and twice the gap: the same observations from the same actions, from twice the friction."""
+    """Mass, gap and time are the units of friction.
+
+    Twice the force, gap and friction give the same observations from the same actions.
+    """
     actions = np.random.default_rng(1).uniform(-1, 1, (20, 1)).astype(np.float32)
     (observed, rewards, infos), (other, others, other_infos) = (
         passage(

@@ -1,4 +1,8 @@
-"""Admission: rules of eight numbers begin at those of four, copies of lanes do what the lanes do, and a planner is above its rule."""
+"""Admission of tasks works.
+
+Rules of eight parameters start from those of four, copies of lanes behave like the lanes, and a
+planner scores higher than its rule.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +37,11 @@ PAIRS = TASKS["Passage-v0"].feedback
 
 @pytest.mark.parametrize("family", [*ACTIVE, *PAIRS])
 def test_a_rule_of_four_is_one_of_eight_and_rules_are_even(family: Any) -> None:
-    """The scene and its mirror image get the same action: displacements, velocities and the force's phase with other signs."""
+    """A rule of four parameters is one of eight, and rules are symmetric.
+
+    The scene and its mirror image get the same action. Displacements, velocities and the force's
+    phase have opposite signs in the mirror image.
+    """
     generator = np.random.default_rng(0)
     numbers = generator.normal(size=(20, 4))
     observed = np.abs(generator.normal(size=(20, 13))).astype(np.float32)

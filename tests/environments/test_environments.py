@@ -1,4 +1,7 @@
-"""What every environment is to Gymnasium: checks, pickles, seeds, registration, docstrings, frames; and what is refused."""
+"""Every environment follows the rules of Gymnasium and refuses wrong arguments.
+
+The tests cover Gymnasium's checks, pickles, seeds, registration, docstrings and frames.
+"""
 
 import pickle
 import re
@@ -150,7 +153,8 @@ def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) ->
     picture = make(GAP, render_mode="rgb_array")
     for env in (window, picture):
         env.reset(seed=0)
-        env.render()  # the strips have a point for each picture; a window draws one by itself after each step
+        # the strips have a point for each picture; a window draws one by itself after each step
+        env.render()
         env.step(actions(GAP, 1, 1)[0, 0])
     displayed = np.swapaxes(pygame.surfarray.array3d(pygame.display.get_surface()), 0, 1)
     np.testing.assert_array_equal(displayed, picture.render())
@@ -161,7 +165,11 @@ def test_a_window_shows_what_rgb_array_gives(monkeypatch: pytest.MonkeyPatch) ->
 def test_amplitudes_along_the_beam_are_those_of_the_mode_that_moves_the_place_of_the_level() -> (
     None
 ):
-    """The modes of a pinned beam are sines; at a quarter of its length the fourth has a node and the second is largest."""
+    """Amplitudes along the beam are those of the mode that moves the level's place.
+
+    The modes of a pinned beam are sines. At a quarter of its length the fourth mode has a node and
+    the second is largest.
+    """
     beam = Beam(ends="pinned-pinned", modes=4, elements=60, absorber_position=0.25)
     x = np.linspace(0, 1, drawing.POSITIONS + 1)
     shapes = mode_shapes(beam, x)
@@ -174,7 +182,10 @@ def test_amplitudes_along_the_beam_are_those_of_the_mode_that_moves_the_place_of
 
 
 def test_an_absorber_at_a_node_can_be_drawn() -> None:
-    """The band is that of the second mode, with the first's shape 0 at the absorber, or next to nothing."""
+    """An absorber at a node can be drawn.
+
+    The band is that of the second mode. The first mode's shape at the absorber is 0, or almost 0.
+    """
     frames = []
     for first in (0.0, 1e-9):
         model = replace(modal_model(Beam(modes=2)), tip_shape=[first, 2.0], beam=None)
@@ -280,7 +291,10 @@ def test_impossible_actions_are_refused(name: str, wrong: tuple[Any, ...]) -> No
         (
             LIMITED,
             {"sweep_rates": (1e9, 1e10)},
-            "sweep_rates = (1000000000.0, 10000000000.0) is not allowed: in % per 100 pseudo periods",
+            (
+                "sweep_rates = (1000000000.0, 10000000000.0) is not allowed: in % per 100 pseudo "
+                "periods"
+            ),
         ),
         (
             LIMITED,

@@ -1,4 +1,8 @@
-"""Public judging: the same seeds for all, disjoint splits, scores that a loop of single environments gets too, and lanes that rest."""
+"""Evaluation of policies is the same for all.
+
+Seeds are the same for all policies and splits are disjoint. Scores are those of a loop over single
+environments, and lanes stay at rest until they are reset.
+"""
 
 from typing import Any
 
@@ -127,7 +131,11 @@ def test_interval_of_a_mean_covers_as_often_as_it_says() -> None:
 
 
 def test_runs_and_seeds_both_count_and_policies_share_the_drawn_seeds() -> None:
-    """Scores that differ by run only are as uncertain as their runs are few, however many the episodes; the same for seeds."""
+    """Runs and seeds both count, and policies share the drawn seeds.
+
+    Scores that differ only by run have an uncertainty that follows from the number of runs,
+    whatever the number of episodes. The same holds for seeds.
+    """
     runs = np.repeat(np.arange(4.0)[:, None], 1000, axis=1)
     for scores in (runs, runs.T):
         low, high = bootstrap_interval(np.mean, scores)

@@ -1,4 +1,7 @@
-"""Agents and rules for controllers: C source that a compiler takes, ONNX, and tables give the actions of the policy."""
+"""Exported agents and rules give the actions of the policy.
+
+They are exported as C source that is compiled, as ONNX, and as tables.
+"""
 
 import ctypes
 import json

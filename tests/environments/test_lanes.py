@@ -1,4 +1,7 @@
-"""Native vectors: a lane is the single environment, bit for bit; copies and snapshots go on like the original; scenes handed in whole."""
+"""A lane of a native vector is equal to the single environment, bit for bit.
+
+Copies and snapshots continue like the original, and scenes can be given as a whole.
+"""
 
 import copy
 import pickle
@@ -54,7 +57,11 @@ CASES += [(name, AutoresetMode.SAME_STEP, LOADED) for name in (ACTIVE_FRICTION, 
 def test_native_vector_agrees_with_gymnasiums_own(
     name: str, mode: AutoresetMode, extra: dict[str, Any]
 ) -> None:
-    """SyncVectorEnv steps single environments one after the other, each under a TimeLimit: keys, masks and numbers are the same, bit for bit."""
+    """A native vector agrees with Gymnasium's own vector, bit for bit.
+
+    SyncVectorEnv advances single environments one after the other, each under a TimeLimit. Keys,
+    masks and values are the same.
+    """
     lanes = 4
     ends = 0
     arguments = SHORT[name] | extra
@@ -116,7 +123,11 @@ WAYS: dict[str, Any] = {
 def test_a_copy_goes_on_bit_for_bit(
     name: str, extra: dict[str, Any], way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Through ends of episodes, apart from the original; a snapshot goes into another environment."""
+    """A copy of a vector continues bit for bit.
+
+    It continues through ends of episodes, independently of the original. A snapshot is restored in
+    another environment.
+    """
     monkeypatch.setattr(
         "impact_env.controlled.LANES_PER_THREAD", 4
     )  # so that threads are at work before the copy
@@ -151,7 +162,11 @@ def test_a_single_environment_that_has_drawn_can_be_copied() -> None:
 
 
 def test_any_structure_can_be_used() -> None:
-    """A scene object, its plain form, and the arguments for the same scene give the same numbers; one that knows only its modes can be drawn."""
+    """Any structure can be used in an environment.
+
+    A scene object, its plain form, and the arguments for the same scene give the same values. A
+    scene that has only its modes can be drawn.
+    """
     plain = {"beam": {"modes": 2}, "absorber": {"kind": "impact", "friction_limit": 0.025}}
     scene = to_scene(plain)
     runs = []

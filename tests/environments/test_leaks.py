@@ -1,4 +1,7 @@
-"""The force that is drawn is not in the observation: not through the score's reference, and no more than amplitudes tell."""
+"""Observations do not reveal the force that is drawn.
+
+The score's reference does not reveal it, and features predict it no better than amplitudes do.
+"""
 
 from typing import Any
 
@@ -20,7 +23,8 @@ from environment_cases import (
 
 IN_CYCLE = (ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES)
 HIDDEN = (ADAPTIVE, FRICTION, GAP1, LIMITED, *IN_CYCLE)
-# columns of lengths and velocities over the gap: the tip in two phases; within a period tip, absorber and the tip's RMS
+# columns of lengths and velocities over the gap: the tip in two phases; within a period tip,
+# absorber and the tip's RMS
 AMPLITUDES = dict.fromkeys(HIDDEN, (0, 1)) | dict.fromkeys(IN_CYCLE, (0, 1, 2, 3, 9))
 OPEN = (OPEN_ADAPTIVE, OPEN_FRICTION)
 LEARNT = 2000
@@ -51,7 +55,10 @@ def linear(inputs: np.ndarray, wanted: np.ndarray, rest: np.ndarray) -> np.ndarr
 def tree(
     inputs: np.ndarray, wanted: np.ndarray, rest: np.ndarray, generator: np.random.Generator
 ) -> np.ndarray:
-    """Return the prediction of an extremely randomised tree (P. Geurts, D. Ernst, L. Wehenkel 2006): the best of a few random cuts at each node."""
+    """Return the prediction of an extremely randomised tree.
+
+    It uses the best of a few random cuts at each node (P. Geurts, D. Ernst, L. Wehenkel 2006).
+    """
     columns = generator.integers(inputs.shape[1], size=TRIED)
     cuts = generator.uniform(inputs[:, columns].min(axis=0), inputs[:, columns].max(axis=0))
     below = inputs[:, columns] < cuts

@@ -1,4 +1,7 @@
-"""A machine that is not what its control takes it for: actuators with steps and delay, friction and damping that are off."""
+"""A machine can differ from the model of its control.
+
+Its actuators have steps and delay, and its friction and damping have other values.
+"""
 
 from typing import Any
 
@@ -28,7 +31,10 @@ DELAYED = [ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES, LIMITED, GAP1, ADAPTIVE]
 
 
 def play(env: Any, chosen: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return observations and rewards of an episode's first steps, to its end if that comes earlier."""
+    """Return observations and rewards of the first steps of an episode.
+
+    The steps stop at the end of the episode if it comes earlier.
+    """
     env.reset(seed=7)
     steps: list[Any] = []
     for action in chosen:

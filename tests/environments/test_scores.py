@@ -1,4 +1,7 @@
-"""What an action does to a passage, and that rewards add up to what the paper measures, at the rate and place of any structure."""
+"""Actions have the right effect on a passage, and rewards add up to the paper's level.
+
+This holds at the rate of any structure and at any place of the response.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -68,7 +71,11 @@ IMPACTS = {
 
 
 def test_rewards_add_up_to_the_score_which_is_the_papers_level() -> None:
-    """Against `simulate` on the schedule that the actions made, and the closed form of the same passage at the paper's rate."""
+    """Rewards add up to the score, which is the paper's level.
+
+    It is compared with `simulate` on the schedule made by the actions, and with the closed form of
+    the same passage at the paper's rate.
+    """
     env = gymnasium.make(
         SWEEP,
         interval=5.0,
@@ -133,7 +140,10 @@ def test_the_reference_is_the_beam_without_absorber_at_the_rate_of_its_damping(
 
 @pytest.mark.parametrize(("damping", "periods"), [(0.0095, 24.01), (0.007, 42.01)])
 def test_the_damage_of_a_reference_has_all_its_samples(damping: float, periods: float) -> None:
-    """The rates of these dampings give intervals that are no whole number of samples by themselves."""
+    """The damage of a reference includes all its samples.
+
+    The rates of these dampings give intervals that are not a whole number of samples.
+    """
     scene = Scene(modal_model(Beam(modes=1, damping_ratio=damping)))
     omega = scene.model.resonance_omega(1)
     ends = np.array([0.97, 0.97 + periods * default_rate(scene.model) / 1e4])
@@ -170,7 +180,11 @@ def test_a_passive_passage_has_the_rate_of_its_damping_or_the_chosen_one(
 
 
 def test_fatigue_adds_up_to_the_damage_of_the_samples() -> None:
-    """Without an absorber, at the paper's rate, the passage is its own reference but for the force's phase at the start."""
+    """Fatigue adds up to the damage of the samples.
+
+    Without an absorber, at the paper's rate, the passage is its own reference except for the
+    force's phase at the start.
+    """
     env = gymnasium.make(
         PASSIVE,
         absorber="none",
@@ -270,7 +284,10 @@ def test_the_level_is_that_of_a_single_run_at_the_same_frequency(
 def advanced(
     absorber: LinearAbsorber | None, method: Method | None, ratio: float, intervals: int
 ) -> Any:
-    """Return the last report of a controlled run of one newton, in intervals of 20 pseudo periods."""
+    """Return the last report of a controlled run under one newton.
+
+    The run has ``intervals`` intervals of 20 pseudo periods.
+    """
     runs = ControlledRuns(Scene(MODEL, absorber), 1, OMEGA, 20.0, method, samples_per_period=32)
     runs.orders["force"] = 1.0
     runs.orders["omega_start"] = ratio * OMEGA
@@ -379,7 +396,11 @@ def test_rate_and_gap_are_what_the_two_numbers_say() -> None:
 @pytest.mark.filterwarnings("ignore:.*reward returned by")  # gymnasium's checker
 @pytest.mark.parametrize("name", [V1, ADAPTIVE, FRICTION, GAP1])
 def test_costs_add_up_to_the_score_and_are_what_was_done(name: str) -> None:
-    """Costs against rewards, times, impacts and gaps or friction limits of info; and as the reward of an environment with vectors."""
+    """Costs add up to the score and agree with the actions taken.
+
+    Costs are compared with rewards, and with times, impacts, and gaps or friction limits of info.
+    They are also the reward of an environment with vector rewards.
+    """
     env = make(name)
     vectors = make(name, vector_reward=True)
     task = env.unwrapped.task

@@ -1,4 +1,4 @@
-"""What needs no learning, demonstrations of it, agents with memory, clones and short trainings that beat haste."""
+"""Rules, demonstrations, agents with memory and clones work as documented."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,8 @@ from studies.agent_rules import fit_actions, map_actions
 from studies.cli import judge_agents
 
 FRESH = range(7_000_000, 7_000_096)  # neither trained, tuned nor judged on
-# Bounds on means over seeds lie six of their standard deviations off, as found with six eigenbases that differ by rounding.
+# Bounds on means over seeds lie six of their standard deviations off, as found with six eigenbases
+# that differ by rounding.
 pytestmark = pytest.mark.filterwarnings("ignore:.*-v0 is out of date")
 
 
@@ -94,7 +95,8 @@ def test_the_estimated_force_is_exact_where_the_absorber_is_free_or_rattles_as_a
     rows = np.zeros((2, 10), dtype=np.float32)
     rows[:, 6] = (0.98 - scale.origin) / scale.unit
     by_force, kappa = scale.lines(1 + 0.1 * scale.offset(rows))
-    # lane 0: the absorber stays where it is, r = -q. Lane 1: r opposes the force in the sense of the formula, at any angle with a negative cosine
+    # lane 0: the absorber stays where it is, r = -q. Lane 1: r opposes the force in the sense of
+    # the formula, at any angle with a negative cosine
     r = stroke * gap * np.exp(2.4j) / (kappa / by_force) * np.abs(kappa / by_force)
     q = np.where([True, False], force * by_force, (force * by_force + kappa * r) / (1 - kappa))
     rows[:, 0], rows[:, 1], rows[:, scale.column] = (
@@ -372,7 +374,11 @@ def test_a_rule_of_side_and_slip_is_the_same_in_the_mirror() -> None:
 
 
 def test_actions_are_averaged_where_a_state_was_visited() -> None:
-    """Three states in one bin, by hand: displacement alone is phase 0, and a size outside the limits does not count."""
+    """Actions are averaged in the bins of visited states.
+
+    Three states are in one bin: displacement alone is phase 0, and a size outside the limits does
+    not count.
+    """
     observations = np.zeros((5, 11))
     observations[:, 0] = 1.0
     observations[:, 2] = 0.55
@@ -387,7 +393,11 @@ def test_actions_are_averaged_where_a_state_was_visited() -> None:
 
 
 def test_agents_are_judged_seed_by_seed(tmp_path: Path) -> None:
-    """The shipped agent as two training seeds: its own scores on test seeds, counted and drawn; once judged, no agent is needed."""
+    """Agents are judged for each training seed.
+
+    The shipped agent represents two training seeds. Its own scores on test seeds are counted and
+    drawn. Once judged, no agent is needed.
+    """
     import json
     from dataclasses import replace
 

@@ -1,4 +1,7 @@
-"""Training: the bridge to stable-baselines3, runs that are broken off and go on, agents in their files, and those that ship."""
+"""Training works, also after an interruption.
+
+The bridge to stable-baselines3, resumed runs, files of agents, and the shipped agents are tested.
+"""
 
 import inspect
 import json
@@ -112,7 +115,8 @@ def test_bridge_gives_what_the_librarys_own_loop_over_single_environments_gives(
             np.testing.assert_array_equal(a, b)
             assert a.dtype == b.dtype
         for a, b, done in zip(mine[3], theirs[3], mine[2], strict=True):
-            # the library gives the last info of an episode, and the flag on every step; the bridge gives it where it means something
+            # the library gives the last info of an episode, and the flag on every step; the bridge
+            # gives it where it means something
             assert {
                 **a,
                 "TimeLimit.truncated": a.get("TimeLimit.truncated", False),
@@ -308,7 +312,10 @@ def test_agent_acts_as_its_model(tmp_path: Path, algorithm: str) -> None:
 
 
 def test_critics_begin_at_the_chosen_value() -> None:
-    """So that what an agent does not know costs as much as it says, and putting it off is not worth more."""
+    """Critics start at the chosen value.
+
+    Unknown states thus cost as much as that value, and delaying is not worth more.
+    """
     hopeful, wary = (
         make_model(
             job.hyperparameters, make_lanes(job.env_id, job.hyperparameters, job.arguments, 1), 0
@@ -358,7 +365,11 @@ def test_what_is_no_agent_is_refused(tmp_path: Path) -> None:
 
 
 def test_recipes_are_written_in_the_form_of_rl_zoo3(tmp_path: Path) -> None:
-    """A file for each algorithm, and but for what that library takes itself, only what stable-baselines3 knows."""
+    """Recipes are written in the form of rl_zoo3.
+
+    Each algorithm has a file. Apart from that library's own keys it has only arguments that
+    stable-baselines3 knows.
+    """
     assert train_command("--zoo", tmp_path / "zoo").exit_code == 0
     recurrent = pytest.importorskip("sb3_contrib").RecurrentPPO
     kinds = {"ppo": PPO, "sac": SAC, "ppo_lstm": recurrent}
@@ -519,7 +530,8 @@ def test_the_command_goes_on_after_kill_9(tmp_path: Path) -> None:
     assert read_evaluations(killed) == read_evaluations(undisturbed)
 
 
-# Agents that ship: they act without torch as stable-baselines3 makes them act, and go on learning; what they score: test_suite.py.
+# Agents that ship: they act without torch as stable-baselines3 makes them act, and go on learning;
+# what they score: test_suite.py.
 
 
 SHIPPED = [(task, algorithm) for task, own in shipped().items() for algorithm in own]
@@ -551,7 +563,9 @@ def test_an_agent_goes_on_learning() -> None:
         not bool((a == b.detach()).all())
         for a, b in zip(before, model.policy.parameters(), strict=True)
     )
-    buffer = model.rollout_buffer  # the critic that came along knows these rewards: what they add up to for ever; without their scale it is off by 50
+    # the critic that came along knows these rewards: what they add up to for ever; without their
+    # scale it is off by 50
+    buffer = model.rollout_buffer
     assert 0.2 < buffer.values.mean() * (1 - model.gamma) / buffer.rewards.mean() < 5
 
 
@@ -578,7 +592,10 @@ def made_run(out: Path, seed: int, scores: list[float]) -> bytes:
 
 
 def test_the_run_that_ships_is_the_one_in_the_middle(tmp_path: Path) -> None:
-    """By the score of the best evaluation, the better one of two; its model is that of the same checkpoint."""
+    """The shipped run is the median one by the score of its best evaluation.
+
+    Of two runs in the middle it is the better one. Its model is that of the same checkpoint.
+    """
     best = {0: -0.1, 1: -0.7, 2: -0.4, 3: -0.2, 4: -0.5}
     agents = {seed: made_run(tmp_path, seed, [score, -0.8]) for seed, score in best.items()}
     for seeds, chosen in ((range(5), 2), (range(4), 3), (range(1), 0)):
@@ -631,7 +648,11 @@ def test_candidates_are_the_mean_and_one_in_each_part_of_the_reach() -> None:
 
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_trial_scores_a_candidate_as_the_single_environment_does(delay: int) -> None:
-    """Some intervals with the candidate, then the agent, from where the lane is; the lane itself stays there."""
+    """A trial scores a candidate as the single environment does.
+
+    Some intervals have the candidate action, and the following ones those of the agent, from the
+    lane's present state. The lane itself does not advance.
+    """
     agent = load_agent("ActiveFriction-v0")
     actions = np.array([[0.3], [-0.8]], np.float32)
     late = {"observation_delay": delay, "action_delay": delay}
@@ -691,7 +712,11 @@ def test_errors_are_those_of_a_group() -> None:
 
 
 def test_the_actor_moves_to_the_best_action() -> None:
-    """Scores that are parabolas with a vertex that depends on the state: after the updates the mean action is near the vertex."""
+    """The actor moves to the best action.
+
+    Scores are parabolas whose vertex depends on the state. After the updates the mean action is
+    close to the vertex.
+    """
     job = small_iteration(batch_size=64, n_epochs=30, learning_rate=3e-3)
     env = make_lanes(job.env_id, job.hyperparameters, {}, 1)
     model = make_model(job.hyperparameters, env, 0)

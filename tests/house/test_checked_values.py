@@ -1,4 +1,7 @@
-"""No check of a value is called for its error alone: what a check returns is the value that is used."""
+"""The value that a check returns is the one that is used.
+
+No check is called only for its error.
+"""
 
 import ast
 import inspect
@@ -13,7 +16,10 @@ from optimisation.files import ROOT
 
 
 def returning_checks(module: ModuleType, prefix: str = "") -> frozenset[str]:
-    """Return the names of a module's public functions that begin with a prefix and return a value."""
+    """Return the names of a module's public functions that return a value.
+
+    The names begin with ``prefix``.
+    """
     return frozenset(
         name
         for name, function in inspect.getmembers(module, inspect.isfunction)

@@ -1,4 +1,7 @@
-"""Pages: links lead somewhere, indexes are complete, and blocks that commands fill have their markers."""
+"""Pages have working links, complete indexes and all markers.
+
+The markers are those of blocks that commands fill.
+"""
 
 import re
 from pathlib import Path
@@ -116,8 +119,8 @@ def test_python_examples_have_the_types_that_strict_checking_wants(
     for number, source in enumerate(blocks):
         (tmp_path / f"example_{number}.py").write_text(source, encoding="utf-8")
     monkeypatch.chdir(ROOT)  # with the cache of the linters
-    found, _, status = mypy.run([*map(str, tmp_path.glob("*.py"))])
-    assert status == 0, found
+    messages, _, status = mypy.run([*map(str, tmp_path.glob("*.py"))])
+    assert status == 0, messages
 
 
 @pytest.mark.parametrize("name", MARKED)
@@ -129,7 +132,11 @@ def test_blocks_have_their_markers(name: str) -> None:
 
 
 def test_tables_are_written_by_the_commands_that_pages_name() -> None:
-    """No page says that a command prints what stands there, and each command that a page asks to fill it can do so."""
+    """Tables are written by the commands that pages name.
+
+    No page says that a command prints its table. Each command that a page names with --page can
+    fill this page.
+    """
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         assert not re.search(r"prints th(is|e) table", text), page.name

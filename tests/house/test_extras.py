@@ -1,4 +1,7 @@
-"""What an import says where an optional package is missing, in fresh processes that cannot import it."""
+"""An import names the missing optional package.
+
+The tests run in new processes that cannot import the package.
+"""
 
 import os
 import sys
@@ -25,7 +28,10 @@ IMPORTS = {
     "cmaes": "optimisation.search.samplers",
     "distributed": "optimisation.search.cluster",
     "cvxpy": "optimisation.bounds.relaxation optimisation.tuned.certificate",
-    "gymnasium": "optimisation.rl.vec_env optimisation.rl.models optimisation.rl.training impact_env.envs.choices",
+    "gymnasium": (
+        "optimisation.rl.vec_env optimisation.rl.models optimisation.rl.training "
+        "impact_env.envs.choices"
+    ),
     "PIL": "impact_env.envs.drawing",
     "uvicorn": "optimisation.explore.server",
     "heyoka": "studies.accuracy.heyoka_peer",
@@ -56,7 +62,10 @@ def run_without_extras(code: str) -> list[str]:
 
 
 def expected(package: str) -> str:
-    return f'{package} is not installed; it comes with: pip install "{DISTRIBUTION}[{EXTRAS[package]}]"'
+    return (
+        f"{package} is not installed; it comes with: pip install "
+        f'"{DISTRIBUTION}[{EXTRAS[package]}]"'
+    )
 
 
 def test_an_import_names_the_extra() -> None:
@@ -68,7 +77,10 @@ def test_an_import_names_the_extra() -> None:
 
 
 def test_the_environments_need_nothing_that_learns() -> None:
-    """A step in each with the packages of other extras out of reach, in a process that cannot import them."""
+    """The environments need no learning library.
+
+    Each environment makes a step in a process that cannot import the packages of other extras.
+    """
     pytest.importorskip("gymnasium")
     from impact_env.envs import ENVIRONMENTS
 
@@ -77,7 +89,10 @@ def test_the_environments_need_nothing_that_learns() -> None:
         TRY.format(packages=others, modules=[])
         + "import gymnasium, impact_env\nfor name in impact_env.envs.ENVIRONMENTS:\n"
     )
-    code += "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    env.reset(seed=0)\n"
+    code += (
+        "    env = gymnasium.make(name, interval=1.0, render_mode='rgb_array')\n    "
+        "env.reset(seed=0)\n"
+    )
     code += "    env.step(env.action_space.sample())\n    print(env.render().shape)\n"
     assert run_without_extras(code) == ["(420, 640, 3)"] * len(ENVIRONMENTS)
 
@@ -93,9 +108,18 @@ def test_what_only_one_function_needs_is_named_by_it() -> None:
         "_read_datasets(Path('.'))": "pyuff",
         "find_front(None)": "moocore",
     }
-    code = "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom optimisation.rl.demonstrations import _minari\n"
-    code += "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters import read\n"
-    code += "from studies.admission import evolve\nfrom impact_env.records.from_uff import _read_datasets\n"
+    code = (
+        "from pathlib import Path\nfrom optimisation.rl.models import recurrent\nfrom "
+        "optimisation.rl.demonstrations import _minari\n"
+    )
+    code += (
+        "from optimisation.rl.families import task_of\nfrom optimisation.rl.hyperparameters "
+        "import read\n"
+    )
+    code += (
+        "from studies.admission import evolve\nfrom impact_env.records.from_uff import "
+        "_read_datasets\n"
+    )
     code += "from optimisation.search.pareto import find_front\n"
     packages = list(calls.values())
     code += (
@@ -140,7 +164,10 @@ def test_every_command_tells_its_options_and_what_it_lacks() -> None:
     ]
     for line in refused:
         name = line.split()[0].replace(".", " ")
-        error = f"{name.replace(' ', '.')} 1 SystemExit(1) Error: {name} needs packages that are not installed ("
+        error = (
+            f"{name.replace(' ', '.')} 1 SystemExit(1) Error: {name} needs packages that are not "
+            "installed ("
+        )
         assert line.startswith(error)
         assert f'); they come with: pip install "{DISTRIBUTION}[' in line
 

@@ -1,4 +1,8 @@
-"""The lint of names: what it reports, and that numbers of what is not converted only become smaller; scripts/lint runs it on the sources."""
+"""The lint of names reports what it should.
+
+The numbers of findings in files that are not converted can only become smaller. scripts/lint runs
+it on the sources.
+"""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,7 @@
-"""What belongs to the whole process, and so to others, is as it was after an import, a compilation, runs and a study. In a fresh process."""
+"""The state of the whole process is unchanged by the package.
+
+It is compared in a new process after an import, a compilation, runs and a study.
+"""
 
 from pathlib import Path
 

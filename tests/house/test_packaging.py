@@ -1,4 +1,7 @@
-"""The checkout's own environment, what differs on Windows, and what strangers meet: the wheel, its page on an index, and a host's files."""
+"""Environment of the checkout, wheel, its page on an index and the host's files work.
+
+Differences on Windows are tested too.
+"""
 
 import ast
 import os
@@ -27,13 +30,19 @@ def set_up() -> ModuleType:
 
 
 def test_simulator_imports_no_heavy_library() -> None:
-    """Gymnasium is imported where it is installed, to register the environments, and everything else works without it."""
+    """The simulator imports no heavy library.
+
+    Gymnasium is imported where it is installed, to register the environments. All other parts work
+    without it.
+    """
     code = (
         "import sys, pkgutil, importlib\n"
         "sys.modules['gymnasium'] = None\n"
         "import impact_env\n"
-        "for m in pkgutil.iter_modules(impact_env.__path__, 'impact_env.'): importlib.import_module(m.name)\n"
-        "heavy = {'matplotlib', 'torch', 'pygame', 'PIL', 'stable_baselines3', 'cvxpy', 'optuna', 'optimisation'}\n"
+        "for m in pkgutil.iter_modules(impact_env.__path__, 'impact_env.'): "
+        "importlib.import_module(m.name)\n"
+        "heavy = {'matplotlib', 'torch', 'pygame', 'PIL', 'stable_baselines3', 'cvxpy', "
+        "'optuna', 'optimisation'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
     assert fresh("-c", code).stdout.strip() == "[]"
@@ -57,7 +66,10 @@ def test_every_dependency_is_pinned_once() -> None:
 
 
 def checkout_with(root: Path, python: str) -> Path:
-    """Return a checkout with the command "show" and an environment whose Python, at this place in it, only tells how it was called."""
+    """Return a checkout with the command "show" and a dummy Python in its environment.
+
+    This Python is at the place ``python`` in the environment and only prints how it was called.
+    """
     for folder in ("requirements", "scripts/lib"):
         shutil.copytree(ROOT / folder, root / folder, ignore=shutil.ignore_patterns("__pycache__"))
     for file in ("pyproject.toml", "scripts/run"):
@@ -144,7 +156,8 @@ def test_set_up_is_due_again(checkout: Path, change: str) -> None:
         checkout = checkout.rename(checkout.with_name("elsewhere"))
     else:
         (checkout / ".venv" / "stamps" / "main").unlink()
-    # the set-up itself is replaced: here it only matters that it is called, and that its failure ends the run
+    # the set-up itself is replaced: here it only matters that it is called, and that its failure
+    # ends the run
     (checkout / "scripts" / "lib" / "set_up.py").write_text(
         "import sys; print('set-up', *sys.argv[1:]); sys.exit(3)"
     )
@@ -202,7 +215,8 @@ def test_nothing_imports_what_one_system_has_alone() -> None:
             assert not names & POSIX_ONLY, file
 
 
-# What strangers meet: the page on a package index, the citation, and the files of a host, whose steps are calls of scripts.
+# What strangers meet: the page on a package index, the citation, and the files of a host, whose
+# steps are calls of scripts.
 
 
 ADDRESS = "https://host.example/owner/name"
@@ -316,7 +330,10 @@ def test_nothing_is_published_before_all_tests_have_passed() -> None:
 
 def test_the_notes_of_a_release_are_its_section_of_the_changelog() -> None:
     section_of = loaded(SCRIPTS / "lib" / "release_notes.py").section_of
-    text = "# Changelog\n\n## [1.1.0] - 2026-12-01\n\nNew.\n\n### Added\n\n- A.\n\n## [1.0.0] - 2026-11-30\n\nOld.\n"
+    text = (
+        "# Changelog\n\n## [1.1.0] - 2026-12-01\n\nNew.\n\n### Added\n\n- A.\n\n## [1.0.0] - "
+        "2026-11-30\n\nOld.\n"
+    )
     assert section_of("1.1.0", text) == "New.\n\n### Added\n\n- A."
     assert section_of("1.0.0", text) == "Old."
     with pytest.raises(ValueError, match=r"no section of version 1\.0"):

@@ -1,4 +1,7 @@
-"""What checks a built site sees: links that lead nowhere, and what would be fetched from elsewhere; and what the site is told to hold."""
+"""The check of a built site finds dead links and external fetches.
+
+The contents of the site agree with its index.
+"""
 
 import importlib
 import importlib.util
@@ -17,7 +20,10 @@ import impact_env
 sys.path.insert(0, str(SCRIPTS / "lib"))
 from check_site import main
 
-WHOLE = '<a href="b.html#place">b</a><a href="#top">up</a><img src="c.png"><a href="https://host.example/">else</a><p id="top"></p>'
+WHOLE = (
+    '<a href="b.html#place">b</a><a href="#top">up</a><img src="c.png"><a '
+    'href="https://host.example/">else</a><p id="top"></p>'
+)
 WRONG = {
     '<a href="none.html">x</a>': "none.html leads to no file",
     '<a href="b.html#nowhere">x</a>': "b.html#nowhere leads to no place",
@@ -98,7 +104,10 @@ def cells(notebook: Any) -> list[Any]:
 
 
 def words(notebook: Any) -> list[str]:
-    """Return each cell's text, with one sign for each number and one space for several, and which kinds of pictures it shows."""
+    """Return each cell's text and the kinds of pictures it shows.
+
+    Each number is replaced by one sign, and several spaces by one.
+    """
     outputs = []
     for cell in cells(notebook):
         text = "".join("".join(output.get("text", "")) for output in cell["outputs"])

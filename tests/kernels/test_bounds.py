@@ -1,4 +1,7 @@
-"""Access to arrays within their bounds: kernels compiled with NUMBA_BOUNDSCHECK=1; test_plain_python.py runs every kind of scene."""
+"""Kernels access arrays only within their bounds.
+
+They are compiled with NUMBA_BOUNDSCHECK=1. test_plain_python.py runs every kind of scene.
+"""
 
 import json
 import sys
@@ -11,7 +14,8 @@ from places import fresh
 from impact_env.kernels.compiling.jit import jit
 from impact_env.kernels.compiling.plain_code import PlainCode, PlainNumber
 
-# under control scratch memory has sizes that depend on orders; each kind compiles again, those for the night for up to a minute
+# under control scratch memory has sizes that depend on orders; each kind compiles again, those for
+# the night for up to a minute
 KINDS = [
     "intervals, Moreau",
     *(

@@ -45,7 +45,7 @@ ABSORBERS: dict[str, Absorber] = {
 }
 
 
-# --- what a run may use ------------------------------------------------------------------------------------------------------------------------
+# --- what a run may use
 
 
 @pytest.mark.parametrize("name", ABSORBERS)
@@ -89,7 +89,10 @@ def test_an_abandoned_run_reports_its_time_and_returns_what_it_has(name: str) ->
 
 
 def pressed() -> tuple[Scene, InitialState]:
-    """A static load presses the absorber to its wall, which it leaves and hits without loss in very small bounces."""
+    """Return a scene in which a static load presses the absorber to its wall.
+
+    The absorber leaves the wall and hits it without loss in very small bounces.
+    """
     scene = scene_of(impact_absorber(restitution=1.0, mass_ratio=1e-3), modes=1)
     tip = -2e-3 * float(scene.model.tip_shape[0])
     return scene, InitialState(
@@ -149,7 +152,7 @@ def test_why_a_run_ends(name: str, value: float, tau: float, status: int) -> Non
     assert counters.counts["reached"] == (9.0 if tau == tau else 0.0)
 
 
-# --- progress ----------------------------------------------------------------------------------------------------------------------------------
+# --- progress
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,7 @@
-"""Observers that check and record: they change no run, and a search that finds its event too late is seen."""
+"""Observers that check and record change no run.
+
+A search that finds its event too late is reported.
+"""
 
 import numba
 import numpy as np
@@ -25,7 +28,11 @@ def test_no_missed_event_is_reported_in_correct_runs(friction: float | None) -> 
 
 @pytest.mark.parametrize("friction", [None, 0.1])
 def test_what_is_observed_and_checked_changes_no_run(friction: float | None) -> None:
-    """The run of a level alone, in another kernel: tests observe and check what users often do not."""
+    """Observing and checking changes no run.
+
+    The other run records only the level, in another kernel, since tests observe and check more than
+    users often do.
+    """
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2)
     drive = drive_of(3.5, 1.0, periods=10)
     one, other = (simulate(scene, drive, record=record) for record in (Record(), ALL))

@@ -1,7 +1,10 @@
-"""Whole runs sampled far more densely than their fastest mode swings: no wall is entered, and no contact force does what it must not.
+"""In densely sampled runs no wall is entered and every contact force is admissible.
 
-What acts on an absorber follows from its velocity at the samples alone. A missed impact shows as a penetration, a missed reversal as friction that
-drives: both last for a good share of a fast mode's period, long after which no event list would tell.
+Whole runs are sampled far more densely than their fastest mode oscillates.
+
+What acts on an absorber follows from its velocity at the samples alone. A missed impact shows as a
+penetration, a missed reversal as friction that drives: both last for a good share of a fast mode's
+period, long after which no event list would tell.
 """
 
 from dataclasses import dataclass
@@ -38,10 +41,14 @@ RUNS = {2: (64, 60.0, 60), 5: (64, 20.0, 60), 10: (64, 8.0, 40), 30: (16, 3.0, 1
 
 @dataclass(frozen=True)
 class Motion:
-    """One absorber: time, relative displacement and velocity (S,), largest velocity, force on it between two samples (S - 1,), and its contacts.
+    """Motion and contacts of one absorber.
 
-    ``hit``, ``joined`` and ``apart`` (S - 1,): between the two samples there is an impact of any absorber, it is joined throughout, or it is neither
-    joined nor hit at any time. ``kind`` (S - 1,) says how it is joined.
+    Time, relative displacement and velocity (S,), largest velocity, force on the absorber between
+    two samples (S - 1,), and its contacts.
+
+    ``hit``, ``joined`` and ``apart`` (S - 1,): between the two samples there is an impact of any
+    absorber, it is joined throughout, or it is neither joined nor hit at any time. ``kind`` (S -
+    1,) says how it is joined.
     """
 
     time: Array
@@ -96,7 +103,8 @@ def faults(response: Response, which: int = 0) -> list[str]:
         if np.any(wrong):
             k = int(np.argmax(np.where(wrong, size, -np.inf)))
             messages.append(
-                f"{what} at {np.sum(wrong)} samples, worst {size[k]:.2e} at {m.time[k] / period:.4f} periods"
+                f"{what} at {np.sum(wrong)} samples, worst {size[k]:.2e} at "
+                f"{m.time[k] / period:.4f} periods"
             )
 
     note("in a wall", np.abs(m.place) > gap * (1 + DEPTH), np.abs(m.place) / gap - 1)
@@ -140,7 +148,11 @@ def drive_of(scene: Scene, start: float, periods: float, rng: np.random.Generato
 
 
 def start_of(scene: Scene, rng: np.random.Generator) -> InitialState:
-    """The first mode swings about as far as the gap; the absorbers are in the middle, or on a wall that they leave or rest on."""
+    """Return a random initial state.
+
+    The first mode oscillates about as far as the gap. The absorbers are in the middle, or on a wall
+    that they leave or rest on.
+    """
     q = np.zeros(scene.model.modes)
     shapes = scene.absorber_shapes
     q[0] = GAP * 10 ** rng.uniform(-0.3, 0.7) / scene.model.tip_shape[0]

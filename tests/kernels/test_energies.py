@@ -1,4 +1,8 @@
-"""Work and losses of runs against splines through their recorded velocities, which share nothing with the kernels' closed forms."""
+"""Work and losses of runs agree with integrals of splines through their velocities.
+
+The splines go through the recorded velocities and share nothing with the closed forms of the
+kernels.
+"""
 
 from itertools import pairwise
 
@@ -27,11 +31,16 @@ from impact_env.results import Response
 from impact_env.solvers import compute_window_length
 
 DEGREE = 5
-SAMPLES = 40_000  # in a pseudo period: where friction changes there is a kink, which costs a spline the square of the distance
+# in a pseudo period: where friction changes there is a kink, which costs a spline the square of the
+# distance
+SAMPLES = 40_000
 
 
 def own_beam(*damping: float) -> ModalModel:
-    """A base unlike the paper's: frequencies near each other, a mode with a node at the tip, any damping."""
+    """Return a base unlike the paper's.
+
+    It has frequencies close to each other, a mode with a node at the tip, and any damping.
+    """
     omega = np.array([1.0, 1.3, 2.9, 7.7])[: len(damping)] * OMEGA
     return ModalModel(
         omega,
@@ -43,7 +52,11 @@ def own_beam(*damping: float) -> ModalModel:
 
 
 def rows_of(response: Response) -> Array:
-    """Return the integrands, (S, N_m + 2): modal velocities squared, power of the force, the damper's relative velocity squared."""
+    """Return the integrands of the energies, (S, N_m + 2).
+
+    They are the modal velocities squared, the power of the force, and the damper's relative
+    velocity squared.
+    """
     history = response.history
     model = response.scene.model
     drive = response.drive
@@ -61,7 +74,11 @@ def rows_of(response: Response) -> Array:
 
 
 def integrals(response: Response) -> Array:
-    """Return the integrals over a run, (N_m + 2,): splines from one impact or break of the drive to the next, drawn out to them."""
+    """Return the integrals over a run, (N_m + 2,).
+
+    Splines go from one impact or breakpoint of the drive to the next and are extrapolated to these
+    times.
+    """
     times = response.history.time
     rows = rows_of(response)
     edges = np.unique(np.concatenate([response.impacts.time, response.drive.schedule.times]))
@@ -164,7 +181,11 @@ def test_any_damping(damping: tuple[float, ...], absorber: Absorber) -> None:
     ],
 )
 def test_modes_side_by_side(absorber: Absorber, periods: float) -> None:
-    """Frequencies nearer than a twentieth: where their difference hardly turns, the integral of a pair is a series."""
+    """Energies are correct for modes with close frequencies.
+
+    The frequencies are closer than a twentieth. If their difference causes almost no change of
+    phase, the integral of a pair is a series.
+    """
     model = ModalModel(
         np.array([1.0, 1.01, 1.03]) * OMEGA,
         np.array([0.01, 0.0, 0.02]),
@@ -187,7 +208,11 @@ def test_modes_side_by_side(absorber: Absorber, periods: float) -> None:
 def test_any_drive_and_length(
     ratios: tuple[float, ...], periods: float, absorber: Absorber | None
 ) -> None:
-    """A force that hardly turns, and windows so short that nothing turns: there the closed forms are series."""
+    """Energies are correct for any drive and length of the run.
+
+    This includes a force whose phase hardly changes, and windows so short that no phase changes. In
+    these cases the closed forms are series.
+    """
     scene = Scene(own_beam(0.0, 0.01, 0.1), absorber)
     drive = drive_of(3.0, *ratios, periods=periods, phase=0.3)
     assert_account(
@@ -199,7 +224,11 @@ def test_any_drive_and_length(
 
 
 def test_the_balance_notices_a_wrong_propagation(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The account must not follow from what it checks: slots that decay a little too slowly, or a forced part that is too large, spoil it."""
+    """The energy balance detects a wrong propagation.
+
+    The balance must not follow from the motion that it checks. Slots that decay a little too
+    slowly, or a forced part that is too large, give a balance error.
+    """
     scene = scene_of(None)
     drive = drive_of(3.5, 0.97, 1.03, periods=40)
     start = InitialState(modal_velocity=np.array([0.1, 0.0, 0.0]))

@@ -1,4 +1,7 @@
-"""The exact method's contacts, rigid and compliant, against closed forms, golden cases and what must follow in a limit."""
+"""Contacts of the exact method, rigid and compliant, are correct.
+
+They are compared with closed forms, golden cases and limits.
+"""
 
 from itertools import pairwise
 
@@ -67,7 +70,7 @@ def test_golden_case(name: str) -> None:
     np.testing.assert_allclose(response.impacts.relative_velocity[:5], velocities[:5], rtol=1e-8)
 
 
-# --- rigid walls -------------------------------------------------------------------------------------------------------------------------------
+# --- rigid walls
 
 
 @pytest.mark.parametrize("restitution", [1.0, 0.9, 0.5])
@@ -113,7 +116,10 @@ def test_an_impact_shares_momentum_with_a_free_base() -> None:
 
 
 def bounces(restitution: float, until: float) -> tuple[list[float], list[float]]:
-    """Times and relative velocities of an absorber that the rising wall -2 cos(t) - GAP throws up until it comes to rest on it."""
+    """Return times and relative velocities of the impacts on a rising wall.
+
+    The wall -2 cos(t) - GAP throws the absorber up until it comes to rest on the wall.
+    """
     time = 0.0
     place = -2.0
     speed = 0.0
@@ -142,7 +148,10 @@ def bounces(restitution: float, until: float) -> tuple[list[float], list[float]]
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.7, 0.9])
 def test_complete_chatter_on_an_accelerating_wall(restitution: float, direction: float) -> None:
-    """The wall behind throws the absorber up, ever lower, holds it while it accelerates, and lets it fly on to the other wall when it slows down.
+    """Complete chatter on an accelerating wall agrees with its closed form.
+
+    The wall throws the absorber up, ever lower, and holds it while the wall accelerates. When the
+    wall slows down, the absorber flies to the other wall.
 
     What the last impact closes is below the bound that docs/method.md gives.
     """
@@ -181,7 +190,11 @@ def test_complete_chatter_on_an_accelerating_wall(restitution: float, direction:
 
 @pytest.mark.parametrize("limit", [0.05, 0.4])
 def test_chatter_with_friction(limit: float) -> None:
-    """Friction slows a bounce on its way out and on its way back, so each bounce returns slower than restitution alone lets it."""
+    """Chatter with friction agrees with its closed form.
+
+    Friction slows a bounce on its way out and on its way back. Each bounce therefore returns slower
+    than by restitution alone.
+    """
     push = 2.0
     mass = 0.5
     base = ModalModel(
@@ -211,7 +224,11 @@ def test_chatter_with_friction(limit: float) -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_grazing(side: int) -> None:
-    """A tip that swings a hair less than the gap never touches the resting absorber; a hair more, and it does so where the sine says."""
+    """Grazing is resolved.
+
+    A tip that moves slightly less than the gap never touches the resting absorber. If it moves
+    slightly more, the contact is at the time given by the sine.
+    """
     omega = 100.0
     scene = Scene(
         ModalModel([omega], [0.0], [0.0], [1.0], 1.0), impact_absorber(GAP, 1.0, mass_ratio=1e-3)
@@ -256,7 +273,7 @@ def test_start_on_the_wall(limit: float | None, force: float, speed: float) -> N
         assert response.impact_count == 0
 
 
-# --- rigid friction ----------------------------------------------------------------------------------------------------------------------------
+# --- rigid friction
 
 
 @pytest.mark.parametrize("speed", [0.02, -0.3])
@@ -274,7 +291,11 @@ def test_a_sliding_mass_stops_where_and_when_coulomb_says(speed: float) -> None:
 
 @pytest.mark.parametrize("start", [9.5, -7.9, 0.6])
 def test_coulomb_oscillator(start: float) -> None:
-    """A mode that rubs on an immovable mass loses two deflections by friction each half period, and stops within one."""
+    """A Coulomb oscillator agrees with its closed form.
+
+    A mode rubs on an immovable mass. It loses two static deflections of the friction limit in each
+    half period, and stops within one.
+    """
     model = ModalModel([100.0], [0.0], [0.0], [2.0], 1.0)
     limit = 0.3
     unit = 2.0 * limit / 100.0**2
@@ -295,7 +316,10 @@ def test_coulomb_oscillator(start: float) -> None:
 
 
 def test_friction_on_a_slowly_shaken_base() -> None:
-    """The absorber sticks until its inertia exceeds the limit: the base is pushed by a force that rises like a sine."""
+    """An absorber on a slowly shaken base sticks until its inertia exceeds the limit.
+
+    The force that shakes the base rises like a sine.
+    """
     base = ModalModel([1e-6], [0.0], [1e3], [1e-6], 1.0)
     shake = 2.0
     limit = 1.2
@@ -313,7 +337,11 @@ def test_friction_on_a_slowly_shaken_base() -> None:
 def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(
     roundings: int, angle: float
 ) -> None:
-    """A stuck absorber on an undamped mode: its joint force swings up to the friction limit, but for roundings, and the motion is a cosine."""
+    """A joint force that touches its bound does not stop the run.
+
+    A stuck absorber is on an undamped mode. Its joint force reaches the friction limit except for
+    rounding errors, and the motion is a cosine.
+    """
     scene = scene_of(friction_damper(1.0), modes=1, damping_ratio=0.0)
     mass = float(scene.absorber_masses[0])
     shape = float(scene.model.tip_shape[0])
@@ -334,7 +362,7 @@ def test_a_joint_force_that_touches_its_bound_lets_the_run_go_on(
     assert response.end_state[1] == pytest.approx(GAP * shape * np.cos(phase), abs=1e-10 * GAP)
 
 
-# --- springs of walls and of friction ----------------------------------------------------------------------------------------------------------
+# --- springs of walls and of friction
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -375,7 +403,11 @@ def test_a_contact_lasts_half_a_period_on_the_wall(side: int) -> None:
 
 
 def test_an_elastic_slider_holds_then_slips_then_oscillates() -> None:
-    """A mass on a spring up to the slider's limit, then uniformly slowed, then on the spring again about where it stopped."""
+    """An elastic slider sticks, then slips, then oscillates.
+
+    A mass is on a spring up to the slider's limit, then uniformly slowed, then on the spring again
+    about the position where it stopped.
+    """
     stiffness = 4e3
     limit = 0.6
     mass = 0.25
@@ -424,7 +456,11 @@ def test_a_start_in_the_spring_of_a_wall(place: float) -> None:
 
 
 def test_a_spring_of_friction_that_gives_way_at_once_has_no_effect() -> None:
-    """Its limit lies far below the rounding of every number of the run, so that no sum finds the time at which it gives way."""
+    """A friction spring that yields at once has no effect.
+
+    Its limit is far below the rounding of every number of the run, so that no sum can resolve the
+    time at which it yields.
+    """
     free, dragged = (
         run(
             scene_of(SlidingAbsorber(walls=walls().walls, friction=friction)),
@@ -439,7 +475,7 @@ def test_a_spring_of_friction_that_gives_way_at_once_has_no_effect() -> None:
     )
 
 
-# --- limits ------------------------------------------------------------------------------------------------------------------------------------
+# --- limits
 
 
 @pytest.mark.parametrize(
@@ -483,7 +519,11 @@ def test_vanishing_friction_is_no_friction() -> None:
 
 
 def test_stiff_walls_approach_rigid_ones() -> None:
-    """The first contact is the same; what follows differs by the duration of a contact, which goes with the root of the stiffness."""
+    """Stiff compliant walls approach rigid ones.
+
+    The first contact is the same. Later ones differ by the duration of a contact, which is
+    proportional to the inverse root of the stiffness.
+    """
     drive = drive_of(20.0, 1.0, periods=2.0)
     rigid = run(scene_of(impact_absorber(GAP), modes=1), drive)
     gaps = []
@@ -510,13 +550,17 @@ def test_stiff_friction_approaches_rigid_friction() -> None:
     assert far[2] < far[1] < far[0]
 
 
-# --- static friction above sliding friction, and walls with a spring and a damper ---------------------------------------------------------------
+# --- static friction above sliding friction, and walls with a spring and a damper
 
 
 def stick_and_slip(sliding: float, static: float, until: float) -> tuple[list[float], list[float]]:
-    """Return begins and ends of sticking of a body on a plate that moves as -2 cos(t), from rest; accelerations that friction can give, in m/s^2.
+    """Return the start and end times of sticking of a body on a plate, from rest.
 
-    The plate's velocity is 2 sin(t): the body slides at a constant acceleration, and sticks while |2 cos(t)| is below ``static``.
+    The plate moves as -2 cos(t). ``sliding`` and ``static`` are the accelerations that friction can
+    cause, in m/s^2.
+
+    The plate's velocity is 2 sin(t): the body slides at a constant acceleration, and sticks while
+    |2 cos(t)| is below ``static``.
     """
     begins: list[float] = []
     ends: list[float] = []
@@ -574,7 +618,11 @@ def test_static_friction_holds_up_to_its_own_limit(sliding: float, ratio: float)
 
 
 def test_a_static_limit_above_the_joint_force_holds_as_long_as_glue() -> None:
-    """A joint force that sliding friction alone could not carry: with static friction above it the absorber never moves."""
+    """A static friction limit above the joint force holds the absorber like glue.
+
+    Sliding friction alone could not carry the joint force. With static friction above it the
+    absorber never moves.
+    """
     drive = drive_of(1.0, 0.98, periods=2.0)
     glued = run(scene_of(StuckAbsorber(), modes=2), drive)
     held, slides = (
@@ -589,7 +637,11 @@ def test_a_static_limit_above_the_joint_force_holds_as_long_as_glue() -> None:
 
 @pytest.mark.parametrize("restitution", [1.0, 0.8, 0.3, 0.01])
 def test_walls_with_a_damper_give_back_their_restitution(restitution: float) -> None:
-    """Two free bodies: the velocity after contact, what it lasts (half a damped period), the impulse and the loss are closed forms."""
+    """Walls with a damper have their restitution.
+
+    Two free bodies collide. The velocity after contact, the duration (half a damped period), the
+    impulse and the loss have closed forms.
+    """
     stiffness = 1e5
     mass = 3.0
     speed = 1.0
@@ -619,7 +671,11 @@ def test_walls_with_a_damper_give_back_their_restitution(restitution: float) -> 
 
 @pytest.mark.parametrize("friction", [None, ElasticCoulombFriction(0.2, 3e4)])
 def test_walls_with_a_damper_against_small_steps(friction: ElasticCoulombFriction | None) -> None:
-    """Two modes under a force, by DOP853 in steps far shorter than a contact (own equations of motion)."""
+    """Walls with a damper agree with an integration in small steps.
+
+    Two modes under a force are integrated by DOP853 in steps far shorter than a contact, with
+    separate equations of motion.
+    """
     absorber = SlidingAbsorber(0.05, CompliantWalls(5e4, 2e-4, 0.6), friction)
     scene = scene_of(absorber, modes=2)
     drive = drive_of(8.0, 0.98, periods=2.5)
@@ -676,7 +732,11 @@ def test_losses_of_damped_contacts_are_listed_without_an_energy_account() -> Non
 
 
 def test_a_slider_that_holds_is_a_spring_about_the_place_where_it_began() -> None:
-    """Elastic friction that never slips moves as a tuned absorber without damper does, shifted by its start (forces ten digits apart)."""
+    """A sticking slider is a spring about the position where it started.
+
+    Elastic friction that never slips moves as a tuned absorber without damper, shifted by its
+    start. The forces differ by ten digits.
+    """
     stiffness = 3e4
     drive = drive_of(1.0, 0.98, periods=3.0)
     start = 1e-3
@@ -692,7 +752,11 @@ def test_a_slider_that_holds_is_a_spring_about_the_place_where_it_began() -> Non
 
 
 def test_a_slider_holds_again_where_its_spring_carries_the_limit() -> None:
-    """On a base at rest: sliding ends at rest, then the body swings about the place where the slider stays (closed form)."""
+    """A slider sticks again at the position where its spring carries the limit.
+
+    On a base at rest the body slides until it is at rest, and then oscillates about the position
+    where the slider stays (closed form).
+    """
     limit = 0.02
     stiffness = 50.0
     speed = 0.05

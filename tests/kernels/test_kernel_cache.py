@@ -1,4 +1,7 @@
-"""Where compiled kernels are kept, in fresh processes that must obey permissions, each with a real kernel."""
+"""Compiled kernels are cached in the right folder.
+
+The tests run in new processes that must obey permissions, each with a real kernel.
+"""
 
 import ctypes
 import os
@@ -46,7 +49,10 @@ tempfile.gettempdir = refuse
 
 
 def obey_permissions() -> None:
-    """Take from root, in a process that is about to start, the right to pass over permissions (prctl's PR_CAPBSET_DROP)."""
+    """Let a process that is about to start obey permissions, even as root.
+
+    It loses the right to bypass permissions (prctl's PR_CAPBSET_DROP).
+    """
     if os.getuid() == 0:
         for capability in DAC_OVERRIDE, DAC_READ_SEARCH:
             assert LIBC.prctl(24, capability, 0, 0, 0) == 0
@@ -95,7 +101,11 @@ posix = pytest.mark.skipif(os.name != "posix", reason="needs the permissions of 
 def test_a_named_folder_is_filled_and_then_read_where_nothing_can_be_written(
     tmp_path: Path,
 ) -> None:
-    """An image with kernels compiled beforehand: first filled, then read only, without and with a temporary folder."""
+    """A named folder is filled, and is read when it is not writable.
+
+    This is the case of an image with kernels compiled beforehand: first filled, then read only,
+    without and with a temporary folder.
+    """
     named = folder(tmp_path / "named", 0o777)
     temporary = folder(tmp_path / "tmp", 0o1777)
     first = run(IMPACT_ENV_CACHE=named, TMPDIR=temporary)
@@ -149,7 +159,10 @@ def test_kernels_are_cached_in_the_virtual_environment_or_else_at_home(
     home = folder(tmp_path / "home")
     venv.create(place, symlinks=True)
     path = os.pathsep.join([str(ROOT), sysconfig.get_path("purelib")])
-    code = f"{before}from impact_env.kernels.compiling.cache import cache_folder; print(cache_folder().parent)"
+    code = (
+        f"{before}from impact_env.kernels.compiling.cache import cache_folder; "
+        "print(cache_folder().parent)"
+    )
     printed = subprocess.check_output(
         [place / "bin" / "python", "-c", code],
         env={"HOME": str(home), "PYTHONPATH": path},
@@ -163,7 +176,11 @@ def test_kernels_are_cached_in_the_virtual_environment_or_else_at_home(
 def test_a_folder_of_someone_else_is_not_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is read from the cache is run, and everyone can make a folder among the temporary files."""
+    """A folder of another user is not read.
+
+    Files read from the cache are executed, and everyone can make a folder among the temporary
+    files.
+    """
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     foreign = folder(tmp_path / f"impact_env-{os.getuid()}")
     assert choose_folders(None, "x") == Folders(foreign / "x", None)
@@ -216,7 +233,11 @@ def start(script: Path, folder: Path, *words: object) -> subprocess.Popen[str]:
 
 
 def test_two_processes_that_fill_one_folder_lose_nothing(tmp_path: Path) -> None:
-    """numba reads an index, adds to it and writes it back; 10 variants each of one function make the two meet in that again and again."""
+    """Two processes that fill one folder lose no kernel.
+
+    numba reads an index, adds to it and writes it back. 10 variants of one function in each process
+    make such collisions frequent.
+    """
     (script := tmp_path / "filled.py").write_text(FILLED)
     both = [
         start(script, tmp_path / "cache", *variants)
@@ -226,7 +247,8 @@ def test_two_processes_that_fill_one_folder_lose_nothing(tmp_path: Path) -> None
     assert start(script, tmp_path / "cache", *range(20)).communicate()[0].split() == ["20", "0"]
 
 
-# Damaged files of compiled kernels: never run, compiled anew with one warning, and whole again for the next process.
+# Damaged files of compiled kernels: never run, compiled anew with one warning, and whole again for
+# the next process.
 
 
 CONSTANT = 12345.678  # stands as it is in the machine code
@@ -248,7 +270,10 @@ RESULT = f"{1 + CONSTANT} {1.5 + CONSTANT} {2 + CONSTANT}"
 
 
 def run_small(script: Path, folder: Path) -> tuple[str, list[str]]:
-    """Return hits and misses of each kernel, and what was warned of, line by line; the results must be right."""
+    """Return hits and misses of each kernel, and the warnings line by line.
+
+    The results must be correct.
+    """
     out, errors = start(script, folder).communicate(timeout=120)
     result, stats = out.splitlines()
     assert result == RESULT
@@ -308,7 +333,8 @@ def test_data_of_other_types_is_not_run(copied_cache: tuple[Path, Path]) -> None
     assert run_small(*copied_cache) == ("1 1 1 0", [])
 
 
-# Kernels that came with the package: found from another folder and by other processes, and by no sources or processors that they are not for.
+# Kernels that came with the package: found from another folder and by other processes, and by no
+# sources or processors that they are not for.
 
 
 FEATURES = cache.llvmlite.binding.get_host_cpu_features
@@ -333,7 +359,10 @@ print(len(told) // 2, impact_env.__file__)
 
 
 def simulated(site: Path, cache: Path, *words: str, **variables: str) -> tuple[str, int, str]:
-    """Return the digits of the scenes that are named, how many kernels were compiled, and what was said."""
+    """Return the digits of the named scenes, the number of compiled kernels, and the output.
+
+    The output is that on stderr.
+    """
     environment = {
         name: text
         for name, text in os.environ.items()
@@ -357,7 +386,11 @@ def simulated(site: Path, cache: Path, *words: str, **variables: str) -> tuple[s
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A package with kernels that were compiled elsewhere, as `scripts/build --kernels` does, and the digits that they gave there."""
+    """Return a package with kernels that were compiled elsewhere, and their results.
+
+    The kernels are made as by `scripts/build --kernels`. The results are the digits that they gave
+    there.
+    """
     folder = tmp_path_factory.mktemp("shipped")
     package = folder / "site" / "impact_env"
     shutil.copytree(

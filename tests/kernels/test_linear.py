@@ -1,4 +1,7 @@
-"""Linear scenes against dense matrix exponentials, closed forms and limits; eigenvalues, vectors and responses are judged in test_regimes.py."""
+"""Linear scenes agree with dense matrix exponentials, closed forms and limits.
+
+Eigenvalues, eigenvectors and responses are tested in test_regimes.py.
+"""
 
 import numpy as np
 import pytest
@@ -35,7 +38,11 @@ def error(
     periods: float = 5.0,
     **beam: object,
 ) -> float:
-    """Largest deviation from the truth, each modal displacement and velocity relative to its largest value; or the energy's, if that is larger."""
+    """Return the largest relative deviation from the reference.
+
+    Each modal displacement and velocity is relative to its largest value. If the relative error of
+    the energy is larger, it is returned.
+    """
     scene = scene_of(absorber, **beam)
     drive = drive_of(1.0, *ratios, phase=0.3, periods=periods)
     response = run(scene, drive, initial=initial, samples=32 if periods > 1 else 1024)

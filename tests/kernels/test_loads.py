@@ -1,4 +1,7 @@
-"""Loads other than one force, and gravity, against dense matrix exponentials, closed forms, and what must follow as they are refined."""
+"""Loads other than one force, and gravity, are correct.
+
+They are compared with dense matrix exponentials, closed forms, and limits of refinement.
+"""
 
 import threading
 from collections.abc import Callable
@@ -66,7 +69,10 @@ BARE = Record(series=True, events=True)
 
 
 def shaken(times: Array) -> Array:
-    """The acceleration of a base displaced by 2e-4 m times the cosine of the sweep's phase + 0.3."""
+    """Return the acceleration of a base.
+
+    The base is displaced by 2e-4 m times the cosine of the sweep's phase + 0.3.
+    """
     omega, rate, phase = chirp(SWEEP, times)
     return -2e-4 * (omega**2 * np.cos(phase + 0.3) + rate * np.sin(phase + 0.3))
 
@@ -220,7 +226,11 @@ def states(response: Response) -> Array:
 
 @pytest.mark.parametrize("name", EVENTS)
 def test_events_and_states_are_those_of_dense_exponentials(name: str) -> None:
-    """Energies and checked searches with friction, on springs and of several absorbers: each is a kernel more."""
+    """Events and states under loads are those of dense matrix exponentials.
+
+    Energies and checked searches are tested with friction, on springs and with several absorbers.
+    Each of these is a further kernel.
+    """
     loads, inputs, absorber = EVENTS[name]
     response = run(absorber, loads, BARE if absorber is SMOOTH else None)
     impacts = response.impacts
@@ -301,7 +311,11 @@ def test_a_base_gives_the_transfer_function(absorber: str) -> None:
 
 
 def test_a_random_load_has_the_mean_square_of_its_lines() -> None:
-    """The record repeats: the second time the motion is the sum over its lines, each with the structure's transfer function."""
+    """A random load gives the mean square of its lines.
+
+    The record repeats. In the second pass the motion is the sum over its lines, each with the
+    transfer function of the structure.
+    """
     spectrum = np.array([[20.0, 1.0], [60.0, 1.0]])
     for quantity in ("force", "base_acceleration"):
         load = Random(spectrum, 4.0, seed=2, quantity=quantity)
@@ -343,7 +357,11 @@ def test_records_of_members_are_gaussian_with_the_spectrum_s_size() -> None:
 
 
 def test_lines_of_a_random_record_have_the_spectrum_s_density() -> None:
-    """Log-log straight between points, with a step at 40 Hz; the squares of the lines average to twice the density over the duration."""
+    """Lines of a random record have the density of the spectrum.
+
+    The spectrum is straight between points on logarithmic axes, with a step at 40 Hz. The squares
+    of the lines average to twice the density over the duration.
+    """
     spectrum = np.array([[20.0, 2.0], [40.0, 8.0], [40.0, 1.0], [60.0, 1.0]])
     load = Random(spectrum, 5.0, seed=7, factor=3.0)
     hertz = load.lines / 5.0
@@ -356,7 +374,11 @@ def test_lines_of_a_random_record_have_the_spectrum_s_density() -> None:
 
 
 def test_straight_lines_between_samples_of_a_random_record_have_its_lines() -> None:
-    """Fourier coefficients of the straight lines themselves, by Gauss quadrature in each interval."""
+    """Straight lines between samples of a random record have its spectral lines.
+
+    The Fourier coefficients of the straight lines are computed by Gauss quadrature in each
+    interval.
+    """
     load = Random(np.array([[20.0, 2.0], [60.0, 3.0]]), 0.5, seed=3)
     record = load.record()
     step = record.times[1]
@@ -395,7 +417,10 @@ def test_starts_in_the_middle_and_on_the_lower_walls() -> None:
 
 
 def moved_by(load: Load, times: Array) -> tuple[float, Array]:
-    """Velocity at time 0, and displacement from there on, of a base whose mean velocity is zero, in closed form."""
+    """Return velocity at time 0, and displacement from then on, of a base.
+
+    The mean velocity of the base is zero. Both are closed forms.
+    """
     if isinstance(load, Samples):  # a cubic between samples
         step = load.times[1]
         low = load.values[:-1]
@@ -433,7 +458,11 @@ AT_REST: dict[str, Load] = {
 
 @pytest.mark.parametrize("name", AT_REST)
 def test_a_base_about_a_mean_at_rest_leaves_the_absorber_where_it_is_in_space(name: str) -> None:
-    """A free absorber follows minus the base's displacement; structure and absorber have the base's velocity with the other sign."""
+    """A base about a mean at rest leaves a free absorber at its position in space.
+
+    The absorber's displacement is the negative of the base's. Structure and absorber start with the
+    negative velocity of the base.
+    """
     load = AT_REST[name]
     scene = Scene(cantilever(), SlidingAbsorber(0.02, RigidWalls(1.0, 0.7)))
     loads = Loads((load,), W1, "base-mean-rest")
@@ -543,7 +572,11 @@ def test_each_load_on_each_absorber_from_each_start_balances_or_is_refused_by_na
 
 
 def test_a_struck_structure_is_one_that_a_short_blow_has_left() -> None:
-    """The impulse of velocity / sum(shape^2) at the place, in a thousandth of the highest mode's period."""
+    """A struck structure moves as after a short blow.
+
+    The impulse of velocity / sum(shape^2) acts at the place within a thousandth of the highest
+    mode's period.
+    """
     model = cantilever()
     width = 1e-6
     peak = 2 * 0.5 / float(np.sum(model.force_shape**2)) / width
@@ -561,7 +594,11 @@ def test_a_struck_structure_is_one_that_a_short_blow_has_left() -> None:
 def test_runs_in_two_threads_may_share_what_a_load_is_for_the_kernels(
     record: Callable[[Array], Array], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its expansion in the current window belongs to each run: threads in different windows of one load write none of the other's."""
+    """Runs in two threads can share the compiled form of a load.
+
+    The expansion in the current window belongs to each run. Threads in different windows of one
+    load do not overwrite each other's values.
+    """
     monkeypatch.setattr(solvers, "build_schedule", lru_cache(solvers.build_schedule))
     scene = Scene(cantilever(), BOTH)
     part = ShakenBase(SWEEP, displacement=2e-4) if record is shaken else Samples(CLOCK, NOISE)

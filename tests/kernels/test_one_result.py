@@ -1,4 +1,8 @@
-"""One scene gives one result, bit by bit: after other runs, in a child process, on a worker, and on any number of threads."""
+"""One scene gives one result, bit by bit.
+
+The result is the same after other runs, in a child process, on a worker, and on any number of
+threads.
+"""
 
 import json
 from importlib.util import find_spec

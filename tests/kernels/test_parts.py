@@ -1,4 +1,7 @@
-"""How kernels are compiled: one that Python calls in one piece with all that it calls, without what cannot be reached."""
+"""A kernel that Python calls is compiled in one piece with all that it calls.
+
+Code that cannot be reached is not compiled.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -68,7 +71,7 @@ def test_only_the_kernel_that_is_called_from_python_becomes_machine_code() -> No
     )  # a function that is no kernel
 
 
-# --- a branch for what is absent, or there, is not typed: each of these has one that does not compile ------------------------------------------
+# --- a branch for what is absent, or there, is not typed: each of these has one that does not compile
 
 
 class Pair(NamedTuple):
@@ -220,7 +223,7 @@ def test_constants_share_a_part_and_its_errors_reach_python() -> None:
         sums(-1.0)
 
 
-# --- how far a kernel is inlined: decided by what it is given, and not by what a process has compiled before -----------------------------------
+# --- how far a kernel is inlined: decided by what it is given, and not by what a process has compiled before
 
 
 def compiled(*words: str) -> dict[str, list[str]]:
@@ -241,7 +244,7 @@ def test_machine_code_does_not_depend_on_what_was_compiled_before_and_a_sparing_
     )  # by how much is the processor's: half on one with AVX-512, a few in a hundred without AVX
 
 
-# --- without numba's internals ---------------------------------------------------------------------------------------------------------
+# --- without numba's internals
 
 
 SMALL_KERNELS = """
@@ -308,12 +311,16 @@ def test_other_versions_and_missing_internals_of_numba_are_noticed(
     assert bool(obstacle) == bool(expected)
 
 
-# --- one kernel for every record ---------------------------------------------------------------------------------------------------------
+# --- one kernel for every record
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_one_kernel_serves_every_record_but_energies() -> None:
-    """Without an absorber, whose kernel is the smallest; all kinds of scenes have the same observers."""
+    """One kernel serves every record except energies.
+
+    The test uses scenes without absorber, whose kernel is the smallest. All kinds of scenes have
+    the same observers.
+    """
     scene = scene_of(None, modes=2)
     drive = drive_of(1.0, 1.0, periods=3.0)
     simulate(scene, drive)

@@ -1,4 +1,7 @@
-"""Kernels in plain Python (NUMBA_DISABLE_JIT=1): the bits of the compiled ones, without compiling."""
+"""Kernels in plain Python give the bits of the compiled ones.
+
+With NUMBA_DISABLE_JIT=1 nothing is compiled.
+"""
 
 import ctypes
 import json
@@ -16,7 +19,8 @@ from places import fresh
 
 from impact_env.kernels.compiling.plain_code import fused
 
-# a kind of kernel that nothing else in the suite needs: impacts without friction on a moving base or under loads, with energies
+# a kind of kernel that nothing else in the suite needs: impacts without friction on a moving base
+# or under loads, with energies
 UNCOMPILED = (
     "unbalance",
     "moving base",

@@ -105,16 +105,20 @@ def test_energy_and_walls(data: st.DataObject, scene: Scene, drive: Drive) -> No
     except ParameterError as refusal:
         if "modal basis off" not in str(refusal):
             raise
-        reject()  # eigenvalues that (almost) coincide, or lie many decades apart, have no modal basis
-    # what passes through the run: without damping and friction the work can cancel almost to nothing
+        # eigenvalues that (almost) coincide, or lie many decades apart, have no modal basis
+        reject()
+    # what passes through the run: without damping and friction the work can cancel almost to
+    # nothing
     scale = max(
         float(np.sum(response.energy.impact_loss)),
         abs(drive.amplitude) * float(np.max(np.abs(response.history.tip_displacement))),
     )
-    # friction's loss is its limit times a difference of displacements, whose terms are as large as the beam's deflection under that limit
+    # friction's loss is its limit times a difference of displacements, whose terms are as large as
+    # the beam's deflection under that limit
     friction = getattr(scene.absorber, "friction", None)
     scale += 1e-6 * friction.limit**2 / Beam().static_tip_stiffness if friction is not None else 0.0
-    # two equal eigenvalues have no modal form: near critical damping four digits of the rounding are lost
+    # two equal eigenvalues have no modal form: near critical damping four digits of the rounding
+    # are lost
     check(
         response,
         1e-9,
@@ -176,7 +180,10 @@ def test_mirror_symmetry(scene: Scene, drive: Drive) -> None:
 @few
 @given(scenes(st.one_of(rigid, dampers), 5), drives)
 def test_impulses_balance_the_absorbers_momentum(scene: Scene, drive: Drive) -> None:
-    """Without friction, only walls change the absorber's velocity: in impacts, and while they hold it."""
+    """Impulses balance the absorber's momentum.
+
+    Without friction, only walls change the absorber's velocity: in impacts, and while they hold it.
+    """
     response = run(scene, drive)
     if scene.absorber.friction is None and response.stuck_time == 0:
         momentum = scene.absorber_mass * response.end_state[-1]

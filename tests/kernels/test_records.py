@@ -85,7 +85,11 @@ def _digits_of(scale, x, out):
 
 
 def test_a_time_that_is_no_number_or_beyond_the_tables_stays_within_them() -> None:
-    """Not a number stays one, in the rest and in cosine and sine; digits are places of tables of 2^2 entries."""
+    """A time that is NaN or outside the tables does not exceed their bounds.
+
+    NaN stays NaN in the remainder and in cosine and sine. Digits are positions in tables of 2^2
+    entries.
+    """
     scale = np.array([2.0, 0.25, 4.0, 1.0])
     x = np.array([np.nan, np.inf, -np.inf, 1e300, -1.0, 0.0, 0.3, 15.75, 17.0])
     computed = np.empty((len(x), 4))
@@ -143,7 +147,11 @@ def test_a_product_and_a_sum_are_rounded_once() -> None:
 
 @pytest.mark.parametrize("at", [0, 17, 320, 1000, 1990])
 def test_the_level_of_a_sine_is_its_amplitude_over_the_root_of_two(at: int) -> None:
-    """Wherever the largest sample lies, the window around it holds whole or half periods, also where the run's start or end cuts it."""
+    """The level of a sine is its amplitude over the root of two.
+
+    For any place of the largest sample, the window around it has whole or half periods, also if the
+    run's start or end cuts it.
+    """
     samples = 32
     phases = 2 * np.pi * (np.arange(2000) - at) / samples
     sine = 3e-4 * np.cos(phases)

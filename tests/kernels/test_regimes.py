@@ -1,4 +1,7 @@
-"""Eigenvalues, vectors and responses of the linear regimes against dense matrices with 40 digits. No kernel is compiled."""
+"""Eigenvalues, eigenvectors and responses of linear regimes agree with dense matrices.
+
+The dense matrices have 40 digits. No kernel is compiled.
+"""
 
 import numpy as np
 import pytest
@@ -70,7 +73,10 @@ def beam_states(model: ModalModel) -> tuple[Array, Array]:
 
 
 def slot_motion(regime: LinearRegime, states: Array, scale: Array, time: float) -> Array:
-    """Return the motion of chosen ``states`` from a regime's slots: Re(out exp(s t) into), in coordinates times ``scale``."""
+    """Return the motion of chosen ``states`` from a regime's slots.
+
+    It is Re(out exp(s t) into), in coordinates times ``scale``.
+    """
     s = regime.system.rows[0] + 1j * regime.system.rows[1]
     out = regime.out[0] + 1j * regime.out[1]
     into = (regime.into[0] + 1j * regime.into[1]).T
@@ -79,7 +85,10 @@ def slot_motion(regime: LinearRegime, states: Array, scale: Array, time: float) 
 
 
 def joined_error(model: ModalModel, mass: float) -> float:
-    """Largest entry of the difference of the motions from all states, scaled to energy; ``mass`` 0: the free beam."""
+    """Return the largest error of the motions from all states, scaled to energy.
+
+    It is the largest entry of the difference. ``mass`` 0 is the free beam.
+    """
     regime = joined(model, mass) if mass > 0 else free(model)
     states, scale = beam_states(model)
     truths = [
@@ -130,7 +139,10 @@ def custom(seed: int, modes: int, ratio: float | Array, absorbers: int = 1) -> M
 
 
 def all_errors(model: ModalModel, mass: float, own: float, damping: float) -> list[float]:
-    """Errors of the joined, the sprung and the several regime; ``own`` in units of the second frequency (or the only one)."""
+    """Return the errors of the joined regime, the sprung one and that of several absorbers.
+
+    ``own`` is in units of the second frequency (or of the only one).
+    """
     omega = own * model.omega[min(1, model.modes - 1)]
     errors = [
         joined_error(model, mass),
@@ -245,7 +257,11 @@ def test_light_heavy_stiff_and_soft_absorbers(mass: float, stiffness: float) -> 
 def test_stretch_under_a_constant_force_is_that_of_the_spring(
     mass: float, stiffness: float
 ) -> None:
-    """And the tip is where it was, since the spring takes the whole force; a drive that rests bends the beam as without absorber."""
+    """The stretch under a constant force is that of the spring.
+
+    The tip does not move, since the spring takes the whole force. A constant drive bends the beam
+    as without absorber.
+    """
     model = custom(7, 3, 0.01)
     regime = sprung(model, mass, stiffness)
     rows = regime.system.rows
@@ -281,7 +297,11 @@ def test_what_has_no_digits_is_refused() -> None:
 
 
 def test_errors_of_the_event_search_bound_those_of_cubic_interpolation() -> None:
-    """Of a sine through both ends' values and slopes (SciPy's interpolation), at every level: the bound holds, and is no twice too large."""
+    """Error bounds of the event search hold for cubic interpolation.
+
+    A sine is interpolated through the values and slopes at both ends (SciPy's interpolation), at
+    every level. The bound is at most twice the error.
+    """
     slots = free(modal_model(Beam(modes=3, damping_ratio=0.0))).system
     speeds = np.abs(slots.rows[SPEED, :3])
     cases = 0
@@ -299,7 +319,10 @@ def test_errors_of_the_event_search_bound_those_of_cubic_interpolation() -> None
 
 
 def test_regimes_are_held_up_to_a_number_of_bytes() -> None:
-    """The one used least recently goes first; one that is larger than all together is held alone."""
+    """Regimes are cached up to a number of bytes.
+
+    The regime used least recently is removed first. A regime larger than the limit is cached alone.
+    """
     cache = RegimeCache(8 * 100)
     computed: list[int] = []
 
@@ -350,7 +373,11 @@ def test_scenes_of_one_model_share_their_regimes() -> None:
 def test_bases_are_complete_far_within_the_tolerances_of_joint_forces_and_accelerations(
     modes: int, mass_ratio: float
 ) -> None:
-    """What a change of basis may be off is what these are made for: usual scenes are below it, and a joint force has a hundred times as much."""
+    """Modal bases are complete far within the tolerances of joint forces and accelerations.
+
+    These tolerances allow for the error of a change of basis. Usual scenes have a smaller error,
+    and the tolerance of joint forces is a hundred times as large.
+    """
     assert starts.ACCELERATION_TOL == BASIS_TOL
     assert pytest.approx(100 * BASIS_TOL) == rigid_contact.JOINT_FORCE_TOL
     for damping in (0.0, 0.01, 0.3, 1.0, 1.5):

@@ -1,4 +1,7 @@
-"""Amplitudes far above the gap, on structures nobody chose: every flight is replayed by formulas that share nothing with the search."""
+"""Runs with amplitudes far above the gap, on random structures, are correct.
+
+Every flight is recomputed by formulas that share nothing with the event search.
+"""
 
 import numpy as np
 import pytest
@@ -19,15 +22,19 @@ from impact_env import (
     simulate,
 )
 
-# A run is replayed from its impacts alone: between them beam and absorbers move as textbook formulas say, in extended precision. Motion between
-# impacts is linear, so that errors do not grow from one to the next; a constant frequency and no friction keep the formulas short.
+# A run is replayed from its impacts alone: between them beam and absorbers move as textbook
+# formulas say, in extended precision. Motion between impacts is linear, so that errors do not grow
+# from one to the next; a constant frequency and no friction keep the formulas short.
 
 Array = NDArray[np.longdouble]
 ENDS = 2.0 ** -np.arange(40.0, 1.0, -1.0)  # of a flight: samples that crowd at its beginning
 
 
 class Beam:
-    """Modal displacement and velocity (N_m,) under a force of constant frequency; damping may be of any size."""
+    """Modal displacement and velocity (N_m,) under a force of constant frequency.
+
+    Damping may have any value.
+    """
 
     def __init__(self, scene: Scene, drive: Drive) -> None:
         model = scene.model
@@ -62,10 +69,13 @@ class Beam:
 
 
 def replay(response: Response, dense: int = 100) -> tuple[int, float, float]:
-    """Follow a run that began at rest, impact by impact, up to its first phase of contact; ``dense``: samples of each flight.
+    """Recompute a run from rest, impact by impact, up to its first phase of contact.
 
-    Return the number of flights; how far an absorber was outside of its cavity, or off its wall at an impact, as a share of the gap; and the largest
-    error of the relative velocity before an impact, relative to the largest one seen, or of the impulse, relative to Newton's law.
+    ``dense`` is the number of samples of each flight.
+
+    Return the number of flights; how far an absorber was outside of its cavity, or off its wall at
+    an impact, as a share of the gap; and the largest error of the relative velocity before an
+    impact, relative to the largest one seen, or of the impulse, relative to Newton's law.
     """
     scene = response.scene
     drive = response.drive
@@ -122,7 +132,10 @@ SCENES = 25
 
 
 def random_run(seed: int) -> tuple[Response, float]:
-    """Return a run of at most 2,000 events and its scale, the amplitude without absorber over the gap, 3e3 to 1e8."""
+    """Return a run of at most 2,000 events and its scale.
+
+    The scale is the amplitude without absorber over the gap, 3e3 to 1e8.
+    """
     rng = np.random.default_rng(seed)
     modes = int(rng.integers(1, 5))
     several = rng.random() < 0.3
@@ -176,7 +189,11 @@ def random_run(seed: int) -> tuple[Response, float]:
 
 
 def test_no_wall_is_passed_and_every_impact_is_newtons() -> None:
-    """Rounding is 1e-16 of the amplitudes, a thousand times that where eigenvectors almost coincide: so much of the gap may be lost."""
+    """No wall is passed and every impact obeys Newton's law.
+
+    Rounding is 1e-16 of the amplitudes, and a thousand times as much if eigenvectors almost
+    coincide. The allowed error relative to the gap follows from this.
+    """
     flights = 0
     for seed in range(SCENES):
         response, scale = random_run(seed)
@@ -189,7 +206,11 @@ def test_no_wall_is_passed_and_every_impact_is_newtons() -> None:
 
 @pytest.mark.parametrize(("seed", "case"), [(1, 31), (1, 37), (2, 171)])
 def test_a_release_near_critical_damping_is_no_storm(seed: int, case: int) -> None:
-    """Twenty modes whose eigenvectors almost coincide: an absorber that has just left its wall does not hit it again for ever."""
+    """A release close to critical damping does not cause an endless series of impacts.
+
+    Twenty modes have eigenvectors that almost coincide. An absorber that has just left its wall
+    must not hit it again for ever.
+    """
     rng = np.random.default_rng(seed)
     for k in range(case + 1):
         omega = (

@@ -1,4 +1,7 @@
-"""The event search against brute force (reference/signals.py): random signals of every start, looked for from every level of steps."""
+"""The event search agrees with brute force (reference/signals.py).
+
+Signals are random and have every kind of start. They are searched from every level of steps.
+"""
 
 from dataclasses import dataclass
 
@@ -45,7 +48,10 @@ GUARDED = {
 
 
 def scene_of(model: Model) -> Scene:
-    """The paper's beam, or modes of all damping ratios from 0 to 1.5, some with almost the same frequency."""
+    """Return the paper's beam, or modes with very different damping.
+
+    Damping ratios are from 0 to 1.5, and some modes have almost the same frequency.
+    """
     name, modes = model
     absorber = impact_absorber(1e-3, 0.7, 0.1)
     if name == "paper":
@@ -62,7 +68,10 @@ def scene_of(model: Model) -> Scene:
 
 @dataclass(frozen=True)
 class Stage:
-    """A regime's slots with the force of one window, and the time tau (s) in it where the signals start."""
+    """A regime's slots with the force of one window.
+
+    ``tau`` (s) is the time in the window where the signals start.
+    """
 
     slots: ModalSystem
     forced: Forced
@@ -79,7 +88,11 @@ class Stage:
 
 
 def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
-    """Two windows: a slow chirp from the window's start on, and a quick one from somewhere in it; one of them pushes as hard as 0.01 N or 100 N."""
+    """Return the stages of two windows.
+
+    One is a slow chirp from the window's start on, the other a fast one from a later time. The
+    forces have random sizes of 0.01 to 100 N.
+    """
     scene = scene_of(model)
     free, stuck, reach = rigid_regimes(scene, 3.2 * scene.model.pseudo_period())
     slots = (stuck if joined else free).system
@@ -100,7 +113,10 @@ def stages(model: Model, joined: bool, rng: np.random.Generator) -> list[Stage]:
 
 
 def amplitudes(stage: Stage, count: int, rng: np.random.Generator) -> Array:
-    """Return (N, J) as large as the force's share or smaller or larger: all modes at the same speed, high or low ones ahead, or one alone."""
+    """Return random amplitudes (N, J) of the size of the force's share, smaller or larger.
+
+    All modes have the same velocity, or high or low modes dominate, or one mode is alone.
+    """
     s = np.abs(stage.slots.rows[S : S + 2, : stage.used].T @ [1, 1j])
     phase = np.exp(1j * rng.uniform(0, 2 * np.pi, (count, stage.used)))
     power = rng.choice([-1.0, -0.5, 0.0, -1.5, -2.0, -3.0], count)[:, None]
@@ -115,7 +131,10 @@ def amplitudes(stage: Stage, count: int, rng: np.random.Generator) -> Array:
 
 @dataclass(frozen=True)
 class Cases:
-    """Signals of one stage with their guards, and what the search is told, (N,) each: walls, the one that it starts on, whether its rate is zero."""
+    """Signals of one stage with their guards, and the arguments of the search, (N,) each.
+
+    The arguments are the walls, the wall on which a signal starts, and whether its rate is zero.
+    """
 
     stage: Stage
     name: str
@@ -239,7 +258,8 @@ def differences(cases: Cases, truth: FirstEvents, top: int) -> list[str]:
         }
         if wrong:
             lines.append(
-                f"{cases.name} {case}: truth ({kind}, {time * fast:.6g}), found {wrong}; times in 1/|s|"
+                f"{cases.name} {case}: truth ({kind}, {time * fast:.6g}), found {wrong}; "
+                "times in 1/|s|"
             )
     return lines
 
@@ -265,7 +285,11 @@ def test_no_event_is_missed_from_any_level(quantity: str, model: Model) -> None:
 
 
 def test_brute_force_knows_a_sine() -> None:
-    """y = sin(t) on the wall 0: it comes back at pi, turns at pi/2, and meets a wall at 0.5 after pi/6."""
+    """Brute force gives the known events of a sine.
+
+    y = sin(t) starts on the wall 0: it returns at pi, its rate is zero at pi/2, and it reaches a
+    wall at 0.5 after pi/6.
+    """
     one = np.ones(1)
     none = Force.of(np.zeros(9, complex), 0.0)
     signals = Signals(

@@ -1,4 +1,7 @@
-"""Several absorbers: limits, closed forms and what must hold for every scene; test_verification.py has them beside two references."""
+"""Runs with several absorbers agree with limits, closed forms and general laws.
+
+test_verification.py compares them with two references.
+"""
 
 from dataclasses import asdict, fields, replace
 
@@ -54,7 +57,10 @@ LISTS = Record(level=False, events=True, reversals=True)
 
 
 def compare_small_steps(scene: Scene, drive: Drive, end: Array, steps: tuple[int, int]) -> Array:
-    """Return the largest differences from an end state of Moreau's scheme, with few and with many steps."""
+    """Return the largest differences between an end state and Moreau's scheme.
+
+    The scheme runs with few and with many steps.
+    """
     half = len(end) // 2
     scale = np.abs(end) + np.repeat([1e-4, 1e-1], half)
     return np.array([np.max(np.abs(run_small_steps(scene, drive, n) - end) / scale) for n in steps])
@@ -88,7 +94,10 @@ def test_small_steps_converge_to_a_travelling_wave_in_ten_sectors(
 
 
 def draw_scene(seed: int) -> Scene:
-    """Return 5 to 16 random absorbers on random modes; every second scene has forces that differ in phase."""
+    """Return 5 to 16 random absorbers on random modes.
+
+    Every second scene has forces that differ in phase.
+    """
     generator = np.random.default_rng(seed)
     n = int(generator.integers(5, 17))
     modes = int(generator.integers(n // 2 + 1, n + 3))
@@ -113,7 +122,11 @@ def draw_scene(seed: int) -> Scene:
 
 @pytest.mark.parametrize("seed", [5, 6, 8, 12, 13, 15])
 def test_random_scenes_are_replayed_from_their_events(seed: int) -> None:
-    """By matrix exponentials: contact laws hold between the events of the run, none is missed, and the end is the same."""
+    """Random scenes agree with a reconstruction from their events.
+
+    Matrix exponentials show that contact laws hold between the events of the run, that no event is
+    missed, and that the end state is the same.
+    """
     scene = draw_scene(seed)
     drive = drive_of(40.0, 1.1, periods=1.0, phase=0.3)
     response = simulate(scene, drive, record=LISTS)
@@ -174,7 +187,11 @@ def test_absorbers_that_never_move_are_a_stuck_one_of_their_mass() -> None:
 
 
 def test_an_impact_keeps_momentum_and_obeys_restitution() -> None:
-    """One impact at 0.6 of the length; what the modes and the others' relative velocities change by is the impulse's share."""
+    """An impact conserves momentum and obeys the restitution.
+
+    One impact occurs at 0.6 of the length. The changes of the modes and of the others' relative
+    velocities are the impulse's shares.
+    """
     scene = beam_scene(
         Beam(modes=4, damping_ratio=0.0),
         impact_absorbers((1e-3, 1e-3), (1.0, 0.6), restitution=0.6),
@@ -197,7 +214,11 @@ def test_an_impact_keeps_momentum_and_obeys_restitution() -> None:
 
 
 def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_once() -> None:
-    """The other one is on its wall and about to leave it: without the hit it would be beyond the wall for a microsecond."""
+    """An absorber that an impact of another one pushes into its wall hits at once.
+
+    It is on its wall and about to leave it. Without the hit it would be beyond the wall for a
+    microsecond.
+    """
     scene = beam_scene(
         ONE_MODE,
         SeveralAbsorbers(
@@ -221,7 +242,11 @@ def test_an_impact_that_pushes_another_absorber_into_its_wall_makes_it_hit_at_on
 
 
 def test_bounces_die_out_while_another_absorber_sticks() -> None:
-    """Each impact tears the stuck one loose, and its friction takes energy out, so that even restitution 1 comes to rest on a wall."""
+    """Bounces die out while another absorber sticks.
+
+    Each impact tears the stuck absorber loose, and its friction dissipates energy. Even with
+    restitution 1 the other absorber therefore comes to rest on a wall.
+    """
     scene = beam_scene(
         ONE_MODE,
         SeveralAbsorbers(
@@ -244,7 +269,11 @@ def test_bounces_die_out_while_another_absorber_sticks() -> None:
 
 
 def test_equal_absorbers_at_one_place_break_loose_at_once() -> None:
-    """Both stick by friction and reach its limit at the same time; what rounding makes of that must not be stick and slip without end."""
+    """Equal absorbers at one place break loose at the same time.
+
+    Both stick by friction and reach its limit simultaneously. Rounding errors must not cause an
+    endless alternation of stick and slip.
+    """
     beam = Beam(bending_stiffness=0.81 * Beam.bending_stiffness)
     scene = beam_scene(beam, impact_absorbers((1e-3, 1e-3), (1.0, 1.0), 0.7, 0.05, 0.02))
     reference = scene.model.resonance_omega(1)
@@ -259,7 +288,11 @@ def test_equal_absorbers_at_one_place_break_loose_at_once() -> None:
 def test_the_modes_damping_counts_where_absorbers_begin_to_stick(
     share: float, sticks: bool
 ) -> None:
-    """Two that rest on a beam which passes its middle position: its damping alone decelerates them (Newton's law of all three masses)."""
+    """The damping of modes matters when absorbers begin to stick.
+
+    Two absorbers rest on a beam that passes its middle position. Its damping alone decelerates them
+    (Newton's law of all three masses).
+    """
     damping = 0.2
     speed = 0.3
     model = ModalModel(
@@ -373,7 +406,10 @@ def test_measures_of_a_design_see_every_absorber() -> None:
 def at_one_place(
     model: ModalModel, masses: Array, limits: Array, generator: np.random.Generator
 ) -> tuple[Absorbers, Array, Joints, Array]:
-    """Return absorbers at the tip without relative velocity, some of them on a wall, under random accelerations; their compliance."""
+    """Return absorbers at the tip without relative velocity, and their compliance.
+
+    Some of them are on a wall. They have random accelerations.
+    """
     n = len(masses)
     shapes = np.tile(model.tip_shape, (n, 1))
     compliance = shapes @ shapes.T + np.diag(1 / masses)
@@ -401,7 +437,11 @@ def at_one_place(
 @pytest.mark.parametrize("ratio", [0.02, 0.5, 2.0, 10.0])
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 9, 24])
 def test_joint_forces_are_those_of_a_bounded_least_squares_problem(n: int, ratio: float) -> None:
-    """With 60 modes: SciPy's active-set solver has the same minimum of f G f/2 + c f between bounds."""
+    """Joint forces are those of a bounded least-squares problem.
+
+    The model has 60 modes. SciPy's active-set solver finds the same minimum of f G f/2 + c f
+    between bounds.
+    """
     model = beam_scene(Beam(modes=60)).model
     generator = np.random.default_rng(n)
     cases = set()
@@ -427,7 +467,11 @@ def test_joint_forces_are_those_of_a_bounded_least_squares_problem(n: int, ratio
 
 
 def test_heavy_absorbers_that_never_move_at_one_place_are_a_stuck_one() -> None:
-    """Ten times the beam's mass each, with 60 modes: their forces are a hundredth of a percent of the sum that holds them."""
+    """Heavy absorbers that never move at one place are equal to a stuck one.
+
+    Each has ten times the beam's mass, with 60 modes. Their forces are a hundredth of a percent of
+    the sum that holds them.
+    """
     stuck = tuple(
         SlidingAbsorber(10.0, RigidWalls(1e-3, 0.5), friction_damper(1e6).friction)
         for _ in range(2)
@@ -445,7 +489,10 @@ def test_heavy_absorbers_that_never_move_at_one_place_are_a_stuck_one() -> None:
 
 
 def sector_shapes(scene: Scene) -> Array:
-    """Return the displacement of each sector per modal displacement, of a scene with an absorber in every sector."""
+    """Return the displacement of each sector per modal displacement.
+
+    The scene has an absorber in every sector.
+    """
     return scene.absorber_shapes
 
 
@@ -510,7 +557,11 @@ def test_no_event_of_many_absorbers_is_missed(sectors: int, friction_limit: floa
 
 
 def test_equal_sectors_under_equal_forces_move_alike() -> None:
-    """They hit one after the other at one time; with all modes kept an impulse on one mass moves no other at once."""
+    """Equal sectors under equal forces move equally.
+
+    They have their impacts one after the other at the same time. With all modes in the model an
+    impulse on one mass moves no other mass at once.
+    """
     scene = ring_scene((2e-4,) * 8, 0.8, 0.3, wave_number=0)
     response = run(scene, drive_of(40.0, 1.0, periods=3))
     sectors = response.end_state[:8] @ sector_shapes(scene).T
@@ -558,7 +609,11 @@ def test_joint_forces_that_meet_no_conditions_end_the_run(monkeypatch: pytest.Mo
 
 
 def test_a_response_says_which_impacts_of_two_absorbers_are_at_one_instant() -> None:
-    """Two that are alike at one place hit together, and are taken in their order; with another gap they hit one after the other."""
+    """A response reports which impacts of two absorbers are simultaneous.
+
+    Two equal absorbers at one place hit together and are listed in their order. With different gaps
+    they hit one after the other.
+    """
     start = InitialState(absorber_velocity=(0.1, 0.1))
     for gaps, together in (((1e-4, 1e-4), True), ((1e-4, 1.1e-4), False)):
         scene = beam_scene(ONE_MODE, impact_absorbers(gaps, (1.0, 1.0), 0.7))

@@ -1,4 +1,7 @@
-"""The stepping methods: as their steps shrink they come to the exact one; a step is the textbook's; steps that are too long are refused."""
+"""The stepping methods converge to the exact method as their steps shrink.
+
+A step is that of the textbook. Steps that are too long are refused.
+"""
 
 import numpy as np
 import pytest
@@ -67,7 +70,10 @@ Stepping = type[Moreau] | type[RungeKutta]
 
 
 def deviation(response: Response, exact: Response) -> float:
-    """Largest difference of the modal displacements relative to the largest: over the run, or for linear scenes at the end."""
+    """Return the largest difference of the modal displacements, relative to the largest.
+
+    It is that over the run, or for linear scenes that at the end.
+    """
     scale = np.max(np.abs(exact.history.modal_displacement))
     modes = exact.scene.model.modes
     if not isinstance(exact.scene.absorber, SlidingAbsorber):
@@ -81,7 +87,10 @@ def deviation(response: Response, exact: Response) -> float:
 def converge(
     absorber: Absorber | None, methods: list[Method], close: float, **beam: float
 ) -> tuple[float, float]:
-    """Return the finest run's deviation and the order of convergence; its impacts, phases and energies must be within multiples of ``close``."""
+    """Return the finest run's deviation and the order of convergence.
+
+    The finest run's impacts, phases and energies must be within multiples of ``close``.
+    """
     scene = scene_of(absorber, modes=2, **beam)
     exact = run(scene, DRIVE)
     runs = [run(scene, DRIVE, method) for method in methods]
@@ -124,7 +133,10 @@ def test_linear_scenes(absorber: Absorber | None) -> None:
 def driven_from_rest(
     ratio: float, damping: float, time: Array, natural: float
 ) -> tuple[Array, Array]:
-    """Return displacement and velocity of one mode under cos(ratio natural t), from rest, in closed form."""
+    """Return displacement and velocity of one mode from rest in closed form.
+
+    The force is cos(ratio natural t).
+    """
     force = ratio * natural
     gain = 1 / (natural**2 - force**2 + 2j * damping * natural * force)
     rate = -damping * natural + 1j * natural * np.sqrt(1 - damping**2)
@@ -252,7 +264,10 @@ def test_the_turning_phasor_is_the_cosine(dt: float) -> None:
 
 
 def textbook(scene: Scene, drive: Drive, steps: int) -> Array:
-    """The classical Runge-Kutta method written out on the equations of motion, the slider moved after each step."""
+    """Return the end state of the classical Runge-Kutta method.
+
+    The method is applied to the equations of motion directly. The slider moves after each step.
+    """
     model = scene.model
     n = scene.model.modes
     sliding = scene.absorber
@@ -313,7 +328,7 @@ def test_runge_kutta_is_stable_for_light_and_heavy_absorbers_on_soft_and_hard_wa
     assert np.max(np.abs(run(scene, drive_of(1.0, 1.0, periods=0.5), RungeKutta()).end_state)) < 1.0
 
 
-# --- steps that are too long are refused before anything is computed, and only those -----------------------------------------------------------
+# --- steps that are too long are refused before anything is computed, and only those
 
 
 def checked(ratio: float, method: Method, frequency: float = 1.0, force: float = 1.0) -> None:
@@ -330,7 +345,11 @@ def checked(ratio: float, method: Method, frequency: float = 1.0, force: float =
 def test_the_limit_of_strong_damping_is_that_of_a_step_s_polynomial(
     method: Stepping, steps: int
 ) -> None:
-    """Moreau: z^2 - (2 - 2 D x - x^2) z + 1 - 2 D x has a root at -1 where x^2 + 4 D x = 4. Runge-Kutta: the fourth-order polynomial is 1."""
+    """The limit of strong damping is that of the polynomial of a step.
+
+    Moreau: z^2 - (2 - 2 D x - x^2) z + 1 - 2 D x has a root at -1 where x^2 + 4 D x = 4.
+    Runge-Kutta: the fourth-order polynomial is 1.
+    """
     x = 2 * np.pi / steps
     fastest = 2.785293563405282 / x  # D + sqrt(D^2 - 1)
     critical = (4 - x**2) / (4 * x) if method is Moreau else 0.5 * (fastest + 1 / fastest)
@@ -390,7 +409,11 @@ def test_an_absorber_that_holds_the_tip_still_is_refused(method: Method) -> None
 
 
 def test_friction_of_moreau_s_scheme_brakes_by_its_limit() -> None:
-    """A body of 1 kg on a base at rest loses the limit times the time of its velocity: exactly, since the scheme is exact for constant forces."""
+    """Friction of Moreau's scheme decelerates by its limit.
+
+    A body of 1 kg on a base at rest loses the limit times the time of its velocity. This is exact,
+    since the scheme is exact for constant forces.
+    """
     limit = 0.02
     response = run(
         Scene(steady_base(), friction_damper(limit, 1.0)),
@@ -405,7 +428,11 @@ def test_friction_of_moreau_s_scheme_brakes_by_its_limit() -> None:
 
 
 def test_an_impact_of_moreau_s_scheme_has_the_restitution_of_its_wall() -> None:
-    """A body of 1 kg on a base at rest turns at a wall with a share of its velocity and loses the rest of its energy."""
+    """An impact of Moreau's scheme has the restitution of its wall.
+
+    A body of 1 kg on a base at rest rebounds from a wall with this share of its velocity and loses
+    the rest of its energy.
+    """
     response = run(
         Scene(steady_base(), impact_absorber(1e-3, 0.7, mass_ratio=1.0)),
         still(0.06),
@@ -439,12 +466,17 @@ def test_friction_of_runge_kutta_s_scheme_brakes_by_its_limit() -> None:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("depth", [0.1, 0.01])
 def test_a_wall_that_is_touched_within_a_step_only_is_listed(side: float, depth: float) -> None:
-    """A tip turns at the wall of an absorber at rest; at a depth of a hundredth even the cubic through the step's ends stays short of it."""
+    """A contact with a wall that begins and ends within a step is listed.
+
+    A tip turns back at the wall of an absorber at rest. At a depth of a hundredth, even the cubic
+    through the step's ends does not reach the wall.
+    """
     scene = scene_of(SlidingAbsorber(0.02, CompliantWalls(100.0, 1e-3)), modes=1)
     model = scene.model
     method = RungeKutta(6)
     dt = method.step(scene)
-    # undisturbed, the distance of the tip at the middle of the first step is the gap and a share of what it gains in half a step
+    # undisturbed, the distance of the tip at the middle of the first step is the gap and a share of
+    # what it gains in half a step
     turn = 0.5 * dt * OMEGA
     amplitude = side * 1e-3 / (1 - depth * (1 - np.cos(turn))) / model.tip_shape[0]
     start = InitialState([amplitude * np.cos(turn)], [amplitude * OMEGA * np.sin(turn)], 0.0, 0.0)
@@ -463,7 +495,11 @@ def test_a_wall_that_is_touched_within_a_step_only_is_listed(side: float, depth:
 
 
 def test_a_step_too_long_for_a_nonlinear_spring_where_it_is_ends_the_run() -> None:
-    """Four steps in a period of the tangent stiffness 3 k y^2, as of a mode, at the largest stretch of a run with short steps."""
+    """A run ends if its step is too long for the present stiffness of a nonlinear spring.
+
+    The limit is four steps in a period of the tangent stiffness 3 k y^2, as of a mode, at the
+    largest stretch of a run with short steps.
+    """
     sink = NonlinearSink(1e9, 0.02, 0.0)
     scene = scene_of(sink, modes=1)
     start = InitialState([0.0], absorber_displacement=2e-3)

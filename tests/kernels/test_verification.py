@@ -1,4 +1,7 @@
-"""The references: against closed forms and golden cases, and one another; and the exact method against them, in all kinds of contact."""
+"""The references agree with closed forms, golden cases and one another.
+
+The exact method agrees with them in all kinds of contact.
+"""
 
 import json
 from fractions import Fraction
@@ -50,7 +53,10 @@ def scene_and_drive(name: str) -> tuple[Scene, Drive]:
 
 
 def far(scene: Scene, state: np.ndarray, true: np.ndarray) -> float:
-    """Largest difference of displacements and velocities, each kind relative to its largest; an absorber that is stuck or absent is left out."""
+    """Return the largest difference of displacements and velocities.
+
+    Each kind is relative to its largest value. A stuck or absent absorber is left out.
+    """
     half = len(true) // 2
     chosen = (
         scene.model.modes
@@ -61,14 +67,18 @@ def far(scene: Scene, state: np.ndarray, true: np.ndarray) -> float:
     return float(max(np.max(np.abs(one - other)) / np.max(np.abs(other)) for one, other in parts))
 
 
-# --- closed forms ------------------------------------------------------------------------------------------------------------------------------
+# --- closed forms
 
 
 @pytest.mark.parametrize(
     ("name", "first"), [("rigid_friction_10_modes", 1e-18), ("rigid_frictionless_3_modes", 1e-17)]
 )
 def test_digits_meet_the_golden_case(name: str, first: float) -> None:
-    """The golden times hang on inputs of which 16 digits are known: a part in 1e16 of the time, and what the impacts make of it."""
+    """The reference with many digits reproduces the golden cases.
+
+    Their inputs have only 16 known digits. The error of a time is a part in 1e16, amplified by the
+    impacts.
+    """
     scene, drive, _, speeds = golden(name, 1.0)
     case = json.loads((TRUTHS / f"golden_{name}.json").read_text())
     trajectory = digits.follow(scene, drive, impacts=12, rate=case["excitation"]["rate_rad_s2"])
@@ -93,7 +103,11 @@ def test_digits_do_not_depend_on_their_steps(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_driven_oscillator_has_40_digits() -> None:
-    """A mode at a constant frequency from rest, in closed form with 60 digits; in double precision it has 12."""
+    """The motion of a driven oscillator has 40 correct digits.
+
+    A mode at a constant frequency starts from rest. Its closed form has 60 digits, and in double
+    precision 12.
+    """
     scene = scene_of(modes=1)
     periods = 2.3
     drive = drive_of(5.0, 0.97, periods=periods, phase=0.4)
@@ -124,7 +138,11 @@ def test_a_driven_oscillator_has_40_digits() -> None:
 
 
 def test_contacts_with_springs_have_40_digits() -> None:
-    """A mass between two springs on a fixed base: half a period in a spring, and uniform flight between them."""
+    """Contacts with springs have 40 correct digits.
+
+    A mass moves between two springs on a fixed base: half a period in a spring, and uniform flight
+    between them.
+    """
     gap = 1e-3
     speed = 0.05
     stiffness = 4e4
@@ -140,12 +158,16 @@ def test_contacts_with_springs_have_40_digits() -> None:
     assert len(trajectory.events) == 12
 
 
-# --- all contacts ------------------------------------------------------------------------------------------------------------------------------
+# --- all contacts
 
 
 @pytest.mark.parametrize("name", [*SCENES, *SEVERAL])
 def test_all_agree(name: str) -> None:
-    """Three methods that share no formula for a motion: regimes, releases, ends of chatter and what one absorber does to others are the same."""
+    """The exact method and both references agree.
+
+    They share no formula for a motion. Regimes, releases, ends of chatter and the effects of one
+    absorber on others are the same.
+    """
     scene, drive = scene_and_drive(name)
     end = float(drive.schedule.times[-1])
     trajectory = digits.follow(scene, drive)
@@ -192,7 +214,7 @@ def test_breaks_of_the_schedule() -> None:
         digits.follow(scene, bent, rate=1.0)
 
 
-# --- the exact method's events with friction, one by one ---------------------------------------------------------------------------------------
+# --- the exact method's events with friction, one by one
 
 EVENTS = 40
 OTHER = ModalModel(
@@ -273,7 +295,7 @@ def test_impacts_reversals_sticking_and_releases_are_those_of_many_digits(name: 
         assert (after > 0) == (regime == "slide +")
 
 
-# --- the peers that are measured against the package -------------------------------------------------------------------------------------------
+# --- the peers that are measured against the package
 
 REST = InitialState()
 

@@ -35,7 +35,10 @@ GOLDEN = (np.sqrt(5) - 1) / 2
 
 
 def plain_states(case: Case, state: np.ndarray, phase: float, periods: int) -> np.ndarray:
-    """Return states (periods + 1, 2 N_m + 2) once in each period of the force from a start on, in units of the gap and the gap times omega."""
+    """Return the states (periods + 1, 2 N_m + 2) once in each period of the force.
+
+    They begin at the given start and are in units of the gap and of the gap times omega.
+    """
     n = case.model.modes + 1
     unit = np.concatenate([np.full(n, case.gap), np.full(n, case.gap * case.omega)])
     drive = Drive(case.force, constant_frequency(case.omega, 1.0, periods), phase)
@@ -88,7 +91,11 @@ def test_points_without_a_circle_have_no_converged_rotation_number() -> None:
 
 @cache
 def torus_runs() -> tuple[float, float, list[SettledMotion], list[SettledMotion]]:
-    """The place of a torus over the first resonance, the angle of its pair in turns of a period, and runs beyond it and before it."""
+    """Return the frequency ratio of a torus, the angle of its pair, and runs on both sides.
+
+    The frequency ratio is to the first resonance, and the angle is in turns per period. Runs beyond
+    the bifurcation and before it are separate lists.
+    """
     case = steel()
     first = float(case.model.omega[0])
     branch = orbit_branch(high_orbit(case).solution, "omega", (0.95 * first, 0.956 * first))

@@ -1,4 +1,7 @@
-"""Runs from random initial states: the attractors that branches do not lead to, and the shares of runs with their intervals."""
+"""Runs from random initial states find attractors that no branch leads to.
+
+The shares of runs have correct intervals.
+"""
 
 import numpy as np
 import pytest
@@ -31,7 +34,11 @@ def test_an_orbit_over_three_periods_attracts_runs_where_no_branch_leads_to_it()
 
 
 def test_a_stable_orbit_does_not_end_the_search_for_others() -> None:
-    """N_m = 1, e = 0.8346, 1.5227 N: a pair with three impacts is stable, and so is a pair over two periods."""
+    """A stable orbit does not end the search for others.
+
+    N_m = 1, e = 0.8346, 1.5227 N: a pair with three impacts is stable, and so is a pair over two
+    periods.
+    """
     case = paper_case(1, 0.9284908266, 1.522687766, 0.8346017255)
     (group,) = all_orbits_over(case, np.array([0.9284908266]), longest=2)
     stable = [orbit for orbit in group.orbits if orbit.stability.stable]

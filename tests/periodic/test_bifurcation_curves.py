@@ -1,4 +1,8 @@
-"""Bifurcations over two parameters: by multipliers of the dense reference, which shares no code, by the closed form, and by births and mergers."""
+"""Bifurcations over two parameters are correct.
+
+They are compared with multipliers of the dense reference, which shares no code, with the closed
+form, and with births and mergers.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -66,7 +70,11 @@ RANGE = (0.85 * FIRST, FIRST)
 
 @cache
 def one_mode() -> dict[str, list[BifurcationCurve]]:
-    """N_m = 1, e = 0.8, from 1.5 N to forces of 1 to 2.5 N: of the symmetric orbits, and of the pair that leaves them."""
+    """Return bifurcation curves of one mode by kind.
+
+    N_m = 1, e = 0.8, from 1.5 N to forces of 1 to 2.5 N: curves of the symmetric orbits, and of the
+    pair that branches off them.
+    """
     symmetric = list(orbit_branches(Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8), *RANGE))
     pairs = [
         branch
@@ -132,7 +140,11 @@ def test_folds_over_the_force_are_the_closed_forms_and_turn_at_birth_and_merger(
 
 
 def test_friction_changes_the_order_of_events_along_a_curve() -> None:
-    """N_m = 3, muN = 0.01 N, e = 1: orders of events come and go, and the merger with its reversals is that of Newton's method."""
+    """Friction changes the order of events along a curve.
+
+    N_m = 3, muN = 0.01 N, e = 1: orders of events change along the curve, and the merger with its
+    reversals is that of Newton's method.
+    """
     case = paper_case(3, 0.95, 1.5, friction=0.01)
     first = float(case.model.omega[0])
     branch = orbit_branch(high_orbit(case).solution, "omega", (0.93 * first, 0.96 * first))
@@ -280,7 +292,11 @@ def test_behind_grazing_a_curve_is_no_orbits() -> None:
 def test_the_fold_of_a_pair_begins_on_the_curve_of_broken_symmetry(
     first: float, most: float
 ) -> None:
-    """With some steps the way breaks down there, with others it passes over to the mirror images: which of them depends on last bits."""
+    """The curve of folds of a pair begins on the curve of broken symmetry.
+
+    With some step sizes the continuation stops there, with others it passes over to the mirror
+    images. Rounding decides which of them occurs.
+    """
     (known,) = one_mode()[FOLD][1:]
     (broken,) = one_mode()[SYMMETRY_BREAKING]
     start = known.solution(len(known.schedules) // 2)
@@ -327,7 +343,10 @@ def _on_own_beam(case: Case) -> Case:
 
 
 def test_a_grazing_curve_touches_a_wall_in_an_own_propagation_and_meets_the_fold() -> None:
-    """N_m = 1, e = 0.8: the pair's grazing at 2.4 N leads to the grazing-fold of its curve of folds."""
+    """A grazing curve touches a wall in the dense reference and meets the fold.
+
+    N_m = 1, e = 0.8: the pair's grazing at 2.4 N leads to the grazing-fold of its curve of folds.
+    """
     (_, known) = one_mode()[FOLD][:2]
     (crossing,) = [event for event in known.branch.located if event.kind == GRAZING_FOLD]
     case = Case(model_of(1), 0.97 * FIRST, 2.4, restitution=0.8)
@@ -355,7 +374,11 @@ def test_a_grazing_curve_touches_a_wall_in_an_own_propagation_and_meets_the_fold
 
 
 def test_contact_is_lost_where_the_response_without_impacts_reaches_the_wall() -> None:
-    """One impact a half period: its loss is at the force gap/|H|, with the relative displacement H of a free absorber per newton."""
+    """Contact is lost where the response without impacts reaches the wall.
+
+    The orbit has one impact per half period. Its contact is lost at the force gap/|H|, with the
+    relative displacement H of a free absorber per newton.
+    """
     case = Case(model_of(2), 0.97 * FIRST, 1.5, restitution=0.8)
     limits = (0.97 * FIRST, 1.03 * FIRST)
     branches = list(orbit_branches(case, *limits, steps=COARSE_STEPS))
@@ -373,7 +396,11 @@ def test_contact_is_lost_where_the_response_without_impacts_reaches_the_wall() -
 def test_special_points_of_a_fold_curve_have_two_critical_multipliers_in_an_own_propagation() -> (
     None
 ):
-    """N_m = 1, e = 0.8: two fold-flips, a fold-Neimark-Sacker point and R1 on the symmetric orbits' folds."""
+    """Special points of a fold curve have two critical multipliers.
+
+    The multipliers are those of the dense reference. N_m = 1, e = 0.8: two fold-flips, a
+    fold-Neimark-Sacker point and R1 on the symmetric orbits' folds.
+    """
     curve = one_mode()[FOLD][0]
     special = [(kind, orbit) for kind, orbit in curve.located if kind in CODIMENSION_TWO]
     assert sorted(kind for kind, _ in special) == sorted([R1, FOLD_FLIP, FOLD_FLIP, FOLD_TORUS])
@@ -394,7 +421,11 @@ def test_special_points_of_a_fold_curve_have_two_critical_multipliers_in_an_own_
 
 
 def test_a_chenciner_point_has_a_critical_pair_in_an_own_propagation() -> None:
-    """N_m = 1, e = 0.8: on the torus curve of the symmetric orbits, where the coefficient changes its sign."""
+    """A Chenciner point has a critical pair of multipliers in the dense reference.
+
+    N_m = 1, e = 0.8: the point is on the torus curve of the symmetric orbits, where the coefficient
+    changes its sign.
+    """
     limits = (0.94 * FIRST, 1.0 * FIRST)
     case = Case(model_of(1), 0.97 * FIRST, 2.39, restitution=0.8)
     branches = [
@@ -443,7 +474,11 @@ def test_resonances_of_a_torus_have_their_angles_in_an_own_propagation() -> None
 def test_a_curve_over_another_parameter_comes_to_its_limits(
     parameter: str, limits: tuple[float, float]
 ) -> None:
-    """Lengths over the gap depend on the force over the gap alone, so without friction the fold's frequency at gap g is that at 1 mm, 1.5 N / g."""
+    """A curve over another parameter reaches the limits of the parameter.
+
+    Lengths over the gap depend only on the force over the gap. Without friction the fold's
+    frequency at gap g is therefore that at 1 mm, 1.5 N / g.
+    """
     start = high_orbit(Case(model_of(1), 0.94 * FIRST, 1.5, restitution=0.8)).solution
     curve = bifurcation_curve(
         orbit_branch(start, "omega", RANGE).of(FOLD)[-1].solution, FOLD, parameter, limits, RANGE
@@ -479,8 +514,12 @@ def test_a_torus_is_where_a_pair_of_an_own_propagations_multipliers_crosses_the_
     assert abs(before - behind) == 2  # a pair, and nothing else, changes sides
 
 
-def test_a_response_at_several_places_is_refused() -> None:
-    """Half way along the beam: exact orbits, harmonic balance, linear curves and sweeps, each against displacements of the modes there."""
+def test_the_response_at_a_place_half_way_along_the_beam() -> None:
+    """The response at another place than the tip is correct.
+
+    The place is half way along the beam. Exact orbits, harmonic balance, linear curves and sweeps
+    are compared with displacements of the modes at this place.
+    """
     beam = Beam(modes=2, response_position=0.5)
     scene = beam_scene(beam, impact_absorber())
     shape = np.array(scene.model.response_shape)

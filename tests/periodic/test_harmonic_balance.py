@@ -1,4 +1,8 @@
-"""Harmonic balance against scipy's integration in time, the exact method, a closed form, linear limits and exact orbits."""
+"""Harmonic balance is correct.
+
+It is compared with scipy's integration in time, the exact method, a closed form, linear limits and
+exact orbits.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -94,7 +98,8 @@ def test_the_jacobian_is_the_derivative(absorber: SlidingAbsorber, symmetric: bo
         )
 
 
-# Oscillators x'' + 0.1 x' + x = force cos(omega t) - pull(x): the tip of one mode; its absorber is so heavy that it stays where it is.
+# Oscillators x'' + 0.1 x' + x = force cos(omega t) - pull(x): the tip of one mode; its absorber is
+# so heavy that it stays where it is.
 
 OSCILLATOR = ModalModel([1.0], [0.05], [1.0], [1.0], 1.0)
 HEAVY = 1e9
@@ -198,9 +203,13 @@ def test_elastic_friction_is_what_the_exact_method_settles_to(ratio: float) -> N
 
 
 def test_rigid_friction_oscillator_is_den_hartogs_closed_form() -> None:
-    """Coulomb friction to ground, no other damping, continuous sliding: Den Hartog, Transactions of ASME 53 (1931).
+    """A rigid friction oscillator agrees with Den Hartog's closed form.
 
-    Amplitude / (F/k) = sqrt(V^2 - (limit/F U)^2), V = 1/(1 - w^2), U = sin(pi/w)/(w (1 + cos(pi/w))).
+    It has Coulomb friction to ground, no other damping, and slides continuously: Den Hartog,
+    Transactions of ASME 53 (1931).
+
+    Amplitude / (F/k) = sqrt(V^2 - (limit/F U)^2), V = 1/(1 - w^2), U = sin(pi/w)/(w (1 +
+    cos(pi/w))).
     """
     omega = 0.7
     force = 1.0
@@ -240,7 +249,11 @@ def test_linear_limits(model: ModalModel) -> None:
 
 @pytest.mark.parametrize(("weight", "left"), [(50.0, 0.913), (100.0, 0.926), (200.0, 0.929)])
 def test_the_papers_isola_is_closed_and_depends_on_the_weight(weight: float, left: float) -> None:
-    """3 modes, 0.01 N, 1.5 N, H = 20; the exact orbit's folds are at 0.93361 and 0.95528, its peak is 1.4743 mm."""
+    """The paper's isola is closed and depends on the weight.
+
+    3 modes, 0.01 N, 1.5 N, H = 20: the exact orbit's folds are at 0.93361 and 0.95528, its peak is
+    1.4743 mm.
+    """
     first = BEAM.omega[0]
     omega = 0.945 * BEAM.omega[0]
     balance = harmonic_balance(RUBBING, omega, 1.5, weight=weight)
@@ -298,7 +311,11 @@ def in_order(values: Array) -> Array:
 def test_orbits_between_springs_and_hills_multipliers_are_those_of_the_exact_method(
     which: int,
 ) -> None:
-    """Walls as springs: an orbit that the exact method comes back to, and differences around it, for a positive and a negative pair."""
+    """Orbits between springs and Hill's multipliers agree with the exact method.
+
+    With springs as walls, the exact method returns to the orbit. Differences around the orbit give
+    the multipliers, for a positive and a negative pair.
+    """
     model = model_of(1)
     first = float(model.omega[0])
     mass = 0.02 * model.beam_mass
@@ -345,7 +362,8 @@ def test_orbits_between_springs_and_hills_multipliers_are_those_of_the_exact_met
     )
 
 
-# Trigonometric polynomials: roots against companion matrices, windows and hysteresis against dense quadrature.
+# Trigonometric polynomials: roots against companion matrices, windows and hysteresis against dense
+# quadrature.
 
 
 def _rows(seed: int, h: int, count: int = 4) -> Array:
@@ -370,7 +388,11 @@ def test_roots_are_those_of_the_companion_matrix(h: int) -> None:
 
 @pytest.mark.parametrize("depth", [1e-2, 1e-5, 1e-9, 1e-12])
 def test_two_roots_close_to_one_another_are_not_missed(depth: float) -> None:
-    """Cos(5 (angle - 0.3)) + 1 - depth dips below zero by depth: five pairs of roots that come arbitrarily close."""
+    """Two roots close to one another are not missed.
+
+    Cos(5 (angle - 0.3)) + 1 - depth is below zero by at most depth: it has five pairs of roots that
+    can be arbitrarily close.
+    """
     row = np.zeros(2 * 20 + 1)
     row[0] = 1 - depth
     row[5] = np.cos(1.5)

@@ -1,4 +1,7 @@
-"""Orbits with two absorbers and with walls that are springs: dense matrices, limits and closed forms as judges."""
+"""Orbits with two absorbers and with compliant walls are correct.
+
+They are compared with dense matrices, limits and closed forms.
+"""
 
 from functools import cache
 
@@ -102,7 +105,10 @@ def run_reference(case: HybridCase, phase: float, state: Array, span: float) -> 
 
 @pytest.mark.parametrize("name", ["two", "two with friction", "springs"])
 def test_orbits_and_multipliers_are_those_of_dense_matrices(name: str) -> None:
-    """The reference comes back to the start, and central differences of its map have the multipliers."""
+    """Orbits and multipliers are those of dense matrices.
+
+    The reference returns to the start, and central differences of its map give the multipliers.
+    """
     orbit = settled(name)
     case = orbit.case
     span = orbit.trajectory.span
@@ -160,7 +166,11 @@ def test_derivatives_by_force_and_frequency_are_those_of_other_runs(name: str) -
 
 
 def test_an_absorber_out_of_reach_leaves_the_orbit_of_the_other() -> None:
-    """Of almost no mass, and in a cavity that it never crosses: orbit and multipliers are those of one absorber."""
+    """An absorber without contact does not change the orbit of the other.
+
+    It has almost no mass and a cavity that it never crosses. Orbit and multipliers are those of one
+    absorber.
+    """
     one = high_orbit()
     light = SeveralAbsorbers((RIGID, impact_absorber(1.0, 0.5, None, 1e-12)), (1.0, 0.5))
     state = np.insert(one.state, (2, 4), (0.0, 0.0))
@@ -172,7 +182,11 @@ def test_an_absorber_out_of_reach_leaves_the_orbit_of_the_other() -> None:
 
 
 def test_stiff_springs_tend_to_the_rigid_orbit() -> None:
-    """The difference falls with the duration of contact, the root of the stiffness: by ten for a hundred times the stiffness."""
+    """Orbits with stiff springs approach the rigid orbit.
+
+    The difference is proportional to the duration of contact, the inverse root of the stiffness: a
+    hundred times the stiffness gives a tenth of it.
+    """
     rigid = high_orbit()
     misses = []
     for stiffness in (1e6, 1e8, 1e10):
@@ -207,7 +221,11 @@ def test_folds_of_a_branch_are_those_of_the_closed_form() -> None:
 
 
 def test_a_branch_of_two_absorbers_has_its_fold_where_orbits_end() -> None:
-    """On one side of the fold's force there are two orbits next to it, on the other none; and the branch says why it ends."""
+    """A branch of two absorbers has its fold where orbits end.
+
+    On one side of the fold's force there are two orbits close to it, on the other none. The branch
+    reports why it ends.
+    """
     branch = hybrid_branch(settled("two"), "force", (2.0, 6.0))
     (fold,) = branch.of("fold")
     force = fold.orbit.case.force

@@ -1,4 +1,7 @@
-"""Normal forms and special points of maps with known ones, and those of orbits against iterations of the exact method and doubled orbits."""
+"""Normal forms and special points of known maps and of orbits are correct.
+
+Those of orbits are compared with iterations of the exact method and with doubled orbits.
+"""
 
 from collections.abc import Callable
 from functools import cache
@@ -44,7 +47,10 @@ Polynomial = Callable[[Array], Array]
 
 
 def forms_of(matrix: Array, second: Array | None = None, third: Array | None = None) -> MapForms:
-    """Return the forms of a map with tensors of its second (n, n, n) and third (n, n, n, n) derivatives."""
+    """Return the forms of a map with given second and third derivatives.
+
+    Their tensors have the shapes (n, n, n) and (n, n, n, n).
+    """
     n = len(matrix)
     b = np.zeros((n, n, n)) if second is None else second
     c = np.zeros((n, n, n, n)) if third is None else third
@@ -63,7 +69,11 @@ def henon(y: float, beta: float) -> MapForms:
 
 
 def test_the_ricker_map_doubles_its_period_with_one_sixth() -> None:
-    """X -> alpha x exp(-x) at alpha = e^2, x = 2: derivatives -1, 0 and 1 (Kuznetsov, example 4.1: c = 1/6)."""
+    """The Ricker map doubles its period with the coefficient one sixth.
+
+    X -> alpha x exp(-x) at alpha = e^2, x = 2: derivatives -1, 0 and 1 (Kuznetsov, example 4.1: c =
+    1/6).
+    """
     forms = forms_of(np.array([[-1.0]]), np.zeros((1, 1, 1)), np.ones((1, 1, 1, 1)))
     point = CriticalPoint(PERIOD_DOUBLING, forms)
     assert point.coefficient == pytest.approx(1 / 6, rel=1e-14)
@@ -72,7 +82,11 @@ def test_the_ricker_map_doubles_its_period_with_one_sixth() -> None:
 
 @pytest.mark.parametrize("beta", [-0.3, 0.5])
 def test_doubled_orbits_of_the_henon_map_lie_where_the_coefficient_puts_them(beta: float) -> None:
-    """At y = (1 + beta)/2 a 2-cycle y = s +- d is born: s = (1 + beta)/2 and d^2 = alpha - 3 s^2 exactly."""
+    """Doubled orbits of the Henon map agree with the coefficient.
+
+    At y = (1 + beta)/2 a 2-cycle y = s +- d is born: s = (1 + beta)/2 and d^2 = alpha - 3 s^2
+    exactly.
+    """
     s = (1 + beta) / 2
     point = CriticalPoint(PERIOD_DOUBLING, henon(s, beta))
     excess = 1e-8
@@ -99,7 +113,11 @@ def test_fixed_points_near_a_fold_of_the_henon_map_have_the_multipliers_of_the_c
 
 
 def test_the_delayed_logistic_map_has_the_torus_that_its_iterations_come_to() -> None:
-    """(x, y) -> (r x (1 - y), x) at r = 2: multipliers exp(+-i pi/3); Kuznetsov's q of example 4.2 has |q|^2 = 2 and a = -2."""
+    """The torus of the delayed logistic map is that of its iterations.
+
+    (x, y) -> (r x (1 - y), x) at r = 2: multipliers exp(+-i pi/3); Kuznetsov's q of example 4.2 has
+    |q|^2 = 2 and a = -2.
+    """
     second = np.zeros((2, 2, 2))
     second[0, 0, 1] = second[0, 1, 0] = -2
     point = CriticalPoint(TORUS, forms_of(np.array([[1.0, -1.0], [1.0, 0.0]]), second))
@@ -120,7 +138,10 @@ def test_the_delayed_logistic_map_has_the_torus_that_its_iterations_come_to() ->
 def located_on(
     kind: str, at: Callable[[float], MapForms], low: float, high: float
 ) -> dict[str, list[float]]:
-    """Return the special points on a curve of a map that is known in closed form over one number."""
+    """Return the special points on a curve of a map.
+
+    The map is known in closed form over one parameter.
+    """
 
     def point_at(z: Array, value: float) -> CriticalPoint:
         del z
@@ -143,7 +164,11 @@ def located_on(
 
 
 def test_resonances_of_the_henon_map_are_at_their_places() -> None:
-    """On beta = 1 the multipliers have the sum -2 y: R4 at 0, R3 at 1/2, R2 at 1, R1 at -1; on the other curves R2 and R1 are at beta = 1."""
+    """Resonances of the Henon map are at their known places.
+
+    On beta = 1 the multipliers have the sum -2 y: R4 at 0, R3 at 1/2, R2 at 1, R1 at -1. On the
+    other curves R2 and R1 are at beta = 1.
+    """
     assert located_on(TORUS, lambda y: henon(y, 1.0), -0.97, 0.97) == {  # area-preserving: a = 0
         R4: [pytest.approx(0, abs=1e-9)],
         R3: [pytest.approx(0.5, abs=1e-9)],
@@ -157,7 +182,11 @@ def test_resonances_of_the_henon_map_are_at_their_places() -> None:
 
 
 def test_a_cusp_and_a_generalised_doubling_are_where_their_coefficients_vanish() -> None:
-    """X -> x + p_1 + p_2 x - x^3 has folds at p_2 = 3 x^2 with b = -3 x; X -> -x + s x^2 - x^3/4 has c = s^2 - 1/4."""
+    """A cusp and a generalised doubling are where their coefficients vanish.
+
+    X -> x + p_1 + p_2 x - x^3 has folds at p_2 = 3 x^2 with b = -3 x; X -> -x + s x^2 - x^3/4 has c
+    = s^2 - 1/4.
+    """
 
     def cubic(x: float) -> MapForms:
         return forms_of(np.array([[1.0]]), np.full((1, 1, 1), -6 * x), np.full((1, 1, 1, 1), -6.0))
@@ -177,7 +206,11 @@ def rotation(angle: float, radius: float = 1.0) -> Array:
 
 
 def test_a_chenciner_point_is_where_the_cubic_term_of_a_rotation_changes_its_sign() -> None:
-    """Z -> exp(i theta) z (1 + s |z|^2) in the plane, sheared so that q is no unit vector of the axes."""
+    """A Chenciner point is where the cubic term of a rotation changes its sign.
+
+    The map is Z -> exp(i theta) z (1 + s |z|^2) in the plane. It is sheared so that q is not a unit
+    vector of the axes.
+    """
     third = np.zeros((2, 2, 2, 2))
     for i, j, k, m in np.ndindex(2, 2, 2, 2):  # of x |x|^2
         third[i, j, k, m] = 2 * ((i == j) * (k == m) + (i == k) * (j == m) + (i == m) * (j == k))
@@ -193,7 +226,11 @@ def test_a_chenciner_point_is_where_the_cubic_term_of_a_rotation_changes_its_sig
 
 
 def test_a_second_critical_multiplier_gives_a_point_its_name() -> None:
-    """Block maps with one multiplier, or a pair, that crosses the circle at 0.1; a real pair whose product is 1 gives none."""
+    """A second critical multiplier determines the name of a point.
+
+    Block maps have one multiplier, or a pair, that crosses the unit circle at 0.1. A real pair
+    whose product is 1 gives no name.
+    """
 
     def block(*parts: Array) -> MapForms:
         size = sum(len(part) for part in parts)
@@ -244,7 +281,11 @@ def steel_places(kind: str) -> list[Motion]:
 
 @cache
 def one_mode_places(kind: str, period: int) -> list[Motion]:
-    """Return the places of a kind of one mode with e = 0.8, 1.5 N: of the symmetric orbits, of the pair, and of its doubled orbits."""
+    """Return the bifurcations of a kind of one mode with e = 0.8 at 1.5 N.
+
+    They are those of the symmetric orbits, of the pair, and of its doubled orbits. ``period``
+    selects the multiple of the force's period.
+    """
     case = Case(model_of(1), 0.9 * FIRST, 1.5, restitution=0.8)
     limits = (0.85 * FIRST, FIRST)
     branches = list(orbit_branches(case, *limits))
@@ -257,7 +298,10 @@ def one_mode_places(kind: str, period: int) -> list[Motion]:
 
 @cache
 def three_mode_torus() -> Motion:
-    """N_m = 3, e = 0.9, 3 N: the torus at 0.92124, where all other multipliers are inside of the circle."""
+    """Return the torus of three modes at 0.92124.
+
+    N_m = 3, e = 0.9, 3 N. All other multipliers are inside the unit circle.
+    """
     case = paper_case(3, 0.921, 3.0, 0.9)
     for orbit in closed_form_orbits(case).orbits:
         limits = (0.919 * FIRST, 0.923 * FIRST)
@@ -277,7 +321,10 @@ def neighbour(motion: Motion, share: float) -> Motion:
 
 
 def own_derivative(motion: Motion) -> Array:
-    """Return the derivative of the exact method's map from the middle of the longest flight on, by differences; in units of the gap."""
+    """Return the derivative of the exact method's map by differences.
+
+    The map starts in the middle of the longest flight. The derivative is in units of the gap.
+    """
     units = units_of(motion.solution.case)
     start, state = motion.mid_flight()
     columns = []
@@ -289,7 +336,10 @@ def own_derivative(motion: Motion) -> Array:
 
 
 def critical_pair(matrix: Array, target: complex) -> tuple[complex, Array, Array]:
-    """Return the multiplier next to a target, its right eigenvector of length 1, and the left one with <p, q> = 1."""
+    """Return the multiplier next to a target, and its eigenvectors.
+
+    The right eigenvector has length 1, and the left one <p, q> = 1.
+    """
     values, vectors = scipy.linalg.eig(matrix)
     k = int(np.argmin(np.abs(values - target)))
     right = vectors[:, k] / np.linalg.norm(vectors[:, k])

@@ -1,4 +1,7 @@
-"""The symmetric orbit in closed form and by Green's function, against dense matrices that share nothing with them."""
+"""The symmetric orbit in closed form and by Green's function is correct.
+
+It is compared with dense matrices that share nothing with them.
+"""
 
 import numpy as np
 import pytest
@@ -28,7 +31,11 @@ mpmath = pytest.importorskip("mpmath")
 
 
 def other_model() -> ModalModel:
-    """Not the paper's beam: few modes close together, damped below, at and above the critical ratio, shapes of both signs."""
+    """Return a model other than the paper's beam.
+
+    It has few modes close together, damping below, at and above the critical ratio, and shapes of
+    both signs.
+    """
     return ModalModel(
         [31.0, 40.0, 95.0, 210.0],
         [0.03, 0.004, 1.0, 1.7],
@@ -131,7 +138,11 @@ def test_greens_function_finds_the_closed_form_again(case: Case) -> None:
 
 @pytest.mark.parametrize("excess", [0.0, 1e-12, -1e-12, 1e-9, -1e-7, 1e-6, -1.2e-5, 1e-4])
 def test_orbits_and_runs_have_one_response_near_critical_damping(excess: float) -> None:
-    """To an impulse, exp(-D w t) sinh(r t)/r with r^2 = w^2 (D^2 - 1), against 40 digits: of the orbits' exponentials and of the regimes' slots."""
+    """Orbits and runs have the same response close to critical damping.
+
+    The response to an impulse, exp(-D w t) sinh(r t)/r with r^2 = w^2 (D^2 - 1), has 40 digits. It
+    is compared with that of the orbits' exponentials and of the regimes' slots.
+    """
     omega = 31.0
     model = ModalModel([omega], [1.0 + excess], [0.8], [1.1], 1.4)
     structure = make_structure(model, 0.02)
@@ -211,7 +222,11 @@ def test_scaling_gap_friction_and_force_scales_the_orbit(case: Case) -> None:
 
 
 def test_the_level_set_of_the_fold_force_has_the_folds_and_its_valleys_the_births() -> None:
-    """At a fold both branches meet; below a birth's force there is no orbit next to it, above a merger's no gap."""
+    """The level set of the fold force has the folds, and its valleys the births.
+
+    At a fold both branches meet. Below a birth's force there is no orbit close to it, and above a
+    merger's force no gap.
+    """
     case = CASES[0]
     for omega in closed_folds(case, 0.85, 1.2):
         assert fold_force(case, [omega])[0] == pytest.approx(case.force, rel=1e-12)

@@ -1,4 +1,8 @@
-"""Orbits with friction's reversals, stuck phases and chatter: the exact method's own runs as the judge, shooting, and what is refused."""
+"""Orbits with slip reversals, stuck phases and chatter are correct.
+
+They are compared with the exact method's own runs and with shooting. Motions that are not orbits
+are refused.
+"""
 
 from copy import deepcopy
 from functools import cache
@@ -55,7 +59,7 @@ from impact_env.periodic.validation import (
 )
 from impact_env.sweep import simulate
 
-# --- the exact method as the judge --------------------------------------------------------------------------------------------------
+# --- the exact method as the judge
 
 FLYING = {
     "isola": lambda: high_orbit(paper_case(3, 0.9523, 1.5, friction=0.01)),
@@ -117,7 +121,11 @@ def test_the_motion_is_the_exact_methods_and_its_measures_those_of_samples(name:
 
 @pytest.mark.parametrize("name", [*FLYING, *HELD])
 def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
-    """The exact method's map by central differences, in units in which all coordinates count alike; each joined phase takes a rank from it."""
+    """Multipliers are those of disturbed runs.
+
+    They follow from central differences of the exact method's map, in units that give all
+    coordinates equal weight. Each joined phase reduces the rank of the map by one.
+    """
     orbit = orbit_of(name)
     case = orbit_of(name).case
     n = orbit_of(name).case.model.modes
@@ -148,7 +156,11 @@ def test_multipliers_are_those_of_disturbed_runs(name: str) -> None:
 
 @pytest.mark.parametrize("name", HELD)
 def test_held_phases_and_slip_are_those_of_forty_digits(name: str) -> None:
-    """Taylor series in whole numbers come back to an orbit's start over its span, and join and release the absorber where the orbit does."""
+    """Held phases and slip agree with a reference of forty digits.
+
+    Taylor series in whole numbers return to an orbit's start over its span. They join and release
+    the absorber at the same times as the orbit.
+    """
     digits = pytest.importorskip("reference.digits", exc_type=ImportError)
     orbit = orbit_of(name)
     case = orbit_of(name).case
@@ -214,7 +226,7 @@ def test_a_chatter_lists_the_impacts_of_the_recorded_run() -> None:
     )
 
 
-# --- shooting, and schedules from runs ---------------------------------------------------------------------------------------------
+# --- shooting, and schedules from runs
 
 
 @pytest.mark.parametrize(
@@ -253,7 +265,11 @@ def test_closed_form_greens_function_and_shooting_agree(case: Case) -> None:
 
 
 def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
-    """Over two periods through impacts, sticking and chatter, not on an orbit: the state in the end, and its derivative by central differences."""
+    """A passage agrees with the exact method's run from any state.
+
+    It covers two periods with impacts, sticking and chatter, not on an orbit. The end state, and
+    its derivative by central differences, are compared.
+    """
     case = paper_case(3, 0.95, 6.0, 0.4, 0.05)
     rng = np.random.default_rng(5)
     unit = np.concatenate([np.full(4, case.gap), np.full(4, case.gap * case.omega)])
@@ -324,7 +340,11 @@ def test_a_slow_approach_is_not_taken_for_a_long_period() -> None:
 
 
 def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
-    """Between two numbers of reversals friction holds the absorber: there the branch's own solutions are no orbits, shooting's are."""
+    """A branch has orbits in the frequency range of a stuck phase.
+
+    Between two numbers of reversals friction holds the absorber. There the branch's own solutions
+    are not orbits, but those of shooting are.
+    """
     start = many_reversals()
     first = float(start.case.model.omega[0])
     branch = orbit_branch(
@@ -350,7 +370,7 @@ def test_a_branch_has_orbits_in_the_window_of_a_stuck_phase() -> None:
     } == {0}
 
 
-# --- what is refused -------------------------------------------------------------------------------------------------------------
+# --- what is refused
 
 
 def test_what_does_not_come_back_never_touches_or_meets_a_resonance_says_so() -> None:
@@ -428,7 +448,11 @@ def test_a_branch_ends_where_the_absorber_grazes_a_wall() -> None:
 
 
 def test_a_search_leaves_a_branch_after_so_many_points_that_are_no_orbits() -> None:
-    """With much friction the closed form's branch leads on over solutions that friction would hold; nothing is located between those."""
+    """A search stops a branch after a number of points that are not orbits.
+
+    With much friction the closed form's branch continues over solutions that friction would hold.
+    No bifurcation is located between those.
+    """
     case = paper_case(8, 0.97, 3.5, 0.7, 0.3)
     first = float(case.model.omega[0])
     starts = [start for start in closed_form(case) if start.pushes]

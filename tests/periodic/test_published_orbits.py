@@ -1,4 +1,7 @@
-"""Orbits, folds, births and mergers with friction's reversals: the published cases; what surveys find; what leaves a branch at a multiplier of -1."""
+"""Orbits, folds, births and mergers with slip reversals agree with published cases.
+
+Results of surveys, and branches at a multiplier of -1, are tested too.
+"""
 
 from functools import cache
 from itertools import islice, pairwise
@@ -62,7 +65,11 @@ def test_the_folds_of_three_modes_with_and_without_reversals() -> None:
 
 
 def test_the_merged_branch_of_three_modes() -> None:
-    """From an impulse of zero at 0.9625 round the fold at 0.9032184 to the peak of 3.4081 mm at 0.9619, and back at 1.16873."""
+    """The merged branch of three modes agrees with published values.
+
+    It goes from an impulse of zero at 0.9625 round the fold at 0.9032184 to the peak of 3.4081 mm
+    at 0.9619, and back at 1.16873.
+    """
     case = paper_case(3, 0.9523, 3.0, friction=0.01)
     first = float(case.model.omega[0])
     branch = orbit_branch(high_orbit(case).solution, "omega", (0.85 * first, 1.2 * first))
@@ -95,7 +102,11 @@ def test_birth_and_merger_of_one_mode_with_losses() -> None:
 
 @pytest.mark.nightly
 def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() -> None:
-    """N_m = 5, e = 0.7: Newton's method on the fold's conditions runs from one order of reversals to the other at the outer valley and ridge."""
+    """Thresholds with many reversals are found along branches over the force.
+
+    N_m = 5, e = 0.7: at the outer valley and ridge, Newton's method on the fold's conditions
+    alternates between two orders of reversals.
+    """
     birth, merger = find_thresholds(paper_case(5, 1.0, 1.0, 0.7, 0.01), 0.91, 0.93)
     assert (birth.kind, merger.kind) == (BIRTH, MERGER)
     for threshold, side in ((birth, 1), (merger, -1)):
@@ -122,7 +133,11 @@ def test_thresholds_among_many_reversals_settle_along_branches_over_the_force() 
 
 
 def test_the_fold_of_ten_modes_with_friction() -> None:
-    """Published as 0.951825, where four reversals a half period become six; the folds on both sides of that are 1.3e-6 and 5.4e-5 below it."""
+    """The fold of ten modes with friction agrees with the published value.
+
+    It is published as 0.951825, where four reversals a half period become six. The folds on both
+    sides of that are 1.3e-6 and 5.4e-5 below it.
+    """
     folds = [
         fold
         for fold in find_folds(paper_case(10, 1.0, 3.5, 0.7, 0.1), 0.94, 0.965)
@@ -149,7 +164,11 @@ def test_one_mode_with_losses_is_stable_on_the_high_branch_without_symmetry() ->
 
 
 def test_the_slow_pair_lives_while_the_fast_pair_does_not() -> None:
-    """Unstable by a fast pair of up to about 3, while the beam's own vibration decays by exp(-D omega_1 T/2) = 0.967 in half a period."""
+    """The slow pair of multipliers is stable while the fast pair is not.
+
+    The orbit is unstable by a fast pair of up to about 3. The beam's own vibration decays by exp(-D
+    omega_1 T/2) = 0.967 in half a period.
+    """
     stability = high_orbit(paper_case(3, 0.9523, 1.5, friction=0.01)).stability
     assert not stability.stable
     assert stability.slowly_stable
@@ -157,7 +176,7 @@ def test_the_slow_pair_lives_while_the_fast_pair_does_not() -> None:
     assert np.abs(stability.slow_multipliers) == pytest.approx([0.967, 0.967], abs=0.01)
 
 
-# --- surveys and maps ---------------------------------------------------------------------------------------------------------------
+# --- surveys and maps
 
 
 def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
@@ -170,7 +189,7 @@ def test_branches_find_orbits_that_the_closed_form_does_not_lead_to() -> None:
     assert [orbit.schedule.reversals for orbit in amplitudes[0.966]] == [26]
 
 
-# --- the pair without symmetry, and doubled periods ----------------------------------------------------------------------------------
+# --- the pair without symmetry, and doubled periods
 
 MODEL = model_of(1)
 FIRST = float(MODEL.omega[0])
@@ -178,7 +197,11 @@ LIMITS = (0.8 * FIRST, 0.96 * FIRST)
 
 
 def test_the_high_branch_of_one_dissipative_mode_hands_over_to_a_pair() -> None:
-    """N_m = 1, e = 0.75, 1.5 N: at 0.93 runs of the exact method settle to orbits of 0.714381 mm, one the mirror image of the other."""
+    """The high branch of one dissipative mode is replaced by a pair of orbits.
+
+    N_m = 1, e = 0.75, 1.5 N: at 0.93 runs of the exact method end on orbits of 0.714381 mm, one the
+    mirror image of the other.
+    """
     case = Case(MODEL, 0.9 * FIRST, 1.5, restitution=0.75)
     (branch,) = orbit_branches(case, *LIMITS)
     breaking = branch.of(SYMMETRY_BREAKING)

@@ -1,4 +1,7 @@
-"""Kinds of response, stays in the regime of impacts, and the jump: constructed motions, known samples, runs, and a strip besides the beam."""
+"""Kinds of response, stays in the impact regime, and the jump are identified correctly.
+
+They are tested with constructed motions, known samples, runs of the beam, and runs of a strip.
+"""
 
 from collections.abc import Callable
 
@@ -145,7 +148,8 @@ def test_rate_of_a_known_sample() -> None:
     estimate = exit_rate(observed)
     count = int(np.sum(observed.ended))
     assert estimate.rate == count / np.sum(observed.durations)
-    # the same interval by chi-square quantiles, and the same estimate by maximising the likelihood of a library's censored fit
+    # the same interval by chi-square quantiles, and the same estimate by maximising the likelihood
+    # of a library's censored fit
     assert estimate.low == pytest.approx(
         scipy.stats.chi2.ppf(0.025, 2 * count) / 2 / estimate.exposure
     )
@@ -202,7 +206,11 @@ def test_integral_of_the_rate() -> None:
 
 
 def test_factor_of_a_moving_frequency_is_estimated_from_counts() -> None:
-    """Runs that leave at a rate in time and at another in frequency: survival is the product of both, drawn run by run."""
+    """The factor of a moving frequency is estimated from counts.
+
+    Runs leave at one rate in time and at another in frequency. Survival is the product of both,
+    drawn run by run.
+    """
     drawn = np.random.default_rng(5)
     rate = 1 / 700
     moved = 0.05
@@ -227,7 +235,11 @@ def test_factor_of_a_moving_frequency_is_estimated_from_counts() -> None:
 
 
 def test_sweeps_up_keep_what_sweeps_down_lose() -> None:
-    """The motion of the frequency carries runs over the border of the regime, or away from it: fewer leave the same range upwards."""
+    """Fewer runs leave the impact regime in sweeps up than in sweeps down.
+
+    The change of the frequency carries runs over the border of the regime, or away from it. Both
+    sweeps pass the same range.
+    """
     scene, approach = paper()
     phases = draw_members(1200, 3, "phase").phases.tolist()
     down, up = (
@@ -279,7 +291,8 @@ def test_approach_and_passage_go_where_they_should() -> None:
     assert set(at_once.schedule.omegas / (2 * np.pi)) == {0.97}
 
 
-# The largest Lyapunov exponent: of a stable orbit its multiplier's, of chaos how two runs part, by the exact method alone.
+# The largest Lyapunov exponent: of a stable orbit its multiplier's, of chaos how two runs part, by
+# the exact method alone.
 
 
 def drive(scene: Scene, force: float, ratio: float, periods: float) -> Drive:
@@ -300,7 +313,11 @@ def test_exponent_of_a_stable_orbit_is_its_largest_multipliers() -> None:
 
 
 def test_chaos_parts_runs_as_its_exponent_says() -> None:
-    """Pairs of runs a billionth of the gap apart: the mean logarithm of what they part by grows along the exponent until they forget each other."""
+    """In chaos, runs separate as the Lyapunov exponent says.
+
+    Pairs of runs start a billionth of the gap apart. The mean logarithm of their distance grows
+    with the exponent until they are no longer correlated.
+    """
     scene = beam_scene(Beam(modes=1), impact_absorber())
     omega = scene.model.resonance_omega(1)
     exponent = largest_exponent(scene, drive(scene, 1.7, 1.0, 500.0), 1600)

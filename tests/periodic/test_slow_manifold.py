@@ -1,4 +1,8 @@
-"""The slow invariant manifold, against sums of harmonics, dense matrices, exact orbits, and long runs of the exact method."""
+"""The slow invariant manifold is correct.
+
+It is compared with sums of harmonics, dense matrices, exact orbits, and long runs of the exact
+method.
+"""
 
 import json
 from dataclasses import replace
@@ -33,14 +37,19 @@ OTHER = Case(other_model(), 30.2, 8.0, 3e-3, 0.6, 0.05, 0.06)
 
 
 def motion_at_impact(case: Case, manifold: SlowManifold, impulse: float) -> tuple[float, float]:
-    """Return relative displacement and mean relative velocity at the lower wall by sums over harmonics, the resonant mode's first one as given."""
+    """Return relative displacement and mean relative velocity at the lower wall.
+
+    They are sums over harmonics, with the first harmonic of the resonant mode given by the
+    manifold.
+    """
     model = case.model
     order = np.arange(1, 400_001, 2)[:, None]
     omega = case.omega * order
     receptance = 1 / (
         model.omega**2 - omega**2 + 2j * np.asarray(model.damping_ratio) * model.omega * omega
     )
-    # force on the structure: alternating impulses -P, and +limit in the half period after the impact on the lower wall
+    # force on the structure: alternating impulses -P, and +limit in the half period after the
+    # impact on the lower wall
     train = -impulse * 2 * case.omega / np.pi - 4j * case.friction_limit / (np.pi * order)
     response = np.asarray(model.tip_shape) ** 2 * receptance * train
     offset, slope = manifold.coefficients
@@ -78,7 +87,11 @@ def test_with_one_mode_the_fold_force_is_that_of_dense_matrices(ratio: float) ->
 
 
 def test_the_modal_restitution_is_that_of_an_impact_of_free_bodies() -> None:
-    """The velocity that the resonant mode alone keeps after an impact of the absorber at one metre a second."""
+    """The modal restitution is that of an impact of free bodies.
+
+    It is the velocity of the resonant mode alone after an impact of the absorber at one metre a
+    second.
+    """
     model = other_model()
     mass = 0.06 * model.beam_mass
     shape = np.asarray(model.tip_shape)
@@ -122,7 +135,11 @@ def test_friction_belongs_to_the_manifold() -> None:
 def test_the_motion_is_modulated_below_the_onset_and_settles_above_it(
     share: float, settles: bool
 ) -> None:
-    """One mode at the resonance: above the onset all impulses of the end of a run are alike, below it they are not."""
+    """The motion is modulated below the onset and constant above it.
+
+    One mode is at its resonance. Above the onset all impulses at the end of a run are equal, below
+    it they are not.
+    """
     model = model_of(1)
     omega = float(model.omega[0])
     case = Case(model, omega, 1.0, restitution=0.7)

@@ -1,8 +1,13 @@
-"""One contact mechanics for all references and any number of absorbers: what each can do, and what an event at one makes of all.
+"""Contact mechanics of all references, for any number of absorbers.
 
-A regime says what the force lambda between an absorber and its place on the beam (on the absorber, minus its shape times lambda on the modes) is:
-either a law of the relative displacement y and velocity gamma, or, where both are joined, what keeps them together. A regime lasts as long as all
-its guards are positive. A guard is a constant plus weights times y, gamma and lambda. Nothing here knows how a motion between two events is computed.
+The module has the regimes of each absorber, and the effects that an event of one absorber has on
+all.
+
+A regime says what the force lambda between an absorber and its place on the beam (on the absorber,
+minus its shape times lambda on the modes) is: either a law of the relative displacement y and
+velocity gamma, or, where both are joined, what keeps them together. A regime lasts as long as all
+its guards are positive. A guard is a constant plus weights times y, gamma and lambda. Nothing here
+knows how a motion between two events is computed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +49,11 @@ TOUCHING = 1 - 1e-15  # of the gap: an absorber that starts there is on the wall
 
 @dataclass(frozen=True)
 class Guard:
-    """``constant + y_weight (y - rest) + gamma_weight gamma + force_weight lambda``; ``side``: 1 or -1 where a wall or a slider's end is meant."""
+    """A guard of a regime.
+
+    Its value is ``constant + y_weight (y - rest) + gamma_weight gamma + force_weight lambda``.
+    ``side`` is 1 or -1 for a wall or an end of a slider.
+    """
 
     event: str
     constant: float
@@ -57,9 +66,13 @@ class Guard:
 
 @dataclass(frozen=True)
 class Regime:
-    """``lambda = constant - stiffness (y - rest) - slider (y - slider_rest) - damping gamma``, or the joint's force.
+    """A regime with its law of the contact force.
 
-    ``side``: the wall that a joined absorber rests on, or whose spring is touched. ``sliding``: the sign of the relative velocity in friction.
+    The law is ``lambda = constant - stiffness (y - rest) - slider (y - slider_rest) - damping
+    gamma``, or the joint's force.
+
+    ``side``: the wall that a joined absorber rests on, or whose spring is touched. ``sliding``: the
+    sign of the relative velocity in friction.
     """
 
     name: str
@@ -90,7 +103,11 @@ def _named(word: str, sign: int) -> str:
 
 
 class Automaton:
-    """The regimes of one absorber (or of none): gap (m), restitution, limit (N) and stiffnesses (N/m) are None where there is no such thing."""
+    """The regimes of one absorber (or of none).
+
+    Gap (m), restitution, limit (N) and stiffnesses (N/m) are None if the absorber does not have
+    them.
+    """
 
     def __init__(self, absorber: Absorber | None, mobility: float = 0.0) -> None:
         sliding = absorber if isinstance(absorber, SlidingAbsorber) else None
@@ -101,7 +118,8 @@ class Automaton:
         self.wall_stiffness = walls.stiffness if isinstance(walls, CompliantWalls) else None
         self.wall_damper = 0.0
         if isinstance(walls, CompliantWalls) and walls.restitution < 1:
-            # a mass on a spring and a damper leaves with e = exp(-pi D/sqrt(1 - D^2)) of its velocity after half a period
+            # a mass on a spring and a damper leaves with e = exp(-pi D/sqrt(1 - D^2)) of its
+            # velocity after half a period
             loss = np.log(walls.restitution) / np.pi
             ratio = -loss / np.sqrt(1 + loss**2)
             self.wall_damper = float(2 * ratio * np.sqrt(walls.stiffness / mobility))
@@ -114,7 +132,11 @@ class Automaton:
         self.springs = self.wall_stiffness is not None or self.slider is not None
 
     def regime(self, name: str) -> Regime:
-        """Return the regime ``linear``, ``free``, ``slide +``, ``slide -``, ``stuck``, ``held +``, ``held -``, ``contact +`` or ``contact -``."""
+        """Return the regime of a name.
+
+        Names are ``linear``, ``free``, ``slide +``, ``slide -``, ``stuck``, ``held +``, ``held -``,
+        ``contact +`` and ``contact -``.
+        """
         kind, _, sign = name.partition(" ")
         side = {"+": 1, "-": -1, "": 0}[sign]
         if kind == "linear":
@@ -150,7 +172,8 @@ class Automaton:
         limit = 0.0 if self.limit is None else self.limit
         up = Guard(RELEASE_DOWN, limit, force_weight=-1.0)
         down = Guard(RELEASE_UP, limit, force_weight=1.0)
-        # a wall pushes as hard as it must: at the upper one only the upper bound of the force remains
+        # a wall pushes as hard as it must: at the upper one only the upper bound of the force
+        # remains
         return Regime(
             _named("held", side) or "stuck",
             {0: (up, down), 1: (up,), -1: (down,)}[side],
@@ -159,7 +182,11 @@ class Automaton:
         )
 
     def sprung(self, side: int, sliding: int = 0, slider_rest: Number = 0.0) -> Regime:
-        """Return the regime with a compliant wall touched (``side``, 0: none), and an elastic slider that slides or holds with its rest in m."""
+        """Return the regime with contact at a compliant wall, or with an elastic slider.
+
+        ``side`` is that of the wall, 0 for none. The slider slides or sticks with its rest position
+        in m.
+        """
         stiffness = (
             self.wall_stiffness
             if self.wall_stiffness is not None and (side or self.bonded)
@@ -231,7 +258,10 @@ def automata_of(scene: Scene) -> list[Automaton]:
 
 
 class Motion(Protocol):
-    """What a reference tells about the state that it is in, and does to it. ``mobility`` (n, n) in 1/kg: relative accelerations for forces."""
+    """The state of a reference as `Contacts` reads and changes it.
+
+    ``mobility`` (n, n) in 1/kg gives relative accelerations for forces.
+    """
 
     mobility: Array
 
@@ -242,7 +272,10 @@ class Motion(Protocol):
         """Return the accelerations (n,) in m/s^2 of the absorbers' places if no absorber pushed."""
 
     def strike(self, which: int, restitution: float) -> None:
-        """Turn the relative velocity of an absorber into -restitution times itself by an impulse (paper, Eq. impulse)."""
+        """Reverse the relative velocity of an absorber by an impulse (paper, Eq. impulse).
+
+        It becomes -restitution times itself.
+        """
 
     def stop(self, which: Sequence[int]) -> None:
         """Make relative velocities zero, by impulses."""
@@ -251,7 +284,8 @@ class Motion(Protocol):
 class Contacts:
     """What the absorbers of a scene are doing, as a motion goes on.
 
-    ``zeros``: for each absorber the order of the root that each guard of its regime has at the regime's start, 0 where it has none.
+    ``zeros``: for each absorber the order of the root that each guard of its regime has at the
+    regime's start, 0 where it has none.
     """
 
     def __init__(self, scene: Scene, motion: Motion, rest_speed: float) -> None:
@@ -308,7 +342,10 @@ class Contacts:
             self._settle(rests)
 
     def _enter(self, which: int, regime: Regime, at: int = 0, still: int = 0) -> None:
-        """Set a regime that starts on the wall of a side (0: on none), with a root of order ``still`` of the relative velocity."""
+        """Set a regime that starts on the wall of a side (0: on none).
+
+        The relative velocity has a root of order ``still`` at the start.
+        """
 
         def order(guard: Guard) -> int:
             if guard.event in (REVERSAL, HOLD):
@@ -377,7 +414,10 @@ class Contacts:
             )
 
     def _collide(self, first: int, on_wall: Mapping[int, int], resting: Mapping[int, int]) -> None:
-        """Let an absorber hit its wall, and then those that an impact drives into theirs; what rested and is moved by that is torn loose."""
+        """Apply an absorber's impact, and the impacts of others that it drives into their walls.
+
+        Absorbers at relative rest that are moved by these impacts are released.
+        """
         into = [first]
         while into:
             if len(self.struck) > MOST_STRIKES:
@@ -402,10 +442,14 @@ class Contacts:
         self._settle(rests)
 
     def _settle(self, resting: Mapping[int, int]) -> None:
-        """Find out which of the absorbers without relative velocity, each on the wall of a side or on none, stay joined, and how the others go on.
+        """Decide which of the absorbers without relative velocity stay joined.
 
-        All assignments are tried: joined with a force within its bounds, or sliding away under a force at a bound. One alone is consistent, since the
-        mobility is positive definite; where rounding leaves none or two, the first of those that are wrong by least.
+        Each is on the wall of a side or on none. Those that do not stay joined get their next
+        regime.
+
+        All assignments are tried: joined with a force within its bounds, or sliding away under a
+        force at a bound. One alone is consistent, since the mobility is positive definite; where
+        rounding leaves none or two, the first of those that are wrong by least.
         """
         if not resting:
             return
@@ -439,7 +483,10 @@ class Contacts:
 def _wrongness(
     choice: Sequence[int], drift: Array, coupling: Array, bounds: Sequence[tuple[float, float]]
 ) -> float:
-    """Return by how much (N) an assignment breaks its conditions; ``choice``: 0 joined, else the sign of the relative motion."""
+    """Return by how much (N) an assignment violates its conditions.
+
+    ``choice`` is 0 for a joined absorber, else the sign of the relative motion.
+    """
     forces = np.array(
         [
             0.0 if sign == 0 else bound[0] if sign > 0 else bound[1]

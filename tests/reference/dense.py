@@ -1,8 +1,12 @@
-"""A reference in double precision: dense matrix exponentials on a fine grid, events by root finding. Slow, short and independent.
+"""A reference in double precision by dense matrix exponentials on a fine grid.
 
-It shares no algorithm with the methods it judges: no modes of coupled regimes, no expansion of the drive, no bounds. A regime is a dense first-order
-matrix (`mechanics`); a step is its exponential plus Gauss-Legendre quadrature of the force. Between two grid points a guard is taken to change sign
-at most once, which the grid's fineness makes likely and nothing proves. Where the reference cannot go on safely it ends early.
+Events are found by root finding. The reference is slow, short and independent.
+
+It shares no algorithm with the methods it judges: no modes of coupled regimes, no expansion of the
+drive, no bounds. A regime is a dense first-order matrix (`mechanics`); a step is its exponential
+plus Gauss-Legendre quadrature of the force. Between two grid points a guard is taken to change sign
+at most once, which the grid's fineness makes likely and nothing proves. Where the reference cannot
+go on safely it ends early.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,7 +52,10 @@ Step = tuple[Array, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """A load as functions of time: force in N, the base's acceleration in m/s^2, between ``breaks`` (K,) in s smooth; ``highest`` in rad/s.
+    """A load as functions of time.
+
+    ``force`` is in N and ``base``, the base's acceleration, in m/s^2. Both are smooth between
+    ``breaks`` (K,) in s. ``highest`` is in rad/s.
 
     ``further``: further forces in N, each with its mode shape (N_m,) in 1/sqrt(kg).
     """
@@ -72,10 +79,14 @@ def harmonic(drive: Drive) -> Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Samples (S,) as far as the reference goes: time in s, tip displacement in m, (S, n) relative displacements in m, and states (S, 2 N_m + 2 n).
+    """Samples (S,) of a reference run, as far as the reference could follow it.
 
-    A state is that of `InitialState.vector`. ``relative`` is (S,) with one absorber or none. Impacts and contacts (K,) up to the last sample: time in
-    s, relative velocity before in m/s, absorber. ``events`` counts all events, ``complete`` says whether the reference went to its end.
+    Time in s, tip displacement in m, (S, n) relative displacements in m, and states (S, 2 N_m + 2
+    n).
+
+    A state is that of `InitialState.vector`. ``relative`` is (S,) with one absorber or none.
+    Impacts and contacts (K,) up to the last sample: time in s, relative velocity before in m/s,
+    absorber. ``events`` counts all events, ``complete`` says whether the reference went to its end.
     """
 
     time: Array
@@ -142,7 +153,10 @@ class Walk:
         )
 
     def pull(self) -> Array:
-        """Return the accelerations (n,) in m/s^2 of the absorbers' places relative to the absorbers, if none pushed."""
+        """Return the relative accelerations (n,) in m/s^2 of the absorbers' places.
+
+        They are relative to the absorbers, without forces of the absorbers.
+        """
         m = self.mechanics
         now = self._inputs(np.array([self.time]))[:, 0]
         return np.asarray(
@@ -173,7 +187,10 @@ class Walk:
         return self._made[regimes]
 
     def sample(self) -> tuple[float, Array]:
-        """Return tip and relative displacements (n,) in m. A joined absorber tells more exactly where the tip is than a sum over modes."""
+        """Return tip displacement and relative displacements (n,) in m.
+
+        The position of a joined absorber gives the tip more precisely than a sum over modes.
+        """
         m = self.mechanics
         tip = float(m.tip @ self.x)
         relative = m.gaps @ self.x
@@ -205,7 +222,10 @@ class Walk:
         )
 
     def _stretch(self, end: float, finer: int = 1, least: int = 1) -> bool:
-        """Advance to ``end`` or to the next event, on a grid ``finer`` times finer than usual and of ``least`` steps."""
+        """Advance to ``end`` or to the next event.
+
+        The grid is ``finer`` times finer than usual and has at least ``least`` steps.
+        """
         regimes = tuple(self.contacts.regimes)
         linear, fastest = self._linear(regimes)
         calm = self.long_steps and not any(regime.guards for regime in regimes)
@@ -254,7 +274,11 @@ class Walk:
         return self.contacts.zeros[which][number] > 0 or (self.slipped and guard.event == HOLD)
 
     def _step(self, regimes: tuple[Regime, ...], linear: Linear, h: float, calm: bool) -> Step:
-        """Return the exponential of a step of h s, the columns (S, inputs, nodes) that weigh the inputs at its nodes, and the nodes in s."""
+        """Return the exponential of a step of h s, and its quadrature of the inputs.
+
+        The columns (S, inputs, nodes) are the weights of the inputs at the nodes of the step. The
+        nodes are in s.
+        """
         known = self._last_step
         if known is None or known[0] != regimes or abs(known[1] - h) > SAME_STEP * h:
             places, weights = CALM_NODES if calm else NODES
@@ -291,7 +315,10 @@ class Walk:
     def _first(
         self, linear: Linear, xs: Array, times: Array, h: float
     ) -> list[tuple[int, int, int]]:
-        """Return absorber, number of the guard and step of the guards that are passed in the first step in which any is."""
+        """Return the guards that are violated in the first step with a violated guard.
+
+        Each has the absorber, the number of the guard and the step.
+        """
         events = []
         for which, regime in enumerate(self.contacts.regimes):
             for number, guard in enumerate(regime.guards):
@@ -346,9 +373,9 @@ class Walk:
             return float(self.mechanics.speeds[which] @ self._part(linear, x, time, length))
 
         end = h
-        if (
-            value(h) >= 0
-        ):  # a graze: up to where the relative velocity turns, if it is not rounding that the step's end is beyond the guard
+        if value(h) >= 0:
+            # a graze: up to where the relative velocity turns, if it is not rounding that the step's
+            # end is beyond the guard
             if speed(0.0) * speed(h) >= 0:
                 return h
             end = scipy.optimize.brentq(speed, 0.0, h, xtol=1e-18, rtol=1e-15)
@@ -362,7 +389,10 @@ class Walk:
 
 
 def _dips(values: Array, slopes: Array, h: float) -> NDArray[np.bool_]:
-    """Return (steps,) whether the cubic through values and slopes at a step's ends goes below zero and comes back."""
+    """Return (steps,) whether the cubic of a step goes below zero and returns.
+
+    The cubic has the values and slopes at the step's ends.
+    """
     past = np.zeros(len(values) - 1, dtype=bool)
     turns = (
         (slopes[:-1] < 0)
@@ -389,9 +419,10 @@ def follow(
 ) -> Truth:
     """Return the reference at ``times`` (S,) in s, rising from 0, or as far as it goes.
 
-    It ends at the first of the times after more than ``most_impacts``, or before an interval with more than ``most_events``, or with events so close
-    to one another that the grid cannot tell them apart. ``long_steps`` are quicker where nothing ends a regime; a force far above all modes
-    then loses digits.
+    It ends at the first of the times after more than ``most_impacts``, or before an interval with
+    more than ``most_events``, or with events so close to one another that the grid cannot tell them
+    apart. ``long_steps`` are quicker where nothing ends a regime; a force far above all modes then
+    loses digits.
     """
     inputs = harmonic(drive) if isinstance(drive, Drive) else drive
     walk = Walk(

@@ -1,9 +1,13 @@
-"""A reference with many digits: Taylor series of order 70 in whole numbers of 2^-200, events on the series themselves. About 40 digits are right.
+"""A reference with about 40 correct digits.
+
+It uses Taylor series of order 70 in whole numbers of 2^-200, and finds events on the series
+themselves.
 
 The whole numbers stand for numbers of some 60 digits: NumPy arrays of Python's integers.
 
-With q'' = -2 D omega q' - omega^2 q + force_shape f(t) - sum_a shape_a lambda_a and m_a q_a'' = lambda_a the coefficients follow order by order,
-time counted in steps. The force A cos(theta), theta' = Omega + alpha t, has the coefficients that follow from c' = -theta' s, s' = theta' c. All
+With q'' = -2 D omega q' - omega^2 q + force_shape f(t) - sum_a shape_a lambda_a and m_a q_a'' =
+lambda_a the coefficients follow order by order, time counted in steps. The force A cos(theta),
+theta' = Omega + alpha t, has the coefficients that follow from c' = -theta' s, s' = theta' c. All
 inputs count as the exact doubles that they are. Regimes, guards and jumps are those of `contact`.
 """
 
@@ -85,7 +89,8 @@ def value_at(rows: Whole, at: int) -> tuple[Whole, Whole]:
 def first_root(row: list[int], end: int) -> int | None:
     """Return the first place in (0, end], in steps, where a guard turns negative.
 
-    ``row`` is the guard's series less the powers of time that it starts with: so a regime that starts on its guard lasts until that is met again.
+    ``row`` is the guard's series less the powers of time that it starts with: so a regime that
+    starts on its guard lasts until that is met again.
     """
     numbers = np.array(row, dtype=object).astype(float) * UNIT
     if numbers[0] < 0:
@@ -113,7 +118,11 @@ def first_root(row: list[int], end: int) -> int | None:
 
 @dataclass(frozen=True)
 class Event:
-    """An event: time (s), absorber, what it was (a name of `contact`), and the regime of that absorber that follows."""
+    """An event.
+
+    Its time (s), its absorber, its kind (a name of `contact`), and the following regime of that
+    absorber.
+    """
 
     time: Fraction
     absorber: int
@@ -123,10 +132,13 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Impact times (s) as exact fractions, relative velocities before (m/s) and absorbers, contacts of compliant walls included.
+    """A trajectory with its impacts and events.
 
-    ``end``: modal displacements, absorber displacements, modal velocities, absorber velocities at ``end_time``, with all their digits. ``start``: the
-    regime of each absorber at time 0.
+    Impact times (s) are exact fractions. Relative velocities are those before the impact (m/s).
+    Contacts with compliant walls are included.
+
+    ``end``: modal displacements, absorber displacements, modal velocities, absorber velocities at
+    ``end_time``, with all their digits. ``start``: the regime of each absorber at time 0.
     """
 
     impact_time: tuple[Fraction, ...]
@@ -254,7 +266,10 @@ class Run:
     # --- series
 
     def _laws(self) -> tuple[Whole, list[int], Whole]:
-        """Return the laws of all absorbers in units of a step, (6, n): forces without motion, stiffnesses, rests, sliders', theirs, dampings.
+        """Return the laws of all absorbers in units of a step, (6, n).
+
+        They are forces without motion, stiffnesses, rest positions, sliders' stiffnesses, sliders'
+        rest positions, and dampings.
 
         And which are joined (their laws are zero), with the inverse mobility of these.
         """
@@ -293,7 +308,11 @@ class Run:
         return cosine, sine
 
     def _series(self, cosine: list[int]) -> tuple[Whole, Whole]:
-        """Return the coefficients of all displacements (ORDER + 1, N_m + n), and of the forces in units of a step (ORDER + 1, n)."""
+        """Return the coefficients of all displacements and forces.
+
+        Those of displacements are (ORDER + 1, N_m + n), those of forces in units of a step (ORDER +
+        1, n).
+        """
         n = self.modes
         shapes = self.shapes
         (constant, stiffness, rest, slider, slider_rest, damping), joined, joint = self._laws()
@@ -338,7 +357,10 @@ class Run:
         return np.asarray(x[..., self.modes :] - ((x[..., : self.modes] @ self.shapes.T) >> BITS))
 
     def _guard(self, guard: Guard, y: Whole, force: Whole) -> list[int]:
-        """Return the coefficients (ORDER - 1,) of a guard, times a positive factor, from those of an absorber's y and force."""
+        """Return the coefficients (ORDER - 1,) of a guard, times a positive factor.
+
+        They follow from those of an absorber's y and force.
+        """
         if guard.gamma_weight:
             return [int(guard.gamma_weight) * (k + 1) * int(y[k + 1]) for k in range(ORDER - 1)]
         weight = whole(guard.y_weight or guard.force_weight)
@@ -350,7 +372,10 @@ class Run:
         return row
 
     def advance(self, until: Fraction) -> tuple[int, Guard] | None:
-        """Go on by one step, at most to ``until``; return the absorber and the guard that ended it, if one did: its event is still to be applied."""
+        """Advance by one step, at most to ``until``.
+
+        Return the absorber and the guard if an event ended the step. The event is not applied yet.
+        """
         k = max(k for k, (time, _) in enumerate(self.schedule[:-1]) if time <= self.time)
         slope = self.slopes[k]
         cosine, sine = self._pushes(
@@ -389,9 +414,13 @@ def follow(
     until: float | None = None,
     rate: float | None = None,
 ) -> Trajectory:
-    """Follow a trajectory to the drive's end, to a time ``until`` (s) or to a number of impacts or events, whichever is first.
+    """Follow a trajectory to the drive's end, or to an earlier limit.
 
-    ``rate`` (rad/s^2) takes the place of the slope between the schedule's two frequencies, whose rounding it carries otherwise.
+    The limits are a time ``until`` (s) and numbers of impacts or events. The first one that is
+    reached ends the trajectory.
+
+    ``rate`` (rad/s^2) takes the place of the slope between the schedule's two frequencies, whose
+    rounding it carries otherwise.
 
     Raises ValueError for a rate beside a bent schedule, RuntimeError if events pile up without end.
     """

@@ -1,7 +1,10 @@
-"""The equations of motion of a scene as dense matrices, from nothing but the modal model and the regimes of `contact`.
+"""The equations of motion of a scene as dense matrices.
 
-Modes: u' = -omega^2 q - 2 D omega u + force_shape f - Gamma a_b - sum_a shape_a lambda_a; absorbers: m_a q_a'' = lambda_a - m_a (r a_b + g) (paper,
-Eq. eqmmod; a base with acceleration a_b, to which all is relative, and gravity g along the absorbers' motion).
+They follow from the modal model and the regimes of `contact` alone.
+
+Modes: u' = -omega^2 q - 2 D omega u + force_shape f - Gamma a_b - sum_a shape_a lambda_a;
+absorbers: m_a q_a'' = lambda_a - m_a (r a_b + g) (paper, Eq. eqmmod; a base with acceleration a_b,
+to which all is relative, and gravity g along the absorbers' motion).
 """
 
 from collections.abc import Sequence
@@ -18,10 +21,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """x' = matrix x + column u for a state x (S,) and inputs u (I,), and the absorbers' forces in N: forces x + pushes u.
+    """x' = matrix x + column u for a state x (S,) and inputs u (I,).
 
-    ``matrix`` (S, S), ``column`` (S, I), ``forces`` (n, S), ``pushes`` (n, I). Inputs are the force in N, the base's acceleration in m/s^2, and
-    further forces in N.
+    The absorbers' forces in N are forces x + pushes u.
+
+    ``matrix`` (S, S), ``column`` (S, I), ``forces`` (n, S), ``pushes`` (n, I). Inputs are the force
+    in N, the base's acceleration in m/s^2, and further forces in N.
     """
 
     matrix: Array
@@ -31,11 +36,15 @@ class Linear:
 
 
 class Mechanics:
-    """Masses, shapes and rows of a scene with n places (one where there is no absorber: a mass of 1 kg that nothing touches).
+    """Masses, shapes and rows of a scene with n places.
 
-    The state (S,) = (2 N_m + 2 n + 1,) is omega_i q_i, omega_1 q_a, u_i, v_a, 1: the scaling keeps exponentials accurate, the 1 carries constants.
-    Another ``scale`` (N_m + n,) of displacements may be given, and mode shapes (N_m,) of ``further`` forces.
-    ``gaps`` (n, S) and ``speeds`` (n, S) are the rows of relative displacement (m) and velocity (m/s), ``tip`` (S,) that of the tip's displacement.
+    Without absorber there is one place: a mass of 1 kg without contact.
+
+    The state (S,) = (2 N_m + 2 n + 1,) is omega_i q_i, omega_1 q_a, u_i, v_a, 1: the scaling keeps
+    exponentials accurate, the 1 carries constants. Another ``scale`` (N_m + n,) of displacements
+    may be given, and mode shapes (N_m,) of ``further`` forces. ``gaps`` (n, S) and ``speeds`` (n,
+    S) are the rows of relative displacement (m) and velocity (m/s), ``tip`` (S,) that of the tip's
+    displacement.
     """
 
     def __init__(
@@ -102,7 +111,8 @@ class Mechanics:
                 )
         joined = [a for a, regime in enumerate(regimes) if regime.joined]
         if joined:
-            # the places' accelerations under the others' forces; in the mobility places and masses are side by side
+            # the places' accelerations under the others' forces; in the mobility places and masses
+            # are side by side
             pull = self.shapes[joined] @ (self.unforced - self.shapes.T @ forces)
             pull[:, -1] -= self.falling[joined]
             coupling = self.mobility[np.ix_(joined, joined)]

@@ -1,4 +1,7 @@
-"""Motion of a beam with masses on it by matrix exponentials with 40 digits, from nothing but its matrices: no events, and stiffness without limit."""
+"""Motion of a beam with attached masses by matrix exponentials with 40 digits.
+
+It follows from the matrices alone, without events, and for any stiffness.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +18,11 @@ TERMS = 24  # of the exponential's series, for an eighth at most
 
 
 def joined_motion(model: ModalModel, masses: Array, shapes: Array, time: float) -> Array:
-    """Return exp(A t) (2 N_m, 2 N_m) with ``masses`` (p,) in kg fixed at places with ``shapes`` (p, N_m), each coordinate scaled to energy."""
+    """Return exp(A t) (2 N_m, 2 N_m) of a beam with fixed masses.
+
+    The ``masses`` (p,) in kg are at places with ``shapes`` (p, N_m). Each coordinate is scaled to
+    energy.
+    """
     with mpmath.workdps(DIGITS):
         mass, damping, stiffness = _beam(model)
         for m, shape in zip(masses, shapes, strict=True):
@@ -27,14 +34,20 @@ def joined_motion(model: ModalModel, masses: Array, shapes: Array, time: float) 
 def sprung_motion(
     model: ModalModel, mass: float, stiffness: float, damper: float, time: float, scale: Array
 ) -> Array:
-    """Return exp(A t) (2 N_m + 2, 2 N_m + 2) with an absorber on a spring (N/m) and a damper (N s/m), coordinates times ``scale``."""
+    """Return exp(A t) (2 N_m + 2, 2 N_m + 2) with an absorber on a spring and a damper.
+
+    The spring is in N/m and the damper in N s/m. Coordinates are multiplied by ``scale``.
+    """
     with mpmath.workdps(DIGITS):
         (masses, damping, springs), _ = _with_spring(model, mass, stiffness, damper)
         return _motion(masses, damping, springs, scale, time)
 
 
 def swinging_tip(model: ModalModel, mass: float, stiffness: float, omega: float) -> complex:
-    """Return the tip's complex amplitude (m/N) under a force on the absorber and against the tip, at ``omega`` in rad/s."""
+    """Return the tip's complex amplitude (m/N) under a force between absorber and tip.
+
+    The force acts on the absorber and against the tip, at ``omega`` in rad/s.
+    """
     with mpmath.workdps(DIGITS):
         (masses, damping, springs), line = _with_spring(model, mass, stiffness, 0.0)
         at = mpmath.mpf(omega)
@@ -57,7 +70,10 @@ def _beam(model: ModalModel) -> list[mpmath.matrix]:
 def _with_spring(
     model: ModalModel, mass: float, stiffness: float, damper: float
 ) -> tuple[list[mpmath.matrix], mpmath.matrix]:
-    """Return mass, damping and stiffness matrices, and the column of a force on the absorber and against the tip."""
+    """Return mass, damping and stiffness matrices, and the column of an internal force.
+
+    The force acts on the absorber and against the tip.
+    """
     n = model.modes
     line = mpmath.matrix([*(-model.tip_shape), 1.0])
     whole = [mpmath.mpf(x) * line * line.T for x in (0.0, damper, stiffness)]
@@ -70,7 +86,11 @@ def _with_spring(
 def _motion(
     mass: mpmath.matrix, damping: mpmath.matrix, stiffness: mpmath.matrix, scale: Array, time: float
 ) -> Array:
-    """Return exp(A t) of displacements and velocities, in coordinates times ``scale``, as floats; by scaling and squaring of the Taylor series."""
+    """Return exp(A t) of displacements and velocities, as floats.
+
+    It is in coordinates times ``scale`` and is computed by scaling and squaring of the Taylor
+    series.
+    """
     n = mass.rows
     size = 2 * mass.rows
     inverse = mass**-1

@@ -1,7 +1,9 @@
-"""Replay of a run with rigid contacts from its list of events alone, by matrix exponentials of the equations of motion.
+"""Reconstruction of a run with rigid contacts from its list of events alone.
 
-Times and kinds of the events are those of the run; all else follows from mass, damping, stiffness and contact laws: a missed event, or one at a wrong
-time, violates a condition of contact.
+It uses matrix exponentials of the equations of motion.
+
+Times and kinds of the events are those of the run; all else follows from mass, damping, stiffness
+and contact laws: a missed event, or one at a wrong time, violates a condition of contact.
 """
 
 from dataclasses import dataclass, field
@@ -25,11 +27,15 @@ WALL_TOL = 1e-6  # of the clearance: an absorber on a wall
 
 @dataclass
 class Violations:
-    """Largest violations of a replay: lengths over the clearance, velocities over the largest relative one, joint forces over the friction limit.
+    """Largest violations of the contact conditions in a reconstruction.
 
-    ``distance`` beyond a wall, ``touch``: distance to the wall at an impact, ``sense``: relative velocity against the sense of sliding, ``rest``:
-    relative velocity where an absorber begins to stick or turns, ``force``: joint force beyond its limit, ``release``: joint force off its limit at
-    a release.
+    Lengths are relative to the clearance, velocities to the largest relative one, and joint forces
+    to the friction limit.
+
+    ``distance`` beyond a wall, ``touch``: distance to the wall at an impact, ``sense``: relative
+    velocity against the sense of sliding, ``rest``: relative velocity where an absorber begins to
+    stick or turns, ``force``: joint force beyond its limit, ``release``: joint force off its limit
+    at a release.
     """
 
     distance: float = 0.0
@@ -86,7 +92,10 @@ class Replay:
         )
 
     def matrix(self, joined: Mask) -> Array:
-        """Return the matrix of the linear motion while a set of absorbers (mask) is joined to the structure."""
+        """Return the matrix of the linear motion with a set of joined absorbers.
+
+        ``joined`` is the mask of the absorbers that are joined to the structure.
+        """
         n = self.n
         half = self.half
         size = len(self.state)
@@ -128,7 +137,10 @@ class Replay:
 def replay(
     scene: Scene, drive: Drive, impacts: Any, phases: Any, reversals: Any
 ) -> tuple[Array, Violations]:
-    """Return the end state (2 N_m + 2 n,) and the violations of a run from rest by its impacts, contact phases and reversals."""
+    """Return the end state (2 N_m + 2 n,) and the violations of a run from rest.
+
+    The run is reconstructed from its impacts, contact phases and reversals.
+    """
     run = Replay(scene, drive)
     end = float(drive.schedule.times[-1])
     fastest = max(float(np.max(np.abs(impacts.relative_velocity), initial=0.0)), 1e-30)
@@ -177,7 +189,10 @@ def replay(
 
 
 def _start(run: Replay, joined: Mask) -> Array:
-    """Let absorbers that do not stick slide against their relative acceleration at time 0, and return the matrix."""
+    """Let absorbers that do not stick slide against their relative acceleration at time 0.
+
+    Return the matrix of the motion.
+    """
     for _ in range(10):  # the friction of one acts on the others
         matrix = run.matrix(joined)
         rates = matrix @ run.state
@@ -200,7 +215,10 @@ def _stick(run: Replay, worst: Violations, which: int, before: bool, fastest: fl
 
 
 def _release(run: Replay, worst: Violations, which: int, force: float, alone: bool) -> None:
-    """Let an absorber slide against its joint force (N), or off its wall; ``alone``: nothing else happens, so that the force is at its limit."""
+    """Let an absorber slide against its joint force (N), or leave its wall.
+
+    With ``alone`` no other event occurs at this time, so the force must be at its limit.
+    """
     if abs(run.distance[which]) > run.gaps[which] * (1 - WALL_TOL):
         run.senses[which] = -np.sign(run.distance[which])
         return

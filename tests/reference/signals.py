@@ -1,8 +1,11 @@
-"""First events of guard signals by brute force: a dense scan in numpy, and SciPy's root finder. It shares no code with the exact method.
+"""First events of guard signals by brute force.
 
-A signal is y(t) = sum_j Re(u_j exp(s_j t)) + f(tau + t) + p_0 + p_1 t + p_2 t^2/2, with f Re(P(x) exp(i omega x)). Near t = 0 what is summed is the
-remainder of each term's Taylor series, on top of the rate and the bend at the start as they are meant, and walls are measured from the start: a
-start on a wall then is exactly there, and the way from it has all digits.
+A dense scan in numpy and SciPy's root finder share no code with the exact method.
+
+A signal is y(t) = sum_j Re(u_j exp(s_j t)) + f(tau + t) + p_0 + p_1 t + p_2 t^2/2, with f Re(P(x)
+exp(i omega x)). Near t = 0 what is summed is the remainder of each term's Taylor series, on top of
+the rate and the bend at the start as they are meant, and walls are measured from the start: a start
+on a wall then is exactly there, and the way from it has all digits.
 """
 
 from __future__ import annotations
@@ -41,7 +44,11 @@ def remainder(z: Complex, order: int) -> Complex:
 
 @dataclass(frozen=True)
 class Force:
-    """f(x) = Re(P(x) exp(i omega x)) and its derivatives: polynomials (SERIES, K) in the time x (s) from the window's centre, omega (rad/s)."""
+    """The force f(x) = Re(P(x) exp(i omega x)) and its derivatives.
+
+    ``polynomials`` (SERIES, K) are functions of the time x (s) from the window's centre. ``omega``
+    is in rad/s.
+    """
 
     polynomials: Complex
     omega: float
@@ -62,7 +69,10 @@ class Force:
 
 @dataclass(frozen=True)
 class Signals:
-    """N signals of the same slots under the same force: s (J,), u (N, J), p (N, 3), start (N, 3), f with its derivatives at tau (SERIES,), tau (s).
+    """N signals of the same slots under the same force.
+
+    The arrays are s (J,), u (N, J), p (N, 3), start (N, 3), f with its derivatives at tau
+    (SERIES,), and tau (s).
 
     ``start`` holds y, y' and y'' at t = 0.
     """
@@ -108,7 +118,10 @@ class Signals:
         return tuple(values)
 
     def late(self, t: Array, wave: Complex | None = None, shift: float = 0.0) -> tuple[Array, ...]:
-        """Return y - y(0), y' and y'' (N, T) at times shift + t; ``wave`` (J, T): exp(s t), where it is known."""
+        """Return y - y(0), y' and y'' (N, T) at times shift + t.
+
+        ``wave`` (J, T) is exp(s t), if it is known.
+        """
         wave = np.exp(self.s[:, None] * t) if wave is None else wave
         u = self.u * np.exp(self.s * shift)
         x = shift + t
@@ -131,7 +144,11 @@ class Signals:
 
 @dataclass(frozen=True)
 class Guards:
-    """Walls (N,) as seen from y(0), infinite where there is none, and the sign that the rate starts with (N,), 0 where it is not watched."""
+    """Walls of signals, and the signs of their rates.
+
+    ``low`` and ``high`` (N,) are distances of the walls from y(0), infinite if there is no wall.
+    ``direction`` (N,) is the initial sign of the rate, 0 if its zero is not an event.
+    """
 
     low: Array
     high: Array
@@ -142,7 +159,10 @@ class Guards:
         return Guards(self.low[which], self.high[which], self.direction[which])
 
     def distances(self, y: Array, v: Array, a: Array) -> dict[int, tuple[Array, Array]]:
-        """Return for each kind of event how far the signal is from it, and the slope of that; (N,) or (N, T)."""
+        """Return the distance of the signal from each kind of event, and its slope.
+
+        They have the shape (N,) or (N, T).
+        """
         low, high, sign = (
             g.reshape(-1, *[1] * (y.ndim - 1)) for g in (self.low, self.high, self.direction)
         )
@@ -152,7 +172,11 @@ class Guards:
 
 @dataclass
 class FirstEvents:
-    """First events (N,): kind, time (s), infinite where there is none; slope of the guard there, and whether the case is clear enough to judge."""
+    """First events (N,) of signals.
+
+    Kind, time (s; infinite if there is no event), slope of the guard at the event, and whether the
+    case is clear enough to judge.
+    """
 
     kind: Integers
     time: Array
@@ -198,7 +222,10 @@ def _scan(
     cases: Integers,
     events: FirstEvents,
 ) -> Integers:
-    """Look for the first event of each open case at the times t, and return the cases that stay open."""
+    """Find the first events of the open cases at the times t.
+
+    Return the cases that stay open.
+    """
     flags = []
     h = np.diff(t)
     for kind, (distance, slope) in guards.of(cases).distances(*values).items():

@@ -1,4 +1,7 @@
-"""Moreau's scheme with small steps for several absorbers: contact laws as projections, without regimes, events or modes of joined sets."""
+"""Moreau's scheme with small steps for several absorbers.
+
+Contact laws are projections, without regimes, events or modes of joined sets.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

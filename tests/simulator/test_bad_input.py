@@ -1,4 +1,8 @@
-"""What the walk at the end cannot know: the ranges of numbers, what does not go together, and the messages of plain data, by their paths."""
+"""Wrong input of the simulator is refused with a message that names it.
+
+These tests cover ranges of numbers, parameters that do not fit together, and messages of plain data
+by their paths. The test at the end, which calls everything with wrong values, cannot know these.
+"""
 
 import inspect
 import math
@@ -206,11 +210,17 @@ def several(*members: dict[str, Any]) -> dict[str, Any]:
 PLAIN: list[tuple[Any, str]] = [
     (
         [],
-        "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, nastran, ansys, cyclic, absorber, force, places",
+        (
+            "scene = [] is not allowed: a table with keys among beam, model, universal, matrices, "
+            "nastran, ansys, cyclic, absorber, force, places"
+        ),
     ),
     (
         {"beams": {}},
-        "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, nastran, ansys, cyclic, absorber, force, places are known",
+        (
+            "scene.beams = {} is not allowed: only the keys beam, model, universal, matrices, "
+            "nastran, ansys, cyclic, absorber, force, places are known"
+        ),
     ),
     ({"beam": 3}, "scene.beam = 3 is not allowed: a table with keys among length_m"),
     ({"beam": {"length_m": 10**400}}, "scene.beam.length_m = a whole number of very many digits"),

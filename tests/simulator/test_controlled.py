@@ -67,7 +67,10 @@ def controlled(
 def whole(
     scene: Scene, method: Method, force: float, schedule: FrequencySchedule
 ) -> tuple[Response, float]:
-    """Return the response and its level, with the records of the other tests, so that no kernel is compiled for this one alone."""
+    """Return the response and its level.
+
+    The records are those of the other tests, so that no kernel is compiled for this test alone.
+    """
     response = run(scene, Drive(force, schedule), method, samples=SAMPLES)
     return response, response_level(response.history.tip_displacement, SAMPLES)[0]
 
@@ -335,7 +338,11 @@ def test_walls_that_move_never_close_onto_the_absorber(method: Method, limit: fl
 
 
 def test_absorber_held_by_a_wall_is_released_when_the_wall_moves_away() -> None:
-    """A slow, strong force presses a dead absorber to the wall; widened, the cavity lets it fly on."""
+    """An absorber held by a wall is released when the wall moves away.
+
+    A slow, strong force presses an absorber without rebound to the wall. When the cavity becomes
+    wider, the absorber moves on.
+    """
     scene = scene_of(impact_absorber(restitution=0.0), modes=1)
     omega = scene.model.resonance_omega(1)
     runs = ControlledRuns(scene, 1, omega, 0.25, samples_per_period=SAMPLES, threads=1)
@@ -410,7 +417,11 @@ def test_an_interval_is_a_whole_number_of_samples(interval: float) -> None:
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_an_interval_that_is_longer_than_the_longest_is_refused(name: str) -> None:
-    """The memory for its samples is as long as that one's; the other lane goes on, and this one does nothing."""
+    """An interval that is longer than the longest one is refused.
+
+    The memory for its samples has the length of the longest interval. The other lane can advance,
+    but this one does not.
+    """
     runs = orderly(name)
     for duration in (runs.duration * (1 + 1e-6), 3 * runs.duration, 0.0, -1.0, np.nan, np.inf):
         before = runs.state[1].copy()

@@ -1,4 +1,7 @@
-"""Cyclic structures and forces at several places: closed forms, symmetry under rotation, and refusals."""
+"""Cyclic structures and forces at several places are correct.
+
+They are compared with closed forms and with rotated motions. Wrong parameters are refused.
+"""
 
 import json
 import re
@@ -37,7 +40,11 @@ HERTZ = OMEGA / (2 * np.pi)
 
 
 def test_a_ring_of_masses_has_the_frequencies_of_its_nodal_diameters() -> None:
-    """In closed form: omega_k^2 = omega_0^2 (1 + 4 kappa sin^2(pi k/N)), each but the first and the last twice."""
+    """A ring of masses has the frequencies of its nodal diameters.
+
+    In closed form: omega_k^2 = omega_0^2 (1 + 4 kappa sin^2(pi k/N)), each but the first and the
+    last twice.
+    """
     model = ring_of_masses(10, 0.01, HERTZ).model()
     wave = np.array([0, 1, 1, 2, 2, 3, 3, 4, 4, 5])
     wanted = OMEGA * np.sqrt(1 + 0.04 * np.sin(np.pi * wave / 10) ** 2)
@@ -121,7 +128,11 @@ def test_forces_at_several_places_add_up_with_their_phases() -> None:
 
 
 def test_a_wave_that_travels_turns_the_motion_with_it() -> None:
-    """A ring with impacts and friction: the force a k-th of a turn later gives the same motion, one sector on."""
+    """A travelling wave carries the motion around the ring.
+
+    The ring has impacts and friction. A force that acts a k-th of a turn later gives the same
+    motion, shifted by one sector.
+    """
     disk = ring_of_masses(3, 0.05, HERTZ, 0.01)
     scene = disk.scene(impact_absorber(2e-4, 0.8, 0.3), 1)
     first, later = (
@@ -348,7 +359,10 @@ def test_what_does_not_fit_in_a_table_is_one_error(
 
 
 def test_one_sector_is_the_beam_with_one_mode() -> None:
-    """A sector whose mass is the modal mass at the tip, under the force that moves this mode alike; up to rounding."""
+    """One sector is equal to the beam with one mode, except for rounding.
+
+    The sector's mass is the modal mass at the tip, and the force gives this mass the same motion.
+    """
     beam = beam_scene(Beam(modes=1), impact_absorber(5e-4, 0.7, 0.05, 0.02))
     model = beam.model
     shape = float(model.tip_shape[0])

@@ -1,4 +1,7 @@
-"""Examples in docstrings of the public interface run and print what they say; public callables describe their parameters."""
+"""Examples in docstrings of the public interface run and print what they say.
+
+Public callables describe their parameters.
+"""
 
 import doctest
 import inspect

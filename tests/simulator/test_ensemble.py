@@ -69,7 +69,11 @@ def rows(levels: LaneLevels) -> np.ndarray:
 
 
 def test_lanes_of_a_kind_that_ran_before_start_together() -> None:
-    """The first one of all runs alone, since the others would wait for its kernels; with two lanes a call all calls would otherwise use one core."""
+    """Lanes of a kind that ran before start at the same time.
+
+    Of all lanes only the first runs alone, since the others would wait for its kernels. Otherwise
+    calls with two lanes would all use one core.
+    """
     lanes = some_lanes()[:2]
     both = threading.Barrier(2, timeout=60)
     each_lane(lanes[:1], lambda _lane: 0)
@@ -148,7 +152,10 @@ def test_interrupt_keeps_what_is_finished(threads: int) -> None:
 
 
 class Elsewhere:
-    """An executor that sends function and items through a pickle, as to another process, and answers in another order."""
+    """An executor that sends function and items through a pickle, as to another process.
+
+    It returns the results in another order.
+    """
 
     def __init__(self, stop: int | None = None) -> None:
         self.stop = stop

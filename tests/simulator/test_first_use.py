@@ -1,4 +1,8 @@
-"""What is told of compiling at a first use, kernels that another process compiles, and what validations of orbits compile."""
+"""Compilation at a first use is reported correctly.
+
+Kernels that another process compiles, and those that validations of orbits compile, are tested as
+well.
+"""
 
 import gc
 import time
@@ -93,7 +97,10 @@ kernel(5)(1)
 
 
 def run_code(code: str, folder: Path) -> tuple[list[str], list[str]]:
-    """Run code in a fresh process, with a folder for kernels, and return the lines of stdout and stderr."""
+    """Run code in a new process with a folder for kernels.
+
+    Return the lines of stdout and stderr.
+    """
     if not (file := folder / "script.py").exists() or file.read_text() != code:
         file.write_text(code)  # older numba goes by the time of its last change
     done = fresh(file, IMPACT_ENV_CACHE=folder)

@@ -41,7 +41,10 @@ def _dense(
     a: np.ndarray,
     b: np.ndarray,
 ) -> complex:
-    """Solve the equations of motion in modal coordinates, written down on their own, with one absorber freedom where there is a spring."""
+    """Solve the equations of motion in modal coordinates, written separately.
+
+    With a spring the absorber has one further degree of freedom.
+    """
     n = model.modes
     beam = np.diag(
         model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega
@@ -79,7 +82,11 @@ def test_receptance_is_the_dense_solution(
 
 
 def test_limits_of_the_tuned_absorber(model: ModalModel) -> None:
-    """A stiff spring is a stuck mass; without damping the tip stands still at the absorber's own frequency (Den Hartog)."""
+    """The tuned absorber has the correct limits.
+
+    A stiff spring is a stuck mass. Without damping the tip does not move at the absorber's own
+    frequency (Den Hartog).
+    """
     stiff = tip_response(model, TunedAbsorber(STUCK.mass_ratio, 1e16, 0.0), OMEGA)
     np.testing.assert_allclose(stiff, tip_response(model, STUCK, OMEGA), rtol=1e-6)
     absorber = TunedAbsorber(0.02, 0.02 * model.beam_mass * 240.0**2, 0.0)
@@ -121,7 +128,10 @@ OMEGA_PHASE = 252.0
 
 
 def sines(lag: float, periods: int = 20, beat: float = 0.0, offset: float = 0.0) -> History:
-    """A tip that oscillates, split evenly over two modes, and an absorber that lags behind it; the lag grows by ``beat`` rad/s."""
+    """Return the motion of an oscillating tip and of an absorber that lags behind it.
+
+    The tip's motion is split evenly over two modes. The lag grows by ``beat`` rad/s.
+    """
     time = np.arange(64 * periods) * 2 * np.pi / OMEGA_PHASE / 64
     modal = np.cos(OMEGA_PHASE * time)[:, None] * np.array([1e-3, 1e-3])
     absorber = offset + 7e-4 * np.cos(OMEGA_PHASE * time - lag - beat * time)

@@ -1,4 +1,8 @@
-"""The table of laws: one vocabulary for files, commands, environments and designs; restitution that falls with velocity, and a nonlinear sink."""
+"""The table of absorber laws has one set of names for all interfaces.
+
+The interfaces are files, commands, environments and designs. Restitution that decreases with the
+velocity, and a nonlinear sink, are tested as well.
+"""
 
 from typing import Any
 
@@ -76,7 +80,10 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_one_vocabulary(name: str) -> None:
-    """Files, options of commands, arguments of environments and the library make the same absorber of the same names."""
+    """All interfaces make the same absorber from the same names.
+
+    They are files, options of commands, arguments of environments and the library.
+    """
     concept = name.partition(",")[0]
     own_values = EXAMPLES[name]
     absorber = make(concept, own_values)

@@ -75,7 +75,8 @@ def test_all_modes_are_normalised_and_ordered() -> None:
     model = modal_model(beam)
     assert np.all(np.diff(model.omega) > 0)
     assert np.all(model.tip_shape > 0)
-    # completeness: sum of phi phi^T is the inverse mass matrix, sum of phi phi^T / omega^2 the inverse stiffness matrix
+    # completeness: sum of phi phi^T is the inverse mass matrix, sum of phi phi^T / omega^2 the
+    # inverse stiffness matrix
     tip = deflection_row(beam, 1.0)
     force = deflection_row(beam, 0.4)
     assert model.tip_shape @ model.tip_shape == pytest.approx(
@@ -149,7 +150,8 @@ def test_schedules() -> None:
     np.testing.assert_allclose(broken.omega_at(np.array([0.5, 2.0])), [3, 2])
 
 
-# The table of families: every kind of scene with every method is either simulated or refused, and its key tells compiled kernels apart.
+# The table of families: every kind of scene with every method is either simulated or refused, and
+# its key tells compiled kernels apart.
 
 
 ABSORBERS: dict[str, Absorber | None] = {
@@ -160,8 +162,8 @@ ABSORBERS: dict[str, Absorber | None] = {
     "several": impact_absorbers((1e-3, 1e-3), (0.8, 1.0), mass_ratio=0.01),
 }
 METHODS: tuple[Method, ...] = (Exact(), Moreau(), RungeKutta())
-# with one record: of the exact method without and with loads beside one force, for linear scenes and for several absorbers, and, each
-# without and with friction, for rigid and compliant walls
+# with one record: of the exact method without and with loads beside one force, for linear scenes
+# and for several absorbers, and, each without and with friction, for rigid and compliant walls
 MOST_KERNELS: dict[type[Method], int] = {Exact: 12, Moreau: 1, RungeKutta: 1}
 
 
@@ -173,7 +175,8 @@ def drive(of: Scene, force: float = 1e-3, periods: float = 1.0) -> Drive:
     return Drive(force, constant_frequency(of.model.resonance_omega(1), 1.0, periods))
 
 
-# scenes whose arguments of the kernels are None where those of `ABSORBERS` are not, or the other way round
+# scenes whose arguments of the kernels are None where those of `ABSORBERS` are not, or the other
+# way round
 HEAVY: dict[str, Absorber] = {
     f"{name}, gravity": replace(absorber, gravity=9.81)
     for name, absorber in ABSORBERS.items()
@@ -188,7 +191,10 @@ OTHERS = HEAVY | {
 
 
 def every_scene() -> dict[str, Scene]:
-    """Return the table's scenes, and some whose level is read at another place than the absorber's."""
+    """Return the table's scenes, and some with the level at another place.
+
+    In the latter the level is not read at the absorber's place.
+    """
     scenes = {name: scene(name) for name in ABSORBERS}
     scenes |= {name: beam_scene(Beam(modes=2), absorber) for name, absorber in OTHERS.items()}
     model = replace(modal_model(Beam(modes=2)), response_shape=[1.0, -0.5])
@@ -224,7 +230,11 @@ def refusal(of: Scene, load: Excitation, method: Method) -> str | None:
 def test_each_pair_is_in_the_table_or_refused_and_has_one_key_exactly_where_it_shares_kernels(
     method: Method, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The types of a lane's arguments are those by which numba finds the compiled variant; nothing is compiled here."""
+    """Each pair of scene and method is in the table or refused, with one key for each kernel.
+
+    Runs have the same key exactly if they share kernels. The types of a lane's arguments are those
+    by which numba finds the compiled variant. Nothing is compiled here.
+    """
     calls: list[tuple[object, ...]] = []
     keys = []
 

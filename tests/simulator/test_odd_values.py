@@ -1,4 +1,7 @@
-"""What is public takes an odd value of any kind as the plain number that it stands for, or refuses it by name."""
+"""Public functions take an odd value as the plain number that it represents, or refuse it.
+
+A refusal names the argument.
+"""
 
 import pickle
 import subprocess

@@ -1,4 +1,7 @@
-"""Structures whose file lists several places for absorbers, and what fatigues in them: as matrices they do what the same beam does."""
+"""Structures with several places for absorbers, given as matrices, agree with the same beam.
+
+Their fatigue is tested as well.
+"""
 
 import json
 from dataclasses import replace
@@ -50,7 +53,10 @@ def row(position: float) -> int:
 
 
 def write(folder: Path, **more: Any) -> Path:
-    """Write the paper's beam as matrices, with two places for absorbers, and the curvature at the clamp of the first Hermite element."""
+    """Write the paper's beam as matrices with two places for absorbers.
+
+    The file also has the curvature at the clamp of the first Hermite element.
+    """
     mass, stiffness = assemble_matrices(BEAM)
     np.savez(folder / "beam.npz", M=mass, K=stiffness)
     strain = [
@@ -110,7 +116,8 @@ def test_a_place_of_the_file_is_that_of_the_beam(number: int, structure: ModalMo
     assert model.absorber_shapes is None
     np.testing.assert_allclose(np.abs(model.tip_shape), np.abs(truth.tip_shape), rtol=1e-9)
     np.testing.assert_allclose(np.abs(model.level_shape), np.abs(truth.level_shape), rtol=1e-9)
-    # in a cavity so wide that no wall is touched: impacts would amplify the last digits of the shapes
+    # in a cavity so wide that no wall is touched: impacts would amplify the last digits of the
+    # shapes
     wide, truth = (
         p.space.decoded({"gap": 4.0, "position": x})
         for p, x in ((own, float(number)), (beam, PLACES[number - 1]))
@@ -191,7 +198,8 @@ def test_damage_of_the_files_strain_is_that_of_the_moment_at_the_clamp(
         ).F
         for p in (own, beam)
     )
-    # no wall is touched, since impacts amplify rounding; relative to no absorber: the strain's unit and scale do not matter
+    # no wall is touched, since impacts amplify rounding; relative to no absorber: the strain's unit
+    # and scale do not matter
     np.testing.assert_allclose(F, G, rtol=1e-6)
     assert F[0, 0] > 0
 
@@ -282,7 +290,10 @@ MODE = np.arange(1, 4)
 
 
 def pinned_shapes(position: float) -> np.ndarray:
-    """Return the mass-normalised shapes (3,) of the pinned beam of 2 kg in closed form, up to their signs."""
+    """Return the mass-normalised shapes (3,) of the pinned beam of 2 kg.
+
+    They are closed forms, up to their signs.
+    """
     return np.sin(MODE * np.pi * position)
 
 
@@ -321,7 +332,11 @@ def test_absorbers_are_placed_by_name_and_number() -> None:
 
 
 def test_places_of_matrices_are_rows_or_names(tmp_path: Path) -> None:
-    """Forces on two rows, and absorbers in another order than the list of the structure; signs of modes are free."""
+    """Places of matrices are rows or names.
+
+    Forces act on two rows, and the absorbers are in another order than in the list of the
+    structure. Signs of modes are arbitrary.
+    """
     path = write(tmp_path, force=None, absorber=["end", "inside"])
     plain = json.loads(path.read_text())
     plain["places"] = {"end": row(1.0), "inside": row(0.8)}
@@ -473,7 +488,11 @@ ORDERS = [{"amplitude_n": 1.0, "order": 1.0}, {"amplitude_n": 1.0, "order": 2.0}
     ids=["tones", "orders", "unbalance"],
 )
 def test_loads_at_two_places_superpose(load: dict[str, Any]) -> None:
-    """The beam alone under both is the sum of runs under each, with the load's own phase and size changed."""
+    """Loads at two places superpose.
+
+    The motion of the beam alone under both is the sum of runs under each. The load's own phase and
+    size also change.
+    """
     beam = {"modes": 2, "damping_ratio": 0.3}
     places = [
         {"place": 0.3, "amplitude_n": 1.0, "phase_rad": 0.3},

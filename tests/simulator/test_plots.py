@@ -108,9 +108,9 @@ def test_responses_and_scenes_print_in_a_line_or_two() -> None:
     assert repr(SCENE) == "Scene(2 modes, no absorber)"
     summarised = response(CONSTANT, level=ResponseLevel(7e-4, 1.0, 1.01, 1e-3))
     text = " ".join(repr(summarised).split())
-    assert (
-        text
-        == "Response(2 modes, no absorber 2 N from 0 to 0.09961 s, level 0.7 mm at 1.0100 of the resonance, 1 impact)"
+    assert text == (
+        "Response(2 modes, no absorber 2 N from 0 to 0.09961 s, level 0.7 mm at 1.0100 of the "
+        "resonance, 1 impact)"
     )
     assert "0.7 mm at 1.0100 of the resonance" in summarised._repr_html_()
     assert "&lt;script&gt;" in html_table("a", [("b", "<script>")])

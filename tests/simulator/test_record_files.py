@@ -1,4 +1,7 @@
-"""Records from files: each field that changes the meaning is used, and everything else is refused in one line."""
+"""Records from files use each field that changes the meaning.
+
+Everything else is refused in one line.
+"""
 
 import re
 import struct
@@ -544,13 +547,20 @@ def dataset_58(
     labels: tuple[str, str] = ("NONE", "NONE"),
     binary: str = "",
 ) -> bytes:
-    """Return a dataset 58; ``labels`` of the abscissa's and the ordinate's unit, ``binary``: a byte order of NumPy for samples in bytes."""
+    """Return a dataset 58.
+
+    ``labels`` are those of the units of abscissa and ordinate. ``binary`` is a byte order of NumPy
+    for samples in bytes.
+    """
     no = "NONE"
     count = len(values) if points is None else points
     spacing = int(times is None)
     rows = [no] * 5
     rows += [
-        f"{function:5d}{0:10d}{0:5d}{0:10d} {no:10s}{place[0]:10d}{place[1]:4d} {no:10s}{0:10d}{0:4d}"
+        (
+            f"{function:5d}{0:10d}{0:5d}{0:10d} {no:10s}{place[0]:10d}{place[1]:4d} "
+            f"{no:10s}{0:10d}{0:4d}"
+        )
     ]
     rows += [f"{precision:10d}{count:10d}{spacing:10d}{0:13.5E}{spacing * step:13.5E}{0:13.5E}"]
     rows += [f"{axis:10d}{0:5d}{0:5d}{0:5d} {no:20s} {labels[0]:20s}"]

@@ -1,4 +1,7 @@
-"""Runs that go on where others ended: parts of a drive, final states as starts, and parts of a response that were not recorded."""
+"""Runs continue where others ended.
+
+Parts of a drive, final states as starts, and parts of a response that were not recorded are tested.
+"""
 
 from dataclasses import replace
 

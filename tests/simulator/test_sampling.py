@@ -1,4 +1,8 @@
-"""Which sampling a level needs under each excitation, start states with strikes, and what is streamed in the place of a stored run."""
+"""Levels require enough samples under each excitation.
+
+Start states with strikes, and results that are computed during the run instead of from a stored
+one, are tested too.
+"""
 
 import tracemalloc
 from collections.abc import Callable
@@ -90,7 +94,9 @@ EXCITATIONS: dict[str, Excitation] = {
     "strike": loads(Strike(0.1, LENGTH, "absorber"), reference=SLOWLY),
 }
 FEW = 8
-ENOUGH = 250  # four a cycle of the second mode, which a short shock moves, in a pseudo period of a ninth of the first frequency
+# four a cycle of the second mode, which a short shock moves, in a pseudo period of a ninth of the
+# first frequency
+ENOUGH = 250
 REFUSED = "samples_per_period = 8 is not allowed: .* or more for the level"
 
 
@@ -181,7 +187,7 @@ def test_the_spectrum_of_a_record_is_the_structures_stationary_response(quantity
     assert np.sum(square[: len(square) // 20]) / np.sum(square) == pytest.approx(truth, abs=0.02)
 
 
-# --- start states -------------------------------------------------------------------------------------------------------------------------------
+# --- start states
 
 
 def decayed(q: np.ndarray, v: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -242,7 +248,7 @@ def test_two_initial_states_are_refused() -> None:
         simulate(SCENE, Loads((Strike(0.1, 0.2),), W1), initial=InitialState(None, np.zeros(2)))
 
 
-# --- what is streamed ---------------------------------------------------------------------------------------------------------------------------
+# --- what is streamed
 
 ELSEWHERE = Beam(modes=2, response_position=0.6)
 RUNS: dict[str, tuple[Scene, Method]] = {
@@ -335,7 +341,7 @@ def test_memory_does_not_grow_with_the_run(record: Record) -> None:
     assert peak(800) < short + 20_000  # whose motion takes 1.6 MB
 
 
-# --- lists of events ----------------------------------------------------------------------------------------------------------------------------
+# --- lists of events
 
 
 def bouncing(impacts: int) -> tuple[Scene, Drive, InitialState]:

@@ -1,4 +1,7 @@
-"""Measures by sector against closed forms: waves, sectors that move alone, a mistuned pair, and runs in parts."""
+"""Measures by sector agree with closed forms.
+
+The cases are waves, sectors that move alone, a mistuned pair, and runs in parts.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -58,7 +61,11 @@ def modal(disk: CyclicStructure, values: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
 def test_waves_have_the_energy_of_their_nodal_diameter_and_direction(order: int) -> None:
-    """A wave of amplitude a on N masses m has N m (omega a)^2/2, and standing half of it, in closed form."""
+    """Waves have the energy of their nodal diameter and direction.
+
+    A wave of amplitude a on N masses m has N m (omega a)^2/2, and a standing one half of it, in
+    closed form.
+    """
     disk = ring_of_masses(6, 0.1, HERTZ, mass=1.5)
     omega = OMEGA * np.sqrt(1 + 0.4 * np.sin(np.pi * order / 6) ** 2)
     angle = 2 * np.pi * order * np.arange(6) / 6
@@ -83,7 +90,11 @@ def test_waves_have_the_energy_of_their_nodal_diameter_and_direction(order: int)
 
 
 def test_energies_by_nodal_diameter_add_up_to_that_of_the_matrices() -> None:
-    """Also with two freedoms a sector and a coupling that is not symmetric; the mistuned disk's in modes of the tuned one."""
+    """Energies by nodal diameter add up to that of the matrices.
+
+    The test has two degrees of freedom per sector and a coupling that is not symmetric. The
+    energies of the mistuned disk are those in modes of the tuned one.
+    """
     mass, stiffness = BLADE.assemble()
     x, u = np.random.default_rng(1).standard_normal((2, 12))
     energies = diameter_energies(BLADE, modal(BLADE, x), modal(BLADE, u))
@@ -96,7 +107,11 @@ def test_energies_by_nodal_diameter_add_up_to_that_of_the_matrices() -> None:
 
 
 def test_two_mistuned_sectors_have_the_response_of_their_closed_form() -> None:
-    """Eigenvalues m +- sqrt(d^2 + c^2) and the angle atan2(c, d)/2 of a symmetric matrix of two rows; damping by modes."""
+    """Two mistuned sectors have the response of their closed form.
+
+    A symmetric matrix of two rows has the eigenvalues m +- sqrt(d^2 + c^2) and the angle atan2(c,
+    d)/2. Damping is modal.
+    """
     coupling = 0.01
     mistuning = Mistuning(0.02, seed=5)
     disk = ring_of_masses(2, coupling, HERTZ, 2e-3, mistuning=mistuning)
@@ -118,10 +133,14 @@ def test_two_mistuned_sectors_have_the_response_of_their_closed_form() -> None:
 
 
 def test_levels_without_absorbers_are_those_of_the_linear_response() -> None:
-    """From the steady state at a constant frequency each sector's RMS is its amplitude over sqrt(2), in every window.
+    """Levels without absorbers are those of the linear response.
 
-    The level's window is ten periods to either side of one of the equal maxima, and shorter at the ends of the run: there the
-    closed form of the mean square of a cosine over that window is the truth.
+    From the steady state at a constant frequency, each sector's RMS is its amplitude over sqrt(2),
+    in every window.
+
+    The level's window is ten periods to either side of one of the equal maxima, and shorter at the
+    ends of the run: there the closed form of the mean square of a cosine over that window is the
+    truth.
     """
     disk = ring_of_masses(5, 0.02, HERTZ, 5e-3, mistuning=Mistuning(0.01, seed=2))
     scene = Scene(disk.model(1))
@@ -151,7 +170,11 @@ def test_levels_without_absorbers_are_those_of_the_linear_response() -> None:
 
 @pytest.mark.same_bits
 def test_runs_in_parts_have_the_levels_of_one_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sector 0 has the level that a run streams; with parts of a pseudo period all measures stay the same up to rounding."""
+    """Runs in parts have the levels of one run.
+
+    Sector 0 has the level that a run computes itself. With parts of a pseudo period all measures
+    stay the same except for rounding.
+    """
     disk = ring_of_masses(5, 0.05, HERTZ, 0.01)
     scene = disk.scene(impact_absorber(2e-4, 0.8, mass_ratio=0.02), 1)
     drive = drive_of(25.0, 1.0, 1.02, periods=5.3)

@@ -1,4 +1,7 @@
-"""Runs that start from the steady state of the linear structure: no transient, whatever the phase; closed forms by modal sums."""
+"""Runs from the steady state of the linear structure have no transient at any phase.
+
+The closed forms are modal sums.
+"""
 
 from dataclasses import replace
 
@@ -23,7 +26,10 @@ MODEL = modal_model(Beam(modes=5))
 
 
 def amplitude(mass: float, omega: float, spring: complex | None = None) -> complex:
-    """Return the tip's complex amplitude per newton with an attached mass (kg), rigidly or by a spring and damper (N/m)."""
+    """Return the tip's complex amplitude per newton with an attached mass (kg).
+
+    The mass is attached rigidly, or by a spring and damper (N/m).
+    """
     terms = MODEL.omega**2 - omega**2 + 2j * MODEL.damping_ratio * MODEL.omega * omega
     by_force = np.sum(MODEL.tip_shape * MODEL.force_shape / terms)
     own = np.sum(MODEL.tip_shape**2 / terms)
@@ -57,7 +63,11 @@ def test_motion_is_the_closed_form_from_the_first_instant(kind: str, phase: floa
 
 @pytest.mark.parametrize("kind", ["none", "tuned", "stuck"])
 def test_motion_under_a_shaken_base_and_tones_is_the_closed_form(kind: str) -> None:
-    """Two orders of a base's acceleration and a force beside them; the matrices of structure and absorber are solved as they stand."""
+    """Motion under a shaken base and tones agrees with its closed form.
+
+    Two orders of the base's acceleration and a force act together. The matrices of structure and
+    absorber are solved directly.
+    """
     reference = MODEL.resonance_omega(2)
     schedule = constant_frequency(reference, 0.4, 6.0)
     tones = (Tone(3.0, order=1.0, phase=0.7), Tone(5.0, order=2.2, phase=-1.0))
@@ -128,7 +138,11 @@ def test_free_absorber_rests_between_its_walls() -> None:
 
 @pytest.mark.parametrize("share", [1.01, 0.99])
 def test_friction_holds_an_absorber_at_the_start_if_it_carries_its_inertia(share: float) -> None:
-    """The force that the absorber's mass takes along the structure is m omega^2 times the displacement of the structure with this mass."""
+    """Friction holds an absorber at the start if it can carry its inertia.
+
+    The force of the absorber's mass on the structure is m omega^2 times the displacement of the
+    structure with this mass.
+    """
     omega = 0.9 * MODEL.resonance_omega(2)
     mass = 0.02 * MODEL.beam_mass
     drive = Drive(5.0, constant_frequency(MODEL.resonance_omega(2), 0.9, 6.0), 1.0)
@@ -150,7 +164,11 @@ def test_a_scene_without_steady_state_starts_at_rest() -> None:
 
 
 def test_levels_at_a_high_resonance_do_not_depend_on_the_phase() -> None:
-    """A sweep below resonance 4: from rest the transient of the lower modes counts, and by phase; from the steady state the end of the sweep does."""
+    """Levels at a high resonance from the steady state do not depend on the phase.
+
+    The sweep is below resonance 4. From rest the transient of the lower modes determines the level,
+    which depends on the phase. From the steady state the end of the sweep determines it.
+    """
     reference = MODEL.resonance_omega(4)
     schedule = linear_sweep(reference, 0.9, 0.95)
     lanes = [

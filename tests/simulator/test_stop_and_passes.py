@@ -1,4 +1,7 @@
-"""Runs that are stopped, curves that come in passes, samples kept in records, and friction limits that change from interval to interval."""
+"""Runs can be stopped, and curves are computed in passes.
+
+Samples in records, and friction limits that change from interval to interval, are tested too.
+"""
 
 import threading
 import time
@@ -184,7 +187,8 @@ def test_shapes_along_a_beam_are_those_of_its_model() -> None:
         mode_shapes(beam, [1.1])
 
 
-# A friction limit that is another one from interval to interval: against references restarted where it changes, and against fixed limits.
+# A friction limit that is another one from interval to interval: against references restarted where
+# it changes, and against fixed limits.
 
 
 # of an interval: short, so that many limits change
@@ -232,7 +236,11 @@ def with_limit(scene: Scene, limit: float) -> Scene:
 
 
 def reference(scene: Scene, state: np.ndarray, order: Any, share: float = 1.0) -> np.ndarray:
-    """Return the dense reference's state after an interval, or a share of it, started anew: what is joined or slides then is its own finding."""
+    """Return the dense reference's state after an interval, or a share of it.
+
+    The reference starts again at each interval, so it decides itself which absorbers are joined or
+    slide.
+    """
     truth = dense.follow(
         scene,
         drive_of_order(order),

@@ -48,7 +48,8 @@ def written(folder: Path, table: str, **keys: object) -> Path:
     return path
 
 
-# wave numbers times the length of uniform beams, from the characteristic equations of each pair of ends
+# wave numbers times the length of uniform beams, from the characteristic equations of each pair of
+# ends
 ROOTS = {
     "clamped-free": (1.87510406871196, 4.69409113297417, 7.85475743823761),
     "clamped-pinned": (3.92660231204792, 7.06858274562873, 10.2101761228130),
@@ -175,7 +176,8 @@ def test_the_paper_beam_as_modal_data_and_as_matrices_has_the_beam_impacts(tmp_p
         impacts = run(Scene(modal_model(load_structure(path)), absorber), drive).impacts
         if exactly:
             np.testing.assert_array_equal(impacts.time, own.time)
-        # impacts amplify what the last digits of the matrices differ by: the first ones, before that shows
+        # impacts amplify what the last digits of the matrices differ by: the first ones, before
+        # that shows
         np.testing.assert_allclose(
             impacts.time[:7], own.time[:7], rtol=0, atol=1e-9 * drive.schedule.pseudo_period
         )
@@ -228,7 +230,10 @@ def test_a_structure_that_is_not_held_says_what_is_possible(tmp_path: Path) -> N
     np.testing.assert_allclose(model.tip_shape[0], 1 / np.sqrt(3.0), rtol=1e-6)
     with pytest.raises(
         ParameterError,
-        match=r"suspension_frequency.* = 50.0 is not allowed: below half of the first bending frequency",
+        match=(
+            r"suspension_frequency.* = 50.0 is not allowed: below half of the first bending "
+            r"frequency"
+        ),
     ):
         load_structure(
             written(tmp_path, "matrices", **MATRICES | {"suspension_frequency_hz": 50.0})
@@ -307,7 +312,8 @@ def test_modal_mass_and_complex_modes_of_a_universal_file(tmp_path: Path) -> Non
         np.testing.assert_allclose(model.damping_ratio, 0.01, rtol=1e-4)
 
 
-# Structures in files that are wrong, or that look so: one error or warning with the file and its key.
+# Structures in files that are wrong, or that look so: one error or warning with the file and its
+# key.
 
 
 NAN = float("nan")
@@ -494,7 +500,11 @@ def test_what_is_fine_is_no_warning(tmp_path: Path) -> None:
 
 
 def test_mass_matrices_tell_a_wrong_mass_and_a_rotation() -> None:
-    """A row of ten beam elements of 0.1 m: displacements and rotations in turn, consistent masses of 2 kg/m."""
+    """Warnings about mass matrices find a wrong mass and a rotation.
+
+    A row of ten beam elements of 0.1 m has displacements and rotations in turn, and consistent
+    masses of 2 kg/m.
+    """
     element = 0.1
     displaced = 2 * 156 / 420 * 2.0 * element
     turned = 2 * 4 / 420 * 2.0 * element**3
@@ -535,7 +545,10 @@ def test_a_beam_from_material_and_section(
 # Modes from a CSV file, and one damping ratio for all of them.
 
 
-TABLE = "frequencies_hz, force_shape_per_sqrt_kg, tip_shape_per_sqrt_kg, response_shape_per_sqrt_kg\n31.2,0.21,0.9,0.5\n74.6,0.34,-0.8,0.4\n"
+TABLE = (
+    "frequencies_hz, force_shape_per_sqrt_kg, tip_shape_per_sqrt_kg, "
+    "response_shape_per_sqrt_kg\n31.2,0.21,0.9,0.5\n74.6,0.34,-0.8,0.4\n"
+)
 
 
 def bracket(folder: Path, table: str = TABLE, more: str = "damping_ratio = 0.01") -> Path:
@@ -604,7 +617,8 @@ def test_a_wrong_file_is_one_error(tmp_path: Path, table: str, more: str, messag
         load_structure(bracket(tmp_path, table, more))
 
 
-# Structures from matrices on a base that moves: static sag under a constant acceleration, and an absorber that stays behind.
+# Structures from matrices on a base that moves: static sag under a constant acceleration, and an
+# absorber that stays behind.
 
 
 ACCELERATION = 3.0
@@ -624,7 +638,11 @@ def read(folder: Path, base_vector: Any, **more: Any) -> ModalModel:
 
 
 def pushed(model: ModalModel, gap: float | None = None) -> tuple[float, float]:
-    """Return where structure and absorber are, at the absorber's place, after seconds of a constant acceleration of the base."""
+    """Return the positions of structure and absorber after `SECONDS` of acceleration of the base.
+
+    The positions are those at the absorber's place, and the acceleration is constant. The
+    absorber's position is divided by the square of the time.
+    """
     load = Loads(
         (Samples(np.array([0.0, SECONDS]), np.full(2, ACCELERATION), BASE_QUANTITY),),
         float(model.omega[0]),

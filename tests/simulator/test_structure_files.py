@@ -1,4 +1,8 @@
-"""What files of structures say is used or refused: massless freedoms, damaged and cut files, units, coordinate systems, repeated modes."""
+"""Files of structures are read correctly or refused.
+
+Massless degrees of freedom, damaged and cut files, units, coordinate systems and repeated modes are
+tested.
+"""
 
 import json
 import warnings
@@ -36,7 +40,10 @@ def loaded(folder: Path, table: str = "matrices", **keys: Any) -> ModalModel:
 
 
 def lumped(elements: int) -> tuple[Any, Any]:
-    """Return M and K of a cantilever of 1 m, 100 N m^2 and 2 kg with masses at its nodes, and rotations without inertia."""
+    """Return M and K of a cantilever of 1 m, 100 N m^2 and 2 kg.
+
+    It has masses at its nodes, and rotations without inertia.
+    """
     h = 1 / elements
     size = 2 * elements + 2
     mass = np.zeros((size, size))
@@ -84,7 +91,11 @@ def test_freedoms_without_mass_follow_the_others_exactly(elements: int, tmp_path
 
 
 def test_many_freedoms_without_mass_follow_too() -> None:
-    """Masses on a string of 1,600 springs, each second joint without mass: two springs in a row are one of half the stiffness."""
+    """Many degrees of freedom without mass follow the others exactly.
+
+    Masses are on a string of 1,600 springs, and every second joint has no mass. Two springs in a
+    row are one of half the stiffness.
+    """
     joints = 1599
     ones = np.ones(joints)
     stiffness = 2e6 * scipy.sparse.diags([-ones[1:], 2 * ones, -ones[1:]], [-1, 0, 1]).tocsc()
@@ -99,7 +110,11 @@ def test_many_freedoms_without_mass_follow_too() -> None:
 
 
 def test_few_masses_on_many_freedoms_are_condensed() -> None:
-    """Four masses on a string of 40,000 springs: the flexibilities of the string between its ends."""
+    """Few masses on many degrees of freedom are condensed.
+
+    Four masses are on a string of 40,000 springs. The reference has the flexibilities of the string
+    between its ends.
+    """
     joints = 39_999
     ones = np.ones(joints)
     stiffness = 1e6 * scipy.sparse.diags([-ones[1:], 2 * ones, -ones[1:]], [-1, 0, 1]).tocsc()
@@ -180,7 +195,10 @@ def test_damping_of_freedoms_without_mass_is_refused_unless_it_is_proportional(
 
 
 def labelled(mass: Any) -> str:
-    """Return a matrix as Abaqus writes it with FORMAT=MATRIX INPUT: node, freedom, node, freedom, value of the lower triangle."""
+    """Return a matrix in Abaqus's format of FORMAT=MATRIX INPUT.
+
+    A line has node, freedom, node, freedom and value of the lower triangle.
+    """
     lines = ["** Assembled matrix", "*MATRIX INPUT"]
     for i in range(len(mass)):
         row = [(NODES[j], mass[i, j]) for j in range(i + 1) if mass[i, j]]
@@ -223,7 +241,10 @@ def write_abaqus_coordinates(folder: Path, mass: Any, stiffness: Any) -> dict[st
 
 
 def write_held(folder: Path, mass: Any, stiffness: Any) -> dict[str, Any]:
-    """A fourth freedom that a boundary condition holds: Abaqus writes 1e36 on its diagonal, and its mass."""
+    """Write matrices with a fourth degree of freedom that a boundary condition holds.
+
+    Abaqus writes 1e36 on its diagonal, and its mass.
+    """
     wide = np.zeros((2, 4, 4))
     wide[0, :3, :3] = mass
     wide[1, :3, :3] = stiffness
@@ -401,7 +422,10 @@ def set_55(
     load_case: int = 0,
     about: tuple[int, ...] = (1, 2, 2, 8, 2, 3),
 ) -> str:
-    """Return a dataset 55; ``about``: the fields of its sixth record; ``values``: numbers by node."""
+    """Return a dataset 55.
+
+    ``about`` has the fields of its sixth record, and ``values`` the numbers by node.
+    """
     lines = ["    -1", "    55", "a test", *["NONE"] * 4]
     lines.append("".join(f"{k:10d}" for k in about))
     lines.append(f"{2:10d}{len(header):10d}{load_case:10d}{mode:10d}")
@@ -531,7 +555,10 @@ def test_a_loss_factor_of_a_universal_file_is_twice_the_damping_ratio(
 
 
 def complex_mode(sign: int, load_case: int = 0, scale: float = 1.0) -> str:
-    """Return a lightly damped mode of shape 0.5, 1 by its eigenvalue or the conjugate, scaled by modal A."""
+    """Return a lightly damped mode of shape 0.5, 1.
+
+    It is given by its eigenvalue or the conjugate, and scaled by modal A.
+    """
     omega = 200.0
     ratio = 0.01
     value = complex(-ratio * omega, sign * omega * np.sqrt(1 - ratio**2))
@@ -745,7 +772,11 @@ def test_a_resonance_that_moves_no_place_in_use_is_a_warning(tmp_path: Path) -> 
 
 
 def test_base_participation_of_a_beam_with_a_tip_mass_is_that_of_the_closed_form() -> None:
-    """Shapes of the clamped beam with a mass at its end, integrated: phi_k is their mass under a unit motion of the base."""
+    """The base participation of a beam with a tip mass agrees with its closed form.
+
+    Shapes of the clamped beam with a mass at its end are integrated: phi_k is their mass under a
+    unit motion of the base.
+    """
     beam = Beam(tip_mass=0.2, modes=3, elements=60)
     line = beam.mass_per_length
     ratio = beam.tip_mass / (line * beam.length)

@@ -1,4 +1,7 @@
-"""Modes from Nastran and Ansys files, and the modal assurance criterion between files of one structure."""
+"""Modes from Nastran and Ansys files are read correctly.
+
+The modal assurance criterion between files of one structure is tested as well.
+"""
 
 import importlib.util
 import json
@@ -54,7 +57,10 @@ TURNED = "CORD2R,7,,0.,0.,0.,0.,1.,0.\n,0.,0.,1."
 
 
 def lowest(folder: Path) -> tuple[Any, Any]:
-    """Return omega and mass-normalised shapes, in columns, of the chain of three masses in kg, m, s."""
+    """Return omega and mass-normalised shapes of the chain of three masses.
+
+    Shapes are in columns. Units are kg, m, s.
+    """
     import scipy.linalg
 
     mass, stiffness = chain(folder)
@@ -71,7 +77,10 @@ def write_op2(
     nodes: bool = False,
     table: int = 7,
 ) -> None:
-    """Write modes in t and mm, scaled to generalised masses in t, by pyNastran's own writer; each moves along z, or along a local x."""
+    """Write modes in t and mm by pyNastran's own writer.
+
+    They are scaled to generalised masses in t. Each node moves along z, or along a local x.
+    """
     from impact_env.structures.nastran import _reader
 
     with _reader():
@@ -196,7 +205,10 @@ def example(name: str) -> Path:
 
 
 def test_matrices_of_a_full_file_have_the_frequencies_of_the_reader_page(tmp_path: Path) -> None:
-    """The documentation of the reader solves this beam with SciPy: 1283.200, 1283.200, 5781.975 and 6919.399 Hz."""
+    """Matrices of a full file have the frequencies of the reader's documentation.
+
+    It solves this beam with SciPy: 1283.200, 1283.200, 5781.975 and 6919.399 Hz.
+    """
     (tmp_path / "file.full").write_bytes(example("file.full").read_bytes())
     place = {"node": 21, "direction": "x"}
     keys = {"mass": "file.full", "stiffness": "file.full", "units": "kg, m, s", "mass_kg": 1.0}
@@ -261,7 +273,11 @@ def test_assurance_of_shapes_is_that_of_the_formula() -> None:
 
 
 def test_a_measured_structure_is_compared_with_its_matrices(tmp_path: Path) -> None:
-    """A Universal File has nodes 1 and 3 along z, in another order of the modes' signs; the matrices name their rows by nodes."""
+    """A measured structure is compared with its matrices.
+
+    A Universal File has nodes 1 and 3 along z, with other signs of the modes. The matrices name
+    their rows by nodes.
+    """
     omega, shapes = lowest(tmp_path)
     mass, stiffness = chain(tmp_path)
     for name, matrix in (("mas", mass), ("sti", stiffness)):

@@ -43,7 +43,11 @@ def prices(values: Any) -> None:
 
 
 def levels(values: Any) -> None:
-    """The linear columns are quick to compute, and chaos has no part in them; the plateau is stood in for by another linear one."""
+    """Check the levels of the linear columns and of the plateau.
+
+    Linear columns are quick to compute and contain no chaos. Another linear column replaces the
+    plateau.
+    """
     assert len(values["past_plateau_level_m"]) == 2
     for level in values["levels"][:6]:
         low, high = level["level_5_to_95_percent_m"]
@@ -86,7 +90,8 @@ def calibration_rows(values: Any) -> None:
 LINEAR = tuple(column for column in reference_levels.COLUMNS if column.absorber is None)
 PLATEAU = replace(LINEAR[0], resonance=2)
 timed = benchmark_periodic.timed  # repeats tell about times alone: two
-# block of its page, module, options, constants that are smaller here, what the values must be, and which of them the table shows
+# block of its page, module, options, constants that are smaller here, what the values must be, and
+# which of them the table shows
 SMALL: dict[str, tuple[ModuleType, list[object], dict[str, object], Callable[[Any], None], str]] = {
     "benchmark": (
         benchmark,
@@ -199,13 +204,17 @@ def test_agreement_is_to_the_printed_digits(
     }
 
 
-# What each scene leaves out: absent parts are pruned from the compiled code, and the page says which claims the numbers bear out.
+# What each scene leaves out: absent parts are pruned from the compiled code, and the page says
+# which claims the numbers bear out.
 
 
 def entry(
     absorber: str, *functions: str, arithmetic: int = 0, record: str = "level"
 ) -> dict[str, Any]:
-    """Return a variant whose compiled code has these functions and so many arithmetic operations in each."""
+    """Return a variant whose compiled code has the given functions.
+
+    Each function has ``arithmetic`` arithmetic operations.
+    """
     code = {
         "functions": [{"name": name, "arithmetic": arithmetic} for name in functions],
         "instructions": 7000,

@@ -1,4 +1,7 @@
-"""Studies of bladed disks: parameters against closed forms, kinds of responses, and tables of numbers by hand."""
+"""Studies of bladed disks have correct parameters, kinds of response and tables.
+
+Parameters are compared with closed forms, and tables with numbers computed by hand.
+"""
 
 import subprocess
 from pathlib import Path
@@ -17,7 +20,11 @@ from studies.study import Measurement
 
 @pytest.mark.parametrize("wave_number", [0, 1, 5])
 def test_the_chain_has_the_masses_springs_and_dampers_of_the_paper(wave_number: int) -> None:
-    """Without absorbers 1/(r_k^2 - (1 - eps) r^2 + 2 i D r_k r), which with stuck ones is 1/(2 D r_k^2) at r_k."""
+    """The chain has the masses, springs and dampers of the paper.
+
+    Without absorbers the response is 1/(r_k^2 - (1 - eps) r^2 + 2 i D r_k r). With stuck ones it is
+    1/(2 D r_k^2) at r_k.
+    """
     chain = Chain(0.05, wave_number, 0.3)
     own = np.sqrt(1 + 0.2 * np.sin(np.pi * wave_number / 10) ** 2)
     assert chain.resonance == pytest.approx(own)

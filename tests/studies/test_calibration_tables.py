@@ -1,4 +1,7 @@
-"""Tables of the studies of calibrate: coverage, refusals, and methods of inference beside one another."""
+"""Tables of the studies of calibrate are correct.
+
+They have coverage, refusals, and a comparison of inference methods.
+"""
 
 from typing import Any
 

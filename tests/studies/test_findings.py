@@ -1,4 +1,7 @@
-"""The findings: every part from studies to figures and page, redrawing, and the energy argument of the friction damper."""
+"""Every part of the findings works from studies to figures and page.
+
+Redrawing, and the energy balance of the friction damper, are tested too.
+"""
 
 from pathlib import Path
 

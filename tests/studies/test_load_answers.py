@@ -1,4 +1,8 @@
-"""The study of loads: two tones without contact superpose, what is written is what is printed, and pages are told again from the files."""
+"""The study of loads is correct.
+
+Two tones without contact superpose, written numbers are those that are printed, and pages can be
+written again from the files.
+"""
 
 from pathlib import Path
 from types import ModuleType
@@ -31,7 +35,11 @@ CASE = CASES["cantilever"]
 
 
 def test_bands_of_two_orders_superpose() -> None:
-    """Without contact each band is what its own order makes, and the higher one is proportional to its force."""
+    """Bands of two orders superpose.
+
+    Without contact each band has the response to its own order, and the higher one is proportional
+    to its force.
+    """
     each = [band_levels(Lane(Scene(CASE.model), orders(CASE, share))) for share in (0.0, 0.1, 1.0)]
     assert each[1][1] == pytest.approx(0.1 * each[2][1], rel=0.02)
     assert each[0][0] == pytest.approx(each[2][0], rel=1e-3)
@@ -89,7 +97,11 @@ def test_rows_of_both_resonances_are_printed_and_drawn(
 def test_random_loads_are_printed_and_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A tuned absorber leaves what the sum over lines says; far walls leave all, and near ones less."""
+    """Results under random loads are printed and drawn.
+
+    The level with a tuned absorber follows from the sum over lines. Distant walls have no effect,
+    and close ones reduce the level.
+    """
     smaller(load_spectra, monkeypatch, PERIODS=400.0, GAPS=np.array([1.5, 100.0]), SHIFTS=(0.0,))
     (row,) = random_rows(CASE, 0, SpectrumSettings(3, False))
     loads = load_spectra._random(CASE.model, "wide")

@@ -1,4 +1,7 @@
-"""Claims of the paper that are cheap to compute, against closed forms of beam, impact and absorber that share no code with the package."""
+"""Claims of the paper that are cheap to compute agree with closed forms.
+
+The closed forms of beam, impact and absorber share no code with the package.
+"""
 
 from copy import deepcopy
 from typing import Any
@@ -64,7 +67,10 @@ def verdicts(claims: list[Claim]) -> dict[str, ClaimVerdict]:
 
 
 def amplitude(at: Real, stiffness: float, damping: float) -> Real:
-    """Tip amplitude per newton with a spring and a damper between tip and absorber: modes and absorber as one dense system, by frequency."""
+    """Return the tip amplitude per newton with a spring and a damper to the absorber.
+
+    Modes and absorber are one dense system, which is solved for each frequency.
+    """
     stretch = np.append(-TIP, 1.0)
     mass = np.diag(np.append(np.ones(MODES), ABSORBER))
     rates, squares = (np.diag(np.append(row, 0.0)) for row in (2 * DAMPING * OMEGA, OMEGA**2))
@@ -155,7 +161,11 @@ def test_peaks_with_each_tuned_absorber(values: dict[str, Any]) -> None:
 
 
 def test_a_sweep_shows_nearly_the_stationary_level(values: dict[str, Any]) -> None:
-    """Each mode's convolution with a chirp by the trapezoidal rule, and the RMS in a window, in plain numpy."""
+    """A sweep has nearly the stationary level.
+
+    Each mode's convolution with a chirp by the trapezoidal rule, and the RMS in a window, are
+    computed in plain numpy.
+    """
     period = 2 * np.pi / OMEGA[0]
     each = 200
     levels = []
@@ -237,7 +247,11 @@ def test_another_number_refutes_a_claim(name: str, values: dict[str, Any]) -> No
 def test_modes_take_from_the_first_what_a_lossy_impact_takes(
     modes: int, restitution: float
 ) -> None:
-    """The impulse from Newton's law as a linear system of all velocities after the impact, and that of one mode with the equivalent restitution."""
+    """Other modes take from the first one what an impact with loss takes.
+
+    The impulse follows from Newton's law as a linear system of all velocities after the impact. It
+    equals that of one mode with the equivalent restitution.
+    """
     tip = TIP[:modes]
     before = np.append(
         np.random.default_rng(3).normal(size=modes), 0.7
@@ -500,7 +514,10 @@ def test_numbers_of_a_claim_stand_in_its_row_and_decide_it() -> None:
 
 
 def compute_first_impact(force: float, start: float, stop: float) -> float:
-    """Frequency ratio at which |q_tip| of a sweep from rest first reaches 1 mm, by recursive filters of all modes in plain numpy."""
+    """Return the frequency ratio at which |q_tip| of a sweep from rest first reaches 1 mm.
+
+    It is computed by recursive filters of all modes in plain numpy.
+    """
     each = 2000
     step = 2 * np.pi / OMEGA[0] / each
     duration = abs(stop - start) * 1e4 * 2 * np.pi / OMEGA[0]
@@ -557,7 +574,8 @@ def test_a_blow_changes_the_velocity_of_the_first_mode(carried: bool) -> None:
     assert after is not None
     velocity = np.asarray(after.modal_velocity) - np.asarray(before.modal_velocity)
     omega = 0.95 * scene.model.resonance_omega(1)
-    # the sliding motion is nearly the linear one: amplitude of a single mode at 0.95 of its resonance
+    # the sliding motion is nearly the linear one: amplitude of a single mode at 0.95 of its
+    # resonance
     linear = 1.5 * abs(scene.model.force_shape[0]) / scene.model.omega[0] ** 2
     linear /= abs(1 - 0.95**2 + 2j * DAMPING * 0.95)
     assert velocity[0] == pytest.approx(2 * linear * omega, rel=0.02)

@@ -1,4 +1,7 @@
-"""Figures of the paper's study: ranges, accounts, claims and verdicts, on made curves whose answer is known and on small runs beside other means."""
+"""Figures of the paper's study have correct ranges, energies, claims and verdicts.
+
+They are tested on constructed curves with known results, and on small runs against other methods.
+"""
 
 import csv
 from dataclasses import replace
@@ -140,7 +143,11 @@ def test_envelope_of_a_slow_linear_sweep_is_the_frequency_response() -> None:
 
 
 def test_the_window_is_that_of_the_level() -> None:
-    """Where no impact makes the motion part from the sweep's: friction alone, which starts in the middle of its motion all the same."""
+    """The window of the energies is that of the level.
+
+    The scene has friction alone, so no impact makes the motion differ from that of the sweep. The
+    window also starts during the motion.
+    """
     one = replace(lane(), scene=beam_scene(Beam(modes=3), friction_damper(0.1)))
     level = simulate(one.scene, one.drive).level
     history = simulate_window(one, level.time).history
@@ -159,7 +166,11 @@ def test_decay_of_a_mode_over_half_a_period() -> None:
 
 @pytest.mark.parametrize("damper", [0.0, 0.1])
 def test_a_damper_to_ground_is_that_of_an_own_integration(damper: float) -> None:
-    """Small steps with elastic impacts, from rest over the first of them: at 0.1 N s/m two thirds of a free absorber's velocity would go."""
+    """A damper to ground agrees with a separate integration.
+
+    It uses small steps with elastic impacts, from rest over the first impacts. At 0.1 N s/m a free
+    absorber would lose two thirds of its velocity.
+    """
     scene = beam_scene(Beam(modes=2), impact_absorber())
     periods = 5
     each = 4000
@@ -283,7 +294,11 @@ def test_one_mode_without_losses_at_its_contact_is_strongly_modulated() -> None:
 
 
 def test_the_sliding_absorber_drifts_at_the_papers_step_only() -> None:
-    """By the exact method whole periods of friction leave the absorber's place; a scheme that is late at each reversal moves it to a wall."""
+    """The sliding absorber drifts only at the paper's step.
+
+    With the exact method, whole periods of friction do not change the absorber's mean position. A
+    scheme that is late at each slip reversal moves it to a wall.
+    """
     scene = jump.make_scene()
     start, stop, _ = jump.DRIFT
     drives = draw_members(3, 0, "phase").drives(

@@ -1,4 +1,7 @@
-"""The paper's study: figures that are kept or made again, one alone, the claims, and bad input. And cheap claims of its figures."""
+"""The paper's study reuses figures or computes them again, as it should.
+
+A single figure, the claims, wrong input, and cheap claims of the figures are tested too.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -161,6 +164,8 @@ def test_a_claim_that_does_not_hold_says_why() -> None:
         claims[1],
     ]
     assert format_reasons(claims) == (
-        "### The step\n\nAt 20 steps per period of the highest mode impacts and reversals of slip come late.\n\n"
-        "- *Z* (section 3; [one](paper/one.png)): **holds only at the paper's step**. Computed: 2. The step errs."
+        "### The step\n\nAt 20 steps per period of the highest mode impacts and reversals of "
+        "slip come late.\n\n"
+        "- *Z* (section 3; [one](paper/one.png)): **holds only at the paper's step**. "
+        "Computed: 2. The step errs."
     )

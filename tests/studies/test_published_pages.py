@@ -1,4 +1,7 @@
-"""The pages and tables of studies are what today's code writes of their published numbers: nothing is measured here."""
+"""Published pages and tables are those that today's code writes of the published numbers.
+
+Nothing is measured here.
+"""
 
 import csv
 import io

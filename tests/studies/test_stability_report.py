@@ -1,4 +1,7 @@
-"""The stability report: what its cells, limits, modes and long runs are judged by, tasks in processes, and the page."""
+"""The stability report judges its results correctly.
+
+Cells, limits, modes and long runs, tasks in processes, and the page are tested.
+"""
 
 import math
 import shutil
@@ -106,7 +109,11 @@ def test_estimated_limit_is_the_theorys(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_one_element_by_hand() -> None:
-    """One element: det [[12 - 156 m, -6 + 22 m], [-6 + 22 m, 4 - 4 m]] = 140 m^2 - 408 m + 12, with m = omega^2/420."""
+    """The frequencies of one element agree with a calculation by hand.
+
+    One element: det [[12 - 156 m, -6 + 22 m], [-6 + 22 m, 4 - 4 m]] = 140 m^2 - 408 m + 12, with m
+    = omega^2/420.
+    """
     square = 420 * (408 - math.sqrt(408**2 - 4 * 140 * 12)) / (2 * 140)
     assert float(eigen.exact_frequency(1, math.sqrt(square) * 1.001)) ** 2 == pytest.approx(
         square, rel=1e-12

@@ -1,4 +1,7 @@
-"""The pattern of all studies: files, page, exit codes, and what is left of a run that is stopped, breaks down or is gone on with."""
+"""All studies have the same files, page and exit codes.
+
+The results of a run that is stopped, fails or is continued are tested.
+"""
 
 import csv
 import gzip
@@ -20,13 +23,20 @@ from optimisation.machine import sources
 from studies import study as pattern
 from studies.study import CsvTable, OutputPaths, Part, Study, make_rows_part
 
-PAGE = "by hand\n<!-- omega -->\nold\n<!-- /omega -->\nalso by hand\n<!-- shape -->\nold\n<!-- /shape -->\n"
+PAGE = (
+    "by hand\n<!-- omega -->\nold\n<!-- /omega -->\nalso by hand\n<!-- shape -->\nold\n<!-- "
+    "/shape -->\n"
+)
 ELEMENTS = (2, 3, 5)
 OMEGA = {"only": ("omega",)}
 
 
 class Settings(NamedTuple):
-    """What happens before so many elements are measured; the word that a run must share with one that it goes on from."""
+    """Settings of a test study.
+
+    ``events`` are called before the given number of elements is measured. ``word`` must be the same
+    in a run and in the earlier one that it continues.
+    """
 
     events: dict[int, Callable[[], object]] = {}  # noqa: RUF012
     word: str = "same"

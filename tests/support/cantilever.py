@@ -21,7 +21,10 @@ def roots(modes: int) -> Array:
 
 
 def shapes(modes: int, at: float) -> Array:
-    """Return the deflections at a share of the length, for a mass of 1 kg, positive at the tip; without the cancellation of hyperbolic functions."""
+    """Return the deflections at a share of the length, for a mass of 1 kg.
+
+    They are positive at the tip, and free of the cancellation of hyperbolic functions.
+    """
     x = roots(modes)
     denominator = np.sinh(x) + np.sin(x)
     sigma = (np.cosh(x) + np.cos(x)) / denominator

@@ -1,5 +1,9 @@
-"""Which files of tests run at every save, which together, and which start first: by the processor's time with compiled kernels
-(``scripts/test -n 0 --cpu FILE``). Used by noxfile.py and conftest.py."""
+"""Choice and order of the test files.
+
+The module lists the files that run at every save, those that run together and those that start
+first. The choice follows from the processor's time with compiled kernels (``scripts/test -n 0 --cpu
+FILE``). noxfile.py and conftest.py use it.
+"""
 
 from pathlib import Path
 
@@ -10,7 +14,8 @@ def _files(words: dict[str, str]) -> tuple[str, ...]:
     )
 
 
-# some of every kind that say much in little time, 65 s of the processor; what takes long in them is marked slow
+# some of every kind that say much in little time, 65 s of the processor; what takes long in them is
+# marked slow
 QUICK = _files(
     {
         "kernels": "check energies exact_contacts linear properties several",
@@ -24,7 +29,8 @@ QUICK = _files(
     }
 )
 
-# all of them in runs one after the other: what a process has compiled and imported stays in its memory
+# all of them in runs one after the other: what a process has compiled and imported stays in its
+# memory
 PARTS = (
     "tests/kernels/test_[a-l]*.py",
     "tests/kernels/test_[m-z]*.py",
@@ -34,9 +40,11 @@ PARTS = (
     "tests/studies tests/commands",
 )
 
-# a line for each of `PARTS`, by processor time with compiled kernels (kinds.py compiles them before). Files that take most, in s:
-# printed_blocks 50, plain_python, interrupted, bifurcation_curves and docs (mypy) 40, orbits_script 35, dense_motion, first_use,
-# harmonic_balance, cluster and search_truth 25, explore, training, design_scripts, kernel_cache and regimes 20.
+# a line for each of `PARTS`, by processor time with compiled kernels (kinds.py compiles them
+# before). Files that take most, in s: printed_blocks 50, plain_python, interrupted,
+# bifurcation_curves and docs (mypy) 40, orbits_script 35, dense_motion, first_use,
+# harmonic_balance, cluster and search_truth 25, explore, training, design_scripts, kernel_cache and
+# regimes 20.
 _LONGEST_FIRST = """
     kernels/dense_motion kernels/kernel_cache kernels/loads kernels/bounds kernels/exact_contacts kernels/budget kernels/energies
     kernels/plain_python kernels/search_truth kernels/regimes kernels/one_result kernels/verification kernels/several kernels/stepping
@@ -59,7 +67,8 @@ LEANING = _files(
     }
 )
 
-# tests marked plain run last, by kernels in plain Python: to compile these kinds of scenes takes longer than their few events
+# tests marked plain run last, by kernels in plain Python: to compile these kinds of scenes takes
+# longer than their few events
 TESTS = Path(__file__).parents[1]
 
 

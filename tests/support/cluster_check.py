@@ -1,4 +1,7 @@
-"""Run as a process of its own: runs on a cluster, one worker of which is killed, beside runs here. Prints a line for each comparison."""
+"""Compare runs on a cluster, one worker of which is killed, with local runs.
+
+The module runs as a process of its own and prints a line for each comparison.
+"""
 
 import os
 import signal
@@ -45,7 +48,11 @@ def problem() -> Problem:
 
 
 class Murderous(Workers):
-    """Kills one of the workers after ``mercy`` results; after the first, which is of this process, nothing has been asked of the workers yet."""
+    """An executor that kills one of the workers after ``mercy`` results.
+
+    After the first result, which comes from this process, the workers have not received any task
+    yet.
+    """
 
     victim: int | None = None
     mercy = 2

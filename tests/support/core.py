@@ -1,4 +1,7 @@
-"""Runs and truths shared by the tests of the simulator's core. One set of observers for all runs, so that each kernel is compiled once."""
+"""Runs and references for the tests of the simulator's core.
+
+All runs have the same set of observers, so that each kernel is compiled once.
+"""
 
 import json
 from dataclasses import replace
@@ -53,7 +56,11 @@ def run(
 def drive_of(
     force: float, *ratios: float, periods: float = 5.0, reference: float = OMEGA, phase: float = 0.0
 ) -> Drive:
-    """Frequencies (ratios of the reference) joined by straight lines over equal shares of ``periods`` pseudo periods; one ratio is constant."""
+    """Return a drive whose frequency is piecewise linear over ``periods`` pseudo periods.
+
+    ``ratios`` are relative to the reference and joined by straight lines over equal shares of the
+    time. One ratio gives a constant frequency.
+    """
     omegas = np.array(ratios if len(ratios) > 1 else ratios * 2) * reference
     return Drive(
         force,
@@ -108,9 +115,13 @@ def relative_displacement(response: Response) -> Array:
 def check(
     response: Response, error: float = 1e-11, scale: float = 0.0, noise: float = 1e-13
 ) -> Response:
-    """Energy is balanced, losses are losses, no rigid wall is penetrated, and the lists of impacts and of phases are consistent.
+    """Check energies, walls and lists of a response.
 
-    ``error``: of the largest term of the balance, or of what else passes through the run, ``scale`` in J; ``noise``: of the displacements.
+    The energy is balanced, losses are not negative, no rigid wall is penetrated, and the lists of
+    impacts and of phases are consistent.
+
+    ``error``: of the largest term of the balance, or of what else passes through the run, ``scale``
+    in J; ``noise``: of the displacements.
     """
     energy = response.energy
     impacts = response.impacts
@@ -159,7 +170,10 @@ def check(
 
 
 def golden(name: str, duration: float) -> tuple[Scene, Drive, Array, Array]:
-    """Return a golden case's scene and drive, impact times (s) and relative velocities before impact (m/s)."""
+    """Return the scene, drive and impacts of a golden case.
+
+    The impacts have times (s) and relative velocities before impact (m/s).
+    """
     case = json.loads((TRUTHS / f"golden_{name}.json").read_text())
     model = ModalModel(
         case["omega_rad_s"],

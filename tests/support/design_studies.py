@@ -1,4 +1,8 @@
-"""Studies for tests: a problem without simulation, whose measures follow from the design in microseconds, and executors that count or break off."""
+"""Studies for tests of searches.
+
+The module has a problem without simulation, whose measures follow from the design in microseconds,
+and executors that count runs or interrupt them.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,7 +61,10 @@ def search_swept(
 
 
 def values_of(problem: Problem, design: Design | None = None) -> Array:
-    """Return the measures of one design (None: the default) for all members, simulated in this thread."""
+    """Return the measures of one design for all members, simulated in this thread.
+
+    ``design`` None is the default design.
+    """
     ((_, values),) = evaluate(
         problem, [design or problem.space.default], problem.ensemble, problem.rate, Threads(1)
     )
@@ -66,9 +73,12 @@ def values_of(problem: Problem, design: Design | None = None) -> Array:
 
 @dataclass
 class Model:
-    """An executor that puts a formula in the simulator's place: a bowl around gap 0.6 mm and restitution 0.5, with a ripple by phase.
+    """An executor that replaces the simulator by a formula.
 
-    ``calls`` counts the runs of each chunk; a ``log`` gets a line for each; KeyboardInterrupt comes in place of chunk number ``stop``.
+    The formula is a bowl around gap 0.6 mm and restitution 0.5, with a ripple by phase.
+
+    ``calls`` counts the runs of each chunk; a ``log`` gets a line for each; KeyboardInterrupt comes
+    in place of chunk number ``stop``.
     """
 
     stop: int | None = None
@@ -101,7 +111,10 @@ class Model:
 
 
 class Bowl(Model):
-    """The same for concepts without walls: a bowl in the logarithms of what identifies the absorber."""
+    """The same executor for concepts without walls.
+
+    Its formula is a bowl in the logarithms of the absorber's parameters.
+    """
 
     def about(self, chunk: Chunk) -> tuple[object, ...]:
         absorber = chunk.lanes[0].scene.absorber

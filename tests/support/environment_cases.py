@@ -85,7 +85,10 @@ def actions(name: str, steps: int, lanes: int) -> np.ndarray:
 
 
 def played(env: Any, act: Any = 0, **reset: Any) -> list[Any]:
-    """Return the results of each step of an episode; ``act`` is the action, or a function of the observation that gives it."""
+    """Return the results of each step of an episode.
+
+    ``act`` is the action, or a function of the observation that returns it.
+    """
     observation = env.reset(**reset)[0]
     steps = []
     while not steps or not (steps[-1][2] or steps[-1][3]):

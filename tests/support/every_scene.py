@@ -1,4 +1,7 @@
-"""Small scenes of every kind with the numbers that each gives, compiled or in plain Python (NUMBA_DISABLE_JIT=1)."""
+"""Small scenes of every kind with their results.
+
+They run compiled or in plain Python (NUMBA_DISABLE_JIT=1).
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -79,7 +82,10 @@ def ring_scene(
     wave_number: int = 1,
     gravity: float = 0.0,
 ) -> Scene:
-    """Return a ring of equal sectors of 1 kg with an absorber of 2 % in each; all its eigenvalues but one or two occur twice."""
+    """Return a ring of equal sectors of 1 kg with an absorber of 2 % in each.
+
+    All its eigenvalues except one or two occur twice.
+    """
     n = len(gaps)
     neighbours = np.roll(np.eye(n), 1, axis=0) + np.roll(np.eye(n), -1, axis=0)
     stiffness = OMEGA**2 * ((1 + 2 * coupling) * np.eye(n) - coupling * neighbours)

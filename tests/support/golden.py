@@ -1,13 +1,18 @@
-"""Golden cases: small runs of every kind of scene, method, load and record, and short episodes of every environment.
+"""Golden cases: small runs of every kind, and short episodes of every environment.
 
-A refactoring keeps their bits. Two comparisons, both in plain Python (``NUMBA_DISABLE_JIT=1``), so that nothing is compiled:
+The runs have every kind of scene, method, load and record.
 
-- with another commit, bit by bit, on one machine: ``python tests/support/golden.py --against COMMIT`` runs the cases of both
-  versions, each with its own copy of this module, and compares SHA-256 hashes. ``--write FILE`` and ``--check FILE`` keep the
-  hashes of one version in a file, so that it runs only once.
-- with the committed file ``tests/truths/golden_numbers.json``, on any machine: `numbers` of each array agree up to `NUMBERS_TOL`.
-  Hashes would not do: BLAS and libm differ in the last bits from machine to machine. Nor would rounded digits, which differ where
-  a number is near the middle between two of them. ``--numbers`` writes this file again after a change of results that is meant.
+A refactoring keeps their bits. Two comparisons, both in plain Python (``NUMBA_DISABLE_JIT=1``), so
+that nothing is compiled:
+
+- with another commit, bit by bit, on one machine: ``python tests/support/golden.py --against
+  COMMIT`` runs the cases of both versions, each with its own copy of this module, and compares
+  SHA-256 hashes. ``--write FILE`` and ``--check FILE`` keep the hashes of one version in a file, so
+  that it runs only once.
+- with the committed file ``tests/truths/golden_numbers.json``, on any machine: `numbers` of each
+  array agree up to `NUMBERS_TOL`. Hashes would not do: BLAS and libm differ in the last bits from
+  machine to machine. Nor would rounded digits, which differ where a number is near the middle
+  between two of them. ``--numbers`` writes this file again after a change of results that is meant.
 """
 
 import argparse
@@ -81,7 +86,10 @@ def run(
 def loaded(
     absorber: Absorber | None, *loads: Load, method: Method | None = None, start: str = "middle"
 ) -> Callable[[], Values]:
-    """Return a run of the closed-form cantilever, which can be shaken, or of the beam, under loads."""
+    """Return a run of the closed-form cantilever or of the beam under loads.
+
+    The cantilever can have a moving base.
+    """
 
     def simulate_loads() -> Values:
         scene = Scene(cantilever(), absorber)
@@ -243,7 +251,11 @@ def plain_arrays(values: Values) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def numbers(values: Values) -> dict[str, list[float]]:
-    """Return of each array its size, absolute sum, and sum weighted by cos(1), cos(2), ..., which sees the order of the numbers."""
+    """Return the size and two sums of each array.
+
+    They are the absolute sum, and the sum weighted by cos(1), cos(2), ..., which depends on the
+    order of the numbers.
+    """
     result = {}
     for name, array in plain_arrays(values):
         flat = array.astype(float).ravel()
@@ -289,7 +301,10 @@ def differences(new: dict[str, dict[str, str]], old: dict[str, dict[str, str]]) 
 
 
 def hashes_of_commit(commit: str) -> dict[str, dict[str, str]]:
-    """Return the hashes of another version of the sources, by that version's own copy of this module."""
+    """Return the hashes of another version of the sources.
+
+    They are computed by that version's own copy of this module.
+    """
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         archive = subprocess.run(

@@ -1,7 +1,10 @@
-"""Everything wrong that can be handed in: each argument of a callable, one after the other, is replaced by each of `VALUES`.
+"""Calls with wrong arguments of every kind.
 
-What an argument takes is read from its type hint, so a new constructor needs nothing here. A call must be refused with a ParameterError that
-names the argument; or the value is of the kind that the hint says, is kept as given, and what comes out can be used.
+Each argument of a callable, one after the other, is replaced by each of `VALUES`.
+
+What an argument takes is read from its type hint, so a new constructor needs nothing here. A call
+must be refused with a ParameterError that names the argument; or the value is of the kind that the
+hint says, is kept as given, and what comes out can be used.
 """
 
 import dataclasses
@@ -128,7 +131,10 @@ def opened(hint: Any) -> Any:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Return whether a value is of the kind that a type hint says; a number is also an array of one."""
+    """Return whether a value is of the kind of a type hint.
+
+    An array of one number is also a number.
+    """
     hint = opened(hint)
     origin = typing.get_origin(hint)
     parts = typing.get_args(hint)
@@ -218,7 +224,10 @@ BY_TYPE: dict[Any, Any] = {
 
 
 def good_arguments(make: Callable[..., Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments with which a call succeeds: those that have no default, and those in ``own``."""
+    """Return arguments with which a call succeeds.
+
+    They are those that have no default, and those in ``own``.
+    """
     needed = {n: p for n, p in inspect.signature(make).parameters.items() if p.default is p.empty}
     hints = hints_of(make)
     known = {**BY_NAME, **own}
@@ -231,7 +240,10 @@ def good_arguments(make: Callable[..., Any], own: Mapping[str, Any]) -> dict[str
 
 
 def used(result: Any) -> None:
-    """Use what came out, up to numbers that must be finite; raises ParameterError or IntegrationError where a run is refused or breaks down."""
+    """Use the result of a call, and check that its numbers are finite.
+
+    Raises ParameterError or IntegrationError if a run is refused or fails.
+    """
     if isinstance(result, Response):
         numbers = [
             result.end_state,
@@ -314,7 +326,10 @@ def used(result: Any) -> None:
 def complaints(
     name: str, make: Callable[..., Any], own: Mapping[str, Any], *, dear: bool = False
 ) -> Iterator[str | None]:
-    """Yield for each argument and each of `VALUES` what is wrong with the call, None if nothing is; ``dear``: only of values of a wrong kind."""
+    """Yield the error of the call for each argument and each of `VALUES`.
+
+    None stands for a call without error. With ``dear`` only values of a wrong kind are tried.
+    """
     good = good_arguments(make, own)
     if not dear:
         used(make(**good))

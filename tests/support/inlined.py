@@ -1,4 +1,7 @@
-"""Machine code of a kernel that is given a group, in the order of the words: each time with none (bare), with a plain one, or with a sparing one.
+"""Print the machine code of a kernel that takes a group of arguments.
+
+The words of the command line are bare (no group), plain (a plain group) or sparing (a group that
+limits inlining), in the order of the output.
 
 Prints a line for each word: what the kernel returns, and its instructions without their operands.
 """

@@ -1,7 +1,10 @@
-"""The kinds of kernels that the tests need: each is compiled once, by two processes at a time, before the suite starts.
+"""The kinds of kernels that the tests need.
 
-``python tests/support/kinds.py`` compiles them, unless it has done so already. Tests that compile one kind after the other, in two
-workers, would wait for each other's, or compile the same one twice.
+Each is compiled once, by two processes at a time, before the suite starts.
+
+``python tests/support/kinds.py`` compiles them, unless it has done so already. Tests that compile
+one kind after the other, in two workers, would wait for each other's, or compile the same one
+twice.
 """
 
 import hashlib

@@ -1,4 +1,7 @@
-"""A structure without finite elements, golden cases of loads, and loads as functions of time that share nothing with the pieces of the kernels."""
+"""A structure without finite elements, golden cases of loads, and loads over time.
+
+The functions of time share nothing with the pieces of the kernels.
+"""
 
 from pathlib import Path
 
@@ -13,7 +16,8 @@ from impact_env.results import Record
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]
-# a uniform clamped-free beam in closed form: three modes, with the force at 0.4 of the length; tips alternate in sign
+# a uniform clamped-free beam in closed form: three modes, with the force at 0.4 of the length; tips
+# alternate in sign
 OMEGA = (252.3097218652803, 1581.1980362916618, 4427.40028691217)
 FORCE_SHAPE = (0.6123449944147568, 1.8205634693679993, 1.4009099753247334)
 TIP_SHAPE = (2.663708632848108, -2.6637086328480986, 2.663708632847805)
@@ -23,7 +27,8 @@ BETA = (1.8751040687119611, 4.694091132974174, 7.854757438237613)  # cosh cos = 
 PARTICIPATION = tuple(
     2 * (np.sinh(b) - np.sin(b)) / (np.cosh(b) + np.cos(b)) / b * np.sqrt(MASS) for b in BETA
 )
-# impact times in s and relative velocities before them in m/s, by Duhamel's integral and root finding
+# impact times in s and relative velocities before them in m/s, by Duhamel's integral and root
+# finding
 TONES = (
     (0.04019227245696305, 0.528865743),
     (0.04149855306285344, -2.223935818),
@@ -51,14 +56,21 @@ GRAVITY = (
 
 
 def record_of(scene: Scene) -> Record:
-    """What runs under loads record: one set where there is contact, and one where there is none, as each set is one more kernel."""
+    """Return the record of runs under loads.
+
+    There is one set of observers for scenes with contact and one for those without, since each set
+    is a further kernel.
+    """
     return Record(series=True, energy=True) if scene.kind is SceneKind.LINEAR else EVERYTHING
 
 
 def file_of_one_mode(damping_ratio: float) -> str:
     """Return the file of a structure with that cantilever's first frequency and mass."""
     shapes = "force_shape_per_sqrt_kg = [0.6]\ntip_shape_per_sqrt_kg = [2.6]"
-    return f"[model]\nomega_rad_s = [{OMEGA[0]}]\ndamping_ratio = [{damping_ratio}]\n{shapes}\nbeam_mass_kg = {MASS}\n"
+    return (
+        f"[model]\nomega_rad_s = [{OMEGA[0]}]\ndamping_ratio = "
+        f"[{damping_ratio}]\n{shapes}\nbeam_mass_kg = {MASS}\n"
+    )
 
 
 def cantilever() -> ModalModel:
@@ -78,7 +90,10 @@ def chain(folder: Path, held: bool = True, **more: Array) -> tuple[Array, Array]
 
 
 def chirp(schedule: FrequencySchedule, times: Array) -> tuple[Array, Array, Array]:
-    """Return frequency (rad/s), its rate (rad/s^2) and phase (rad) of a schedule of one stretch at times in s."""
+    """Return frequency (rad/s), its rate (rad/s^2) and phase (rad) of a schedule.
+
+    The schedule has one linear piece. ``times`` are in s.
+    """
     rate = (schedule.omegas[1] - schedule.omegas[0]) / schedule.times[1]
     return (
         schedule.omegas[0] + rate * times,
@@ -103,7 +118,9 @@ KINDS = (
 
 
 def tables_of(omega: float, folder: Path) -> dict[str, str]:
-    """Return a load of each kind as TOML, eight periods long, for a structure with that first frequency (rad/s); write the record that one names.
+    """Return a load of each kind as TOML, and write the record that one of them names.
+
+    Loads last eight periods of a structure with the first frequency ``omega`` (rad/s).
 
     The base goes up to seven times that frequency.
     """
@@ -114,21 +131,35 @@ def tables_of(omega: float, folder: Path) -> dict[str, str]:
     (folder / "record.csv").write_text(
         "time_s,value\n" + "".join(f"{t:.9f},{np.sin(omega * t):.9f}\n" for t in times)
     )
-    up = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.5 * omega}, {7 * omega}], reference_rad_s = {omega} }}"
-    swept = f"schedule = {{ times_s = [0, {length}], omegas_rad_s = [{0.95 * omega}, {1.05 * omega}], reference_rad_s = {omega} }}"
+    up = (
+        "schedule = "
+        f"{{ times_s = [0, {length}], omegas_rad_s = [{0.5 * omega}, {7 * omega}], reference_rad_s = {omega} }}"
+    )
+    swept = (
+        "schedule = "
+        f"{{ times_s = [0, {length}], omegas_rad_s = [{0.95 * omega}, {1.05 * omega}], reference_rad_s = {omega} }}"
+    )
     spectrum = f"spectrum = [[{0.5 * hertz}, 4.0], [{1.5 * hertz}, 4.0]]\nduration_s = {length}"
     tables = {
         "force": f"kind = 'force'\namplitude_n = 3.0\n{swept}",
         "unbalance": f"kind = 'unbalance'\nunbalance_kg_m = {3 / omega**2}\n{swept}",
         "base": f"kind = 'base'\nacceleration_m_s2 = 8.0\n{up}",
-        "tones": f"kind = 'tones'\ntones = [{{ amplitude_n = 2.0, frequency_hz = {hertz} }}, {{ amplitude_n = 2.0, frequency_hz = {3 * hertz} }}]\n"
+        "tones": f"kind = 'tones'\ntones = [{{ amplitude_n = 2.0, frequency_hz = {hertz} }}, "
+        f"{{ amplitude_n = 2.0, frequency_hz = {3 * hertz} }}]\n"
         f"duration_s = {length}",
-        "orders": f"kind = 'tones'\norders = [{{ amplitude_n = 2.0, order = 1 }}, {{ amplitude_n = 5.0, order = 3 }}]\n{swept}",
+        "orders": (
+            f"kind = 'tones'\norders = [{{ amplitude_n = 2.0, order = 1 }}, "
+            f"{{ amplitude_n = 5.0, order = 3 }}]\n{swept}"
+        ),
         "samples": "kind = 'samples'\nfile = 'record.csv'\nquantity = 'base_acceleration'\nscale = 9.81",
         "random": f"kind = 'random'\nseed = 1\n{spectrum}",
         "random base": f"kind = 'base'\n{spectrum}",
-        "shock": f"kind = 'shock'\npulse = 'half-sine'\npeak_n = 60.0\npulse_s = {0.4 * period}\nduration_s = {length}",
-        "shock of the base": f"kind = 'base'\npulse = 'trapezoid'\npeak_m_s2 = 60.0\npulse_s = {0.4 * period}\nrise_s = {0.1 * period}\n"
+        "shock": (
+            "kind = 'shock'\npulse = 'half-sine'\npeak_n = 60.0\npulse_s = "
+            f"{0.4 * period}\nduration_s = {length}"
+        ),
+        "shock of the base": "kind = 'base'\npulse = 'trapezoid'\npeak_m_s2 = 60.0\npulse_s = "
+        f"{0.4 * period}\nrise_s = {0.1 * period}\n"
         f"duration_s = {length}",
         "strike": f"kind = 'shock'\nvelocity_m_s = 0.5\nplace = 'absorber'\nduration_s = {length}",
     }

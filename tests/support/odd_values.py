@@ -1,10 +1,14 @@
-"""Odd values of every kind for each argument of every public callable: a right result, or one ParameterError.
+"""Calls with odd values of every kind for each argument of every public callable.
 
-`walk` calls a function or constructor with each of `ODD` in the place of each argument. A value that stands for a plain Python
-number (``numpy.uint8(200)`` for 200) must lead to the same result as that number, and to plain numbers in what is stored.
+A call must give a correct result, or one ParameterError.
 
-Functions that simulate are not among `targets`: LLVM ends the process where the limit of memory refuses it some, and an interrupted
-compilation goes on in its thread. `test_bad_input.py` calls them without limits.
+`walk` calls a function or constructor with each of `ODD` in the place of each argument. A value
+that stands for a plain Python number (``numpy.uint8(200)`` for 200) must lead to the same result as
+that number, and to plain numbers in what is stored.
+
+Functions that simulate are not among `targets`: LLVM ends the process where the limit of memory
+refuses it some, and an interrupted compilation goes on in its thread. `test_bad_input.py` calls
+them without limits.
 """
 
 import dataclasses
@@ -212,7 +216,10 @@ ENDLESS = (itertools.count, lambda: iter([0.5, 1.0]))  # made for each call: ite
 
 @contextmanager
 def limited(gigabytes: float = 2.0) -> Iterator[None]:
-    """Limit the memory that a call may ask for, and its processor time, where the system can; nothing is compiled."""
+    """Limit the memory and the processor time of a call, where the system can.
+
+    Nothing is compiled within the limits.
+    """
     try:
         import resource
     except ImportError:  # not a POSIX system

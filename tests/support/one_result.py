@@ -1,7 +1,9 @@
-"""Run as a process of its own: prints as JSON a hash of what one scene gives, after the scenes that the arguments name.
+"""Print as JSON a hash of the results of one scene, after the named scenes.
 
-``child``: also in a process that this one starts. ``worker``: also on a worker of dask. ``threads``: instead, its level as a
-lane among lanes of other kinds, on one thread and on four.
+The module runs as a process of its own. The scenes before are those that the arguments name.
+
+``child``: also in a process that this one starts. ``worker``: also on a worker of dask.
+``threads``: instead, its level as a lane among lanes of other kinds, on one thread and on four.
 """
 
 import hashlib

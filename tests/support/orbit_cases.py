@@ -38,7 +38,10 @@ def high_orbit(case: Case) -> Orbit:
 
 @cache
 def one_sided() -> Orbit:
-    """The orbit without symmetry that takes over where the symmetric high branch of one mode, e = 0.75, loses its stability."""
+    """Return the orbit without symmetry of one mode, e = 0.75.
+
+    It replaces the symmetric high branch where this branch becomes unstable.
+    """
     case = paper_case(1, 0.93, 1.5, 0.75)
     orbits = [orbit for orbit in attractors(case, [high_orbit(case)]) if isinstance(orbit, Orbit)]
     assert len(orbits) == 2
@@ -49,7 +52,8 @@ def one_sided() -> Orbit:
 def attractor(ratio: float, multiple: int) -> Orbit:
     """The orbit over ``multiple`` periods that ten modes with friction come to.
 
-    One run in forty is elsewhere by then, on another attractor or not settled; which ones, rounding decides. Of six none is there once in 1e9.
+    One run in forty is elsewhere by then, on another attractor or not settled; which ones, rounding
+    decides. Of six none is there once in 1e9.
     """
     for phase in range(6):
         orbit = orbit_of_simulation(paper_case(10, ratio, 3.5, 0.7, 0.1), phase=float(phase))
@@ -89,7 +93,10 @@ def steel() -> Case:
 
 
 def multipliers_by_reference(motion: Motion) -> Array:
-    """Return the multipliers over a motion's span by differences of the dense reference, which must bring the motion back to its start."""
+    """Return the multipliers over a motion's span by differences of the dense reference.
+
+    The reference must return the motion to its start.
+    """
     case = motion.solution.case
     unit = case.gap * np.repeat([1.0, case.omega], case.model.modes + 1)
     start, state = motion.mid_flight()
@@ -105,7 +112,10 @@ def multipliers_by_reference(motion: Motion) -> Array:
 
 
 def map_by_reference(motion: Motion, start: float, state: Array) -> Array:
-    """Return where the dense reference takes a state over the schedule's span, mirrored back if that is half a period."""
+    """Return the state of the dense reference after the schedule's span.
+
+    If the span is half a period, the state is mirrored back.
+    """
     case = motion.solution.case
     n = motion.solution.case.model.modes
     turn = motion.solution.schedule.turn

@@ -1,4 +1,7 @@
-"""What becomes of a kernel that another process compiles: argument 1 is "well" or "badly" (it fails there)."""
+"""Use a kernel that another process compiles.
+
+Argument 1 is "well" or "badly" (it fails in the other process).
+"""
 
 import multiprocessing
 import sys
@@ -19,7 +22,12 @@ def job(way: str) -> None:
 
 
 def main(way: str) -> None:
-    """Print whether it was kept before, processes, times that it was loaded, whether one still runs, whether it is kept now."""
+    """Print how a kernel was prepared by another process.
+
+    The line has whether it was cached before, the number of processes, how often it was loaded, how
+    many processes still run, the process that the kernel waits for (None), and whether it is cached
+    now.
+    """
     prepare_module.available_cores = lambda: 2
     call = partial(job, way)
     before = prepare_module.is_cached(call)

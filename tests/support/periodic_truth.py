@@ -1,7 +1,10 @@
-"""The symmetric orbit with one impact a wall by dense matrices: no kernel, no Green's function, no modal exponential.
+"""The symmetric orbit with one impact at each wall by dense matrices.
 
-Physical state y = (q, q', x, x') of modes and absorber, y' = A y + B cos(omega t + phase) + C s with the friction's sign s. From just after the
-impact on the lower wall, y0, half a period to just before the one on the upper wall, y1, and by its impact to -y0: linear in y0, cos and sin of the
+It uses no kernel, no Green's function and no modal exponential.
+
+Physical state y = (q, q', x, x') of modes and absorber, y' = A y + B cos(omega t + phase) + C s
+with the friction's sign s. From just after the impact on the lower wall, y0, half a period to just
+before the one on the upper wall, y1, and by its impact to -y0: linear in y0, cos and sin of the
 phase.
 """
 
@@ -16,11 +19,15 @@ Array = np.ndarray
 
 
 class Truth:
-    """A case as dense matrices; state (2 N_m + 2,): modal displacements, absorber's, modal velocities, absorber's.
+    """A case as dense matrices.
 
-    ``push``: change of the state by a unit impulse on the absorber; ``distance``, ``rate``: rows of relative displacement and velocity; ``bounce``:
-    the impact; ``flow``: half a period without a force; ``constant``: response from rest over that to a unit force on the absorber and its reaction;
-    ``wave``: the particular solution Re(wave exp(i (omega t + phase))).
+    The state (2 N_m + 2,) has modal displacements, the absorber's, modal velocities, and the
+    absorber's.
+
+    ``push``: change of the state by a unit impulse on the absorber; ``distance``, ``rate``: rows of
+    relative displacement and velocity; ``bounce``: the impact; ``flow``: half a period without a
+    force; ``constant``: response from rest over that to a unit force on the absorber and its
+    reaction; ``wave``: the particular solution Re(wave exp(i (omega t + phase))).
     """
 
     def __init__(self, case: Case) -> None:
@@ -46,7 +53,11 @@ class Truth:
         )
 
     def half_turn(self) -> tuple[Array, Array, Array]:
-        """Return y0 = constant + Re(wave exp(i phase)) and the same of the distance before the upper wall: (y0 constant, y0 wave, distance pair)."""
+        """Return the state after the lower impact and the distance before the upper wall.
+
+        Both depend on the phase: y0 = constant + Re(wave exp(i phase)), and the distance likewise.
+        The result is (y0 constant, y0 wave, distance pair).
+        """
         rub = -self.case.friction_limit * self.constant  # the absorber moves up against the tip
         right = np.column_stack(
             [-self.bounce @ rub, self.bounce @ (self.wave + self.flow @ self.wave)]
@@ -62,7 +73,10 @@ class Truth:
         )
 
     def orbits(self) -> list[tuple[float, float, Array]]:
-        """Return (phase at the lower wall, impulse there, state after it) of all symmetric orbits."""
+        """Return all symmetric orbits, each as (phase, impulse, state).
+
+        They are the phase at the lower wall, the impulse of this impact and the state after it.
+        """
         still, moving, (level, wave) = self.half_turn()
         share = (self.case.gap - level.real) / abs(wave)
         if abs(share) > 1:
@@ -80,7 +94,11 @@ class Truth:
         return abs(self.case.gap - level.real) / abs(wave) * abs(self.case.force)
 
     def half_multipliers(self, phase: float, y0: Array) -> Array:
-        """Eigenvalues of the half map's derivative: a flight, the saltation matrix with the vector fields on both sides, and the mirror image."""
+        """Return the eigenvalues of the derivative of the half-period map.
+
+        The map is a flight, the saltation matrix with the vector fields on both sides, and the
+        mirror image.
+        """
         limit = self.case.friction_limit
         steady = (self.wave * np.exp(1j * phase)).real
         before = self.flow @ (y0 - steady) - steady - limit * self.constant

@@ -1,4 +1,7 @@
-"""Where tests find what they read and run: the checkout and its folders, copies of its modules, and processes of its Python."""
+"""Paths and processes of the tests.
+
+They are the checkout and its folders, copies of its modules, and processes of its Python.
+"""
 
 import importlib.util
 import os
@@ -23,7 +26,10 @@ def loaded(file: Path) -> ModuleType:
 
 
 def fresh(*words: object, **variables: object) -> subprocess.CompletedProcess[str]:
-    """Run Python in a process of its own, which finds the checkout and what tests share; it must succeed."""
+    """Run Python in a process of its own, which must succeed.
+
+    The process finds the checkout and the shared modules of the tests.
+    """
     path = os.pathsep.join(map(str, (ROOT, SCRIPTS, SUPPORT, SUPPORT.parent)))
     environment = (
         os.environ | {"PYTHONPATH": path} | {name: str(value) for name, value in variables.items()}

@@ -13,7 +13,8 @@ from numba.core import event
 
 from impact_env.modes import ModalModel
 
-# What each test takes of the processor, which does not depend on what else the machine does, and how much of that is compilation of kernels.
+# What each test takes of the processor, which does not depend on what else the machine does, and
+# how much of that is compilation of kernels.
 
 
 class Compiling(event.Listener):
@@ -35,7 +36,10 @@ class Compiling(event.Listener):
 
 
 class CPUTimes:
-    """A plugin that writes a line for each test: its name, and seconds in this process, in processes that it waited for, and compiling."""
+    """A plugin that writes a line for each test.
+
+    It has the test's name, and the seconds in this process, in child processes, and of compilation.
+    """
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -60,7 +64,8 @@ class CPUTimes:
         return result
 
 
-# Other last bits in every modal model, as other processors and libraries would give them: verdicts of tests must not hang on these.
+# Other last bits in every modal model, as other processors and libraries would give them: verdicts
+# of tests must not hang on these.
 
 
 BITS = 3  # of a number's 53 those that differ, a relative change of 1e-15 at most

@@ -1,4 +1,6 @@
-"""Where compiled kernels are kept, and numba's cache without its demand for a folder that can be written to, or for files that are whole.
+"""The cache of compiled kernels.
+
+It is numba's cache, but requires neither a writable folder nor undamaged files.
 
 numba's cache does not notice an edit in an imported module, so the folder carries a hash of the
 package's sources. Nor does it notice a damaged file, and would run what is in it.
@@ -40,10 +42,12 @@ LOG = logging.getLogger("impact_env")
 LOCK_TIMEOUT_S = 60.0  # s to wait for another process that writes into the same folder
 # holds a folder of kernels that came with the package, if any did: never in a checkout
 SHIPPED = PACKAGE / "shipped"
+# NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that
+# the name stands for
 SHIPPED_CPU = (
     "x86-64-v3",
     "",
-)  # NUMBA_CPU_NAME and NUMBA_CPU_FEATURES for which those are compiled, and the features that stand behind the name:
+)
 SHIPPED_CPU_FEATURES = {
     "avx",
     "avx2",
@@ -67,7 +71,11 @@ HOST_VARIABLE = "IMPACT_ENV_KERNELS"
 
 
 def hash_sources(package: Path = PACKAGE) -> str:
-    """Return the hash of all sources below ``package``, of the compiler's versions and of whether it checks bounds: the name of the folder."""
+    """Return the hash that names the folder of compiled kernels.
+
+    It is the hash of all sources below ``package``, of the compiler's versions and of whether the
+    compiler checks bounds.
+    """
     known = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
         known.update(source.relative_to(package).as_posix().encode() + source.read_bytes())
@@ -88,7 +96,10 @@ def find_shipping_obstacle() -> str:
     if not SHIPPED.is_dir():
         return "none came with this package"
     if not any((SHIPPED / _hash_of_process()).rglob(here)):
-        return "those that came with this package are of other sources, or of another version of numba or Python"
+        return (
+            "those that came with this package are of other sources, or of another version of "
+            "numba or Python"
+        )
     if os.environ.get(HOST_VARIABLE) == "host" or (
         numba.config.CPU_NAME,
         numba.config.CPU_FEATURES,
@@ -98,21 +109,28 @@ def find_shipping_obstacle() -> str:
     ):
         return f"{HOST_VARIABLE}, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES asks for others"
     missing = SHIPPED_CPU_FEATURES - {
-        name for name, there in llvmlite.binding.get_host_cpu_features().items() if there
+        name for name, present in llvmlite.binding.get_host_cpu_features().items() if present
     }
     return f"this processor lacks {', '.join(sorted(missing))}" if missing else ""
 
 
 @dataclass(frozen=True)
 class Folders:
-    """``write``: where new kernels are kept, None where nothing can be written; ``read``: one that is only read, as an image's, or None."""
+    """The folders of compiled kernels.
+
+    New kernels are written to ``write``, which is None if no folder is writable. ``read`` is a
+    folder that is only read, such as one of an image, or None.
+    """
 
     write: Path | None
     read: Path | None
 
 
 def choose_folders(parent: Path | None, name: str) -> Folders:
-    """Return the folders ``name`` in ``parent`` (None: there is none) or, if that is not writable, in the user's temporary folder."""
+    """Return the folders ``name`` in ``parent`` or in the user's temporary folder.
+
+    The latter is used if ``parent`` is not writable, or None because no such folder exists.
+    """
     wanted = None if parent is None else parent / name
     if wanted is not None and _writable(wanted):
         return Folders(wanted, None)
@@ -124,7 +142,10 @@ def choose_folders(parent: Path | None, name: str) -> Folders:
 
 @cache
 def find_folders() -> Folders:
-    """Return the folders of this process, in the virtual environment that it runs in, in the user's cache, or where ``IMPACT_ENV_CACHE`` says.
+    """Return the folders of compiled kernels of this process.
+
+    They are in the virtual environment of this process, in the user's cache, or in the folder that
+    ``IMPACT_ENV_CACHE`` names.
 
     There are none where numba is told to compile nothing (``NUMBA_DISABLE_JIT=1``).
     """
@@ -139,21 +160,28 @@ def find_folders() -> Folders:
             parent = Path(sys.prefix) / "kernel-cache"
         else:
             parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "impact_env"
-    found = choose_folders(parent, _hash_of_process())
-    if found.write is None:
+    folders = choose_folders(parent, _hash_of_process())
+    if folders.write is None:
         LOG.warning(
-            "no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are compiled now are compiled again in the next process"
+            "no folder can be written to (IMPACT_ENV_CACHE names one): kernels that are "
+            "compiled now are compiled again in the next process"
         )
-    return found
+    return folders
 
 
 def cache_folder() -> Path | None:
-    """Return the folder in which new kernels of these sources are kept, or None where nothing can be written."""
+    """Return the folder to which new kernels of these sources are written.
+
+    The result is None if no folder is writable.
+    """
     return find_folders().write
 
 
 def _writable(folder: Path) -> bool:
-    """Make a folder and try to write into it: what a system allows is not always what its permissions say."""
+    """Return whether a folder can be made and written to.
+
+    It is tried, because a system's permissions do not always say what it allows.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
@@ -173,10 +201,8 @@ def _private_folder() -> Path | None:
     """Return a temporary folder that only this user can write to: what is read from it is run."""
     try:
         parent = Path(tempfile.gettempdir())
-        folder = (
-            parent
-            / f"impact_env-{os.getuid() if hasattr(os, 'getuid') else os.environ.get('USERNAME', 'user')}"
-        )
+        user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+        folder = parent / f"impact_env-{user}"
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
         if _is_private(folder):
@@ -199,7 +225,10 @@ def _is_private(folder: Path) -> bool:
 
 
 class _Locator(UserProvidedCacheLocator):
-    """Place of a function's kernels in the folder to write to; numba's own would refuse the function if there is none."""
+    """The location of a function's kernels in the folder to write to.
+
+    numba's own locator would refuse the function if no such folder exists.
+    """
 
     def __init__(self, py_func: Any, py_file: str) -> None:
         super().__init__(py_func, py_file)
@@ -210,7 +239,10 @@ class _Locator(UserProvidedCacheLocator):
         return cls(py_func, py_file)
 
     def get_source_stamp(self) -> object:
-        """Return the stamp that names the folder, and numba's own for a function outside of the package."""
+        """Return the stamp of a function's source.
+
+        It is the name of the folder, or numba's own stamp for a function outside of the package.
+        """
         return (
             _hash_of_process()
             if PACKAGE in Path(self._py_file).resolve().parents
@@ -232,7 +264,9 @@ class _CacheImpl(CompileResultCacheImpl):
 
 
 class _ChecksummedFile(IndexDataCacheFile):
-    """numba's index and data, each file with a digest of its content behind it, where numba does not read on; one that lacks it counts as absent.
+    """numba's index and data files, each followed by a digest of its content.
+
+    numba does not read the digest. A file without a correct digest is treated as absent.
 
     With its data a kernel's key is kept: where an index was lost, a number in a new one may still
     be that of another kernel's data.
@@ -242,8 +276,8 @@ class _ChecksummedFile(IndexDataCacheFile):
         super().save(key, (key, data))
 
     def load(self, key: Any) -> Any:
-        kept = super().load(key)
-        return kept[1] if kept is not None and kept[0] == key else None
+        entry = super().load(key)
+        return entry[1] if entry is not None and entry[0] == key else None
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
@@ -272,16 +306,19 @@ def _is_undamaged(path: str) -> bool:
 
 
 class KernelCache(FunctionCache):
-    """numba's cache of a function, with folders that are only read, and without errors where nothing sound can be read, or nothing written."""
+    """numba's cache of a function, with additional folders that are only read.
+
+    It raises no errors where no undamaged file can be read or nothing can be written.
+    """
 
     _impl_class = _CacheImpl
 
     def __init__(self, py_func: Any) -> None:
         super().__init__(py_func)
-        kept = self._impl.filename_base, self._impl.locator.get_source_stamp()
-        self._cache_file = _ChecksummedFile(self._cache_path, *kept)
+        identity = self._impl.filename_base, self._impl.locator.get_source_stamp()
+        self._cache_file = _ChecksummedFile(self._cache_path, *identity)
         self._read_only, self._shipped = (
-            _ChecksummedFile(_cache_path(folder, py_func.__code__.co_filename), *kept)
+            _ChecksummedFile(_cache_path(folder, py_func.__code__.co_filename), *identity)
             for folder in (find_folders().read, SHIPPED / _hash_of_process())
         )
 

@@ -1,4 +1,6 @@
-"""The decorators of all kernels: four for functions that numba compiles, one for those written as vector code.
+"""The decorators of all kernels.
+
+Four are for functions that numba compiles, one is for functions in the language of vector code.
 
 Nothing is compiled with numba's fastmath. Where the compiler may reorder sums or contract products
 it does so anew in every library that a function gets into, and of several copies of a function the
@@ -52,12 +54,18 @@ def _njit(**options: Any) -> Callable[[Any], Any]:
 
 
 def jit(function: _F) -> _F:
-    """Compile a function that makes no arrays. Never with fastmath: sums over slots are written as vector code (vector_code.py)."""
+    """Compile a function that makes no arrays.
+
+    fastmath is never used. Sums over slots are written as vector code (vector_code.py).
+    """
     return _njit(**_PLAIN)(function)  # type: ignore[no-any-return]
 
 
 def jit_allocating(function: _F) -> _F:
-    """Compile like `jit`, for a function that makes or returns arrays or calls one that does: once a run, never in a loop."""
+    """Compile like `jit` a function that makes or returns arrays, or that calls such a function.
+
+    Such a function is called once a run and never in a loop.
+    """
     return _njit(**{**_PLAIN, "_nrt": True})(function)  # type: ignore[no-any-return]
 
 
@@ -67,12 +75,18 @@ def jit_inline(function: _F) -> _F:
 
 
 def jit_view(function: _F) -> _F:
-    """Compile like `jit` and always inline on numba's level: for view helpers, which pick arrays out of larger ones."""
+    """Compile like `jit`, and always inline on numba's level.
+
+    It is for helper functions that return views, which select arrays from larger ones.
+    """
     return _njit(**_PLAIN, inline="always")(function)  # type: ignore[no-any-return]
 
 
 def vector_code(kind: Any = types.void, several: int = 0) -> Callable[[Callable[..., Any]], Any]:
-    """Make of a function of `Code`, and of arguments, one of these arguments that kernels call; it returns a ``kind``, or a tuple of ``several``.
+    """Make a function that kernels call from a function of `Code` and of arguments.
+
+    The new function takes the arguments only. It returns a ``kind``, or a tuple of ``several`` of
+    this kind.
 
     An argument annotated as an `Index` or a `Number` is taken for a whole or a floating number;
     arrays and named tuples have no annotation. The function returns a `Number`, an `Index`, a list
@@ -89,22 +103,25 @@ def vector_code(kind: Any = types.void, several: int = 0) -> Callable[[Callable[
 
 
 def _compiled(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
-    def typed(typing_context: Any, *given: Any) -> Any:
+    def typed(typing_context: Any, *argument_types: Any) -> Any:
         return returns(
-            *(own if kind is None else kind for own, kind in zip(given, kinds, strict=True))
+            *(
+                own if kind is None else kind
+                for own, kind in zip(argument_types, kinds, strict=True)
+            )
         ), build
 
     def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        found = function(
+        result = function(
             Code(context, builder),
             *map(opened, [context] * len(kinds), [builder] * len(kinds), signature.args, values),
         )
-        if found is None:
+        if result is None:
             return context.get_dummy_value()
         return (
-            context.make_tuple(builder, returns, [each.value for each in found])
-            if isinstance(found, list)
-            else found.value
+            context.make_tuple(builder, returns, [each.value for each in result])
+            if isinstance(result, list)
+            else result.value
         )
 
     return intrinsic(update_wrapper(typed, function))
@@ -112,14 +129,14 @@ def _compiled(function: Callable[..., Any], kinds: list[Any], returns: Any) -> A
 
 def _in_plain_python(function: Callable[..., Any], kinds: list[Any], returns: Any) -> Any:
     def call(*values: Any) -> Any:
-        found = function(
+        result = function(
             PlainCode(),
             *(
                 at_hand(value if kind is None else _CASTS[kind](value))
                 for value, kind in zip(values, kinds, strict=True)
             ),
         )
-        return tuple(map(_unwrap, found)) if isinstance(found, list) else _unwrap(found)
+        return tuple(map(_unwrap, result)) if isinstance(result, list) else _unwrap(result)
 
     return update_wrapper(call, function)
 

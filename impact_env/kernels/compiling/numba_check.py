@@ -1,10 +1,12 @@
 """Which of numba's internals the kernels rely on, and how they are compiled without them.
 
-`numba_internals.py` compiles a kernel in one piece with all that it calls, which takes a third of the time. It relies on
-internals of numba. Where the installed version is not one of those tested, or lacks one of these internals, kernels are
-compiled by documented options of numba alone: the same results up to rounding, and more time to compile.
+`numba_internals.py` compiles a kernel in one piece with all that it calls, which takes a third of
+the time. It relies on internals of numba. Where the installed version is not one of those tested,
+or lacks one of these internals, kernels are compiled by documented options of numba alone: the same
+results up to rounding, and more time to compile.
 
-Branches on ``is None`` are pruned in both cases (passes.py): without that pass the kernels do not type.
+Branches on ``is None`` are pruned in both cases (passes.py): without that pass the kernels do not
+type.
 """
 
 from __future__ import annotations
@@ -83,7 +85,10 @@ class PruningPipeline(Compiler):  # type: ignore[misc]
 
 
 def compile_documented(function: Callable[..., Any], **options: Any) -> Any:
-    """Return a kernel that numba compiles with documented options; it is compiled again in each process."""
+    """Return a kernel that numba compiles with documented options only.
+
+    It is compiled again in each process.
+    """
     warn_of_obstacle()
     known = {name: value for name, value in options.items() if name in DOCUMENTED_OPTIONS}
     return numba.njit(pipeline_class=PruningPipeline, **known)(function)

@@ -65,7 +65,10 @@ def _compiling(args: Sequence[types.Type]) -> Iterator[None]:
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """The code of one part, as it is before LLVM's module passes; what it calls is kept beside it."""
+    """The code of one part before LLVM's module passes.
+
+    The libraries of the functions that it calls are stored with it.
+    """
 
     def finalize(self) -> None:
         """End it without machine code."""
@@ -89,14 +92,17 @@ class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 def order_libraries(libraries: Sequence[CodeLibrary]) -> list[CodeLibrary]:
-    """Return libraries and all that they link, ordered so that users precede their dependencies, as LLVM's linker needs them."""
-    seen: set[CodeLibrary] = set()
+    """Return libraries and everything that they link in the order that LLVM's linker needs.
+
+    Users precede their dependencies.
+    """
+    visited: set[CodeLibrary] = set()
     backwards: list[CodeLibrary] = []
 
     def visit(library: CodeLibrary) -> None:
-        if library in seen:
+        if library in visited:
             return
-        seen.add(library)
+        visited.add(library)
         if isinstance(library, PartLibrary):
             for used in reversed(library._linking_libraries):
                 visit(used)
@@ -173,7 +179,10 @@ class Part(CPUDispatcher):  # type: ignore[misc]
         self._compiler = compiler(function, self.targetdescr, options, {}, _PartPipeline)
 
     def compile(self, signature: Any) -> Any:
-        """Compile for a caller in a kernel, without numba's timers, which every part below would ring."""
+        """Compile for a caller in a kernel.
+
+        numba's timers are left out, because they would be triggered by every nested part.
+        """
         args, result_type = sigutils.normalize_signature(signature)
         if args not in self.overloads:
             with self._compiling_counter:
@@ -184,7 +193,10 @@ class Part(CPUDispatcher):  # type: ignore[misc]
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A kernel as Python calls it; what its callers in kernels get is its `part`, or its `limited_part`."""
+    """A kernel as it is called from Python.
+
+    Callers within kernels get its `part` or its `limited_part` instead.
+    """
 
     def __init__(self, function: Callable[..., Any], _locals: Any, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options, _WholePipeline)
@@ -208,7 +220,9 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return self.limited_part if _inlining_limited else self.part
 
     def compile(self, signature: Any) -> Any:
-        """Compile for a caller in Python, or in a function that is no kernel, or load what another process has compiled.
+        """Compile for a caller in Python, or in a function that is no kernel.
+
+        Code that another process has compiled is loaded instead.
 
         That is done by a thread of its own, unless this one compiles something already.
         """
@@ -223,7 +237,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             return super().compile(signature)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Return the signature for a caller's type inference; within kernels constants are passed as numbers, so that one part serves all."""
+        """Return the signature for a caller's type inference.
+
+        Within kernels constants are passed as numbers, so that one part serves all callers.
+        """
         if not _nested:
             return super().get_call_template(args, kws)
         return self._called.get_call_template(

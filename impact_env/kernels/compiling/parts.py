@@ -1,4 +1,7 @@
-"""What callers of kernels need to know of their compilation: events, waiting, limits of inlining, loading without compiling."""
+"""The parts of the compilation of kernels that callers of kernels need.
+
+They are events, waiting, limits of inlining, and loading without compiling.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ INLINING_LIMITED: set[type] = set()
 
 
 def limit_inlining(group: _Group) -> _Group:
-    """Declare that kernels with this named tuple among their arguments, alone or within others, are inlined less."""
+    """Declare that kernels with this named tuple as an argument are inlined less.
+
+    The named tuple may be an argument itself or a part of one.
+    """
     INLINING_LIMITED.add(group)
     return group
 
@@ -34,7 +40,11 @@ _abandoning = 0  # how many callers of `abandon_compilations` there are
 
 @contextmanager
 def abandon_compilations() -> Iterator[None]:
-    """While this is entered, threads that wait for a kernel to be compiled, or begin to, raise `CompilationAbandoned`; what is compiled goes on."""
+    """Make threads that wait for a compilation raise `CompilationAbandoned`.
+
+    This holds within the context, also for threads that begin to wait. Compilations under way
+    continue.
+    """
     global _abandoning
     _abandoning += 1
     try:
@@ -49,7 +59,10 @@ def is_compiling() -> bool:
 
 
 def run_in_thread(work: Callable[[], _Result]) -> _Result:
-    """Return what ``work`` does in a thread of its own, which an interrupt leaves behind: LLVM heeds no signal for up to a minute."""
+    """Return the result of ``work``, which runs in its own thread.
+
+    An interrupt abandons this thread, because LLVM does not respond to signals for up to a minute.
+    """
     results: list[_Result] = []
     errors: list[BaseException] = []
     context = copy_context()
@@ -80,7 +93,10 @@ class NotCached(Exception):  # noqa: N818 - no error: an answer
 
 @contextmanager
 def only_cached() -> Iterator[None]:
-    """Load kernels from the cache only, in this thread: where one would have to be compiled, `NotCached` is raised."""
+    """Load kernels from the cache only, in this thread and context.
+
+    Raises `NotCached` for a kernel that would have to be compiled.
+    """
     token = ONLY_CACHED.set(True)
     try:
         yield

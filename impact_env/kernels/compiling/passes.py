@@ -1,4 +1,7 @@
-"""numba's passes on a kernel before types are inferred have one more: it leaves out branches for what is absent, or there."""
+"""An additional numba pass on a kernel before its types are inferred.
+
+It removes branches on whether an optional argument is None if the argument's type decides this.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,10 @@ class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
     _name = "impact_env_prune_present"
 
     def run_pass(self, state: Any) -> bool:
-        """Put a constant for each test whose outcome the types tell, then run numba's pass, which drops branches on constants."""
+        """Replace each test that the types decide by a constant, then run numba's pass.
+
+        numba's pass removes branches on constants.
+        """
         code = state.func_ir
         for block in code.blocks.values():
             for line in block.find_insts(ir.Assign):
@@ -38,7 +44,10 @@ class PrunePresent(DeadBranchPrune):  # type: ignore[misc]
 
 
 def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> types.Type | None:
-    """Return the type of what is an argument or, read by its name, a field of a named tuple that is one (or a field of one); None of all else."""
+    """Return the type of an argument or of a named tuple's field, or None for other values.
+
+    The named tuple is an argument, or a field of such a named tuple.
+    """
     source = ir_utils.guard(ir_utils.get_definition, code, value)
     if isinstance(source, ir.Arg):
         return args[source.index]
@@ -50,7 +59,10 @@ def _kind_of(code: ir.FunctionIR, args: Sequence[types.Type], value: Any) -> typ
 
 
 def _is_none(code: ir.FunctionIR, args: Sequence[types.Type], test: Any) -> bool | None:
-    """Return the truth of ``x is None`` or ``x is not None``; None where types do not tell, or for any other expression."""
+    """Return the truth of ``x is None`` or ``x is not None``.
+
+    The result is None if types do not decide it, and for any other expression.
+    """
     if not (
         isinstance(test, ir.Expr)
         and test.op == "binop"

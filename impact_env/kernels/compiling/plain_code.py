@@ -1,4 +1,6 @@
-"""The language of vector_code.py where nothing is compiled (NUMBA_DISABLE_JIT=1): each operation is done at once, by NumPy, to the same bits.
+"""The language of vector_code.py for runs without compilation (NUMBA_DISABLE_JIT=1).
+
+NumPy executes each operation immediately, with bitwise equal results.
 
 What vector_code.py builds of others' methods, as sums, is inherited. Loops are loops, branches are
 branches, and a debugger sees numbers.
@@ -20,29 +22,33 @@ from impact_env.kernels.compiling.vector_code import LANES, Code, Number
 
 @cache
 def fused() -> Callable[[float, float, float], float]:
-    """Return the fused multiplication and addition of the C library or, where it has none, of Python from 3.13 on.
+    """Return a function for fused multiplication and addition.
+
+    It is that of the C library or, if the library has none, of Python from 3.13 on.
 
     Raises RuntimeError if there is none that rounds once: results would differ from those of
     compiled kernels.
     """
     for find in (_of_the_library, lambda: math.fma):  # type: ignore[attr-defined]
         try:
-            found: Callable[[float, float, float], float] = find()
+            fma: Callable[[float, float, float], float] = find()
         except (OSError, AttributeError):
             continue
-        if found(1.0 + 2.0**-30, 1.0 + 2.0**-30, -1.0 - 2.0**-29) == 2.0**-60:
-            return found
+        if fma(1.0 + 2.0**-30, 1.0 + 2.0**-30, -1.0 - 2.0**-29) == 2.0**-60:
+            return fma
     raise RuntimeError(
-        "NUMBA_DISABLE_JIT=1: kernels in plain Python need a fused multiplication and addition, which neither the C library nor Python (math.fma, "
-        "from 3.13 on) offers here. Without it their results would differ from compiled ones; leave NUMBA_DISABLE_JIT unset, or take a newer Python"
+        "NUMBA_DISABLE_JIT=1: kernels in plain Python need a fused multiplication and "
+        "addition, which neither the C library nor Python (math.fma, "
+        "from 3.13 on) offers here. Without it their results would differ from compiled ones; "
+        "leave NUMBA_DISABLE_JIT unset, or take a newer Python"
     )
 
 
 def _of_the_library() -> Callable[[float, float, float], float]:
-    found = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fma
-    found.argtypes = [ctypes.c_double] * 3
-    found.restype = ctypes.c_double
-    return found
+    fma = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fma
+    fma.argtypes = [ctypes.c_double] * 3
+    fma.restype = ctypes.c_double
+    return fma
 
 
 class PlainNumber(Number):
@@ -128,7 +134,10 @@ class PlainFields:
 
 
 def opened(value: Any) -> Any:
-    """Return an argument as code takes it: an array flat, a named tuple's fields by their names, a number, a whole number, None."""
+    """Return an argument in the form that vector code takes.
+
+    It is a flat array, a named tuple's fields by their names, a number, a whole number, or None.
+    """
     if isinstance(value, np.ndarray):
         return value.view().reshape(-1, copy=False)
     if isinstance(value, tuple):
@@ -137,7 +146,11 @@ def opened(value: Any) -> Any:
 
 
 def _within(pointer: Any, index: int, count: int) -> slice:
-    """Return the places of ``count`` numbers from an index on; machine code would read or write whatever is beyond the array."""
+    """Return the positions of ``count`` numbers from an index on.
+
+    Raises IndexError for positions beyond the array, where machine code would read or write other
+    memory.
+    """
     if not 0 <= index <= len(pointer) - count:
         raise IndexError(f"{count} numbers from {index} on are not in an array of {len(pointer)}")
     return slice(index, index + count)

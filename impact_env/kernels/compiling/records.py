@@ -22,7 +22,10 @@ def record_type(**fields: Any) -> np.dtype[Any]:
 
 
 def new_record(kind: np.dtype[Any], **values: Any) -> Any:
-    """Return a record of zeros, but for the ``values`` given by name. Raises ValueError for a name that the record has not."""
+    """Return a record of zeros, except for the ``values`` given by name.
+
+    Raises ValueError for a name that is not in the record.
+    """
     made = np.zeros(1, kind)[0]
     for name, value in values.items():
         made[name] = value

@@ -1,4 +1,6 @@
-"""A small language for vector code: loops over slots or times whose result does not depend on what else is compiled beside them.
+"""A small language for vector code, that is for loops over slots or times.
+
+Results do not depend on which other code is compiled in the same library.
 
 numba's own loops become vectors only where sums may be reordered and products contracted, and then
 the compiler chooses the order anew in each library that a function gets into: one source, several
@@ -33,7 +35,10 @@ def _function(builder: Any, name: str, kind: Any, arguments: int) -> Any:
 
 
 class Index:
-    """A whole number, or the answer of a comparison, of the code under construction; the other one may be a known number."""
+    """A whole number, or the result of a comparison, of the code under construction.
+
+    The other operand of an operation may be a known number.
+    """
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder = builder
@@ -171,7 +176,10 @@ class Number:
         return low + high
 
     def total(self) -> Number:
-        """Return the sum of the elements, a power of two of them: halves are added until one is left."""
+        """Return the sum of the elements, whose number is a power of two.
+
+        Halves are added until one element is left.
+        """
         number = self
         while number.count > 2:
             number = number.folded()
@@ -256,7 +264,10 @@ class Sum:
 
 
 class Fields:
-    """A named tuple of the code under construction, its fields by their names: what is never read makes no code."""
+    """A named tuple of the code under construction, with its fields by their names.
+
+    Fields that are never read generate no code.
+    """
 
     def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
         self._context = context
@@ -275,7 +286,11 @@ class Fields:
 
 
 def opened(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return an argument as code takes it: a pointer to the numbers of a contiguous array, a named tuple's `Fields`, None, else a number."""
+    """Return an argument in the form that vector code takes.
+
+    It is a pointer to the numbers of a contiguous array, a named tuple's `Fields`, None, or
+    otherwise a number.
+    """
     if isinstance(kind, types.Array):
         return context.make_array(kind)(context, builder, value).data
     if isinstance(kind, types.BaseNamedTuple):
@@ -320,7 +335,11 @@ class Code:
         )
 
     def vectors(self, size: Any) -> Iterator[Any]:
-        """Repeat what follows for the first of 2 LANES slots each, and for the LANES that may be left; ``lanes`` says how many there are."""
+        """Repeat the following code for the first slots, 2 LANES at a time, and for the rest.
+
+        The rest are LANES slots, if they are left. ``lanes`` is the number of slots in the current
+        repetition.
+        """
         whole = size & -2 * LANES
         self.lanes = 2 * LANES
         yield from self.loop(whole, 2 * LANES)
@@ -353,7 +372,11 @@ class Code:
         self.builder.store(vector.value, self._place(pointer, index, vector.count), align=8)
 
     def complex(self, pointer: Any, real: Any, imag: Any, size: int | None = None) -> Complex:
-        """Return ``size`` complex numbers whose parts lie from ``real`` and from ``imag`` on, None: as many as there are lanes."""
+        """Return ``size`` complex numbers.
+
+        Their real and imaginary parts are stored from ``real`` and ``imag`` on. If ``size`` is
+        None, there are as many numbers as lanes.
+        """
         return Complex(self.vector(pointer, real, size), self.vector(pointer, imag, size))
 
     def store_complex(self, vector: Complex, pointer: Any, real: Any, imag: Any) -> None:
@@ -418,7 +441,11 @@ class Code:
         return Index(self.builder, self.builder.cttz(mask.value, ir.Constant(ir.IntType(1), 0)))
 
     def atomic_rmw(self, change: str, words: Any, place: Any, value: Any) -> Any:
-        """Change a word that threads share ("add" to it, or "xchg" it) and return what it was, with all that was written before it."""
+        """Change a word that threads share, and return its previous value.
+
+        The change is "add" or "xchg". Everything that was written before the previous value is
+        visible afterwards.
+        """
         return Index(
             self.builder,
             self.builder.atomic_rmw(change, self._at(words, place), value.value, "seq_cst"),

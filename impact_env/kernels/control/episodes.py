@@ -1,4 +1,7 @@
-"""What a task does with all its lanes before and after a control interval, in one loop each: NumPy would pass over the lanes once for every sign.
+"""Operations of a task on all its lanes before and after a control interval.
+
+Each is one loop over the lanes, whereas NumPy would need one pass over the lanes for every
+operator.
 
 The arithmetic is that of a single lane, so a lane of a thousand has the digits of one that is
 alone.
@@ -30,7 +33,9 @@ FEATURE_UNITS = record_type(
 
 @jit
 def advance_frequency(interval, width, far, sign, change, ratio, duration, after, ended):
-    """Advance the frequency ``ratio`` (L,) by ``change`` (L,) per pseudo period, within the range of the passage.
+    """Advance the frequency ``ratio`` (L,) by ``change`` (L,) per pseudo period.
+
+    The frequency remains within the range of the passage.
 
     ``interval``: the longest, in pseudo periods; ``width`` of the range and its ``far`` end (L,) in
     units of the resonance; ``sign`` (L,): 1 up, -1 down. Filled: ``duration`` in pseudo periods,
@@ -62,7 +67,9 @@ def limit_actions(actions):
 
 @jit
 def order_friction(actions, column, low, high, orders, friction, place, moved):
-    """Order the friction limits of ``actions`` (L, A), from ``low`` to ``high`` (N) on a logarithmic scale.
+    """Order the friction limits for ``actions`` (L, A).
+
+    They lie between ``low`` and ``high`` (N) on a logarithmic scale.
 
     Filled, (L,) each: ``friction`` (N), its ``place`` in the range, the action, and how far that
     has ``moved``.
@@ -77,7 +84,10 @@ def order_friction(actions, column, low, high, orders, friction, place, moved):
 
 @jit
 def order_wall_motion(actions, low, high, share, most, orders, before):
-    """Order the half-clearances that walls reach on the way to the targets of ``actions`` (L, A), column 0, from ``low`` to ``high`` (m).
+    """Order the half-clearances that walls reach on the way to their targets.
+
+    The targets are given by column 0 of ``actions`` (L, A) and lie between ``low`` and ``high``
+    (m).
 
     ``share`` of the way that the lag leaves, but no further than ``most`` (m); ``before`` (L,):
     filled with those until now.
@@ -100,7 +110,10 @@ def measure_wall_motion(orders, before, length, moved):
 def fill_orders(
     orders, omega, period, steps, duration, ratio, after, force, ended, resting, elapsed, late
 ):
-    """Fill drive and end of ORDER records from arrays (L,): durations in periods (s), frequency ratios to ``omega`` (rad/s), forces (N).
+    """Fill drive and end of ORDER records from arrays (L,).
+
+    ``duration`` is in periods of ``period`` (s), the frequency ratios refer to ``omega`` (rad/s),
+    and forces are in N.
 
     Lanes that are not ``resting`` have one more interval ``elapsed``. An episode that has not
     ``ended`` after ``steps`` intervals is ``late``; all these are (L,), too.
@@ -121,7 +134,9 @@ def fill_orders(
 def close_step(
     duration, elapsed, limit, late_ends, resting, late, time, score, rewards, ended, cut
 ):
-    """Add the interval to ``time`` and ``score``, and say whether episodes have ``ended`` or are ``cut`` off, each (L,).
+    """Add the interval to ``time`` and ``score``, and find the episodes that end.
+
+    ``ended`` says whether episodes have ended, ``cut`` whether they are cut off, each (L,).
 
     An episode that is ``late`` has ended where ``late_ends``, else it is cut off; so is one with
     ``limit`` intervals (0: none). Lanes that are ``resting`` have no reward and do not end.
@@ -142,7 +157,10 @@ def close_step(
 
 @jit
 def fill_costs(reports, moved, duration, interval, steps, samples, costs):
-    """Fill columns 1 to 3 of ``costs`` (L, 5): time over that of ``steps`` intervals, damage over ``samples``, way of the actuator.
+    """Fill columns 1 to 3 of ``costs`` (L, 5).
+
+    They are the time relative to that of ``steps`` intervals, the damage divided by ``samples``,
+    and the displacement of the actuator.
 
     ``moved`` (L,); ``duration`` (L,) and ``interval`` in pseudo periods.
     """
@@ -168,7 +186,10 @@ def compute_cycle_rewards(
     costs,
     rewards,
 ):
-    """Fill the rewards (L,) of control within a period: minus the interval's share of the mean relative RMS, and the price of what ``moved``.
+    """Fill the rewards (L,) of control within a period.
+
+    A reward is minus the interval's share of the mean relative RMS, less the price of the
+    actuator's displacement ``moved``.
 
     ``state`` (L, S) at the end; ``steps`` of the time budget; ``price`` of a unit that the actuator
     moves; ``mass_rate`` (kg/s): absorber's mass over an interval; ``force`` (N) and ``scale`` (m),
@@ -193,7 +214,10 @@ def compute_cycle_rewards(
 
 @jit
 def compute_level_rewards(reports, level_scale, price, duration, fine, late, potential, rewards):
-    """Fill the rewards (L,): the fall of the level over ``level_scale``, less ``price`` a pseudo period and a ``fine`` where ``late``.
+    """Fill the rewards (L,) of a passage that is rated by its level.
+
+    A reward is the fall of the level relative to ``level_scale``, less ``price`` for each pseudo
+    period and a ``fine`` where the episode is ``late``.
 
     ``potential`` (L,) holds the relative level so far.
     """
@@ -205,7 +229,10 @@ def compute_level_rewards(reports, level_scale, price, duration, fine, late, pot
 
 @jit
 def compute_damage_rewards(reports, damage_scale, price, duration, fine, late, potential, rewards):
-    """Fill the rewards as `compute_level_rewards` does, for the damage of the interval; ``potential`` is its sum."""
+    """Fill the rewards as `compute_level_rewards` does, for the damage of the interval.
+
+    ``potential`` is the sum of the damage.
+    """
     for i in range(reports.shape[0]):
         gain = reports[i].damage / damage_scale[i]
         rewards[i] = -gain - (duration[i] * price + (fine if late[i] else 0.0))
@@ -214,7 +241,10 @@ def compute_damage_rewards(reports, damage_scale, price, duration, fine, late, p
 
 @jit
 def fill_features(reports, units, ratio, elapsed, level, values):
-    """Write the features that all tasks share into the first columns of ``values`` (L, features); ``units`` (1,): FEATURE_UNITS."""
+    """Write the features of all tasks into the first columns of ``values`` (L, features).
+
+    ``units`` (1,) is a record FEATURE_UNITS.
+    """
     unit = units[0]
     for i in range(reports.shape[0]):
         report = reports[i]
@@ -232,7 +262,9 @@ def fill_features(reports, units, ratio, elapsed, level, values):
 
 @jit
 def fill_cycle_features(reports, orders, state, shapes, squares, units, ratio, elapsed, values):
-    """Write the features of control within a period into the first columns of ``values`` (L, features).
+    """Write the features of control within a period into ``values`` (L, features).
+
+    They fill the first columns.
 
     ``state`` (L, S) at the end, ``shapes`` (L or 1, N_m) of the modes where the level is read, mean
     ``squares`` (L, n) of the intervals of the last period (m^2), ``units`` (1,): FEATURE_UNITS.
@@ -266,7 +298,10 @@ def fill_cycle_features(reports, orders, state, shapes, squares, units, ratio, e
 
 @jit
 def limit_features(values, most, observed):
-    """Write ``values`` (L, features) to ``observed`` (L, features), float32, limited to +-``most``."""
+    """Write ``values`` (L, features) to ``observed``, limited to +-``most``.
+
+    ``observed`` (L, features) is float32.
+    """
     for i in range(values.shape[0]):
         for k in range(values.shape[1]):
             value = values[i, k]

@@ -97,7 +97,11 @@ class Lanes(NamedTuple):
 
 
 def new_lanes(lanes: int, size: int, state: int, half_window: int) -> Lanes:
-    """Return lanes at rest with this many modal amplitudes and places of a state; ``half_window``: samples in half the level's window."""
+    """Return ``lanes`` lanes at rest.
+
+    ``size`` is the number of modal amplitudes, ``state`` the number of entries of a state, and
+    ``half_window`` the number of samples in half the level's window.
+    """
     contacts = (
         np.zeros(lanes, rigid_contact.RIGID_CONTACT_STATE),
         np.zeros(lanes, compliant_contact.COMPLIANT_CONTACT_STATE),
@@ -114,7 +118,10 @@ def new_lanes(lanes: int, size: int, state: int, half_window: int) -> Lanes:
 
 
 class Disturbance(NamedTuple):
-    """A load beside the lanes' own force: a periodic ``record`` (K,) in N or m/s^2, linear between its ``step`` (s).
+    """A load that acts in addition to the lanes' own force.
+
+    It is a periodic ``record`` (K,) in N or m/s^2, interpolated linearly between samples that are
+    ``step`` (s) apart.
 
     ``channel`` (2,): of the force of the orders, and of the record: 0 of a force, 1 of the base's
     acceleration (m/s^2).
@@ -148,7 +155,11 @@ class LaneSettings(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Lanes under control, what is ordered and reported, ORDER and REPORT records (L,), and their status codes (L,)."""
+    """Lanes under control with their orders, reports and status codes.
+
+    ``orders`` and ``reports`` are ORDER and REPORT records (L,), the status codes have the shape
+    (L,).
+    """
 
     settings: LaneSettings
     lanes: Lanes
@@ -219,7 +230,10 @@ def new_interval_load(settings):
 
 @jit
 def expand_interval_load(disturbance, order, times, load):
-    """Write the sections of an interval: breakpoints ``times`` and load pieces; return their number."""
+    """Write the sections of an interval and return their number.
+
+    A section is given by breakpoints ``times`` and by pieces of the load.
+    """
     if disturbance is None:
         return 1
     return _expand_record(disturbance, order, times, load)
@@ -237,11 +251,10 @@ def _expand_record(disturbance, order, times, load):
         place = np.floor(place + 0.5)
     first = int(np.floor(place))
     n = 0
-    pieces[0, OMEGA], pieces[0, ALPHA] = (
-        order.omega_start,
-        (order.omega_stop - order.omega_start) / duration,
-    )
-    pieces[0, PHASE], pieces[0, POLYNOMIAL] = order.phase, order.force
+    pieces[0, OMEGA] = order.omega_start
+    pieces[0, ALPHA] = (order.omega_stop - order.omega_start) / duration
+    pieces[0, PHASE] = order.phase
+    pieces[0, POLYNOMIAL] = order.force
     end = 0.0
     while end < duration - BREAKPOINT_TOL * step:
         times[n], value = end, record[(first + n) % size]
@@ -282,7 +295,11 @@ def observers_of_lane(scratch, settings, lanes, i):
 
 @jit
 def is_order_valid(settings, order):
-    """Return whether an interval fits the scratch memory: longer than 0, no longer than a whole one, at a finite place in the record."""
+    """Return whether an interval fits the scratch memory.
+
+    It must be longer than 0 and no longer than a whole interval, and its position in the record
+    must be finite.
+    """
     if not order.duration > 0.0 or not np.isfinite(order.place):
         return False
     return count_samples_before(order.duration, settings.sample_dt) <= settings.samples
@@ -290,7 +307,10 @@ def is_order_valid(settings, order):
 
 @jit
 def scan_orders(orders, idle, read, expected):
-    """Return the highest frequency (rad/s), whether an order that is not ``read`` differs from ``expected``, and whether a lane is idle.
+    """Return the highest frequency, whether an order is wrong, and whether a lane is idle.
+
+    The frequency is in rad/s. An order is wrong if it is not ``read`` and differs from
+    ``expected``.
 
     ``read`` and ``expected`` (3,): of gap, limit and place.
     """
@@ -328,7 +348,8 @@ def open_interval(scratch, settings, lanes, i, order):
     """Prepare scratch memory and level for a lane's interval."""
     clock = scratch.clock[0]
     scratch.times[1] = order.duration
-    scratch.omegas[0], scratch.omegas[1] = order.omega_start, order.omega_stop
+    scratch.omegas[0] = order.omega_start
+    scratch.omegas[1] = order.omega_stop
     scratch.phases[0] = order.phase
     scratch.phases[1] = order.phase + 0.5 * (order.omega_start + order.omega_stop) * order.duration
     clock.level = 0
@@ -342,7 +363,10 @@ def open_interval(scratch, settings, lanes, i, order):
 
 @jit
 def report_samples(scratch, settings, order, report):
-    """Report amplitudes by projection on the force's phase, mean square and damage of the interval's samples."""
+    """Report the amplitudes, mean square and damage of the interval's samples.
+
+    The amplitudes are found by projection on the force's phase.
+    """
     count = scratch.clock[0].level
     step = settings.sample_dt
     change = (order.omega_stop - order.omega_start) / order.duration * step * step
@@ -379,7 +403,10 @@ def report_samples(scratch, settings, order, report):
 
 @jit
 def report_state(settings, state, relative, relative_velocity, report):
-    """Report tip displacement, relative motion and the absorber's share of the energy at the interval's end."""
+    """Report the state at the interval's end.
+
+    It consists of the tip displacement, the relative motion and the absorber's share of the energy.
+    """
     modes = settings.omega.shape[0]
     energy = 0.0
     tip = 0.0
@@ -426,7 +453,10 @@ def with_limit(limit, wanted):
 
 @jit
 def limit_gap(wanted, gap, distance, touching):
-    """Return the half-clearance nearest to ``wanted`` (m) that a cavity of half-clearance ``gap`` can take without closing onto the absorber."""
+    """Return the half-clearance nearest to ``wanted`` (m) that a cavity can take.
+
+    The cavity has the half-clearance ``gap``. It must not close onto the absorber.
+    """
     if wanted >= gap:
         return wanted
     if touching:
@@ -436,7 +466,10 @@ def limit_gap(wanted, gap, distance, touching):
 
 @jit_allocating
 def interpolate_log(share, low, high):
-    """Return low (high/low)^share for an array of shares from 0 to 1, with the same last digit on every processor."""
+    """Return low (high/low)^share for an array of shares from 0 to 1.
+
+    The result has the same last digit on every processor.
+    """
     values = np.empty_like(share)
     for i in range(share.shape[0]):
         values[i] = low * (high / low) ** share[i]

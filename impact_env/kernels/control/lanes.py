@@ -57,7 +57,10 @@ from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 
 @jit
 def update_rigid_gap(walls, order, contact_state, gap, relative):
-    """Set the half-clearance in use; return True if an absorber held by a wall is freed and its regime must be found again."""
+    """Set the half-clearance in use.
+
+    Returns True if an absorber that a wall held is freed, so that its regime must be found again.
+    """
     if not has_walls(walls):
         return False
     order.gap = limit_gap(order.gap, gap, abs(relative), contact_state.side != 0.0)
@@ -89,12 +92,12 @@ def load_lane(walls, lanes, i, order, distance, start, workspace):
 
 
 @jit
-def store_order(kept, order, search_level):
+def store_order(last, order, search_level):
     """Store the order in use."""
-    kept.gap = order.gap
-    kept.limit = order.limit
-    kept.force = order.force
-    kept.search_level = search_level
+    last.gap = order.gap
+    last.limit = order.limit
+    last.force = order.force
+    last.search_level = search_level
 
 
 @jit
@@ -129,7 +132,10 @@ class LaneMemory(NamedTuple):
 
 
 class SteppingMemory(NamedTuple):
-    """Memory of one thread that advances lanes by a method with a fixed step; ``load``: none beside the orders' force."""
+    """Memory of one thread that advances lanes by a method with a fixed step.
+
+    ``load`` is None if no load acts in addition to the orders' force.
+    """
 
     scratch: IntervalScratch
     series: StateSeries
@@ -149,7 +155,9 @@ def new_rigid_memory(scene, batch):
 
 @jit
 def rigid_lanes(scene, reach, batch, memory, queue, parts, patience):
-    """Take parts from the queue and advance their lanes, of a scene with rigid contact; return whether all parts are done.
+    """Advance lanes of a scene with rigid contact, in parts that are taken from the queue.
+
+    Returns whether all parts are done.
 
     ``reach`` (s): longest window; ``memory``: of this thread. The caller passes the number of
     ``parts`` in the queue, a helper thread 0; ``patience``: polls of the queue before a thread
@@ -196,12 +204,12 @@ def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
         schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, load)
         observers = observers_of_lane(scratch, settings, lanes, i)
         if not begins:
-            kept = lanes.last_order[i]
+            last = lanes.last_order[i]
             apply_order_change(
                 ordered_scene,
                 limit,
-                kept.limit,
-                order.force != kept.force,
+                last.limit,
+                order.force != last.force,
                 schedule,
                 workspace,
                 state,
@@ -274,7 +282,10 @@ def _advance_linear_lanes(scene, reach, batch, first, stop, memory):
 
 @jit
 def report_relative(settings, state, report):
-    """Report the state's share with the relative motion read from it; there is none without an absorber."""
+    """Report the part of a report that is computed from the state.
+
+    The relative motion is computed from the state as well. It is zero without an absorber.
+    """
     half = state.shape[0] // 2
     if settings.mass > 0.0:
         tip, tip_velocity = compute_tip_motion(settings, state)
@@ -325,7 +336,8 @@ def _advance_compliant_lanes(scene, reach, batch, first, stop, memory):
         workspace.contact_states[0] = lanes.compliant[i]
         workspace.signal.memory[0] = lanes.last_order[i].search_level
         if order.fresh:
-            workspace.contact_states[0], workspace.signal.memory[0] = start[0], 0.0
+            workspace.contact_states[0] = start[0]
+            workspace.signal.memory[0] = 0.0
             compliant_contact.init_compliant_contact(
                 scene.springs,
                 scene.gap,
@@ -346,7 +358,10 @@ def _advance_compliant_lanes(scene, reach, batch, first, stop, memory):
 
 @jit
 def push_recorded_samples(scratch, settings, series, level, order):
-    """Push the displacements of the recorded states to the level, all but the one at the interval's end."""
+    """Add the displacements of the recorded states to the level.
+
+    The displacement at the interval's end is left out.
+    """
     count = int(count_samples_before(order.duration, settings.sample_dt))
     modes = settings.level_shape.shape[0]
     for k in range(count):
@@ -360,7 +375,10 @@ def push_recorded_samples(scratch, settings, series, level, order):
 
 @jit
 def update_moreau_gap(walls, lanes, i, order, distance):
-    """Set the half-clearance in use of a lane that continues; ``distance`` (m): of the absorber from the tip."""
+    """Set the half-clearance in use of a lane that continues.
+
+    ``distance`` (m) is the distance of the absorber from the tip.
+    """
     if order.fresh or not has_walls(walls):
         return
     order.gap = limit_gap(order.gap, lanes.last_order[i].gap, abs(distance), False)
@@ -391,7 +409,10 @@ def new_stepping_memory(batch):
 
 @jit_allocating
 def moreau_lanes(modes, laws, step, batch, memory, queue, parts, patience):
-    """Take parts and advance their lanes with the Moreau scheme, as `rigid_lanes`; ``modes``, ``laws``, ``step`` as in `moreau_lane`."""
+    """Take parts and advance their lanes with the Moreau scheme, as `rigid_lanes` does.
+
+    ``modes``, ``laws`` and ``step`` are those of `moreau_lane`.
+    """
     part = take_first_part(queue, parts, patience)
     while part >= 0:
         _advance_moreau_lanes(
@@ -433,7 +454,10 @@ def _advance_moreau_lanes(modes, laws, step, batch, first, stop, memory):
 
 @jit_allocating
 def runge_kutta_lanes(modes, laws, step, batch, memory, queue, parts, patience):
-    """Take parts and advance their lanes with the Runge-Kutta method, as `moreau_lanes`. No friction."""
+    """Take parts and advance their lanes with the Runge-Kutta method, as `moreau_lanes` does.
+
+    Friction is not available.
+    """
     part = take_first_part(queue, parts, patience)
     while part >= 0:
         _advance_runge_kutta_lanes(

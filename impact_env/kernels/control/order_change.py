@@ -1,11 +1,13 @@
-"""What a change from outside does to a lane that goes on: a friction limit that becomes another one, and a force whose amplitude jumps.
+"""The effect of a change from outside on a lane that continues.
+
+The change is a new friction limit, or a jump of the force's amplitude.
 
 What slides goes on in its sense, with the new friction. What is joined stays so where the joint
 force is within what friction and a wall can now give, and else begins to slide or to fly, as from a
 bound that the force has grown beyond. Positions and velocities do not jump (paper, Eqs. Signorini
 and coulomb: friction is a force, no impulse). A slide that begins just at the change, without
-relative velocity, needs no look: if the new friction can hold it, the search finds a reversal at
-once.
+relative velocity, needs no special case: if the new friction can hold it, the search finds a
+reversal at once.
 """
 
 from __future__ import annotations
@@ -31,7 +33,10 @@ from impact_env.kernels.motion.segments import count_windows, expand_window
 
 @jit
 def recheck_stick(scene, window, workspace, state):
-    """Leave the joined regime if the joint force is beyond its bounds; at a bound the absorber sticks, and the force's rate decides."""
+    """Leave the joined regime if the joint force is beyond its bounds.
+
+    At a bound the absorber sticks, and the rate of the joint force decides.
+    """
     contact_state = workspace.contact_states[0]
     buffers = workspace.buffers
     update_joined_response(scene, window, workspace)
@@ -65,11 +70,14 @@ def compare_limits(limit, before):
 
 @jit
 def apply_order_change(scene, limit, before, jumps, schedule, workspace, state):
-    """Continue a lane with the friction ``limit`` (N, or None) of its new order instead of the limit ``before``.
+    """Continue a lane with the friction ``limit`` (N, or None) of its new order.
+
+    It replaces the limit ``before``.
 
     ``jumps``: whether the amplitude of the force changes; ``schedule``: of the section to come.
     """
-    contact_state, (other, lower) = workspace.contact_states[0], compare_limits(limit, before)
+    contact_state = workspace.contact_states[0]
+    other, lower = compare_limits(limit, before)
     if contact_state.regime == FREE:
         if other:
             update_slip_direction(

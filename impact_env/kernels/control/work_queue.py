@@ -25,7 +25,11 @@ MOST_POLLS = 1 << 15  # looks at the other threads' last parts before the caller
 
 
 class WorkQueue(NamedTuple):
-    """Memory shared by the threads of one call: ``words`` (32,), read and changed atomically, and the parts ``cuts`` (P, 2), lanes [low, high)."""
+    """Memory shared by the threads of one call.
+
+    ``words`` (32,) are read and changed atomically. The parts are ``cuts`` (P, 2), ranges of lanes
+    [low, high).
+    """
 
     words: NDArray[np.int64]
     cuts: NDArray[np.int64]
@@ -57,7 +61,10 @@ def take_first_part(queue, parts, patience):
 
 @jit
 def take_next_part(queue, patience):
-    """Report a part as done and take another; return its number, or -1 if there was none in ``patience`` + 1 polls."""
+    """Report a part as done, and return the number of another part.
+
+    The result is -1 if none was available in ``patience`` + 1 polls.
+    """
     _atomic_add(queue.words, PARTS_DONE, 1)
     return _take_part(queue, patience)
 

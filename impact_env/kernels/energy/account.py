@@ -21,9 +21,9 @@ from impact_env.kernels.motion.observers import Observers
 from impact_env.kernels.motion.search_block import TERMS
 
 Array = NDArray[np.float64]
-NOT_INITIALISED, ONE_PER_MODE, COUPLED, CANCELLING = range(
-    4
-)  # kinds of regime: not met yet; one modal amplitude a mode; any modal amplitudes; those that are left to quadrature
+# kinds of regime: not met yet; one modal amplitude a mode; any modal amplitudes; those that are
+# left to quadrature
+NOT_INITIALISED, ONE_PER_MODE, COUPLED, CANCELLING = range(4)
 MOST_CANCELLATION = (
     30.0  # modal amplitudes over the velocity that they add up to: squared, it multiplies rounding
 )
@@ -34,7 +34,9 @@ _ROWS = 6 + 6 * TERMS + 3 * PRODUCTS  # of a regime's numbers, without the shape
 
 
 class Account(NamedTuple):
-    """`observers.EnergyTotals`, and the sums of R regimes of J amplitudes. Few arrays, because each costs time at every call.
+    """`observers.EnergyTotals`, and the sums of R regimes with J amplitudes.
+
+    It consists of few arrays, because each costs time at every call.
 
     ``known`` (R,), ``mode`` (R, J), ``rows`` (R, 6 + 6 TERMS + 3 PRODUCTS + (2 + PLANES) J, J),
     ``powers`` (R, 15, WIDTH): `view_regime_account` names their parts.
@@ -49,7 +51,9 @@ class Account(NamedTuple):
 
 
 class RegimeAccount(NamedTuple):
-    """What is known of one regime; complex numbers as real and imaginary parts. A column is a velocity.
+    """Quantities of one regime, with complex numbers as real and imaginary parts.
+
+    Each column belongs to a velocity.
 
     ``velocity``, ``point`` (2, J): a modal amplitude's weight in its mode's velocity, where each
     mode is one modal amplitude, and in that of the force's point. ``shape`` (2 J, J): weights of
@@ -84,7 +88,11 @@ class RegimeAccount(NamedTuple):
 
 @jit_allocating
 def new_account(energy, regimes, size):
-    """Return memory for the energies of a lane with this many regimes of this many modal amplitudes; None where they are not observed."""
+    """Return memory for the energies of a lane.
+
+    The lane has ``regimes`` regimes with ``size`` modal amplitudes each. The result is None if
+    energies are not observed.
+    """
     if energy is None:
         return None
     known = np.zeros(regimes, REGIME_STATE)
@@ -103,7 +111,10 @@ def new_account(energy, regimes, size):
 
 @jit
 def forget_regime(account, r):
-    """Forget regime number r of an account, whose place another one has taken; None: energies are not observed."""
+    """Clear regime number r of an account, because another regime has taken its place.
+
+    ``account`` is None if energies are not observed.
+    """
     if account is None:
         return
     account.known[r].kind = NOT_INITIALISED
@@ -152,7 +163,10 @@ def with_energy_account(observers, account):
 
 @jit_inline
 def init_regime_account(known, mode, own, regime, losses):
-    """Fill the parts of a regime's account that do not depend on the force: record ``known``, ``mode`` (J,) and weights."""
+    """Fill the parts of a regime's account that do not depend on the force.
+
+    They are the record ``known``, ``mode`` (J,) and weights.
+    """
     modes = losses.rate.shape[0]
     half = regime.out.shape[1] // 2
     size = regime.out.shape[2]
@@ -181,7 +195,10 @@ def init_regime_account(known, mode, own, regime, losses):
 
 @jit
 def _has_cancelling_amplitudes(regime, modes, half):
-    """Return whether modal amplitudes of a state can be much larger than what they add up to: two are almost the same."""
+    """Return whether modal amplitudes of a state can be much larger than their sum.
+
+    This is the case if two eigenvalues are almost the same.
+    """
     out = regime.out
     into = regime.into
     for i in range(half, half + modes):
@@ -197,7 +214,10 @@ def _has_cancelling_amplitudes(regime, modes, half):
 
 @jit
 def _match_modes(modes, mode, shape, velocity):
-    """Assign each amplitude to its mode (-1: none) with its weight; return False where amplitudes and modes do not match one to one."""
+    """Assign each amplitude to its mode (-1: none), with its weight.
+
+    Returns False if amplitudes and modes do not match one to one.
+    """
     size = mode.shape[0]
     for j in range(size):
         mode[j] = -1
@@ -211,5 +231,6 @@ def _match_modes(modes, mode, shape, velocity):
                     if mode[k] == i:
                         return False
                 mode[j] = i
-                velocity[0, j], velocity[1, j] = v_r, v_i
+                velocity[0, j] = v_r
+                velocity[1, j] = v_i
     return True

@@ -116,8 +116,12 @@ def _power_order(power):
 @jit_inline
 def _fill_end_powers(own, order, window, tau, end):
     """Fill the carrier, powers and factors of the segment's ends."""
-    (c, s), (d, t) = cos_sin(window.omega * tau), cos_sin(window.omega * end)
-    own.carrier[0], own.carrier[1], own.carrier[2], own.carrier[3] = c, s, d, t
+    c, s = cos_sin(window.omega * tau)
+    d, t = cos_sin(window.omega * end)
+    own.carrier[0] = c
+    own.carrier[1] = s
+    own.carrier[2] = d
+    own.carrier[3] = t
     fill_powers(tau / window.half, end / window.half, own.ends)
     first = complex(c * c - s * s, 2.0 * c * s)
     last = complex(d * d - t * t, 2.0 * d * t)
@@ -155,7 +159,11 @@ def _add_free_part(known, own, rows, window, h, z, w):
 
 @jit
 def _fix_resonant_moments(rows, window, ends, carrier, near, z, w, moments):
-    """Recompute the moments of amplitudes whose frequency is close to the carrier: ``moments`` (4 TERMS, J), at begin z and end w."""
+    """Recompute the moments of amplitudes whose frequency is close to the carrier.
+
+    ``moments`` (4 TERMS, J) are changed. The amplitudes are z at the segment's begin and w at its
+    end.
+    """
     least = SERIES_PHASE * SERIES_PHASE / (window.half * window.half)
     for j in range(rows.shape[1]):
         if rows[S, j] * rows[S, j] + (abs(rows[S + 1, j]) - window.omega) ** 2 >= least:
@@ -179,8 +187,10 @@ def _fix_resonant_moments(rows, window, ends, carrier, near, z, w, moments):
             up_i = near[1, n]
             down_r = near[2, n]
             down_i = near[3, n]
-            moments[n, j], moments[TERMS + n, j] = up_r + down_r, up_i - down_i
-            moments[2 * TERMS + n, j], moments[3 * TERMS + n, j] = up_r - down_r, up_i + down_i
+            moments[n, j] = up_r + down_r
+            moments[TERMS + n, j] = up_i - down_i
+            moments[2 * TERMS + n, j] = up_r - down_r
+            moments[3 * TERMS + n, j] = up_i + down_i
 
 
 @jit_inline

@@ -43,7 +43,11 @@ def decay_series(y):
 
 @jit
 def decay_integral(rate, h):
-    """Return the integral of exp(rate t) over [0, h] for rate <= 0: a series over a part of h, which is then doubled. No table is used."""
+    """Return the integral of exp(rate t) over [0, h] for rate <= 0.
+
+    A series gives the integral over a part of h, which is then doubled repeatedly. No table is
+    used.
+    """
     y = rate * h
     doublings = 0
     while y < -SERIES_DECAY:
@@ -85,7 +89,10 @@ def are_close_poles(l_r, l_i, size):
 
 @jit
 def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
-    """Return the integral of a exp(l t) over [0, h], with b the value at the end, where l is real or almost zero."""
+    """Return the integral of a exp(l t) over [0, h], where l is real or almost zero.
+
+    b is the value at the end.
+    """
     if l_i == 0.0:
         f = decay_integral(l_r, h)
         return f * a_r, f * a_i
@@ -106,18 +113,24 @@ def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
 
 @jit_inline
 def fill_powers(first, last, ends):
-    """Write the powers of the segment's ends, in half windows from the window's centre, to ``ends`` (2, WIDTH)."""
+    """Write the powers of the times of the segment's ends to ``ends`` (2, WIDTH).
+
+    The times are in half windows from the window's centre.
+    """
     p = 1.0
     q = 1.0
     for k in range(WIDTH):
-        ends[0, k], ends[1, k] = p, q
+        ends[0, k] = p
+        ends[1, k] = q
         p = p * first
         q = q * last
 
 
 @jit
 def fill_moments(exponent, half, ends, first, last, out_r, out_i):
-    """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the segment, real and imaginary part; x is the time in half windows.
+    """Write the integrals of x^k y, k = 0 ... len(out_r) - 1, over the segment.
+
+    x is the time in half windows. Real and imaginary parts are written to ``out_r`` and ``out_i``.
 
     y turns as exp(exponent t), from ``first`` at the begin of the segment to ``last`` at its end,
     complex numbers all three. ``ends``: from `fill_powers`.
@@ -132,17 +145,21 @@ def fill_moments(exponent, half, ends, first, last, out_r, out_i):
                 half * _INVERSE[k] * (ends[1, k] * last - ends[0, k] * first - exponent * moment)
             )
             if k <= count:
-                out_r[k - 1], out_i[k - 1] = moment.real, moment.imag
+                out_r[k - 1] = moment.real
+                out_i[k - 1] = moment.imag
         return
     inverse = complex(exponent.real / square, -exponent.imag / square)
     for k in range(count):
         moment = (ends[1, k] * last - ends[0, k] * first - k / half * moment) * inverse
-        out_r[k], out_i[k] = moment.real, moment.imag
+        out_r[k] = moment.real
+        out_i[k] = moment.imag
 
 
 @jit_inline
 def fill_factors(omega, half, count, first, last, ends, factors):
-    """Write what the products of two factors of the carrier are multiplied by, to ``factors`` (3, WIDTH), ``count`` powers.
+    """Write the factors for products of two factors of the carrier to ``factors`` (3, WIDTH).
+
+    ``count`` powers are filled.
 
     The product of Re(a E) and Re(b E), twice: Re a Re b + Im a Im b without a carrier, and a b on
     its square, which turns from ``first`` to ``last``.

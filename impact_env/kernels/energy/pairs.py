@@ -1,4 +1,6 @@
-"""Squares of velocities that are sums of any modal amplitudes: what contains free parts only, modal amplitude by modal amplitude and pair by pair.
+"""Integrals of squared velocities, each a sum of any modal amplitudes.
+
+The terms with free parts only are integrated here, for each modal amplitude and each pair.
 
 An integral of the product of two modal amplitudes divides the product's change by the sum of their
 eigenvalues. What a regime knows of its pairs is the inverse of that sum; pairs for which it would
@@ -24,13 +26,20 @@ PLANES = 9
 
 @jit_inline
 def _needs_series(j, k, special):
-    """Return whether an integral of a pair is a series of its own, not that of a modal amplitude which turns and its conjugate: `decay_integrals`."""
+    """Return whether the integral of a pair needs its own series.
+
+    The pair of an oscillating modal amplitude and its conjugate needs none, because
+    `decay_integrals` gives its integral.
+    """
     return special > 0 and not (j == k and special == 2)
 
 
 @jit
 def init_pairs(rows, pairs):
-    """Fill what a regime knows of its pairs, and return how many need series; a modal amplitude that decays with its own conjugate is not counted."""
+    """Fill the quantities of a regime's pairs, and return how many pairs need series.
+
+    A modal amplitude that decays with its own conjugate is not counted.
+    """
     count = 0
     size = rows.shape[1]
     for j in range(size):
@@ -45,10 +54,8 @@ def init_pairs(rows, pairs):
                     special += 1 + side
                     continue
                 scale = (0.5 if j == k else 1.0) / (l_r * l_r + l_i * l_i)
-                pairs[2 * side * size + j, k], pairs[(2 * side + 1) * size + j, k] = (
-                    l_r * scale,
-                    -l_i * scale,
-                )
+                pairs[2 * side * size + j, k] = l_r * scale
+                pairs[(2 * side + 1) * size + j, k] = -l_i * scale
             pairs[SERIES_PLANE * size + j, k] = special
             count += 1 if _needs_series(j, k, special) else 0
     return count
@@ -56,7 +63,10 @@ def init_pairs(rows, pairs):
 
 @vector_code()
 def _pair_integrals(code: Code, pairs, size: Index, z, w):
-    """Fill INTEGRAL_PLANE for modal amplitudes z at begin and w at end of the segment; what is a series counts as zero."""
+    """Fill INTEGRAL_PLANE for modal amplitudes z at begin and w at end of the segment.
+
+    Integrals that need a series are set to zero.
+    """
     plane = size * size
     for j in code.loop(size):
         one = [
@@ -84,8 +94,8 @@ def _pair_integrals(code: Code, pairs, size: Index, z, w):
 
 
 @vector_code()
-def add_pairs(code: Code, shape, size: Index, pairs, found):
-    """Add the squares of the velocities' free parts to ``found`` (size,)."""
+def add_pairs(code: Code, shape, size: Index, pairs, squares):
+    """Add the squares of the velocities' free parts to ``squares`` (size,)."""
     plane = size * size
     for i in code.single_vectors(size):
         total = code.sum(code.lanes)
@@ -104,7 +114,7 @@ def add_pairs(code: Code, shape, size: Index, pairs, found):
             rr, ii, ri, ir = (each.number() for each in sums)
             total.add_product(one.real, rr - ri)
             total.add_product(one.imag, ii - ir)
-        code.store(code.vector(found, i) + total.number(), found, i)
+        code.store(code.vector(squares, i) + total.number(), squares, i)
 
 
 @jit
@@ -138,7 +148,9 @@ def _add_series(rows, pairs, h, z, w):
 
 @jit
 def integrate_pairs(rows, pairs, series, h, z, w, decay):
-    """Fill INTEGRAL_PLANE for a segment of length ``h`` (s), with the modal amplitudes z at its begin and w at its end (2, J).
+    """Fill INTEGRAL_PLANE for a segment of length ``h`` (s).
+
+    The modal amplitudes are z at its begin and w at its end (2, J).
 
     ``series``: how many pairs need series, from `init_pairs`; ``decay`` (J,) is scratch.
     """
@@ -156,7 +168,9 @@ def integrate_pairs(rows, pairs, series, h, z, w, decay):
 
 @jit
 def add_own_squares(rows, velocity, h, z, w, decay, squares):
-    """Add the integrals over a segment of length ``h`` (s) of the squares of velocities that are one modal amplitude each to ``squares`` (J,).
+    """Add the integrals of squared velocities over a segment to ``squares`` (J,).
+
+    Each velocity is that of one modal amplitude. The segment has the length ``h`` (s).
 
     ``velocity`` (2, J): the modal amplitudes' weights; z and w (2, J): the modal amplitudes at its
     begin and end; ``decay`` (J,) is scratch.

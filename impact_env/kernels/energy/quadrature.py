@@ -34,7 +34,10 @@ def _find_active_rate(rows, omega, z):
 
 @jit
 def compute_force_at(window, size, phase, tau):
-    """Return the force at an offset from the window's centre (N); a chirp has ``size`` and ``phase`` there."""
+    """Return the force at an offset from the window's centre (N).
+
+    ``size`` and ``phase`` are those of a chirp at the centre.
+    """
     load = window.load
     if load is not None:
         return evaluate_load(load.terms, window.omega, tau)
@@ -43,10 +46,12 @@ def compute_force_at(window, size, phase, tau):
 
 @jit
 def compute_base_power(window, losses, motion, since, state, tau):
-    """Return the power of the bases (W), in coordinates relative to them: -a_b (Gamma q' + sum of m_a r Y'_a), and that of forces in their place.
+    """Return the power of the bases and of the forces that are represented as bases (W).
 
-    ``state`` holds the modal velocities q' and those of the absorbers without their ``motion`` (n,), whose
-    segment began ``since`` (s) ago.
+    In coordinates relative to the bases it is -a_b (Gamma q' + sum of m_a r Y'_a).
+
+    ``state`` holds the modal velocities q' and those of the absorbers without their ``motion``
+    (n,), whose segment began ``since`` (s) ago.
     """
     load = window.load
     if load is None:
@@ -74,7 +79,9 @@ def _compute_base_power(base, omega, losses, motion, since, state, tau):
 
 @jit
 def add_by_quadrature(segment, losses, state, energy):
-    """Add work and losses of a `segments.Segment` by Gauss-Legendre quadrature, in panels that resolve every modal amplitude still active.
+    """Add work and losses of a `segments.Segment` by Gauss-Legendre quadrature.
+
+    The panels resolve every modal amplitude that is still active.
 
     Of absorbers only a tuned one has a damper; ``state`` is scratch.
     """

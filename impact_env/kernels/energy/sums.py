@@ -1,4 +1,6 @@
-"""Loops over modal amplitudes and over velocities that the energies of a segment need, as vector code (vector_code.py).
+"""Loops for the energies of a segment, as vector code (vector_code.py).
+
+They run over modal amplitudes and over velocities.
 
 Arrays are seen flat: ``rows`` (ROWS, size) of `modal_system.ModalSystem`, ``system`` (4, TERMS,
 size) of `forced.Forced`, modal amplitudes ``z`` and ``w`` (2, size) at begin and end of a segment,
@@ -31,7 +33,10 @@ def _store_powers(code: Code, up: Complex, down: Complex, powers: Any, at: Any, 
 
 @vector_code()
 def forced_powers(code: Code, polynomials, size: Index, half: Number, powers):
-    """Write the forced part of all modal amplitudes to ``powers``, in powers of the time in half windows."""
+    """Write the forced part of all modal amplitudes to ``powers``.
+
+    It is written in powers of the time in half windows.
+    """
     plane = size * TERMS
     for j in code.single_vectors(size):
         scale = code.repeated(1.0)
@@ -48,10 +53,13 @@ def forced_powers(code: Code, polynomials, size: Index, half: Number, powers):
 def slot_moments(
     code: Code, rows, size: Index, omega: Number, half: Number, ends, carrier, z, w, powers
 ):
-    """Write to ``powers`` the integrals of x^k y over a segment: x the time in half windows, y a modal amplitude times the carrier, or its conjugate.
+    """Write the integrals of x^k y over a segment to ``powers``.
 
-    They are divided by the difference of modal amplitude and carrier; where it is almost zero they
-    are to be mended.
+    In these integrals x is the time in half windows, and y is a modal amplitude times the carrier
+    or times its conjugate.
+
+    They are divided by the difference of the frequencies of modal amplitude and carrier; where it
+    is almost zero they need a correction.
     """
     plane = size * TERMS
     inverse_half = code.repeated(1.0, 0) / half
@@ -76,14 +84,14 @@ def slot_moments(
         moments: list[Complex] = []
         for k in range(TERMS):
             p, q = (code.spread(end[k]) for end in times)
-            found = []
+            new_moments = []
             for side, (inverse, first, last) in enumerate(sides):
                 x = [b.fma(q, -(a * p)) for a, b in zip(first, last, strict=True)]
                 if k > 0:
                     factor = code.spread(inverse_half * code.repeated(-float(k), 0))
                     x = [factor.fma(old, new) for old, new in zip(moments[side], x, strict=True)]
-                found.append(Complex(*x).times(inverse))
-            moments = found
+                new_moments.append(Complex(*x).times(inverse))
+            moments = new_moments
             up, down = moments
             _store_powers(code, up, down, powers, size * k + j, plane)
 
@@ -91,7 +99,10 @@ def slot_moments(
 def _own_velocities(
     code: Code, shape: Any, size: Any, powers: Any
 ) -> Iterator[tuple[Any, list[Complex]]]:
-    """Repeat what follows for some modal amplitudes each, with their velocities' powers; ``shape`` (2, size): each modal amplitude is a mode."""
+    """Repeat the following code for some modal amplitudes each, with their velocities' powers.
+
+    ``shape`` (2, size) is used, because each modal amplitude is a mode.
+    """
     plane = size * TERMS
     for j in code.single_vectors(size):
         weight = code.complex(shape, j, size + j)
@@ -111,7 +122,10 @@ def _own_velocities(
 def _velocities(
     code: Code, shape: Any, size: Any, powers: Any
 ) -> Iterator[tuple[Any, list[Complex]]]:
-    """Repeat what follows for some columns each, with their velocities' powers; ``shape`` (2, size, size)."""
+    """Repeat the following code for some columns each, with their velocities' powers.
+
+    ``shape`` is (2, size, size).
+    """
     plane = size * TERMS
     for i in code.single_vectors(size):
         sums = [[code.sum(code.lanes) for _ in range(2)] for _ in range(TERMS)]
@@ -144,27 +158,33 @@ def _partner_code(coupled: bool) -> Any:
                 at = size * n + i
                 code.store_complex(velocity, partner, at, at + size * TERMS)
 
-    partners.__doc__ = "Write the velocities' forced parts to ``partner``; ``powers``: of the modal amplitudes' forced parts."
+    partners.__doc__ = (
+        "Write the velocities' forced parts to ``partner``; ``powers``: of the modal amplitudes' "
+        "forced parts."
+    )
     return partners
 
 
 def _mixed_code(coupled: bool) -> Any:
     @vector_code()
-    def mixed(code: Code, shape, size: Index, powers, partner, found):
+    def mixed(code: Code, shape, size: Index, powers, partner, integrals):
         walk = (
             _velocities(code, shape, size, powers)
             if coupled
             else _own_velocities(code, shape, size, powers)
         )
         for i, velocities in walk:
-            total = code.vector(found, i)
+            total = code.vector(integrals, i)
             for n, velocity in enumerate(velocities):
                 at = size * n + i
                 other = code.complex(partner, at, at + size * TERMS)
                 total = other.real.fma(velocity.real, (-other.imag).fma(velocity.imag, total))
-            code.store(total, found, i)
+            code.store(total, integrals, i)
 
-    mixed.__doc__ = "Add the integrals of the velocities' free parts times their partners to ``found`` (size,); ``powers``: the amplitudes' moments."
+    mixed.__doc__ = """Add the integrals of the velocities' free parts times their partners.
+
+    ``powers``: the amplitudes' moments; ``integrals`` (size,): what is added to.
+    """
     return mixed
 
 
@@ -176,7 +196,10 @@ coupled_mixed = _mixed_code(True)
 
 @vector_code(NUMBER)
 def mixed_power(code: Code, point, size: Index, powers, force):
-    """Return the integral of the force times the free velocity of its point; ``point`` (2, size): weights."""
+    """Return the integral of the force times the free velocity of its point.
+
+    ``point`` (2, size) are weights.
+    """
     total = code.sum(code.lanes)
     for _, velocities in _own_velocities(code, point, size, powers):
         for n in range(0, TERMS, 2):
@@ -187,7 +210,9 @@ def mixed_power(code: Code, point, size: Index, powers, force):
 
 @vector_code(INTEGER)
 def square_partners(code: Code, partner, size: Index, products):
-    """Write half the squares of ``partner`` to ``products`` (3, PRODUCTS, size), and return how many powers of them count.
+    """Write half the squares of ``partner`` to ``products`` (3, PRODUCTS, size).
+
+    Returns how many powers of these squares are not negligible.
 
     They are sums of products of real parts, of imaginary parts, and of real with imaginary parts.
     """
@@ -199,14 +224,16 @@ def square_partners(code: Code, partner, size: Index, products):
         )
         amounts = []
         for p in range(PRODUCTS):
-            found = [
+            products_of_p = [
                 _half_square(code, reals, p),
                 _half_square(code, imags, p),
                 _product(reals, imags, p),
             ]
-            for k, sum_ in enumerate(found):
+            for k, sum_ in enumerate(products_of_p):
                 code.store(sum_, products, size * (PRODUCTS * k + p) + i)
-            amounts.append(found[0].size() + found[1].size() + found[2].size())
+            amounts.append(
+                products_of_p[0].size() + products_of_p[1].size() + products_of_p[2].size()
+            )
         largest = amounts[0]
         for amount in amounts[1:]:
             largest = largest.largest(amount)
@@ -220,7 +247,9 @@ def square_partners(code: Code, partner, size: Index, products):
 
 @vector_code()
 def power_of_point(code: Code, point, size: Index, powers, terms, half: Number, force, power):
-    """Write half the force, in powers of the time in half windows, and its products with the forced velocity of its point.
+    """Write half the force, and its products with the forced velocity of its point.
+
+    Both are written in powers of the time in half windows.
 
     ``point`` (2, size): weights; ``powers``: of the modal amplitudes' forced parts; ``terms`` (2,
     TERMS) of `forced.Forced`.
@@ -273,8 +302,11 @@ def _product(one: list[Number], other: list[Number], p: int) -> Number:
 
 
 @vector_code()
-def add_products(code: Code, products, size: Index, count: Index, factors, found):
-    """Write the integrals of half the squares of all partners to ``found`` (size,), from ``count`` powers."""
+def add_products(code: Code, products, size: Index, count: Index, factors, integrals):
+    """Write the integrals of half the squares of all partners to ``integrals`` (size,).
+
+    ``count`` powers are used.
+    """
     for i in code.single_vectors(size):
         sums = [code.sum(code.lanes) for _ in range(3)]
         for p in code.loop(count):
@@ -283,4 +315,4 @@ def add_products(code: Code, products, size: Index, count: Index, factors, found
                 total.add_product(
                     code.vector(products, size * (PRODUCTS * k + p) + i), code.spread(factor)
                 )
-        code.store(sums[0].number() + sums[1].number() + sums[2].number(), found, i)
+        code.store(sums[0].number() + sums[1].number() + sums[2].number(), integrals, i)

@@ -1,4 +1,6 @@
-"""The careful search: safe steps that no event can hide in, for the few places where the scan (search.py) cannot tell.
+"""The careful search: safe steps in which no event can be missed.
+
+It is used for the few places where the scan (search.py) cannot decide.
 
 Proof. A modal amplitude's amplitude never grows, so from the current time on |y''| <= B2 and |y'''|
 <= B3, with sums over the modal amplitudes. With d the distance to a wall, g its closing speed and a
@@ -47,7 +49,10 @@ STEP_GROWTH = 4.0  # of a safe step against the one before
 
 @jit_inline
 def solve_parabola(d, g, b):
-    """Return the smallest s > 0 with d - g s - b s^2/2 = 0 for d > 0, b >= 0; a huge number if there is none."""
+    """Return the smallest s > 0 with d - g s - b s^2/2 = 0 for d > 0, b >= 0.
+
+    The result is a huge number if no such s exists.
+    """
     root = np.sqrt(g * g + 2.0 * b * d)
     if g >= 0.0:
         return 2.0 * d / (g + root + 1e-300)
@@ -56,7 +61,9 @@ def solve_parabola(d, g, b):
 
 @jit_inline
 def safe_step(d, g, a, b2, b3, reach):
-    """Return a step within which the wall at distance d > 0 cannot be reached; g closing speed, a closing acceleration.
+    """Return a step within which the wall at distance d > 0 cannot be reached.
+
+    g is the closing speed and a the closing acceleration.
 
     ``reach``: a guess of the step; no result is longer.
     """
@@ -100,7 +107,9 @@ def compute_safe_step(guards, bounded, reach):
 
 @jit_inline
 def find_root_ahead(guards, bounded):
-    """Return (kind, step) of the event ahead if it is certain to be the next one and simple, else NOTHING.
+    """Return (kind, step) of the event ahead if it is certainly the next one and simple.
+
+    Otherwise the kind is NOTHING.
 
     A wall: the closing speed stays positive over twice the step. A reversal: the rate's slope
     keeps its sign over twice the step, and the wall ahead is further than the way made in it.
@@ -166,7 +175,10 @@ def bound_signal(function, offset):
 
 @jit_inline
 def check_guards(guards, noise, bounded):
-    """Return (kind, y): the event that the search has come to, NOTHING before one, and the signal, kept off the walls by its ``noise``."""
+    """Return (kind, y), the event that the search has reached and the signal.
+
+    The kind is NOTHING before an event. The signal is moved away from the walls by its ``noise``.
+    """
     y = bounded.y
     v = bounded.v
     slowing = -bounded.a if v > 0.0 else bounded.a
@@ -187,7 +199,10 @@ def check_guards(guards, noise, bounded):
 
 @jit_inline
 def refine_event_ahead(function, guards, bounded, offset, length, resolution):
-    """Return the event ahead if it is certain to be the next one, simple and well within ``length``, else NOTHING."""
+    """Return the event ahead if it is certainly the next one and simple.
+
+    It must also be well within ``length``. Otherwise the kind of the result is NOTHING.
+    """
     kind, step = find_root_ahead(guards, bounded)
     if kind != NOTHING:
         if offset + 2.0 * step < length:
@@ -204,7 +219,9 @@ def refine_event_ahead(function, guards, bounded, offset, length, resolution):
 
 @jit
 def careful_search(function, guards, start, stop, length):
-    """Return the first Event from the offset ``start`` on; NOTHING, with the offset ``stop``, if there is none up to there.
+    """Return the first GuardEvent from the offset ``start`` on.
+
+    If no event occurs up to ``stop``, the result is NOTHING with the offset ``stop``.
 
     Other arguments as in `search.search_events`. An event between ``stop`` and ``length`` may be
     returned.

@@ -1,4 +1,6 @@
-"""The next event of a regime: where a guard signal y leaves (low, high), or where its rate changes sign. No event is missed.
+"""The next event of a regime.
+
+At an event a guard signal y leaves (low, high), or its rate changes sign. No event is missed.
 
 The search looks at y, y' (and y'' where the rate is watched) at blocks of POINTS equidistant times.
 Between two of them, a step h apart, the cubic H through both values and both slopes leaves |y - H|
@@ -78,7 +80,10 @@ MOST_BLOCKS = 2_000
 
 @jit_inline
 def find_coarsest_level(steps, half):
-    """Return the coarsest level that a window of half length ``half`` (s) allows: bounds hold up to a quarter of that beyond it."""
+    """Return the coarsest level that a window of half length ``half`` (s) allows.
+
+    Bounds hold up to a quarter of the half length beyond the window.
+    """
     top = steps.shape[0] - 1
     while top > 0 and steps[top, 0] > 0.25 * half:
         top -= 1
@@ -111,7 +116,10 @@ def start_block(function, offset):
 
 @jit_inline
 def advance_block(function, guards, place, step, k):
-    """Propagate amplitudes and forced parts by the first k > 0 steps of a block; return the start of the next block."""
+    """Propagate amplitudes and forced parts by the first k > 0 steps of a block.
+
+    Returns the start of the next block.
+    """
     w = function.signal.moving
     b = function.signal.block
     size = function.signal.u.shape[1]
@@ -146,14 +154,20 @@ def make_search_step(function, level):
 
 @jit_inline
 def try_coarser_step(function, guards, step):
-    """Return the step of the next coarser level if it will probably be clear after the block, else the same."""
+    """Return the step of the next coarser level if it will probably be clear after the block.
+
+    Otherwise the same step is returned.
+    """
     wide = make_search_step(function, step.level + 1)
     return wide if is_far(function.signal.block, step.h, guards, wide.e0, wide.e1) else step
 
 
 @jit_inline
 def scan_block(function, guards, place, step):
-    """Fill a block and return (walls, reversals), as `search_block.scan` does; a first step may start on a guard."""
+    """Fill a block and return (walls, reversals), as `search_block.scan` does.
+
+    A first step may start on a guard.
+    """
     fill_carrier(function.system.steps, function.omega, step.level, function.forced.carrier)
     walls, reversals = scan(function, guards, place, step, function.signal.u.shape[1])
     if place.offset == 0.0:
@@ -197,7 +211,10 @@ def locate_event(function, guards, place, step, k, near, length):
 
 @jit
 def search_events(function, guards, length, half):
-    """Return the first Event of a `EventFunction` within ``length`` (s), else one at ``length``; ``half`` (s): half length of the window."""
+    """Return the first GuardEvent of an `EventFunction` within ``length`` (s).
+
+    If none occurs, the result is at ``length``. ``half`` (s) is half the length of the window.
+    """
     memory = function.signal.memory
     top = find_coarsest_level(function.system.steps, half)
     level = min(int(memory[0]), top)
@@ -268,7 +285,10 @@ def search_events(function, guards, length, half):
 
 @jit_inline
 def find_next_event(window, function, guards, length):
-    """Return the first Event of a `EventFunction` in a `forced.ForceWindow` within ``length`` (s), as `search_events` does."""
+    """Return the first GuardEvent in a `forced.ForceWindow` within ``length`` (s).
+
+    The result is that of `search_events`, for the signal of an `EventFunction`.
+    """
     if has_no_event(window.load, function, guards, length):
         return GuardEvent(NOTHING, length, 0.0, 0.0, 0.0, 1)
     return search_events(function, guards, length, window.half)

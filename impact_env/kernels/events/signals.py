@@ -1,4 +1,8 @@
-"""A guard signal between two events: its parts and its guards, its value at an offset, and what a search for its events returns."""
+"""A guard signal between two events.
+
+The module contains its parts, its guards, its value at an offset, and the result of a search for
+its events.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +70,10 @@ class EventFunction(NamedTuple):
 
 
 class SignalTerms(NamedTuple):
-    """The parts of an `EventFunction` that its value needs, and no more: each array costs time at a call."""
+    """The parts of an `EventFunction` that its value needs.
+
+    Other parts are left out, because each array costs time at a call.
+    """
 
     rows: NDArray[np.float64]
     table: NDArray[np.float64]
@@ -95,7 +102,10 @@ class Guards(NamedTuple):
 
 
 class BoundedSignal(NamedTuple):
-    """A signal at a time with its first two derivatives, and bounds of the second to fourth for all later times."""
+    """A signal at a time with its first two derivatives.
+
+    Bounds of the second to fourth derivative hold for all later times.
+    """
 
     y: float
     v: float
@@ -106,7 +116,11 @@ class BoundedSignal(NamedTuple):
 
 
 class GuardEvent(NamedTuple):
-    """Result of a search: kind, offset from the start (s), signal, its rate and second derivative there, evaluations made."""
+    """Result of a search for an event.
+
+    It contains the event's kind, its offset from the start (s), the signal with its rate and second
+    derivative at the event, and the number of evaluations.
+    """
 
     kind: int
     offset: float
@@ -190,7 +204,10 @@ def evaluate_at_offset(system, signals, omega, signal, tau, offset):
 
 @jit
 def evaluate_value_at_offset(system, signals, omega, signal, tau, offset):
-    """Return a signal at an offset from its reference time, to the last digit that of `evaluate_at_offset`."""
+    """Return a signal at an offset from its reference time.
+
+    The value equals that of `evaluate_at_offset` to the last digit.
+    """
     p = signal.polynomial
     y = sum_amplitudes(system.rows, system.table, system.scale, signal.u, offset)
     return (
@@ -203,7 +220,10 @@ def evaluate_value_at_offset(system, signals, omega, signal, tau, offset):
 
 @jit_inline
 def time_resolution(rows, omega, length):
-    """Return the shortest time (s) that a search tells apart: by the slowest modal amplitude, or a quicker force."""
+    """Return the shortest time (s) that a search resolves.
+
+    It follows from the slowest modal amplitude, or from the force if its frequency is higher.
+    """
     return max(TIME_RESOLUTION / max(rows[SPEED, 0], omega), 4.0 * EPSILON * length)
 
 
@@ -227,7 +247,9 @@ def failed_search(evaluations):
 
 @jit
 def refine_root(terms, offset, kind, wall, b4, resolution):
-    """Return the simple root near ``offset`` of a signal as an Event, by Newton's method with two more derivatives.
+    """Return the simple root near ``offset`` of a signal as a GuardEvent.
+
+    It is found by Newton's method with two more derivatives.
 
     The last step is not evaluated again: it must be so short that the fourth derivative's bound b4
     leaves time and rate exact. NOTHING where it finds none.

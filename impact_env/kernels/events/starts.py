@@ -1,14 +1,16 @@
-"""A start on a guard, for the careful search: what a signal does before computed distances can be trusted.
+"""A start on a guard, for the careful search.
+
+The module follows a signal until computed distances from the guard can be trusted.
 
 At a start on a wall (or at rate zero) the distance y - wall is known to be zero, while its computed
 value is rounding noise. There the signal less its start is developed in a Taylor series, divided by
-its known factor. The remainder is of relative size (|s| t)^4/360 with |s| t <= TAYLOR_START_REACH, s
-of the fastest modal amplitude or of a quicker force. Returns within that reach (the last flights of a
-chatter) are found in this series, and so is the wall ahead of a start at rate zero: the last bounces
-of a chatter against friction end on it.
+its known factor. The remainder is of relative size (|s| t)^4/360 with |s| t <= TAYLOR_START_REACH,
+s of the fastest modal amplitude or of a quicker force. Returns within that reach (the last flights
+of a chatter) are found in this series, and so is the wall ahead of a start at rate zero: the last
+bounces of a chatter against friction end on it.
 
-A rate into the wall, as an impact of another absorber can leave it, counts as an immediate impact. A
-rate that starts at zero grows in the watched direction, since slip was begun in that direction: a
+A rate into the wall, as an impact of another absorber can leave it, counts as an immediate impact.
+A rate that starts at zero grows in the watched direction, since slip was begun in that direction: a
 second derivative of the other sign that is as small as rounding counts as zero.
 """
 
@@ -53,7 +55,9 @@ def evaluate_taylor(t, d, v, a, j, s, c):
 
 @jit_inline
 def count_sign_changes(t, h, d, v, a, j, s, c):
-    """Return the number of sign changes of the Bernstein coefficients of `evaluate_taylor` over (t, t + h).
+    """Return the number of sign changes of Bernstein coefficients over (t, t + h).
+
+    The number refers to the polynomial of `evaluate_taylor`.
 
     It bounds the number of roots there.
     """
@@ -87,7 +91,9 @@ def bisect_root(left, right, d, v, a, j, s, c):
 
 @jit
 def find_taylor_root(d, v, a, j, s, c, reach, noise):
-    """Return the first root in (0, reach] of `evaluate_taylor`, whose rounding is ``noise``, or -1 if it does not turn negative.
+    """Return the first root in (0, reach] of `evaluate_taylor`.
+
+    The result is -1 if the polynomial does not become negative. ``noise`` is its rounding error.
 
     A start below 0 counts as 0, unless it goes on below. Intervals are halved until the
     coefficients allow no root or only one. What dips below 0 and turns there by less than its
@@ -118,7 +124,10 @@ def find_taylor_root(d, v, a, j, s, c, reach, noise):
 
 @jit_inline
 def snap_to_guard(guards, noise, bounded):
-    """Return a signal without the rounding of the guard on which it starts; a wall that is not left keeps a distance of ``noise``."""
+    """Return a signal without the rounding error of the guard on which it starts.
+
+    From a wall that the signal does not leave it has a distance of ``noise``.
+    """
     y = bounded.y
     v = 0.0
     if guards.side == 0:
@@ -131,7 +140,11 @@ def snap_to_guard(guards, noise, bounded):
 
 @jit_inline
 def leaves_quickly(function, guards, bounded):
-    """Return whether a start on a guard leaves it so quickly that the safe step from distance zero is beyond the rounding."""
+    """Return whether a signal that starts on a guard leaves it quickly.
+
+    This is the case if the safe step from distance zero is longer than the time in which rounding
+    matters.
+    """
     reach = taylor_reach(function)
     if guards.side != 0:
         return -guards.side * bounded.v > bounded.b2 * reach
@@ -142,7 +155,11 @@ def leaves_quickly(function, guards, bounded):
 
 @jit
 def compute_rate_rounding(rows, u, rate_bound, rate):
-    """Return the rounding of the rate of a signal: modal amplitudes u, a bound of the forced part's rate, and the polynomial's."""
+    """Return the rounding error of a signal's rate.
+
+    It follows from the modal amplitudes u, a bound of the forced part's rate, and the polynomial's
+    rate.
+    """
     scale = rate_bound + abs(rate)
     for j in range(u.shape[1]):
         scale += rows[SPEED, j] * (abs(u[0, j]) + abs(u[1, j]))
@@ -151,13 +168,16 @@ def compute_rate_rounding(rows, u, rate_bound, rate):
 
 @jit_inline
 def find_first_reversal(guards, bounded, high, reach, noise):
-    """Return when, within ``reach`` (s) of a start on a guard, the rate first changes its sign, or -1.
+    """Return the time at which the rate first changes its sign after a start on a guard, or -1.
+
+    Times up to ``reach`` (s) after the start are considered.
 
     ``high``: the third to fifth derivatives; ``noise``: the rounding of the rate.
     """
     if guards.direction is None:
         return -1.0
-    direction, (j, s, c) = guards.direction, high
+    direction = guards.direction
+    j, s, c = high
     if guards.zero_rate:
         bend = direction * bounded.a
         if -ACCELERATION_TOL * bounded.b2 <= bend < 0.0:
@@ -186,14 +206,17 @@ def find_first_reversal(guards, bounded, high, reach, noise):
 
 @jit_inline
 def find_first_hit(guards, bounded, v, high, reach, noise):
-    """Return (time, event) of the first hit within ``reach`` (s), else a time of -1; ``high`` and ``noise`` as in `find_first_reversal`.
+    """Return (time, event) of the first hit within ``reach`` (s).
+
+    If none occurs, the time is -1. ``high`` and ``noise`` are those of `find_first_reversal`.
 
     From a wall: back on it, or on the opposite one, whichever is first. In a gap far below the
     amplitudes that one, too, lies within reach: a flight that is slow beside them makes up to b2
     reach^2 in it, 1e-4 of the amplitudes. What begins at rest on a wall leaves it. From a start at
     rate zero inside the cavity: the wall ahead.
     """
-    side, (j, s, c) = guards.side, high
+    side = guards.side
+    j, s, c = high
     if side != 0:
         bend = -side * bounded.a
         if guards.zero_rate and -WALL_ACCELERATION_TOL * bounded.b2 <= bend < 0.0:
@@ -236,7 +259,10 @@ def find_first_hit(guards, bounded, v, high, reach, noise):
 
 @jit
 def search_from_guard(function, guards, bounded):
-    """Return (offset, event): the offset from which the search may trust computed distances, or an event before it; ``now``: the signal at its start.
+    """Return (offset, event) after a start on a guard.
+
+    The offset is that from which the search may trust computed distances, or that of an event
+    before it. ``bounded`` is the signal at its start.
 
     What is known to be zero is left out: the constant term, divided by t, or the linear one. Where
     both a wall and the rate are watched the earlier event is returned.

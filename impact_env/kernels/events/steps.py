@@ -1,4 +1,7 @@
-"""One step of the search's scan (search.py): whether it is clear of the guards, also where it starts on one, and the only event in it.
+"""One step of the search's scan (search.py).
+
+The module decides whether a step is clear of the guards, also if it starts on one, and locates the
+only event in it.
 
 Start on a guard. There y(0) = wall is known, and the step is clear if the quadratic (H - wall)/t,
 three coefficients again, keeps off zero by more than its error. Of a summed modal amplitude this is
@@ -32,7 +35,9 @@ LEVEL_RATIO = 4.0
 
 @jit_inline
 def start_error(w, size, summed, order, h, error):
-    """Return the error, in the quadratic (H - known zero)/t of a first step, of the derivative ``order`` with the error ``error``; times h.
+    """Return the error of the quadratic (H - known zero)/t of a first step, times h.
+
+    It is the error for the derivative ``order``, which has the error ``error``.
 
     Each modal amplitude that is not summed, with the amplitudes w of this derivative and the next,
     has a share of its own instead of that in ``error``.
@@ -49,13 +54,19 @@ def start_error(w, size, summed, order, h, error):
 
 @jit_inline
 def start_margin(d1, slope0, slope1, h):
-    """Return the least of a first step that starts on a guard, from the distance at its end and the growth of the distance at both ends."""
+    """Return the least coefficient of a first step that starts on a guard.
+
+    It follows from the distance at the step's end and from the growth of the distance at both ends.
+    """
     return min(min(h * slope0, 1.5 * (d1 - h / 3.0 * slope1)), d1)
 
 
 @jit_inline
 def leaves_wall(b, guards, step, error):
-    """Return whether a block's first step, which starts on a wall, is clear of both walls; ``error`` as in `start_error`."""
+    """Return whether a block's first step, which starts on a wall, is clear of both walls.
+
+    ``error`` is that of `start_error`.
+    """
     h = step.h
     y0 = b[VALUE]
     y1 = b[VALUE + 1]
@@ -70,7 +81,10 @@ def leaves_wall(b, guards, step, error):
 
 @jit_inline
 def leaves_rest(b, h, direction, error):
-    """Return whether a block's first step, which starts with rate zero, is clear of a reversal; ``error`` as in `start_error`."""
+    """Return whether a block's first step, which starts with rate zero, is clear of a reversal.
+
+    ``error`` is that of `start_error`.
+    """
     return (
         start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h)
         > error
@@ -79,7 +93,10 @@ def leaves_rest(b, h, direction, error):
 
 @jit_inline
 def correct_first_step(signal, guards, step, walls, reversals):
-    """Return a scan's (walls, reversals), with the bit of the first step corrected for the guard on which the signal starts."""
+    """Return a scan's (walls, reversals) with the corrected bit of the first step.
+
+    The bit is corrected for the guard on which the signal starts.
+    """
     b = signal.block
     w = signal.moving
     size = signal.u.shape[1]
@@ -97,7 +114,10 @@ def correct_first_step(signal, guards, step, walls, reversals):
 
 @jit_inline
 def find_sharp_root(d0, d1, d2, d3, error, slope_error):
-    """Return where in (0, 1) the secant of the cubic with these Bernstein coefficients is zero, or -1 if its root is not sharp."""
+    """Return the zero in (0, 1) of the secant of the cubic with these Bernstein coefficients.
+
+    The result is -1 if the cubic's root is not sharp.
+    """
     least = min(min(d0 - d1, d1 - d2), d2 - d3)
     if not (
         d0 > error
@@ -117,7 +137,10 @@ def halley_step(x, f, slope, bend):
 
 @jit_inline
 def refine_cubic_root(b, k, h, wall, x):
-    """Return a root near ``x``, in shares of step k, of the cubic through value and rate at both ends: at the wall."""
+    """Return a root near ``x`` of a cubic minus the wall's position.
+
+    The cubic matches value and rate at both ends of step k. Roots are given as shares of the step.
+    """
     y = b[VALUE + k] - wall
     v = h * b[RATE + k]
     way = b[VALUE + 1 + k] - b[VALUE + k] - v
@@ -133,7 +156,11 @@ def refine_cubic_root(b, k, h, wall, x):
 
 @jit_inline
 def refine_quintic_root(b, k, h, kind, wall, x):
-    """Return a root near ``x``, in shares of step k, of the quintic through value, rate and bend at both ends: at the wall, or of its rate."""
+    """Return a root near ``x`` of a quintic minus the wall's position, or of its rate.
+
+    The quintic matches value, rate and second derivative at both ends of step k. Roots are given as
+    shares of the step.
+    """
     y0 = b[VALUE + k] - wall
     v0 = h * b[RATE + k]
     a0 = h * h * b[BEND + k]
@@ -172,7 +199,10 @@ def locate_reversal(b, k, step, direction, slope_error):
 
 @jit_inline
 def locate_event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
-    """Return (kind, share of the step) of the only event in step k, or NOTHING where that is not certain."""
+    """Return (kind, share of the step) of the only event in step k.
+
+    The kind is NOTHING if it is not certain that this event is the only one.
+    """
     low = guards.low
     high = guards.high
     if guards.direction is not None:
@@ -194,7 +224,10 @@ def locate_event_in_step(b, k, guards, step, near_wall, near_rest, slope_error):
 
 @jit_inline
 def is_far(b, h, guards, e0, e1):
-    """Return whether a step of LEVEL_RATIO h from the block's end, with these errors, will probably be clear."""
+    """Return whether a step of LEVEL_RATIO h from the block's end will probably be clear.
+
+    ``e0`` and ``e1`` are the errors of this step.
+    """
     y = b[VALUE + POINTS]
     way = LEVEL_RATIO * h * b[RATE + POINTS]
     far = min(guards.high - max(y, y + way), min(y, y + way) - guards.low) > e0

@@ -1,4 +1,8 @@
-"""Limits of a run: events, evaluations of the searches, and the order to stop from another thread."""
+"""Limits of a run.
+
+They are limits of events and of evaluations of the searches, and the order to stop that another
+thread gives.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,10 @@ LONG_SEARCH_EVALUATIONS = 2_000_000  # evaluations after which a search gives up
 
 @jit_inline
 def limit_searches(memory, counters):
-    """Limit the evaluations of each search to those that the run may use; ``memory`` as in `signals.Signal`."""
+    """Limit the evaluations of each search to those that the run may use.
+
+    ``memory`` is that of `signals.Signal`.
+    """
     memory[1] = min(memory[1], counters.counts.most_evaluations)
 
 

@@ -1,10 +1,12 @@
-"""A debug observer: after each search the guard signal is sampled densely up to the event, and must not have passed its guard.
+"""A debug observer that checks the result of each search.
+
+The guard signal is sampled densely up to the event, and must not have passed its guard.
 
 The samples are direct sums at single times and know nothing of blocks, levels, bounds or margins.
 They are uniform, some a radian of the fastest modal amplitude that is still active, and crowd
 geometrically at both ends, where errors of a start or of an event would be. A start lies on its
-guard and so does the event, but for rounding: nothing is looked at closer to either than
-`CLOSEST_SHARE`, and rounding of signal and time is allowed for.
+guard and so does the event, but for rounding: no sample is closer to either than `CLOSEST_SHARE`,
+and rounding of signal and time is allowed for.
 """
 
 from __future__ import annotations
@@ -44,7 +46,10 @@ TIME_CHECK_FACTOR = 4.0  # times the search's resolution of time
 
 @jit
 def find_active_rate(system, omega, u):
-    """Return the largest |s| (1/s) of the modal amplitudes that count in the signal u, or the force's frequency."""
+    """Return the largest |s| (1/s) of the active modal amplitudes in the signal u.
+
+    The result is the force's frequency if this is larger.
+    """
     largest = 0.0
     speed = omega
     for j in range(u.shape[1]):
@@ -66,7 +71,11 @@ def compute_rate_scale(system, signal, bound, offset):
 
 @jit
 def compute_sample_time(k, count, offset):
-    """Return the time (s) of sample k: geometric near the start, then ``count`` uniform ones, then geometric near the end."""
+    """Return the time (s) of sample k.
+
+    Samples are spaced geometrically near the start, then follow ``count`` uniform samples, then
+    geometric spacing near the end.
+    """
     if k < END_HALVINGS:
         return offset * 0.5 ** (END_HALVINGS - k)
     if k < END_HALVINGS + count:
@@ -88,7 +97,9 @@ def record_miss(check, time, kind, share):
 
 
 class GuardBounds(NamedTuple):
-    """Bounds that a signal must keep: the interval (low, high), and the sign of its rate (0: not checked).
+    """Bounds that a signal must keep.
+
+    They are the interval (low, high) and the sign of its rate (0: not checked).
 
     ``unit``: scale of a violation (0: the signal's terms); ``slack``: allowed share of these
     terms; ``kind``: of miss.
@@ -104,7 +115,10 @@ class GuardBounds(NamedTuple):
 
 @jit
 def check_guard_samples(check, system, forced, window, signal, tau, offset, guard):
-    """Check on dense samples that a signal keeps within its bounds from ``tau`` up to an offset (s)."""
+    """Check on dense samples that a signal remains within its bounds.
+
+    The samples are taken from ``tau`` up to an offset (s).
+    """
     if not offset > 0.0:  # nothing was passed, or not a number
         return
     low, high, unit, slack, sign, kind = guard
@@ -144,7 +158,10 @@ def check_guard_samples(check, system, forced, window, signal, tau, offset, guar
 
 @jit_inline
 def check_free_segment(check, system, forced, window, walls, limit, body, offset):
-    """Check the search of a free segment: no wall is passed, and with friction the relative velocity keeps its sign."""
+    """Check the search of a free segment.
+
+    No wall may be passed and, with friction, the relative velocity must not change its sign.
+    """
     if check is None:
         return
     if check.first.shape[0] == 0:

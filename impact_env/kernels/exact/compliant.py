@@ -1,4 +1,6 @@
-"""Event-driven exact integration of compliant contact (paper, appendix): a spring k_n at either wall, a spring k_t in series with a Coulomb slider.
+"""Event-driven exact integration of compliant contact (paper, appendix).
+
+Each wall has a spring k_n, and friction is a spring k_t in series with a Coulomb slider.
 
 Between events the scene is linear: absorber and tip apart, or joined by the springs that act.
 Events are the contact of a wall and its end, the slider's slip (its spring at the limit) and its
@@ -77,7 +79,8 @@ class CompliantScene(NamedTuple):
 
     Regimes without a spring, with the wall's, with the friction's, with both; contact law,
     stiffness, half-clearance (m, infinite without walls) and friction limit (N, None without
-    friction). Losses for the energy balance: ``wall_losses``, with the walls' damper, while a wall is touched, else ``losses``.
+    friction). Losses for the energy balance: ``wall_losses``, with the walls' damper, while a wall
+    is touched, else ``losses``.
     """
 
     regimes: tuple[LinearRegime, LinearRegime, LinearRegime, LinearRegime]
@@ -121,7 +124,10 @@ def check_compliant_segment(check, scene, system, forced, window, bounds, worksp
 
 @jit_inline
 def find_segment_end(system, forced, window, limit, low, high, workspace):
-    """Return the first event up to the window's end: a bound of the interval, or the turn of a sliding slider."""
+    """Return the first event up to the window's end.
+
+    The event is a bound of the interval, or the reversal of a sliding slider.
+    """
     contact_state = workspace.contact_states[0]
     length = window.half - contact_state.tau
     side = int(contact_state.side)
@@ -154,9 +160,13 @@ def advance_regime(regime, forced, scene, window, reach, workspace, observers):
     apply_weights(system.rows, GUARD, buffers.z, workspace.signal.u)
     contact_state.a = contact_state.force / scene.contact.mass if free else 0.0
     if free:
-        p[0], p[1], p[2] = contact_state.q + rest, contact_state.v, contact_state.a
+        p[0] = contact_state.q + rest
+        p[1] = contact_state.v
+        p[2] = contact_state.a
     else:
-        p[0], p[1], p[2] = rest, 0.0, 0.0
+        p[0] = rest
+        p[1] = 0.0
+        p[2] = 0.0
         contact_state.q = 0.0
         contact_state.v = 0.0
     low, high = find_guard_bounds(scene.gap, reach, contact_state)
@@ -211,7 +221,8 @@ def write_regime_state(regime, forced, omega, contact_state, buffers, state):
     compute_state(regime.out, w, state)
     half = state.shape[0] // 2
     if find_regime_number(contact_state) == 0:
-        state[half - 1], state[2 * half - 1] = contact_state.q, contact_state.v
+        state[half - 1] = contact_state.q
+        state[2 * half - 1] = contact_state.v
 
 
 @jit
@@ -298,7 +309,10 @@ def advance_to_compliant_event(scene, window, reach, workspace, state, observers
 
 @jit
 def integrate_compliant_section(scene, schedule, k, workspace, state, observers):
-    """Integrate section ``k`` of the schedule and return a status code; ``state`` is carried from section to section."""
+    """Integrate section ``k`` of the schedule and return a status code.
+
+    ``state`` is carried from section to section.
+    """
     contact_state = workspace.contact_states[0]
     reach = compute_slider_reach(scene.springs, scene.limit)
     count = count_windows(schedule, k)

@@ -1,4 +1,6 @@
-"""Compliant contact of one absorber (paper, appendix): a spring k_n at either wall, a spring k_t in series with a Coulomb slider.
+"""Compliant contact of one absorber (paper, appendix).
+
+Each wall has a spring k_n, and friction is a spring k_t in series with a Coulomb slider.
 
 Beside a wall's spring there may be a damper (Kelvin-Voigt). A contact lasts as long as the wall is
 overlapped.
@@ -64,7 +66,10 @@ def new_compliant_state():
 
 @jit
 def find_regime_number(contact_state):
-    """Return the regime's number: 0 free, 1 with the wall spring, 2 with the friction spring, 3 with both."""
+    """Return the regime's number.
+
+    It is 0 for free, 1 with the wall spring, 2 with the friction spring, and 3 with both.
+    """
     return (1 if contact_state.wall != 0.0 else 0) + (2 if contact_state.sticks else 0)
 
 
@@ -91,7 +96,10 @@ def find_guard_bounds(gap, reach, contact_state):
 
 @jit
 def update_constant_force(springs, gap, limit, contact_state):
-    """Set the constant part of the force on the absorber: from clearance, slider position and sliding friction."""
+    """Set the constant part of the force on the absorber.
+
+    It follows from the clearance, the slider's position and the sliding friction.
+    """
     force = 0.0
     if contact_state.wall != 0.0:
         force += springs.wall * gap * contact_state.wall
@@ -145,7 +153,10 @@ def begin_wall_contact(side, time, rate, absorber_velocity, loss, contact_state,
 
 @jit
 def record_wall_contact(time, absorber_velocity, loss, contact_state, events, mass):
-    """Append the contact that ends at ``time`` (s) to the lists; ``loss`` (J): that in the walls' damper up to then."""
+    """Append the contact that ends at ``time`` (s) to the lists of events.
+
+    ``loss`` (J) is the loss in the walls' damper up to this time.
+    """
     push_impact(
         events,
         contact_state.contact_time,
@@ -165,7 +176,10 @@ def record_wall_contact(time, absorber_velocity, loss, contact_state, events, ma
 
 @jit
 def toggle_wall_contact(event, gap, contact_state, time, absorber_velocity, loss, mass, observers):
-    """Begin or end a wall contact; without clearance the end at one wall is the begin at the other."""
+    """Begin or end a wall contact.
+
+    Without clearance the end of the contact with one wall is the begin of that with the other.
+    """
     if contact_state.wall == 0.0:
         side = 1.0 if event.kind == HIT_HIGH else -1.0
         contact_state.side = -side
@@ -191,7 +205,10 @@ def toggle_wall_contact(event, gap, contact_state, time, absorber_velocity, loss
 
 @jit_inline
 def handle_contact_event(event, scene, reach, contact_state, state, time, observers):
-    """Set the regime after an event: the slider sticks or slips, or a wall contact begins or ends."""
+    """Set the regime after an event.
+
+    The slider sticks or slips, or a wall contact begins or ends.
+    """
     half = state.shape[0] // 2
     r, v = compute_relative_motion(scene.contact, state)
     if event.kind == REVERSAL:
@@ -225,7 +242,10 @@ def handle_contact_event(event, scene, reach, contact_state, state, time, observ
 
 @jit
 def init_compliant_contact(springs, gap, limit, contact_state, state, contact, counters):
-    """Set the first regime: the slider starts without force, a wall that is overlapped already is in contact."""
+    """Set the first regime.
+
+    The slider starts without force. A wall that the absorber overlaps at the start is in contact.
+    """
     r, v = compute_relative_motion(contact, state)
     if abs(r) > gap or gap == 0.0:
         begin_wall_contact(
@@ -251,7 +271,10 @@ def add_slider_loss(limit, r0, r1, contact_state, energy):
 
 @jit
 def add_slider_energy(scene, limit, contact_state, state, energy):
-    """Add the energy stored in the slider's spring (J); it is at its limit while the slider slides."""
+    """Add the energy stored in the slider's spring (J).
+
+    While the slider slides, the spring's force is at its limit.
+    """
     if energy is None or limit is None:
         return
     deflection = compute_slider_reach(scene.springs, limit)

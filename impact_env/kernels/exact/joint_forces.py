@@ -1,4 +1,6 @@
-"""Which of the absorbers without relative velocity move with the beam: a small complementarity problem.
+"""The absorbers without relative velocity that move with the beam.
+
+They are found by solving a small complementarity problem.
 
 With the forces f of their joints the relative accelerations are c + G f, G being symmetric and
 positive definite (masses, and the beam's mobility between the places). Each force lies in the
@@ -35,7 +37,8 @@ from impact_env.kernels.motion.loads import evaluate_load
 # of the sum of the sizes of a condition's terms: the rounding of four additions and of a direct
 # solution is below 1e-14 of it, the smallest gap between two cases that are not one is far above
 COMPLEMENTARITY_TOL = 1e-11
-# block pivots in a row that may leave as many wrong cases as before; pivots, of the number of absorbers
+# block pivots in a row that may leave as many wrong cases as before; pivots, of the number of
+# absorbers
 MOST_BLOCK_PIVOTS = 3
 MOST_PIVOTS = 100
 # cases of a joint force
@@ -52,8 +55,8 @@ class Joints(NamedTuple):
     ``undecided``: absorbers without relative velocity, which may stick or slip; ``case`` of each
     joint force. ``system`` (n, n + 1): matrix and right-hand side of the forces inside their
     bounds, whose absorbers are ``inside`` (n,). ``unsolved`` (1,): whether a problem had no
-    solution up to rounding. ``freed``: absorbers that an impact tears loose. ``complete``: absorbers
-    whose contact state holds the motion that a moving base gives them, too.
+    solution up to rounding. ``freed``: absorbers that an impact tears loose. ``complete``:
+    absorbers whose contact state holds the motion that a moving base gives them, too.
     """
 
     relative_acceleration: NDArray[np.float64]
@@ -100,7 +103,8 @@ def compute_contact_kinematics(absorbers, state, joints):
         for i in range(modes):
             q += absorbers.shapes[a, i] * state[i]
             v += absorbers.shapes[a, i] * state[half + i]
-        joints.beam_displacement[a], joints.beam_velocity[a] = q, v
+        joints.beam_displacement[a] = q
+        joints.beam_velocity[a] = v
 
 
 @jit
@@ -115,7 +119,9 @@ def compute_force_at(window, tau):
 
 @jit
 def compute_base_accelerations(window, tau):
-    """Write the accelerations (m/s^2) of bases that move, or the forces in their place (N), at an offset ``tau`` (s).
+    """Write the accelerations (m/s^2) of bases that move at an offset ``tau`` (s).
+
+    Forces that are represented as bases are written in N.
 
     Return what they give the absorbers' places; 0 where no base moves.
     """
@@ -137,7 +143,10 @@ def _base_accelerations(base, omega, tau):
 
 @jit
 def compute_base_inertia(window, i):
-    """Return the inertia of mode ``i`` under the accelerations of the bases, and the sum of its sizes; 0 where no base moves."""
+    """Return the inertia of mode ``i`` under the accelerations of the bases.
+
+    The second result is the sum of the magnitudes of its terms. Both are 0 if no base moves.
+    """
     load = window.load
     if load is None:
         return 0.0, 0.0
@@ -158,7 +167,10 @@ def _base_inertia(base, i):
 
 @jit
 def compute_relative_accelerations(absorbers, losses, window, contact_states, state, joints):
-    """Write the relative accelerations before the joint forces of undecided absorbers, and their rounding."""
+    """Write the relative accelerations without the joint forces of undecided absorbers.
+
+    Their rounding errors are written as well.
+    """
     n, modes = absorbers.shapes.shape
     half = n + modes
     tau = contact_states[0].tau
@@ -187,7 +199,10 @@ def compute_relative_accelerations(absorbers, losses, window, contact_states, st
 
 @jit
 def compute_sticking_force(compliance, joints, a):
-    """Return the joint force (N) that leaves absorber a without relative acceleration, all other joint forces given."""
+    """Return the joint force (N) for which absorber a has no relative acceleration.
+
+    All other joint forces are given.
+    """
     r = joints.relative_acceleration[a]
     for b in range(joints.force.shape[0]):
         if b != a and joints.undecided[b]:
@@ -243,7 +258,10 @@ def solve_inside_forces(compliance, joints):
 
 @jit
 def find_better_case(absorbers, compliance, contact_states, joints, a):
-    """Return the case that the joint force of absorber a belongs to by the conditions as they are, and by how much its own case breaks them.
+    """Return the case of the joint force of absorber a, and the violation of its present case.
+
+    The case is the one that the conditions require for the present forces. The violation is the
+    amount by which the present case breaks its condition.
 
     The latter is relative to the sizes of the condition's terms, 0 where none is broken.
     """
@@ -270,7 +288,10 @@ def find_better_case(absorbers, compliance, contact_states, joints, a):
 
 @jit
 def count_violations(absorbers, compliance, contact_states, joints):
-    """Return the number of joint forces in a wrong case, and the last of them; their right cases go to ``joints.inside``."""
+    """Return the number of joint forces in a wrong case, and the last of them.
+
+    Their right cases are written to ``joints.inside``.
+    """
     count = 0
     last = 0
     for a in range(joints.force.shape[0]):
@@ -286,7 +307,10 @@ def count_violations(absorbers, compliance, contact_states, joints):
 
 @jit
 def solve_joint_forces(absorbers, compliance, contact_states, joints):
-    """Find the joint forces that meet all conditions up to rounding; set ``joints.unsolved`` where that fails."""
+    """Find the joint forces that satisfy all conditions up to rounding.
+
+    ``joints.unsolved`` is set if this fails.
+    """
     n = joints.force.shape[0]
     for a in range(n):
         joints.case[a] = FORCE_INSIDE
@@ -311,7 +335,9 @@ def solve_joint_forces(absorbers, compliance, contact_states, joints):
 
 @jit
 def resolve_joints(absorbers, losses, compliance, window, contact_states, state, joints, events):
-    """Decide for each undecided absorber whether it sticks or begins to slip, and in which direction.
+    """Decide for each undecided absorber whether it sticks or begins to slip.
+
+    The direction of slip is decided as well.
 
     ``compliance`` (n, n) is that of the free beam, ``state`` the state at the current time. At a
     bound of the joint force the absorber sticks: the rate of the force then decides in the joined
@@ -341,7 +367,10 @@ def resolve_joints(absorbers, losses, compliance, window, contact_states, state,
 
 @jit
 def begin_stick(contact_state, place, time):
-    """Make an absorber stick; nothing changes if it sticks already. ``place`` (m): displacement of the beam there."""
+    """Make an absorber stick if it does not stick already.
+
+    ``place`` (m) is the displacement of the beam at the absorber.
+    """
     if contact_state.regime != JOINED:
         contact_state.regime = JOINED
         contact_state.phase_start = time
@@ -352,7 +381,10 @@ def begin_stick(contact_state, place, time):
 
 @jit
 def begin_slip(limit, contact_state, speed, sign, time, events):
-    """Make an absorber without relative velocity slip in direction ``sign``; ``speed`` (m/s): velocity of the beam at its place."""
+    """Make an absorber without relative velocity slip in direction ``sign``.
+
+    ``speed`` (m/s) is the velocity of the beam at the absorber's place.
+    """
     if contact_state.regime == JOINED:
         record_joined_phase(events, contact_state, time)
     contact_state.regime = FREE

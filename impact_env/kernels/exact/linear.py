@@ -1,4 +1,7 @@
-"""Closed form for scenes with one linear regime: no absorber, stuck absorber, tuned absorber. No step and no event search.
+"""Closed form for scenes with one linear regime.
+
+These are scenes without absorber and with a stuck or tuned absorber. No time step and no event
+search is needed.
 
 The windows only renew the expansion of the chirp; the response is exact at every sample whatever
 their length.
@@ -38,7 +41,10 @@ from impact_env.kernels.motion.unit_loads import combine_unit_responses, propaga
 
 
 class Linear(NamedTuple):
-    """A scene of one linear regime, its losses, and the acceleration of the absorber's weight (m/s^2), 0 without."""
+    """A scene of one linear regime, with its losses.
+
+    ``gravity`` is the acceleration of the absorber's weight (m/s^2), or 0 without a weight.
+    """
 
     regime: LinearRegime
     losses: Losses
@@ -46,7 +52,10 @@ class Linear(NamedTuple):
 
 
 class LinearWorkspace(NamedTuple):
-    """Motion (``buffers.z``) and scratch memory of a run with one regime; ``no_motion`` (1,): an ABSORBER_MOTION record of zeros."""
+    """Motion (``buffers.z``) and scratch memory of a run with one regime.
+
+    ``no_motion`` (1,) is an ABSORBER_MOTION record of zeros.
+    """
 
     buffers: Buffers
     forced: Forced
@@ -68,7 +77,10 @@ def new_linear_workspace(regime, load, state):
 
 @jit
 def add_weight_deflection(regime, gravity, sign, z):
-    """Add the static deflection under the absorber's weight, times ``sign``; return its acceleration, 0 without."""
+    """Add the static deflection under the absorber's weight, times ``sign``.
+
+    Returns the acceleration of the weight, or 0 without a weight.
+    """
     if gravity != 0.0:
         add_weighted(regime.system.rows, REST, sign * gravity, z)
     return gravity
@@ -76,7 +88,10 @@ def add_weight_deflection(regime, gravity, sign, z):
 
 @jit_inline
 def skip_unobserved_window(scene, window, workspace, observers):
-    """Propagate over a window of a sampled load in which nothing is observed; return False where that does not apply."""
+    """Propagate over a window of a sampled load in which nothing is observed.
+
+    Returns False, without propagation, if the window is not such a window.
+    """
     load = window.load
     z = workspace.buffers.z
     if load is None:

@@ -20,11 +20,10 @@ def find_end_of_flight(system, forced, window, walls, limit, body, deflection, l
     contact_state = body.contact_state
     signal = body.signal
     p = body.signal.polynomial
-    p[0], p[1], p[2] = (
-        contact_state.q - deflection,
-        contact_state.v,
-        contact_state.a,
-    )  # first: what the caller has just written is still in registers
+    # before all else: what the caller has just written is still in registers
+    p[0] = contact_state.q - deflection
+    p[1] = contact_state.v
+    p[2] = contact_state.a
     apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
     function = EventFunction(system, forced, window.omega, signal, contact_state.tau)
     gap = walls.gap
@@ -51,7 +50,9 @@ def find_end_of_flight(system, forced, window, walls, limit, body, deflection, l
 
 @jit_inline
 def find_end_of_hold(system, forced, window, limit, weight, body, length):
-    """Return the first event within ``length`` (s) of a joined absorber: its joint force leaves its bounds.
+    """Return the event at which the joint force of a joined absorber leaves its bounds.
+
+    It is the first one within ``length`` (s).
 
     ``weight`` (N): static part of the joint force.
     """

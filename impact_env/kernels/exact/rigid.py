@@ -1,4 +1,6 @@
-"""Event-driven exact integration of one absorber with rigid contact (physics in the paper, section 2.2): window by window, event by event.
+"""Event-driven exact integration of one absorber with rigid contact (paper, section 2.2).
+
+It proceeds window by window and event by event.
 
 A window begins in one of the two regimes of stick_slip.py; the forced part of the other is solved
 when an event leads there.
@@ -65,7 +67,10 @@ def update_joined_response(scene, window, workspace):
 
 @jit_inline
 def add_forced_part(window, tau, sign, workspace):
-    """Add the forced response of the current regime, times ``sign``, to the modal amplitudes at ``tau`` (s)."""
+    """Add the forced response of the current regime to the modal amplitudes at ``tau`` (s).
+
+    It is multiplied by ``sign``.
+    """
     if workspace.contact_states[0].regime == FREE:
         add_forced(workspace.free_forced.polynomials, window.omega, tau, sign, workspace.buffers.z)
         add_base_motion(window, workspace, sign)
@@ -77,7 +82,9 @@ def add_forced_part(window, tau, sign, workspace):
 
 @jit_inline
 def enter_window(scene, window, started, workspace, state):
-    """Begin a window: subtract the forced response from the amplitudes, or choose the first regime of a run.
+    """Begin a window.
+
+    The forced response is subtracted from the amplitudes, or the first regime of a run is chosen.
 
     ``started`` False: the run begins with ``state``. Else the amplitudes hold the whole motion.
     """
@@ -96,7 +103,10 @@ def enter_window(scene, window, started, workspace, state):
 
 @jit_inline
 def handle_event(scene, window, event, workspace, observers):
-    """Apply the event that ended a free segment; return True if the relative velocity is zero after it."""
+    """Apply the event that ended a free segment.
+
+    Returns True if the relative velocity is zero after the event.
+    """
     system = scene.free.system
     contact = scene.contact
     body = view_absorber(workspace)
@@ -133,8 +143,8 @@ def stick_or_slip(scene, window, workspace, state):
 def advance_to_event(scene, window, workspace, state, observers):
     """Advance the current regime to its next event, or to the window's end, and apply the event."""
     if workspace.contact_states[0].regime == FREE:
-        found = advance_free_regime(scene, window, workspace, observers)
-        if handle_event(scene, window, found, workspace, observers):
+        event = advance_free_regime(scene, window, workspace, observers)
+        if handle_event(scene, window, event, workspace, observers):
             stick_or_slip(scene, window, workspace, state)
     else:
         event = advance_joined_regime(scene, window, workspace, observers)
@@ -209,7 +219,8 @@ def write_current_state(scene, workspace, state):
         copy_amplitudes(buffers.z, w)
         add_weighted(scene.free.system.rows, REST, contact_state.force, w)
         compute_state(scene.free.out, w, state)
-        state[half - 1], state[2 * half - 1] = contact_state.q, contact_state.v
+        state[half - 1] = contact_state.q
+        state[2 * half - 1] = contact_state.v
     else:
         w = buffers.rows[0]
         copy_amplitudes(buffers.z, w)

@@ -1,4 +1,6 @@
-"""One rigid contact between an absorber and the beam: what is known of it between two events, and the laws that it follows.
+"""One rigid contact between an absorber and the beam.
+
+The module contains its state between two events and its laws.
 
 An impact whose remaining bounces, all together, stay below the rounding of the position is
 completed at once (complete chatter): the remaining relative velocity is taken out by a plastic
@@ -97,9 +99,9 @@ class ContactLaw(NamedTuple):
     """Laws of one rigid contact.
 
     Absorber mass (kg), G = 1/m_a + sum tip_shape^2 (1/kg), tip shape (N_m,); walls, `NO_WALLS`
-    without; limit of sliding friction (N), None without; ``gravity`` (m/s^2): weight of the absorber over its
-    mass, towards the lower wall, 0: across its motion; ``static_ratio``: limit of static over
-    that of sliding friction, 1 or above.
+    without; limit of sliding friction (N), None without; ``gravity`` (m/s^2): weight of the
+    absorber over its mass, towards the lower wall, 0: across its motion; ``static_ratio``: limit of
+    static over that of sliding friction, 1 or above.
     """
 
     mass: float
@@ -112,7 +114,11 @@ class ContactLaw(NamedTuple):
 
 
 class AbsorberView(NamedTuple):
-    """One absorber in motion: its RIGID_CONTACT_STATE record, the buffers of modal amplitudes and its guard signal."""
+    """One absorber in motion.
+
+    It consists of its RIGID_CONTACT_STATE record, the buffers of modal amplitudes, and its guard
+    signal.
+    """
 
     contact_state: Any
     buffers: Buffers
@@ -150,7 +156,10 @@ def add_friction_loss(limit, system, forced, omega, body, tau, offset, energy):
 
 @jit
 def update_slip_direction(system, limit, sign, contact_state, z):
-    """Set a new direction of slip, and shift the free part z of the amplitudes by the change of the friction force."""
+    """Set a new direction of slip.
+
+    The free part z of the amplitudes is shifted by the change of the friction force.
+    """
     if limit is None:
         return
     old = contact_state.force
@@ -161,7 +170,10 @@ def update_slip_direction(system, limit, sign, contact_state, z):
 
 @jit
 def reverse_or_stick(system, contact, limit, body, event):
-    """Decide at zero relative velocity: return True if static friction holds, else reverse the slip and return False."""
+    """Decide between stick and slip at zero relative velocity.
+
+    Returns True if static friction holds. Otherwise the slip is reversed and the result is False.
+    """
     if limit is None:
         return False
     # the constant force F alone bends the relative displacement by F G
@@ -185,7 +197,10 @@ def static_limit(contact):
 
 @jit
 def joint_bounds(limit, side):
-    """Return the bounds (N) of the joint force on the absorber: static friction, and the push of the wall it touches."""
+    """Return the bounds (N) of the joint force on the absorber.
+
+    They follow from static friction and from the force of the wall that the absorber touches.
+    """
     low = 0.0
     high = 0.0
     if limit is not None:
@@ -223,7 +238,10 @@ def compute_tip_motion(contact, state):
 
 @jit_inline
 def update_wall_contact(walls, contact_state, q_tip):
-    """Set the wall that an absorber touches, if its separation is below rounding, as after a plastic impact."""
+    """Set the wall that an absorber touches.
+
+    It touches a wall if their distance is below rounding, as after a plastic impact.
+    """
     if walls.gap < np.inf and abs(contact_state.q - q_tip) >= walls.gap - 4.0 * EPSILON * (
         walls.gap + abs(contact_state.q) + abs(q_tip)
     ):
@@ -232,7 +250,10 @@ def update_wall_contact(walls, contact_state, q_tip):
 
 @jit
 def detect_wall_contact(contact, walls, contact_state, state):
-    """Set the wall that an absorber touches and the direction of slip; return its relative velocity (m/s)."""
+    """Set the wall that an absorber touches and the direction of slip.
+
+    Returns the absorber's relative velocity (m/s).
+    """
     q_tip, v_tip = compute_tip_motion(contact, state)
     relative = contact_state.v - v_tip
     update_wall_contact(walls, contact_state, q_tip)
@@ -249,7 +270,10 @@ def add_impact_loss(loss, energy):
 
 @jit_inline
 def compute_restitution(walls, v):
-    """Return the coefficient of restitution of an impact with relative velocity v (m/s), see `parameters.YieldingWalls`."""
+    """Return the coefficient of restitution of an impact with relative velocity v (m/s).
+
+    See `parameters.YieldingWalls`.
+    """
     return walls.restitution / np.sqrt(np.sqrt(1.0 + abs(v) / walls.yield_velocity))
 
 
@@ -300,7 +324,10 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
 
 @jit
 def impulse_response_bound(rows):
-    """Return a bound of the relative acceleration (1/(kg s)) after a unit impulse between beam and absorber."""
+    """Return a bound of the relative acceleration (1/(kg s)) after a unit impulse.
+
+    The impulse acts between beam and absorber.
+    """
     kick = 0.0
     for j in range(rows.shape[1]):
         gain = np.hypot(rows[GUARD, j], rows[GUARD + 1, j]) * np.hypot(

@@ -1,4 +1,6 @@
-"""The time before which an absorber has no event, whatever the other absorbers do: until then it is not searched.
+"""The time before which an absorber has no event, whatever the other absorbers do.
+
+Until this time it is not searched.
 
 Among n absorbers an event of one changes the signals of all others, and a search of every guard
 after every event would cost n^2 modal sums for each of about 2 n events a period. But an impulse p
@@ -32,9 +34,9 @@ from impact_env.kernels.exact.sets import (
 from impact_env.kernels.motion.modal_system import LARGEST_RATE
 
 # of an absorber's guard signal at a time (s from the window's centre): the signal less what its
-# rounding may be from either guard, its rate with the sign of approach to the upper one, what events
-# of others have changed the rate by at most, and a bound of the second derivative; the sign that the
-# rate must keep (0: any); the time before which there is no event
+# rounding may be from either guard, its rate with the sign of approach to the upper one, what
+# events of others have changed the rate by at most, and a bound of the second derivative; the sign
+# that the rate must keep (0: any); the time before which there is no event
 SAFE_TIME = record_type(
     taken_at=NUMBER,
     to_low=NUMBER,
@@ -98,7 +100,10 @@ def _set_until(safe):
 
 @jit
 def update_safe_time(scene, window, s, a, workspace):
-    """Compute the safe time of absorber a at the current time, in the set at place s; its guard signal is filled."""
+    """Compute the safe time of absorber a at the current time.
+
+    The set of joined absorbers is at position s. The guard signal of the absorber is filled.
+    """
     sets = scene.sets
     absorbers = scene.absorbers
     contact_state = workspace.contact_states[a]
@@ -134,10 +139,12 @@ def update_safe_time(scene, window, s, a, workspace):
 
 @jit
 def update_safe_times_after_event(sets, s, a, impulse, workspace):
-    """Correct the safe times after an event of absorber a that has left the set at place s as it was.
+    """Correct the safe times after an event of absorber a.
 
-    ``impulse`` (N s) is what absorber a was given. The friction forces that have changed are found by
-    ``workspace.forces``.
+    The event has not changed the set of joined absorbers, which is at position s.
+
+    ``impulse`` (N s) is what absorber a was given. The friction forces that have changed are found
+    by ``workspace.forces``.
     """
     contact_states = workspace.contact_states
     safe_times = workspace.safe_times
@@ -162,7 +169,9 @@ def update_safe_times_after_event(sets, s, a, impulse, workspace):
 
 @jit
 def may_turn(sets, s, a, b, impulse, workspace):
-    """Return whether an impulse (N s) on absorber a may change the sign of absorber b's relative velocity.
+    """Return whether an impulse (N s) on absorber a may reverse absorber b.
+
+    In this case the impulse changes the sign of the relative velocity of absorber b.
 
     It cannot where the safe time of b is known and bounds its rate away from zero.
     """

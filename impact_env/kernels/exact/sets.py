@@ -1,12 +1,15 @@
-"""The regimes of several absorbers: one for each set of those that move with the beam (joined), the others being apart from it.
+"""The regimes of several absorbers.
 
-There are 2^n sets of n absorbers, and nearly all time is spent in few of them. So a run has a number
-of places for regimes: place 0 always holds the free beam, the others are filled when a set is first
-needed, by a function in Python (`regime_sets.RegimePlaces`), and filled anew when all are taken. A
-regime is one of `segments.LinearRegime`, and a guard signal one of those that a single absorber has:
-relative displacement of an absorber apart, joint force of a joined one. What differs from absorber
-to absorber is a row of weights. The last row, index n, belongs to the place where the level is
-measured.
+Each set of absorbers that move with the beam (joined) has one regime, in which the others are apart
+from the beam.
+
+There are 2^n sets of n absorbers, and nearly all time is spent in few of them. So a run has a
+number of places for regimes: place 0 always holds the free beam, the others are filled when a set
+is first needed, by a function in Python (`regime_sets.RegimePlaces`), and filled anew when all are
+taken. A regime is one of `segments.LinearRegime`, and a guard signal one of those that a single
+absorber has: relative displacement of an absorber apart, joint force of a joined one. What differs
+from absorber to absorber is a row of weights. The last row, index n, belongs to the place where the
+level is measured.
 """
 
 from __future__ import annotations
@@ -45,24 +48,27 @@ from impact_env.kernels.motion.segments import LinearRegime, compute_amplitudes
 
 Array = NDArray[np.float64]
 
-# the place of the current set; uses of places so far; the address of the function that fills a place
-# for the set `Sets.wanted` and makes it the current one; whether that has failed
+# the place of the current set; uses of places so far; the address of the function that fills a
+# place for the set `Sets.wanted` and makes it the current one; whether that has failed
 SET_REQUEST = record_type(place=INTEGER, uses=INTEGER, fill_address=INTEGER, failed=FLAG)
 
 
 class Sets(NamedTuple):
-    """The regimes of n absorbers, stacked: the first axis of the arrays down to ``last_fill`` is the place of a regime, K long.
+    """The regimes of n absorbers, stacked.
+
+    The first axis of the arrays down to ``last_fill`` is the position of a regime and has the
+    length K.
 
     ``rows`` (K, n + 1, ROWS, J) is `modal_system.ModalSystem.rows` for each absorber: GUARD its
     signal, TIP the beam at its place, RELATIVE and REST a force on it; the last for the level's
     place, without such forces. ``table`` to ``errors``: as in `modal_system.ModalSystem`; ``out``,
-    ``into``: as in `segments.LinearRegime`. ``deflection`` (K, n + 1, n): displacement (m/N) at each
-    place under a unit constant force on absorber b; ``compliance`` (K, n, n): relative acceleration
-    (1/kg) of absorber a by a unit force on absorber b. ``velocity_bound`` and ``acceleration_bound``
-    (K, n, n): bounds of the rate and of the second derivative of a's guard signal, at any later
-    time, after a unit impulse on b. ``joined`` (K, n): the set; ``last_use`` and ``last_fill`` (K,):
-    numbers of the last use of a place, 0 for an empty one, and of its fillings. ``wanted`` (n,): a
-    set to be filled; ``request``: a SET_REQUEST record.
+    ``into``: as in `segments.LinearRegime`. ``deflection`` (K, n + 1, n): displacement (m/N) at
+    each place under a unit constant force on absorber b; ``compliance`` (K, n, n): relative
+    acceleration (1/kg) of absorber a by a unit force on absorber b. ``velocity_bound`` and
+    ``acceleration_bound`` (K, n, n): bounds of the rate and of the second derivative of a's guard
+    signal, at any later time, after a unit impulse on b. ``joined`` (K, n): the set; ``last_use``
+    and ``last_fill`` (K,): numbers of the last use of a place, 0 for an empty one, and of its
+    fillings. ``wanted`` (n,): a set to be filled; ``request``: a SET_REQUEST record.
     """
 
     rows: Array
@@ -88,9 +94,9 @@ class Sets(NamedTuple):
 class Absorbers(NamedTuple):
     """Laws of n absorbers, each (n,), and shapes at their places (n, N_m).
 
-    Mass (kg), half-clearance (m, infinity: no walls), restitution and the velocity (m/s) above which
-    it falls (infinity: it does not), friction limit (N, 0: none), gravity (m/s^2) towards the lower
-    wall. ``tip_shape`` (N_m,): where the level is measured; ``square`` (N_m,): omega^2.
+    Mass (kg), half-clearance (m, infinity: no walls), restitution and the velocity (m/s) above
+    which it falls (infinity: it does not), friction limit (N, 0: none), gravity (m/s^2) towards the
+    lower wall. ``tip_shape`` (N_m,): where the level is measured; ``square`` (N_m,): omega^2.
     """
 
     mass: Array
@@ -105,7 +111,10 @@ class Absorbers(NamedTuple):
 
 
 class ForcedSets(NamedTuple):
-    """Forced responses of the regimes in one window: `forced.Forced` with one axis more for the place and, where they differ, for the absorber.
+    """Forced responses of the regimes in one window.
+
+    The arrays are those of `forced.Forced` with an additional axis for the position of the regime
+    and, where they differ, one for the absorber.
 
     ``solved`` (K, n + 1): whether an absorber's guard signal is known; last, the response itself.
     """
@@ -119,7 +128,10 @@ class ForcedSets(NamedTuple):
 
 
 class SignalSet(NamedTuple):
-    """The guard signals of all absorbers: `signals.Signal` with one axis more, the absorber, in front."""
+    """The guard signals of all absorbers, stacked along a first axis.
+
+    Each is a `signals.Signal`.
+    """
 
     u: Array
     polynomial: Array
@@ -183,7 +195,10 @@ def regime_of_set(sets, s, rows):
 
 @jit_view
 def forced_of_set(flow, s, place):
-    """Return the forced response of the set at place s with the signals of one place: an absorber's, or the level's."""
+    """Return the forced response of the set at position s with the signals of one place.
+
+    The place is that of an absorber or that of the level.
+    """
     return Forced(
         flow.polynomials[s],
         flow.signals[s, place],
@@ -219,7 +234,10 @@ def _holds_set(sets, s, contact_states):
 
 @jit
 def find_joined_set(sets, contact_states):
-    """Return the place of the set of joined absorbers; its regime is made where it is not at hand."""
+    """Return the position of the set of joined absorbers.
+
+    The set's regime is made if it does not exist yet.
+    """
     request = sets.request
     if _holds_set(sets, request.place, contact_states):
         return request.place
@@ -267,7 +285,10 @@ def update_set_response(sets, window, s, workspace):
 
 @jit
 def update_guard_response(sets, absorbers, window, s, a, flow):
-    """Solve the forced part of absorber a's guard signal in the set at place s, whose response is known, unless it is known, too."""
+    """Solve the forced part of absorber a's guard signal in the set at position s.
+
+    The response of the set must be known. Nothing is done if the forced part is known already.
+    """
     if flow.solved[s, a]:
         return
     system = system_of_set(sets, s, sets.rows[s, a])
@@ -282,7 +303,9 @@ def update_guard_response(sets, absorbers, window, s, a, flow):
 
 @jit
 def add_base_motion(sets, window, s, a, sign, workspace):
-    """Add the motion that a moving base gives the free absorber a, times ``sign``, to its contact state; the response of the set at place s is known.
+    """Add a moving base's motion of the free absorber a, times ``sign``, to its contact state.
+
+    The response of the set at position s must be known.
 
     Between events the contact state holds the rest of the motion, a polynomial of second order.
     """
@@ -298,7 +321,10 @@ def add_base_motion(sets, window, s, a, sign, workspace):
 
 @jit
 def compute_constant_force(absorbers, contact_state, joined, a):
-    """Return the constant force (N) between absorber a and the beam, as on the absorber: friction, or the weight of a joined one."""
+    """Return the constant force (N) between absorber a and the beam, as it acts on the absorber.
+
+    It is friction, or the weight of a joined absorber.
+    """
     if joined:
         return absorbers.mass[a] * absorbers.gravity[a]
     return contact_state.force
@@ -306,7 +332,10 @@ def compute_constant_force(absorbers, contact_state, joined, a):
 
 @jit
 def fill_guard_signal(scene, s, a, workspace):
-    """Fill the free part of absorber a's guard signal in the set at place s, from the current time on."""
+    """Fill the free part of absorber a's guard signal in the set at position s.
+
+    The signal begins at the current time.
+    """
     sets = scene.sets
     contact_state = workspace.contact_states[a]
     signal = signal_of_absorber(workspace.signals, a)
@@ -342,7 +371,10 @@ def update_static_deflection(sets, absorbers, contact_states, s, own, deflection
 
 @jit
 def enter_set(sets, absorbers, window, s, workspace, state):
-    """Write the free part of the amplitudes of the set at place s for a state and the absorbers' constant forces."""
+    """Write the free part of the amplitudes of the set at position s.
+
+    It follows from a state and from the absorbers' constant forces.
+    """
     z = workspace.buffers.z
     update_static_deflection(
         sets, absorbers, workspace.contact_states, s, workspace.place_rows, workspace.deflection

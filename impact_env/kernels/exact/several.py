@@ -1,9 +1,12 @@
-"""Several absorbers on one beam: the loop over the events of rigid contact, for any set of joined absorbers (sets.py).
+"""Several absorbers on one beam.
+
+The module contains the loop over the events of rigid contact, for any set of joined absorbers
+(sets.py).
 
 Each absorber has its own guard signal in the regime of the current set, and the next event is the
 earliest one. Signals, searches, impact law and friction are those of the single absorber. What one
-absorber's event does to the others is in several_events.py; which guards need not be searched, since
-none of them can be reached before the earliest event found, is in safe_times.py.
+absorber's event does to the others is in several_events.py; which guards need not be searched,
+since none of them can be reached before the earliest event found, is in safe_times.py.
 """
 
 from __future__ import annotations
@@ -149,7 +152,10 @@ def new_several_workspace(sets, absorbers, state):
 
 @jit
 def next_event_of(scene, window, s, a, length, workspace):
-    """Return the first event of absorber a within ``length`` (s) in the set at place s, whose forced guard signal is known."""
+    """Return the first event of absorber a within ``length`` (s) in the set at position s.
+
+    The forced part of the absorber's guard signal must be known.
+    """
     sets = scene.sets
     absorbers = scene.absorbers
     system = system_of_set(sets, s, sets.rows[s, a])
@@ -175,21 +181,21 @@ def next_event_of(scene, window, s, a, length, workspace):
 def find_earliest_event(scene, window, s, counters, workspace):
     """Return the absorber with the earliest event, and the event; NOTHING at the window's end.
 
-    The absorber whose next event may be the earliest is looked at first: its safe time is taken
-    anew, then it is searched, over a share of the window that doubles until the event is found or
-    another absorber comes first.
+    The absorber whose next event may be the earliest is treated first: its safe time is computed
+    again, then it is searched, over a share of the window that doubles until its event is found
+    or another absorber comes first.
     """
     sets = scene.sets
     safe_times = workspace.safe_times
     n = safe_times.shape[0]
     now = workspace.contact_states[0].tau
     first = 0
-    found = GuardEvent(NOTHING, window.half - now, 0.0, 0.0, 0.0, 0)
+    earliest = GuardEvent(NOTHING, window.half - now, 0.0, 0.0, 0.0, 0)
     resolution = time_resolution(sets.rows[s, 0], window.omega, window.half)
     share = window.half / n
-    while found.offset > resolution or found.kind == NOTHING:
+    while earliest.offset > resolution or earliest.kind == NOTHING:
         a = find_most_urgent(safe_times)
-        if not safe_times[a].until < now + found.offset:
+        if not safe_times[a].until < now + earliest.offset:
             break
         update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
         if safe_times[a].taken_at != now:
@@ -197,20 +203,20 @@ def find_earliest_event(scene, window, s, counters, workspace):
             update_safe_time(scene, window, s, a, workspace)
             counters.counts.evaluations += 1
             continue
-        length = min(found.offset, max(safe_times[a].until - now, 0.0) + share)
+        length = min(earliest.offset, max(safe_times[a].until - now, 0.0) + share)
         event = next_event_of(scene, window, s, a, length, workspace)
         counters.counts.evaluations += event.evaluations
         if event.kind != NOTHING or np.isnan(event.offset):
             first = a
-            found = event
+            earliest = event
             safe_times[a].until = now + event.offset
             if np.isnan(event.offset):
                 break
         else:
             safe_times[a].until = now + length
             share = 2.0 * share
-    check_set(counters.check, scene, window, s, found.offset, workspace)
-    return first, found
+    check_set(counters.check, scene, window, s, earliest.offset, workspace)
+    return first, earliest
 
 
 @jit
@@ -297,7 +303,10 @@ def advance_time(scene, window, s, offset, workspace, observers):
 
 @jit
 def enter_set_window(scene, window, started, workspace, state, events):
-    """Begin a window: subtract the forced response from the amplitudes, or choose the first set of a run."""
+    """Begin a window.
+
+    The forced response is subtracted from the amplitudes, or the first set of a run is chosen.
+    """
     for a in range(workspace.contact_states.shape[0]):
         workspace.contact_states[a].tau = -window.half
     workspace.forced_sets.solved[:, :] = False
@@ -319,7 +328,11 @@ def enter_set_window(scene, window, started, workspace, state, events):
 
 @jit
 def leave_set_window(scene, window, tau, workspace):
-    """End a window, or a run, at ``tau`` (s): add the forced response to the amplitudes, and the base's motion to the free absorbers."""
+    """End a window, or a run, at ``tau`` (s).
+
+    The forced response is added to the amplitudes, and the motion due to the base to the free
+    absorbers.
+    """
     s = find_joined_set(scene.sets, workspace.contact_states)
     add_forced(workspace.forced_sets.polynomials[s], window.omega, tau, 1.0, workspace.buffers.z)
     add_base_motion_to_free(scene.sets, window, s, 1.0, workspace)
@@ -327,7 +340,10 @@ def leave_set_window(scene, window, tau, workspace):
 
 @jit
 def add_base_motion_to_free(sets, window, s, sign, workspace):
-    """Add the motion that a moving base gives all absorbers that are apart in the set at place s, times ``sign``."""
+    """Add a moving base's motion, times ``sign``, to all free absorbers.
+
+    These are the absorbers that are apart from the beam in the set at position s.
+    """
     for a in range(workspace.contact_states.shape[0]):
         if not is_joined(sets, s, a):
             add_base_motion(sets, window, s, a, sign, workspace)

@@ -1,4 +1,6 @@
-"""What one absorber's event does to the others, and the way from one set of joined absorbers to another (sets.py).
+"""The effect of one absorber's event on the others.
+
+The module also contains the change from one set of joined absorbers to another (sets.py).
 
 - An impact changes all relative velocities at once, by the beam's mobility between the places. A
   finite friction force cannot hold against it, so a stuck absorber slides on with the velocity that
@@ -116,7 +118,10 @@ def write_set_state(sets, window, s, workspace, state):
 
 @jit
 def write_state_from(sets, s, w, workspace, state):
-    """Write the state from the amplitudes ``w`` (free and forced part) of set s and the absorbers' motion; ``w`` is changed."""
+    """Write the state from the amplitudes ``w`` of set s and the absorbers' motion.
+
+    ``w`` contains the free and the forced part and is changed.
+    """
     add_weighted(workspace.place_rows[s], REST, 1.0, w)
     compute_state(sets.out[s], w, state)
     contact_states = workspace.contact_states
@@ -133,7 +138,9 @@ def write_state_from(sets, s, w, workspace, state):
 
 @jit
 def change_set(scene, window, before, state, workspace):
-    """Continue in the regime of the absorbers that are joined now, from a state left in set ``before``.
+    """Continue in the regime of the absorbers that are joined now.
+
+    The state is the last one in set ``before``.
 
     Going through the state leaves the rounding of two maps. In the same set only the constant
     forces change. In another set the relative motion of the absorbers is kept: otherwise bounces
@@ -164,7 +171,10 @@ def change_set(scene, window, before, state, workspace):
 
 @jit
 def compute_relative_motion(scene, window, s, a, workspace):
-    """Return relative displacement and velocity (absorber minus beam) of the sliding absorber a in set s."""
+    """Return the relative motion of the sliding absorber a in set s.
+
+    It is the relative displacement and velocity (absorber minus beam).
+    """
     sets = scene.sets
     contact_state = workspace.contact_states[a]
     update_guard_response(sets, scene.absorbers, window, s, a, workspace.forced_sets)
@@ -231,7 +241,10 @@ def restore_relative_motion(scene, window, s, workspace):
 
 @jit
 def resolve_resting_absorbers(scene, window, s, state, workspace, events):
-    """Decide for all absorbers without relative velocity whether they stick or slip, and continue in the resulting set."""
+    """Decide for all absorbers without relative velocity whether they stick or slip.
+
+    The motion continues in the resulting set.
+    """
     absorbers = scene.absorbers
     sets = scene.sets
     write_set_state(sets, window, s, workspace, state)
@@ -263,7 +276,11 @@ def resolve_resting_absorbers(scene, window, s, state, workspace, events):
 
 @jit
 def leaves_joint_now(scene, window, s, b, workspace):
-    """Return the guard that the joint force of a joined absorber b is at and goes beyond, up to rounding; NOTHING where it is at none."""
+    """Return the guard that the joint force of a joined absorber b leaves now.
+
+    The joint force is at this guard up to rounding and moves beyond it. If it is at no guard, the
+    result is NOTHING.
+    """
     fill_guard_signal(scene, s, b, workspace)
     sets = scene.sets
     update_guard_response(sets, scene.absorbers, window, s, b, workspace.forced_sets)
@@ -289,7 +306,9 @@ def leaves_joint_now(scene, window, s, b, workspace):
 
 @jit
 def release_from_set(scene, window, s, a, event, state, workspace, events):
-    """Release absorber a from set s, as its joint force has left its bounds, and with it all others whose force does so now.
+    """Release absorber a from set s, because its joint force has left its bounds.
+
+    All other absorbers whose joint force leaves its bounds at this time are released as well.
 
     No force jumps.
     """
@@ -317,7 +336,10 @@ def release_from_set(scene, window, s, a, event, state, workspace, events):
 
 @jit
 def stop_simultaneous_reversals(scene, window, s, a, workspace, events):
-    """Set at rest the other absorbers whose relative velocity is zero now, too, up to rounding, as in motions that many share."""
+    """Set at rest the other absorbers whose relative velocity is zero at the same time.
+
+    It is zero up to rounding. This occurs in motions that many absorbers share.
+    """
     contact_states = workspace.contact_states
     for b in range(contact_states.shape[0]):
         other = contact_states[b]
@@ -371,7 +393,9 @@ def handle_reversal(scene, window, s, a, event, state, workspace, events):
 
 @jit
 def remains_stuck(scene, window, s, b, kick, state, workspace):
-    """Return whether a joined absorber stays joined although an impulse gives it a relative velocity ``kick`` (m/s).
+    """Return whether a joined absorber stays joined despite an impulse.
+
+    The absorber receives a relative velocity ``kick`` (m/s) from the impulse.
 
     It does where its way to rest, kick^2/(2 a), is below the rounding of the position. The
     deceleration a follows from the distance of the joint force from its bounds.
@@ -399,7 +423,10 @@ def remains_stuck(scene, window, s, b, kick, state, workspace):
 
 @jit
 def release_by_impact(scene, window, s, a, event, state, workspace, events):
-    """Release the joined absorbers that an impact of absorber a tears loose; return True if there are any."""
+    """Release the joined absorbers that an impact of absorber a separates from the beam.
+
+    Returns True if there are any.
+    """
     contact_states = workspace.contact_states
     sets = scene.sets
     compliance = sets.compliance[0]
@@ -466,7 +493,9 @@ def propagate_impulse(scene, window, s, a, impulse, state, workspace):
 
 @jit
 def compute_set_restitution(scene, s, a, rate):
-    """Return the effective restitution of an impact of absorber a with a ``rate`` (m/s) in set s, in which joined absorbers stay joined.
+    """Return the effective restitution of an impact of absorber a in set s.
+
+    The impact has the relative velocity ``rate`` (m/s), and the joined absorbers stay joined.
 
     The impulse is that of the free beam. What it gives to joined absorbers is taken out by their
     joints, so the effective mass is larger.
@@ -481,7 +510,11 @@ def compute_set_restitution(scene, s, a, rate):
 
 @jit
 def handle_impact(scene, window, s, a, event, state, workspace, observers):
-    """Handle the impact of absorber a in set s: impact law, release of joined absorbers, slip directions of the others."""
+    """Handle the impact of absorber a in set s.
+
+    This comprises the impact law, the release of joined absorbers, and the slip directions of the
+    others.
+    """
     contact_states = workspace.contact_states
     sets = scene.sets
     mass = scene.absorbers.mass[a]
@@ -513,7 +546,10 @@ def handle_impact(scene, window, s, a, event, state, workspace, observers):
 
 @jit
 def init_joined_set(scene, window, state, workspace, events):
-    """Choose the first set: absorbers without relative velocity are joined if friction or a wall can hold them."""
+    """Choose the first set.
+
+    Absorbers without relative velocity are joined if friction or a wall can hold them.
+    """
     contact_states = workspace.contact_states
     absorbers = scene.absorbers
     half = state.shape[0] // 2

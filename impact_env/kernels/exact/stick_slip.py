@@ -1,4 +1,6 @@
-"""The two regimes of one absorber with rigid contact: how each goes on to its next event, and the ways from one to the other.
+"""The two regimes of one absorber with rigid contact.
+
+The module advances each to its next event and changes from one to the other.
 
 - free: the beam's modes and the absorber move apart, with a constant force between them if there is
   friction. Ends at a wall (impact), or where the relative velocity turns (friction).
@@ -67,7 +69,10 @@ from impact_env.kernels.motion.segments import (
 
 
 class Rigid(NamedTuple):
-    """A scene of one absorber with rigid contact: its two regimes, the contact, and what the energy balance needs."""
+    """A scene of one absorber with rigid contact.
+
+    It consists of the two regimes, the contact, and the data for the energy balance.
+    """
 
     free: LinearRegime
     joined: LinearRegime
@@ -122,7 +127,10 @@ def view_absorber(workspace):
 
 @jit_inline
 def add_base_motion(window, workspace, sign):
-    """Add the motion that a moving base gives a free absorber, times ``sign``; the rest of its flight is a polynomial."""
+    """Add a moving base's motion of a free absorber, times ``sign``.
+
+    The remaining motion of a free absorber is a polynomial.
+    """
     load = window.load
     if load is not None:
         contact_state = workspace.contact_states[0]
@@ -133,7 +141,10 @@ def add_base_motion(window, workspace, sign):
 
 @jit
 def assemble_amplitudes(regime, forced, omega, contact_state, z, w):
-    """Write the complete modal amplitudes (free, forced and rest part) at the current time to ``w``."""
+    """Write the complete modal amplitudes at the current time to ``w``.
+
+    They are the sum of the free, the forced and the static part.
+    """
     copy_amplitudes(z, w)
     add_forced(forced.polynomials, omega, contact_state.tau, 1.0, w)
     add_weighted(regime.system.rows, REST, contact_state.force, w)
@@ -159,7 +170,9 @@ def write_free_state(free, forced, omega, contact_state, buffers, state):
 
 @jit
 def compute_joint_force(joined, forced, omega, tau, contact, buffers):
-    """Return the joint force (N) at ``tau`` in the joined regime, and the sum of the sizes of its terms.
+    """Return the joint force (N) at ``tau`` in the joined regime.
+
+    The second result is the sum of the magnitudes of its terms.
 
     ``buffers.z`` holds the free part of the amplitudes.
     """
@@ -271,7 +284,10 @@ def advance_free_regime(scene, window, workspace, observers):
 
 @jit_inline
 def advance_joined_regime(scene, window, workspace, observers):
-    """Advance the joined regime until the joint force leaves its bounds, or to the window's end; return the kind of event."""
+    """Advance the joined regime and return the kind of event.
+
+    The regime lasts until the joint force leaves its bounds, or to the window's end.
+    """
     joined = scene.joined
     forced = workspace.joined_forced
     limit = static_limit(scene.contact)
@@ -313,7 +329,11 @@ def advance_joined_regime(scene, window, workspace, observers):
 
 @jit
 def release_absorber(scene, window, workspace, state, event, events):
-    """Leave the joined regime: above its upper bound the absorber lags behind the beam, below its lower bound it leads."""
+    """Leave the joined regime.
+
+    The absorber lags behind the beam if the joint force is above its upper bound, and leads if it
+    is below its lower bound.
+    """
     contact_state = workspace.contact_states[0]
     joined = scene.joined
     buffers = workspace.buffers
@@ -343,7 +363,10 @@ def can_stick(limit, side):
 
 @jit
 def init_regime(scene, window, workspace, state):
-    """Choose the first regime: joined if the relative velocity is zero and friction or a wall can hold the absorber."""
+    """Choose the first regime.
+
+    It is joined if the relative velocity is zero and friction or a wall can hold the absorber.
+    """
     contact_state = workspace.contact_states[0]
     contact = scene.contact
     half = state.shape[0] // 2

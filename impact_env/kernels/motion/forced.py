@@ -44,13 +44,15 @@ THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
 
 
 class UnitResponses(NamedTuple):
-    """A regime's forced responses to unit loads without a carrier: a constant, and the time from the window's centre (unit_loads.py).
+    """A regime's forced responses to unit loads without a carrier (unit_loads.py).
 
-    ``polynomials`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with
-    one axis more for the loads, first as forces, then as the bases' accelerations.
-    ``coefficients`` (2 + 2 C,): of the load in a window, C bases that move. ``half`` (1,): longest half window (s)
-    that the bounds hold for. ``step_map`` (3 + 2 C, 2, J): the amplitudes after
-    ``step_length`` (1,) s, as factor of those before and for each unit load.
+    The unit loads are a constant and the time from the window's centre.
+
+    ``polynomials`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with one
+    axis more for the loads, first as forces, then as the bases' accelerations. ``coefficients`` (2
+    + 2 C,): of the load in a window, C bases that move. ``half`` (1,): longest half window (s) that
+    the bounds hold for. ``step_map`` (3 + 2 C, 2, J): the amplitudes after ``step_length`` (1,) s,
+    as factor of those before and for each unit load.
     """
 
     polynomials: NDArray[np.float64]
@@ -85,7 +87,10 @@ class Forced(NamedTuple):
 
 
 class ForceWindow(NamedTuple):
-    """A segment of time with one expansion of the load: centre (s), half length (s), frequency (rad/s), rate (rad/s^2), force at the centre (N).
+    """A segment of time with one expansion of the load.
+
+    ``centre`` and ``half`` length are in s, the frequency ``omega`` in rad/s, its rate ``alpha`` in
+    rad/s^2, and ``force_r`` and ``force_i`` are the force at the centre (N).
 
     ``load``: other loads than the chirp of one force, whose terms it holds; the frequency is their
     carrier, rate and force then say nothing.
@@ -133,7 +138,10 @@ def new_forced(system, load):
 
 @jit
 def compute_force_terms(window, terms):
-    """Write the Taylor terms of the force (`Forced.terms`); those of a chirp have even powers only."""
+    """Write the Taylor terms of the force (`Forced.terms`).
+
+    The terms of a chirp have even powers only.
+    """
     load = window.load
     if load is not None:
         for n in range(TERMS):
@@ -141,23 +149,29 @@ def compute_force_terms(window, terms):
         return
     c_r = 0.5 * window.force_r
     c_i = 0.5 * window.force_i
-    terms[0, 0], terms[1, 0] = c_r, c_i
+    terms[0, 0] = c_r
+    terms[1, 0] = c_i
     for m in range(1, 5):
         factor = 0.5 * window.alpha / m
         c_r, c_i = -c_i * factor, c_r * factor
-        terms[0, 2 * m], terms[1, 2 * m] = c_r, c_i
+        terms[0, 2 * m] = c_r
+        terms[1, 2 * m] = c_i
 
 
 @jit
 def forward_substitute(rows, j, window, sign, terms, at, out):
-    """Solve the same for one modal amplitude that the force drives at its own frequency, where back-substitution divides by almost zero."""
+    """Solve for one modal amplitude that the force drives at its own frequency.
+
+    The equations are those of back-substitution, which would divide by almost zero in this case.
+    """
     load = window.load
     l_r = -rows[S, j]
     l_i = sign * window.omega - rows[S + 1, j]
     p_r = 0.0
     p_i = 0.0
     for n in range(TERMS):
-        out[at, n, j], out[at + 1, n, j] = p_r, p_i
+        out[at, n, j] = p_r
+        out[at + 1, n, j] = p_i
         t_r = terms[0, n]
         t_i = sign * terms[1, n]
         x_r = rows[DRIVE, j] * t_r - rows[DRIVE + 1, j] * t_i - (l_r * p_r - l_i * p_i)
@@ -178,14 +192,18 @@ def _solve_near_resonance(rows, window, sign, terms, at, out):
 
 @jit
 def _differentiate_signal(omega, signals, start, at):
-    """Write into ``at`` the polynomial of the derivative of the signal ``start``: p' + i omega p."""
+    """Write the polynomial of the derivative of signal ``start`` to signal ``at``.
+
+    It is p' + i omega p.
+    """
     for n in range(TERMS):
         d_r = -omega * signals[start // 4, n, 1, start % 4]
         d_i = omega * signals[start // 4, n, 0, start % 4]
         if n + 1 < TERMS:
             d_r += (n + 1) * signals[start // 4, n + 1, 0, start % 4]
             d_i += (n + 1) * signals[start // 4, n + 1, 1, start % 4]
-        signals[at // 4, n, 0, at % 4], signals[at // 4, n, 1, at % 4] = d_r, d_i
+        signals[at // 4, n, 0, at % 4] = d_r
+        signals[at // 4, n, 1, at % 4] = d_i
 
 
 @jit
@@ -218,12 +236,16 @@ def fill_carrier(steps, omega, level, carrier):
     y = 0.0
     for k in range(POINTS):
         x, y = x * c - y * s, x * s + y * c
-        carrier[level, 0, k], carrier[level, 1, k] = x, y
+        carrier[level, 0, k] = x
+        carrier[level, 1, k] = y
 
 
 @jit_inline
 def _solve_polynomials(rows, window, sign, terms, at, out):
-    """Solve for all modal amplitudes by back-substitution, which divides by the difference of modal amplitude and carrier."""
+    """Solve for the polynomials of all modal amplitudes by back-substitution.
+
+    It divides by the difference between modal amplitude and carrier.
+    """
     load = window.load
     if load is None:
         back_substitute(rows, rows.shape[1], window.omega, sign, terms, at, out)
@@ -245,7 +267,10 @@ def _solve_load_polynomials(rows, omega, sign, terms, base, at, out):
 
 @jit
 def solve_response(system, window, forced):
-    """Fill the modal amplitudes' and the tip's forced part for a window: all that a regime without guards needs."""
+    """Fill the forced part of the modal amplitudes and of the tip for a window.
+
+    A regime without guards needs no other signal.
+    """
     rows = system.rows
     terms = forced.terms
     compute_force_terms(window, terms)
@@ -278,7 +303,10 @@ def solve_tip_signal(system, forced):
 
 @jit
 def add_base_displacement(window, forced):
-    """Add the displacement that a moving base gives a free absorber to the guard signal: Y'' = -r a_b."""
+    """Add the displacement that a moving base gives a free absorber to the guard signal.
+
+    It satisfies Y'' = -r a_b.
+    """
     integrate_base(window, forced)
     load = window.load
     if load is not None:
@@ -295,7 +323,10 @@ def _add_base_displacement(base, signals):
 
 @jit
 def integrate_base(window, forced):
-    """Fill the signal of the displacement that a moving base gives a free absorber, for `base_motion`."""
+    """Fill the signal of the displacement that a moving base gives a free absorber.
+
+    `base_motion` uses this signal.
+    """
     load = window.load
     if load is not None:
         _integrate_base(load.base, window.omega, window.half, forced.signals)
@@ -303,7 +334,9 @@ def integrate_base(window, forced):
 
 @jit
 def _integrate_base(base, omega, half, signals):
-    """Fill the signal of a free absorber's displacement, which is twice the integral of what the base does to it.
+    """Fill the signal of a free absorber's displacement due to the base.
+
+    It is the integral, taken twice, of the acceleration that the base gives the absorber.
 
     P' + i Omega P = F as in `solve_response`, with s = 0: where Omega is small the polynomial is
     built upwards.
@@ -322,7 +355,8 @@ def _integrate_base(base, omega, half, signals):
             for n in range(TERMS):
                 x_r = signals[1, n, 0, 3] + omega * p_i
                 x_i = signals[1, n, 1, 3] - omega * p_r
-                signals[1, n, 0, 3], signals[1, n, 1, 3] = p_r, p_i
+                signals[1, n, 0, 3] = p_r
+                signals[1, n, 1, 3] = p_i
                 p_r = x_r / (n + 1)
                 p_i = x_i / (n + 1)
         else:
@@ -334,7 +368,8 @@ def _integrate_base(base, omega, half, signals):
                 x_i = signals[1, n, 1, 3] - (n + 1) * p_i
                 p_r = x_i / omega
                 p_i = -x_r / omega
-                signals[1, n, 0, 3], signals[1, n, 1, 3] = p_r, p_i
+                signals[1, n, 0, 3] = p_r
+                signals[1, n, 1, 3] = p_i
 
 
 @jit
@@ -357,7 +392,10 @@ def _add_base_inertia(base, mass, signals):
 
 @jit
 def base_motion(load, signals, omega, tau):
-    """Return displacement (m) and velocity (m/s) that a moving base gives a free absorber, 0 where the base is at rest."""
+    """Return displacement (m) and velocity (m/s) that a moving base gives a free absorber.
+
+    Both are 0 if the base is at rest.
+    """
     if load is None:
         return 0.0, 0.0
     return _base_motion(load.base, signals, omega, tau)
@@ -413,14 +451,20 @@ def solve_guard(system, window, absorber_mass, forced):
 
 @jit_inline
 def evaluate_signal(signals, m, omega, tau):
-    """Return signal m at an offset from the window's centre: Re(polynomial(tau) exp(i omega tau))."""
+    """Return signal m at an offset from the window's centre.
+
+    It is Re(polynomial(tau) exp(i omega tau)).
+    """
     c, s = cos_sin(omega * tau)
     return evaluate_polynomial(signals, m, tau, c, s)
 
 
 @jit_inline
 def evaluate_guard(signals, omega, tau):
-    """Return the forced guard signal and its first two derivatives at an offset from the window's centre."""
+    """Return the forced guard signal and its first two derivatives.
+
+    They are evaluated at an offset from the window's centre.
+    """
     c, s = cos_sin(omega * tau)
     return evaluate_first_signals(signals, tau, c, s)
 

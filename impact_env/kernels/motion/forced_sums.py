@@ -1,4 +1,6 @@
-"""Loops over a regime's modal amplitudes that its forced part and its maps need, and the forced part's polynomials, as vector code (vector_code.py).
+"""Loops over a regime's modal amplitudes, as vector code (vector_code.py).
+
+They serve the regime's forced part, the polynomials of the forced part, and the regime's maps.
 
 Arrays are seen flat: ``rows`` (ROWS, size) of `modal_system.ModalSystem`, ``system`` (4, TERMS,
 size) and ``signals`` (2, TERMS, 2, 4) of `forced.Forced`, amplitudes ``z`` (2, size), maps ``out``
@@ -31,7 +33,8 @@ def _solve_down(
     turn = omega * sign
     plane = size * TERMS
     for j in code.vectors(size):
-        (s_r, s_i), drives = (code.vector(rows, size * row + j) for row in (S, S + 1)), []
+        s_r, s_i = (code.vector(rows, size * row + j) for row in (S, S + 1))
+        drives = []
         for row, _ in driven:
             drives.append(Complex(*(code.vector(rows, size * (row + part) + j) for part in (0, 1))))
         l_r = -s_r
@@ -60,7 +63,9 @@ def _solve_down(
 def back_substitute(
     code: Code, rows, size: Index, omega: Number, sign: Number, terms, at: Index, out
 ):
-    """Solve P' + (i sign Omega - s) P = drive * terms for polynomials P, modal amplitude by modal amplitude, into out[at], out[at + 1].
+    """Solve for the polynomials P of each modal amplitude, into out[at], out[at + 1].
+
+    The equation is P' + (i sign Omega - s) P = drive * terms.
 
     ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate terms.
     """
@@ -71,7 +76,10 @@ def back_substitute(
 def back_substitute_both(
     code: Code, rows, size: Index, omega: Number, sign: Number, terms, base, at: Index, out
 ):
-    """Solve as `back_substitute` does for a force's ``terms`` and for those of a ``base`` that moves, which has a response of its own."""
+    """Solve as `back_substitute` does for a force and a base that moves.
+
+    ``terms`` are those of the force, ``base`` those of the base, which has its own response.
+    """
     _solve_down(code, rows, size, omega, sign, ((DRIVE, terms), (BASE, base)), at, out)
 
 
@@ -88,7 +96,11 @@ def back_substitute_all(
     at: Index,
     out,
 ):
-    """Solve as `back_substitute_both` does for the ``terms`` of a force and of ``count`` ``bases`` (count, 2, TERMS), with rows from BASE on."""
+    """Solve as `back_substitute_both` does for a force and ``count`` bases.
+
+    ``terms`` are those of the force, ``bases`` (count, 2, TERMS) those of the bases, whose rows
+    start at BASE.
+    """
     plane = size * TERMS
     for j in code.vectors(size):
         s_r, s_i = (code.vector(rows, size * row + j) for row in (S, S + 1))
@@ -123,7 +135,10 @@ def back_substitute_all(
 
 @vector_code()
 def combine_signal(code: Code, rows, row: Index, size: Index, system, signals, at: Index):
-    """Write the coefficients of the signal with the weights w in ``row`` to signals[at]: sum of w A + conj(w B)."""
+    """Write the coefficients of a signal to signals[at].
+
+    They are the sum of w A + conj(w B) with the weights w in ``row``.
+    """
     plane = size * TERMS
     sums = [(code.sum(), code.sum()) for _ in range(TERMS)]
     for j in code.vectors(size):
@@ -146,7 +161,8 @@ def add_polynomials(code: Code, system, size: Index, tau: Number, c: Number, s: 
     """Add (c + i s) A(tau) + (c - i s) B(tau) to z."""
     plane = size * TERMS
     for j in code.vectors(size):
-        (x, cos, sin), parts = (code.spread(number) for number in (tau, c, s)), []
+        x, cos, sin = (code.spread(number) for number in (tau, c, s))
+        parts = []
         for k in range(4):
             first = plane * k + j
             total = code.vector(system, first + size * (TERMS - 1))

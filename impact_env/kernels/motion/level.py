@@ -1,4 +1,7 @@
-"""The response level from a stream of samples: windowed RMS around the maximum (paper, Eqs. tmax and barqtip)."""
+"""The response level from a stream of samples.
+
+It is the windowed RMS around the maximum (paper, Eqs. tmax and barqtip).
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,10 @@ LEVEL_OFF = 2**62  # number of the next sample of a level that is not computed
 
 
 class EnvelopeObserver(NamedTuple):
-    """Least and largest displacement ``low`` and ``high`` (B,) in m of each bin of a run, NaN without a sample; B = 0: not computed.
+    """Smallest and largest displacement of each bin of a run.
+
+    ``low`` and ``high`` (B,) are in m, and NaN in a bin without a sample. With B = 0 they are not
+    computed.
 
     ``ends`` (B,): number of the first sample after each bin.
     """
@@ -43,7 +49,9 @@ class EnvelopeObserver(NamedTuple):
 
 
 class LevelObserver(NamedTuple):
-    """Streaming windowed RMS around the maximum (paper, Eqs. tmax and barqtip), in memory that does not grow with the run.
+    """Windowed RMS around the maximum of a stream of samples (paper, Eqs. tmax and barqtip).
+
+    The memory does not grow with the run.
 
     ``ring`` (W + 1,) holds the last running sums of q^2, W samples being half the window; ``state``
     is a LEVEL_STATE record. ``block`` (any size) is where samples are computed before they are
@@ -60,7 +68,10 @@ class LevelObserver(NamedTuple):
 
 
 def new_envelope(ends: Sequence[int] | NDArray[np.int64] = ()) -> EnvelopeObserver:
-    """Return an envelope without samples whose bins end before the samples of numbers ``ends`` (B,)."""
+    """Return an envelope without samples.
+
+    Its bins end before the samples of numbers ``ends`` (B,).
+    """
     last = np.array(ends, dtype=np.int64)
     return EnvelopeObserver(np.full(len(last), np.nan), np.full(len(last), np.nan), last)
 
@@ -130,7 +141,10 @@ def update_envelope(level, first, count):
 
 @jit
 def push_samples(level, first, count):
-    """Take the next ``count`` samples of the displacement (m), from place ``first`` of the block on."""
+    """Process the next ``count`` samples of the displacement (m).
+
+    They are in the block from position ``first`` on.
+    """
     ring = level.ring
     state = level.state
     block = level.block
@@ -177,7 +191,9 @@ def push_samples(level, first, count):
 
 @jit
 def compute_level(level):
-    """Return (response level in m, sample of the maximum with a parabola's fraction, largest |q| in m).
+    """Return (response level in m, sample of the maximum, largest |q| in m).
+
+    The sample of the maximum includes the fraction that a parabola gives.
 
     The window is cut where the run starts or ends. The RMS is the mean of the samples after the
     window's first.

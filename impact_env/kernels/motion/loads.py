@@ -1,4 +1,6 @@
-"""Loads of any kind in a window: each is a list of pieces, and their sum is one polynomial of time on a common carrier.
+"""Loads of any kind in a window.
+
+Each load is a list of pieces. The sum of the loads is one polynomial of time on a common carrier.
 
 A piece is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time since the piece
 began: a chirp (c0 alone), the unbalance of a rotor that runs up (the square of its frequency), a
@@ -57,12 +59,14 @@ class BaseParticipation(NamedTuple):
 
 
 class LoadPieces(NamedTuple):
-    """Loads that act together, as a run is given them: nothing in it is written, so that runs in several threads may share it.
+    """Loads that act together in a run.
+
+    They are never written to, so that runs in several threads may share them.
 
     ``pieces`` (P, NUMBERS), ``which`` (K - 1, sources) the piece of each source in each segment of
-    time. ``channel`` (sources,): 0 of a force (N) on the structure, c of the acceleration (m/s^2) of
-    base c - 1, or the force in its place. Without sources a stepping method is under the chirp of
-    one force.
+    time. ``channel`` (sources,): 0 of a force (N) on the structure, c of the acceleration (m/s^2)
+    of base c - 1, or the force in its place. Without sources a stepping method is under the chirp
+    of one force.
     """
 
     pieces: Array
@@ -86,7 +90,10 @@ new_no_loads = jit_allocating(_make_no_loads)  # the same within a kernel
 
 
 class MovingBase(NamedTuple):
-    """Bases with their `BaseParticipation`: ``terms`` (C, 2, TERMS) of their accelerations in the current window, as in `LoadWorkspace`.
+    """Bases with their `BaseParticipation`.
+
+    ``terms`` (C, 2, TERMS) are those of their accelerations in the current window, as in
+    `LoadWorkspace`.
 
     ``accelerations`` (C,): at a time, as `compute_base_accelerations` writes them.
     """
@@ -173,7 +180,10 @@ def is_linear_section(load, k):
 
 @jit
 def find_frequency_band(load, k, t):
-    """Return the lowest and highest frequency (rad/s) of section ``k`` at time ``t``, and the largest of their rates."""
+    """Return the lowest and highest frequency (rad/s) of section ``k`` at time ``t``.
+
+    The third result is the largest of the rates of the frequencies.
+    """
     low = np.inf
     high = 0.0
     rate = 0.0
@@ -189,7 +199,10 @@ def find_frequency_band(load, k, t):
 
 @jit
 def count_load_windows(load, times, k, reach):
-    """Return the number of windows of section ``k`` between ``times``, each of at most ``reach`` (s)."""
+    """Return the number of windows of section ``k`` between ``times``.
+
+    Each window is at most ``reach`` (s) long.
+    """
     duration = times[k + 1] - times[k]
     longest = reach
     spread = 0.0
@@ -213,7 +226,10 @@ def count_load_windows(load, times, k, reach):
 
 @jit
 def _expand_piece(piece, t, carrier, terms):
-    """Add half a piece's complex polynomial around time ``t``, on a carrier (rad/s), to ``terms`` (2, TERMS)."""
+    """Add half a piece's complex polynomial around time ``t`` to ``terms`` (2, TERMS).
+
+    The polynomial refers to a carrier (rad/s).
+    """
     u = t - piece[BEGINS]
     alpha = piece[ALPHA]
     delta = piece[OMEGA] + piece[ALPHA] * u - carrier
@@ -281,7 +297,10 @@ def _add_linear_piece(piece, t, terms):
 
 @jit
 def expand_load(load, times, k, t):
-    """Write the terms of section ``k`` between ``times`` around time ``t``; return their carrier (rad/s)."""
+    """Write the terms of section ``k`` between ``times`` around time ``t``.
+
+    Returns their carrier (rad/s).
+    """
     load.terms[:] = 0.0
     load.base.terms[:] = 0.0
     load.linear[0] = is_linear_section(load, k) and _has_equal_length(times, k)
@@ -309,13 +328,18 @@ def expand_load(load, times, k, t):
 
 @jit_inline
 def count_unit_loads(base):
-    """Return the number of unit loads: a constant and a line, of the force and of each base that moves."""
+    """Return the number of unit loads.
+
+    They are a constant and a line, of the force and of each base that moves.
+    """
     return 2 + 2 * base.terms.shape[0] if base.moves else 2
 
 
 @jit
 def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
-    """Return (x_r, x_i) plus the drive of amplitude ``j`` by term ``n`` of the bases' accelerations.
+    """Return (x_r, x_i) plus the drive of amplitude ``j`` by the bases' accelerations.
+
+    Term ``n`` of the accelerations is used.
 
     The response to a unit acceleration of the first base is in ``row``, those of others follow.
     """

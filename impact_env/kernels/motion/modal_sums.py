@@ -1,4 +1,6 @@
-"""Loops over a regime's modal amplitudes as vector code (vector_code.py): propagation, weights, sums and bounds.
+"""Loops over a regime's modal amplitudes, as vector code (vector_code.py).
+
+They compute propagation, weights, sums and bounds.
 
 Arrays are seen flat: ``rows`` (ROWS, size) and ``table`` (2, 3, base, size) of
 `modal_system.ModalSystem`, amplitudes ``u``, ``z`` and ``out`` (2, size). A time offset is given by
@@ -132,11 +134,12 @@ sum_three_derivatives = _sum(4)
 def sum_and_bound_derivatives(
     code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u
 ):
-    """Return the first three sums of `sum_three_derivatives`, and the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|."""
-    propagator, (y0, y1, y2, b2, b3, b4) = (
-        Propagator(code, rows, table, size, base, (d1, d2, d3, x)),
-        [code.sum() for _ in range(6)],
-    )
+    """Return the first three sums of `sum_three_derivatives`, and three bounds.
+
+    The bounds are the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|.
+    """
+    propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
+    y0, y1, y2, b2, b3, b4 = [code.sum() for _ in range(6)]
     for j in code.vectors(size):
         turned = propagator.turned(u, j)
         speed = propagator.row(SPEED, j)
@@ -169,7 +172,10 @@ def sum_third_to_fifth(code: Code, rows, size: Index, u):
 
 @vector_code()
 def copy_vectors(code: Code, size: Index, z, w):
-    """Write z to w: as vectors, since what reads w as vectors would have to wait for single numbers to be stored."""
+    """Write z to w as vectors.
+
+    If single numbers were stored, code that reads w as vectors would have to wait for them.
+    """
     for j in code.vectors(size):
         other = j + size
         code.store_complex(code.complex(z, j, other), w, j, other)

@@ -1,10 +1,10 @@
 """Linear regimes in first-order modal form, and their exact propagation.
 
-In every regime the state is a sum of modal amplitudes Z_j with
-Z_j' = s_j Z_j + drive_j f(t) + relative_j F, where f is the external force and F a constant force
-between beam and absorber (positive on the absorber). A pair of complex eigenvalues is one modal
-amplitude, of which real parts are taken; a real eigenvalue has a modal amplitude of its own. A modal
-amplitude splits into z_j exp(s_j t), a forced part (forced.py) and a rest part -relative_j F / s_j.
+In every regime the state is a sum of modal amplitudes Z_j with Z_j' = s_j Z_j + drive_j f(t) +
+relative_j F, where f is the external force and F a constant force between beam and absorber
+(positive on the absorber). A pair of complex eigenvalues is one modal amplitude, of which real
+parts are taken; a real eigenvalue has a modal amplitude of its own. A modal amplitude splits into
+z_j exp(s_j t), a forced part (forced.py) and a rest part -relative_j F / s_j.
 
 exp(s_j t) is a product of three table entries and a short Taylor polynomial: t = d1 h1 + d2 h2 +
 d3 h3 + rest, with h1 = reach/base, h2 = h1/base, h3 = h2/base and |s_j| h3 <= TAYLOR_REACH, so that
@@ -49,7 +49,9 @@ DIGIT_BITS, FINEST_STEP, INVERSE_FINEST_STEP, LARGEST_RATE = range(4)
 
 
 class ModalSystem(NamedTuple):
-    """One regime: J modal amplitudes sorted by |s_j| and padded with empty ones. Few arrays, because each costs time at every call.
+    """One regime with J modal amplitudes, sorted by |s_j| and padded with empty ones.
+
+    It consists of few arrays, because each costs time at every call.
 
     ``rows`` (ROWS, J), or (ROWS + 2 C, J) under C bases that move: see modal_rows.py. ``table``
     (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3,
@@ -71,7 +73,10 @@ class ModalSystem(NamedTuple):
 
 @jit_inline
 def split_time(scale, delta):
-    """Return (d1, d2, d3, rest) of a time offset within the tables' reach; the rest is at most h3/2 in size, and 0 on the grid of h3."""
+    """Return (d1, d2, d3, rest) of a time offset within the reach of the tables.
+
+    The magnitude of the rest is at most h3/2, and the rest is 0 on the grid of h3.
+    """
     bits = np.int64(scale[DIGIT_BITS])
     mask = (np.int64(1) << bits) - 1
     x = delta * scale[INVERSE_FINEST_STEP] + 0.5
@@ -103,7 +108,10 @@ def sum_derivatives(rows, table, u, d1, d2, d3, x):
 
 @jit_inline
 def sum_with_bounds(rows, table, u, d1, d2, d3, x):
-    """Return value, first and second derivative of sum Re(u_j exp(s_j t)), and bounds of the second to fourth that hold for ever after.
+    """Return value and derivatives of sum Re(u_j exp(s_j t)), and bounds.
+
+    The derivatives are the first and second. The bounds of the second to fourth derivative hold for
+    all later times.
 
     A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
     """

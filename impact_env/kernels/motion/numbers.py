@@ -1,4 +1,7 @@
-"""Functions of single numbers that a compiler would make slower: a product and a sum in one rounding, the lowest bit of a mask, cosine and sine."""
+"""Functions of single numbers that a compiler would make slower.
+
+They are a product and a sum in one rounding, the lowest bit of a mask, cosine and sine.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,10 @@ _HALF_PI_TAIL = 6.077100506506192e-11
 
 @jit_inline
 def cos_sin(x):
-    """Return (cos x, sin x) for |x| up to 1e6 by Taylor polynomials on [-pi/4, pi/4]; error below 2e-16."""
+    """Return (cos x, sin x) for |x| up to 1e6.
+
+    Taylor polynomials on [-pi/4, pi/4] are used, with an error below 2e-16.
+    """
     k = np.floor(fma(x, _TWO_OVER_PI, 0.5))
     r = fma(-k, _HALF_PI_TAIL, fma(-k, _HALF_PI_HEAD, x))
     q = r * r

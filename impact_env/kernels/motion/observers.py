@@ -1,7 +1,9 @@
-"""Observers of a run: level, lists of events, states, energies. Each is a NamedTuple of arrays and records.
+"""Observers of a run: level, lists of events, states, energies.
 
-What a run does not record has arrays of size 0, but for the energies: they are None, and their branches are
-pruned when a kernel is compiled.
+Each is a NamedTuple of arrays and records.
+
+What a run does not record has arrays of size 0, but for the energies: they are None, and their
+branches are pruned when a kernel is compiled.
 
 Every method hands its observers the same things: the tip displacement at equidistant samples
 (level), the state at those samples (series), impacts and contact phases (events), and the terms of
@@ -90,14 +92,21 @@ class CheckObserver(NamedTuple):
 
 
 class Counters(NamedTuple):
-    """``counts``: a COUNTS record; ``check``: None in kernels without energies, which do not check searches."""
+    """Counters of a run.
+
+    ``counts`` is a COUNTS record. ``check`` is None in kernels without energies, which do not check
+    searches.
+    """
 
     counts: Any
     check: CheckObserver | None = None
 
 
 class EventLists(NamedTuple):
-    """What happened at the contacts: ``impacts``, ``phases`` and ``reversals`` (capacity,), IMPACT_RECORD, PHASE_RECORD and REVERSAL_RECORD records.
+    """Events at the contacts.
+
+    ``impacts``, ``phases`` and ``reversals`` (capacity,) are IMPACT_RECORD, PHASE_RECORD and
+    REVERSAL_RECORD records.
 
     Of size 0: not listed. ``counts``, a LIST_COUNTS record: when a list is full, the function at
     its address ``empty`` is called, which takes the records out of all three lists and sets their
@@ -111,7 +120,10 @@ class EventLists(NamedTuple):
 
 
 class StateSeries(NamedTuple):
-    """``states`` (samples, 2 N_m + 2): modal displacements, absorber displacement, modal velocities, absorber velocity.
+    """The states of a run, ``states`` (samples, 2 N_m + 2).
+
+    The columns are modal displacements, absorber displacement, modal velocities and absorber
+    velocity.
 
     Without rows: not recorded. The first row is sample ``clock.first`` of the run.
     """
@@ -121,9 +133,12 @@ class StateSeries(NamedTuple):
 
 @limit_inlining
 class EnergyTotals(NamedTuple):
-    """``totals`` (1,), a TOTALS record: work of the force, losses by friction, by impacts, in the tuned absorber's damper; ``modal`` (N_m,) loss per
-    mode. In J. An array, since a kernel that returns records does not compile.
-    """  # noqa: D205
+    """Terms of the energy balance in J.
+
+    ``totals`` (1,) is a TOTALS record: the work of the force and the losses by friction, by impacts
+    and in the tuned absorber's damper. ``modal`` (N_m,) is the loss in each mode. ``totals`` is an
+    array, because a kernel that returns records does not compile.
+    """
 
     totals: NDArray[Any]
     modal: NDArray[np.float64]
@@ -132,10 +147,11 @@ class EnergyTotals(NamedTuple):
 class Observers(NamedTuple):
     """All observers of a run; ``clock`` is a CLOCK record.
 
-    What is recorded is a value: lists and series of size 0 are not filled, so that one kernel serves
-    runs with any record. Only energies, and the check of searches, have a kernel of their own:
-    ``energy`` is None, or the `EnergyTotals` that the caller reads; between the segments of an exact run it is the
-    `energy.account.Account` that fills them. Lanes under control have no lists and no series: None.
+    What is recorded is a value: lists and series of size 0 are not filled, so that one kernel
+    serves runs with any record. Only energies, and the check of searches, have a kernel of their
+    own: ``energy`` is None, or the `EnergyTotals` that the caller reads; between the segments of an
+    exact run it is the `energy.account.Account` that fills them. Lanes under control have no lists
+    and no series: None.
     """
 
     clock: Any
@@ -165,14 +181,21 @@ def new_counters(
 
 
 def new_clock(interval: float, first: int = 0, level: bool = True) -> Any:
-    """Return the clock of a run that begins; ``interval`` (s) between samples, number of the ``first`` one of the series."""
+    """Return the clock of a run that begins.
+
+    ``interval`` (s) is the time between samples, and ``first`` the number of the first sample of
+    the series.
+    """
     return new_record(
         CLOCK, interval=interval, series=first, first=first, level=0 if level else LEVEL_OFF
     )
 
 
 def new_events(contacts: int, reversals: int, empty: int) -> EventLists:
-    """Return empty lists with these numbers of places, and the address of the function that empties them."""
+    """Return empty lists with these capacities.
+
+    ``empty`` is the address of the function that empties them.
+    """
     return EventLists(
         np.zeros(contacts, IMPACT_RECORD),
         np.zeros(contacts, PHASE_RECORD),
@@ -206,7 +229,10 @@ def call_function(code: Code, address: Index):
 
 @jit
 def next_list_index(listed, used, counts):
-    """Return the place of a list's next record, ``used`` of them being taken, or -1 if the list has none; a full list is emptied before."""
+    """Return the index of a list's next record, of which ``used`` are filled.
+
+    A full list is emptied first. The result is -1 if the list has no capacity.
+    """
     if used < listed.shape[0]:
         return used
     if used == 0:
@@ -252,7 +278,10 @@ def push_phase(events, start, end, kind, absorber):
 
 @jit
 def push_reversal(events, time, absorber):
-    """Append a time (s) at which an absorber (its number) has no relative velocity and friction may turn, if such are listed."""
+    """Append a time (s) at which an absorber has no relative velocity, if such times are listed.
+
+    At this time friction may change its direction. ``absorber`` is the absorber's number.
+    """
     if events is None:
         return
     counts = events.counts

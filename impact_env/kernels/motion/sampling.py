@@ -20,7 +20,11 @@ SAMPLES_AT_ONCE = 8  # samples that are computed at once
 
 
 def _powers(factor: Complex, one: Complex) -> list[Complex]:
-    """Return factor^0 ... factor^SAMPLES_AT_ONCE, each from two of half its power, so that rounding does not pile up."""
+    """Return factor^0 ... factor^SAMPLES_AT_ONCE.
+
+    Each power is the product of two powers of about half its exponent, so that rounding errors do
+    not accumulate.
+    """
     powers = [one, factor]
     for k in range(2, SAMPLES_AT_ONCE + 1):
         powers.append(powers[k // 2].times(powers[k - k // 2]))
@@ -30,7 +34,10 @@ def _powers(factor: Complex, one: Complex) -> list[Complex]:
 def _add_to_block(
     code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool
 ) -> None:
-    """Add numbers to the block from a place on, or write them if it is ``fresh``: as many as are ``left``."""
+    """Add numbers to the block from a position on, or write them if the block is ``fresh``.
+
+    ``left`` numbers are used.
+    """
     for k, number in enumerate(numbers):
         for _ in code.where(left > k, likely=True):
             at = place + k
@@ -68,7 +75,11 @@ def _fill_forced(
     first: Index,
     count: Index,
 ):
-    """Write ``rest`` and the forced tip displacement at ``count`` samples from ``tau`` on; c + i s is the force's phasor there, turning by turn."""
+    """Write ``rest`` plus the forced tip displacement at ``count`` samples from ``tau`` on.
+
+    c + i s is the force's phasor at ``tau``, which is multiplied by the phasor ``turn_c`` + i
+    ``turn_s`` from sample to sample.
+    """
     one = Complex(code.repeated(1.0, 0), code.repeated(0.0, 0))
     *powers, leap = _powers(Complex(turn_c, turn_s), one)
     turn = Complex(code.gather([p.real for p in powers]), code.gather([p.imag for p in powers]))
@@ -122,7 +133,11 @@ def _add_slots(
     first: Index,
     count: Index,
 ):
-    """Add the modal amplitudes' sum at ``count`` samples, the first at the offset d1, d2, d3, x, and h1, h2, h3, h between two."""
+    """Add the sum of the modal amplitudes at ``count`` samples.
+
+    The first sample has the offset d1, d2, d3, x, and the step between two samples is h1, h2, h3,
+    h.
+    """
     start, step = (
         Propagator(code, rows, table, size, base, place)
         for place in ([d1, d2, d3, x], [h1, h2, h3, h])

@@ -1,4 +1,7 @@
-"""The innermost loops of the event search as vector code: sums over modal amplitudes at POINTS times at once, and what follows from them.
+"""The innermost loops of the event search, as vector code.
+
+They compute sums over modal amplitudes at POINTS times at once, and the bounds that follow from
+them.
 
 LLVM cannot know that a lane's amplitudes and a regime's tables do not overlap, and it unrolls short
 loops before it could make vectors of them. So these loops are written down (vector_code.py); a
@@ -29,7 +32,11 @@ BLOCK = 7 * ROW
 
 
 class BlockStart(NamedTuple):
-    """Where a block begins: ``offset`` (s) from the signal's reference, the force's carrier there, blocks since the amplitudes were computed."""
+    """The begin of a block.
+
+    ``offset`` (s) is measured from the signal's reference time, ``cos`` and ``sin`` are the force's
+    carrier at this time, and ``turns`` counts the blocks since the amplitudes were computed.
+    """
 
     offset: float
     cos: float
@@ -38,7 +45,11 @@ class BlockStart(NamedTuple):
 
 
 class SearchStep(NamedTuple):
-    """Step of a search level: length ``h`` (s), number of amplitudes to sum, errors E of signal and rate."""
+    """Step of a search level.
+
+    ``h`` (s) is its length, ``summed`` the number of amplitudes to sum, and ``e0`` and ``e1`` are
+    the errors E of signal and rate.
+    """
 
     level: int
     h: float
@@ -48,14 +59,19 @@ class SearchStep(NamedTuple):
 
 
 def coefficient_index(m: Any, n: int, part: int) -> Any:
-    """Return the place of coefficient n of signal m, its real (0) or imaginary (1) part, in the flat array `forced.Forced.signals`."""
+    """Return the index of coefficient n of signal m in the flat array `forced.Forced.signals`.
+
+    ``part`` selects its real (0) or imaginary (1) part.
+    """
     return (m >> 2) * (8 * TERMS) + (m & 3) + (8 * n + 4 * part)
 
 
 def _sum_slots(
     code: Code, orders: int, waves: Any, first: Any, w: Any, size: Any, count: Any
 ) -> tuple[list[Number], list[Number]]:
-    """Return sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]), for each order q.
+    """Return two sums of real parts for each order q.
+
+    They are sum_j Re(w[q, j] wave[j, k]) as a vector over k, and sum_j Re(w[q, j]).
 
     The products of real and of imaginary parts have sums of their own, so that none waits for the
     other.
@@ -90,7 +106,10 @@ def _horner(code: Code, signals: Any, m: int, part: int, y: Number) -> Number:
 def _margins(
     left: Number, right: Number, left_slope: Number, right_slope: Number, third: Number
 ) -> tuple[Number, Number]:
-    """Return the least and the largest of the Bernstein coefficients of the cubics through values and slopes at both ends."""
+    """Return the smallest and the largest of the Bernstein coefficients of cubics.
+
+    The cubics match values and slopes at both ends.
+    """
     a = third.fma(left_slope, left)
     b = (-third).fma(right_slope, right)
     return left.least(right).least(a.least(b)), left.largest(right).largest(a.largest(b))
@@ -99,7 +118,10 @@ def _margins(
 def _fill_block(
     code: Code, orders: int, function: Any, place: Any, step: Any, size: Any
 ) -> tuple[list[Number], list[Number]]:
-    """Write all of a block, and return the first ``orders`` derivatives at the start and at the end of each of its steps."""
+    """Write all of a block, and return derivatives at the start and end of each step.
+
+    The first ``orders`` derivatives are returned, beginning with the signal itself.
+    """
     b = function.signal.block
     w = function.signal.moving
     p = function.signal.polynomial
@@ -137,7 +159,9 @@ def _fill_block(
 
 @vector_code(INTEGER, 2)
 def scan(code: Code, function, guards, place, step, size: Index):
-    """Fill a block and return (walls, reversals): bit k of either is set where step k is not clear of it.
+    """Fill a block and return (walls, reversals).
+
+    Bit k of walls or reversals is set if step k is not clear of walls or of a reversal.
 
     ``function``: a `signals.EventFunction`, whose block has the forced parts at its start set, and
     the carrier of the step's level; ``guards``: its `signals.Guards`; ``place``: where the block
@@ -174,13 +198,19 @@ def _propagation_code(orders: int) -> Any:
                 other = index + size
                 code.store_complex(code.complex(w, index, other).times(factor), w, index, other)
 
-    turn.__doc__ = "Multiply w[q, j] by turn[j] for all orders q; ``turns``: flat, from ``start`` on ``size`` real, then ``size`` imaginary parts."
+    turn.__doc__ = (
+        "Multiply w[q, j] by turn[j] for all orders q; ``turns``: flat, from ``start`` on "
+        "``size`` real, then ``size`` imaginary parts."
+    )
     return turn
 
 
 @vector_code()
 def start_orders(code: Code, rows, u, w, size: Index):
-    """Write w[0] = u, w[1] = s u and w[2] = s^2 u; ``rows``: flat, its first four rows of ``size`` numbers hold s and s^2, real and imaginary."""
+    """Write w[0] = u, w[1] = s u and w[2] = s^2 u.
+
+    ``rows`` is flat. Its first four rows of ``size`` numbers contain s and s^2, real and imaginary.
+    """
     for j in code.vectors(size):
         amplitude = code.complex(u, j, j + size)
         code.store_complex(amplitude, w, j, j + size)
@@ -193,7 +223,10 @@ def start_orders(code: Code, rows, u, w, size: Index):
 
 @vector_code(NUMBER, 2)
 def sum_weighted_magnitudes(code: Code, weights, start: Index, w, size: Index):
-    """Return sum_j weight[j] (|Re w[q, j]| + |Im w[q, j]|) for q = 0 and 1; ``weights``: flat, from ``start`` on."""
+    """Return sum_j weight[j] (|Re w[q, j]| + |Im w[q, j]|) for q = 0 and 1.
+
+    ``weights`` is flat, and the weights begin at ``start``.
+    """
     sums = [code.sum() for _ in range(2)]
     for j in code.vectors(size):
         weight = code.vector(weights, start + j)

@@ -1,4 +1,8 @@
-"""What the exact kernels share: regimes with their maps, the walk through windows, and the observers of a segment without events."""
+"""Common parts of the exact kernels.
+
+They are regimes with their maps, the loop over windows, and the observers of a segment without
+events.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +40,10 @@ SAMPLE_TIME_TOL = 1e-12  # of the sampling interval
 
 
 class LinearRegime(NamedTuple):
-    """A modal system, and its maps to and from the state (modal displacements, absorber displacement, modal velocities, absorber velocity).
+    """A modal system with its maps to and from the state.
+
+    The state consists of modal displacements, absorber displacement, modal velocities and absorber
+    velocity.
 
     With several absorbers the state has as many places for them. ``out`` (2, 2 N_m + 2, J), real
     and imaginary: state = Re(out Z); ``into`` (2, 2 N_m + 2, J), transposed: Z = into^T state;
@@ -50,7 +57,10 @@ class LinearRegime(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """Breakpoints of the drive: times (s), circular frequencies (rad/s), phases (rad), each (K,); force amplitude (N); longest window (s).
+    """Breakpoints of the drive.
+
+    ``times`` are in s, circular frequencies ``omegas`` in rad/s and ``phases`` in rad, each (K,).
+    ``amplitude`` is the force amplitude (N) and ``reach`` the longest window (s).
 
     ``load``: other loads than the chirp of one force, in a lane as a `loads.LoadWorkspace`; of the
     rest only the times then say something.
@@ -78,7 +88,11 @@ def copy_schedule(schedule):
 
 
 class Losses(NamedTuple):
-    """What the energy balance needs: force shape, tip shape, 2 D omega, each (N_m,), and the tuned absorber's damper (N s/m)."""
+    """Data for the energy balance.
+
+    They are force shape, tip shape and 2 D omega, each (N_m,), and the tuned absorber's damper (N
+    s/m).
+    """
 
     force_shape: Array
     tip_shape: Array
@@ -87,7 +101,11 @@ class Losses(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """Scratch memory of a run: free part z of the amplitudes, signal of the samples u, each (2, J), and rows (2, 2, J) for the observers."""
+    """Scratch memory of a run.
+
+    It contains the free part z of the amplitudes and the signal of the samples u, each (2, J), and
+    rows (2, 2, J) for the observers.
+    """
 
     z: Array
     u: Array
@@ -101,7 +119,9 @@ def new_buffers(size):
 
 
 class Segment(NamedTuple):
-    """A smooth piece of motion, without events, from ``tau`` to ``end`` (s from the window's centre), as observers take it.
+    """A smooth piece of motion without events, for the observers.
+
+    It extends from ``tau`` to ``end`` (s from the window's centre).
 
     ``buffers.z`` is the free part at tau, ``constant`` the constant relative force (in units of
     the regime's rest part), ``deflection`` its displacement of the tip (m). ``motion`` (n,):
@@ -121,7 +141,10 @@ class Segment(NamedTuple):
 
 @jit
 def count_windows(schedule, k):
-    """Return the number of windows of section k of the schedule: within the reach of the tables, the chirp's remainder and MOST_PHASE."""
+    """Return the number of windows of section k of the schedule.
+
+    It is limited by the reach of the tables, by the chirp's remainder and by MOST_PHASE.
+    """
     load = schedule.load
     if load is not None:
         return count_load_windows(load, schedule.times, k, schedule.reach)
@@ -138,7 +161,10 @@ def count_windows(schedule, k):
 
 @jit
 def expand_window(schedule, k, w, count):
-    """Return window w of ``count`` in section k; the terms of a load other than a chirp are written."""
+    """Return window w of ``count`` in section k.
+
+    The terms of a load other than a chirp are written.
+    """
     duration = schedule.times[k + 1] - schedule.times[k]
     load = schedule.load
     if load is not None:
@@ -181,13 +207,19 @@ def compute_amplitudes(into, state, z):
 
 @jit
 def count_samples_before(end, interval):
-    """Return the number of the times 0, interval, 2 interval, ... before ``end``; one at the end, within rounding, is not counted."""
+    """Return the number of the times 0, interval, 2 interval, ... before ``end``.
+
+    A time equal to ``end`` within rounding is not counted.
+    """
     return max(np.ceil(end / interval - SAMPLE_TIME_TOL), 0.0)
 
 
 @jit_inline
 def sample_level(segment, clock, level):
-    """Push the displacement at the samples in [tau, end) to the level: that of the absorber's place, or at the level's ``place``."""
+    """Add the displacement at the samples in [tau, end) to the level.
+
+    It is the displacement at the absorber's place, or at the level's ``place`` if this is given.
+    """
     if level is None:
         return
     system = segment.regime.system
@@ -254,7 +286,10 @@ def sample_place(segment, place, samples, block):
 
 @jit
 def compute_state_at(segment, z, tau, offset, w, state):
-    """Write the state at tau + offset from the free part z at tau, both within the segment; w is scratch."""
+    """Write the state at tau + offset, computed from the free part z at tau.
+
+    Both times are within the segment. w is scratch.
+    """
     system = segment.regime.system
     copy_amplitudes(z, w)
     propagate(system.rows, system.table, system.scale, offset, w)
@@ -301,7 +336,10 @@ def _write_states(segment, clock, series):
 
 @jit_inline
 def add_base_motion_to_state(segment, tau, state):
-    """Add the motion that the base gives free absorbers to a state; nothing where the base is at rest."""
+    """Add the motion that the base gives free absorbers to a state.
+
+    Nothing is added if the base is at rest.
+    """
     load = segment.window.load
     if load is not None:
         q, v = base_motion(load, segment.forced.signals, segment.window.omega, tau)

@@ -1,4 +1,6 @@
-"""Loads that are straight lines in a window, as samples with lines between them are: their response is a sum of four that are known.
+"""Loads that are straight lines in a window, such as samples with lines between them.
+
+Their response is a sum of four known responses.
 
 A window of a record is as short as its step, and nothing turns in it. So the forced part of a
 regime is linear in two numbers, value and slope of the force, and two more of a base that moves: it
@@ -36,7 +38,10 @@ SHORTEST_WINDOW_SHARE = 0.5
 def _combination_code(count: int) -> Any:
     @vector_code()
     def combine(code: Code, size: Index, again: Index, shares, units, out):
-        """Write the sum of shares[n] units[n], ``size`` numbers each, to ``out``, and again from ``again`` on."""
+        """Write the sum of shares[n] units[n], ``size`` numbers each, to ``out``.
+
+        The sum is written a second time from ``again`` on.
+        """
         for j in code.vectors(size):
             total = code.spread(code.number(shares, 0)) * code.vector(units, j)
             for n in range(1, count):
@@ -85,7 +90,8 @@ def _store_unit_response(code: Code, size: Index, of_one, units, n: Index):
 @jit_inline
 def _compute_coefficients(terms, base, shares):
     """Write the coefficients of a load in the basis of the unit loads."""
-    shares[0], shares[1] = terms[0, 0], terms[0, 1]
+    shares[0] = terms[0, 0]
+    shares[1] = terms[0, 1]
     if base.moves:
         for c in range(base.terms.shape[0]):
             for n in range(2):
@@ -140,7 +146,10 @@ _step_of_force, _step_of_force_and_base = map(_step_map_code, (2, 4))
 def _step_of_all(
     code: Code, rows, size: Index, leap, count: Index, shares, half: Number, late: Number, z
 ):
-    """Apply the step map of ``count`` unit loads as the functions of `_step_map_code` do; rows DRIVE and BASE belong to pairs of them."""
+    """Apply the step map of ``count`` unit loads as the functions of `_step_map_code` do.
+
+    The rows DRIVE and BASE belong to pairs of unit loads.
+    """
     two = code.repeated(2.0, 0)
     for j in code.vectors(size):
         first = code.complex(z, j, j + size).times(code.complex(leap, j, j + size))
@@ -172,7 +181,9 @@ def _step_of_all(
 
 @jit_inline
 def _apply_step_map(base, rows, size, leap, shares, half, late, z):
-    """Propagate complete amplitudes by one step of a sampled load, and by ``late`` (s) more to first order.
+    """Propagate complete amplitudes by one step of a sampled load.
+
+    They are then propagated by ``late`` (s) more, to first order.
 
     ``late`` is small enough for a first-order step. ``half`` (s): from the window's centre to its
     end, where the rate is taken.
@@ -187,7 +198,10 @@ def _apply_step_map(base, rows, size, leap, shares, half, late, z):
 
 @jit
 def _compute_step_column(system, units, n, half, w):
-    """Fill the column of the step map for unit load ``n``, from the forced response at the window's ends; w (2, J) is scratch."""
+    """Fill the column of the step map for unit load ``n``.
+
+    It follows from the forced response at the window's ends. w (2, J) is scratch.
+    """
     leap = units.step_map
     size = w.shape[1]
     for side in range(2):
@@ -212,7 +226,8 @@ def _compute_step_map(load, system, window, forced, w):
     units = forced.unit_responses
     if not SHORTEST_WINDOW_SHARE * units.half[0] <= window.half <= units.half[0]:
         _solve_unit_responses(load, system, window, None, False, forced)
-    w[0, :], w[1, :] = 1.0, 0.0
+    w[0, :] = 1.0
+    w[1, :] = 0.0
     propagate(system.rows, system.table, system.scale, 2.0 * window.half, w)
     copy_amplitudes(w, units.step_map[0])
     for n in range(units.coefficients.shape[0]):
@@ -249,7 +264,10 @@ def propagate_sampled_load(load, system, window, forced, w, z):
 
 @jit
 def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
-    """Solve the `UnitResponses` of a regime for windows of this length. ``guarded``: whether the guard signal is needed."""
+    """Solve the `UnitResponses` of a regime for windows of this length.
+
+    ``guarded`` says whether the guard signal is needed.
+    """
     units = forced.unit_responses
     half = WINDOW_SLACK * window.half
     wide = ForceWindow(
@@ -275,7 +293,9 @@ def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
 
 @jit_inline
 def combine_unit_responses(load, system, window, absorber_mass, guarded, forced):
-    """Fill a regime's forced response from its `UnitResponses`; return False where the load is not linear in the window.
+    """Fill a regime's forced response from its `UnitResponses`.
+
+    Returns False if the load is not linear in the window.
 
     Arguments as in `solve_forced`; not ``guarded``: as in `solve_response`.
     """
@@ -308,6 +328,9 @@ def combine_unit_responses(load, system, window, absorber_mass, guarded, forced)
 
 @jit_inline
 def update_forced_response(system, window, absorber_mass, forced):
-    """Solve a regime's forced response in a window: from unit responses where the load is linear, else as `solve_forced`."""
+    """Solve a regime's forced response in a window.
+
+    It is computed from unit responses if the load is linear, and otherwise as in `solve_forced`.
+    """
     if not combine_unit_responses(window.load, system, window, absorber_mass, True, forced):
         solve_forced(system, window, absorber_mass, forced)

@@ -1,4 +1,6 @@
-"""The symmetric orbit with one impact a wall and friction of one sign between impacts, in closed form.
+"""The symmetric orbit with one impact a wall, in closed form.
+
+The friction force has one sign between impacts.
 
 With the impulse P at the lower wall (pushing up, so P > 0) and its mirror image half a period
 later, the conditions at the impact are a P + a0 = Re(f H exp(i phase)), b P + b0 = -Im(f H exp(i
@@ -28,7 +30,10 @@ class SymmetricLine(NamedTuple):
 
 @jit_inline
 def compute_kappa(restitution, compliance):
-    """Return kappa (1/kg): at an impact the mean of the relative velocities before and after is -kappa P."""
+    """Return kappa (1/kg) of an impact.
+
+    The mean of the relative velocities before and after an impact is -kappa P.
+    """
     return 0.5 * compliance * (1.0 - restitution) / (1.0 + restitution)
 
 
@@ -63,7 +68,10 @@ def compute_line(structure, point):
 
 @jit
 def solve_impulses(line, force):
-    """Return the smaller and the larger root P of the quadratic in N s; both are nan where there is none."""
+    """Return the smaller and the larger root P of the quadratic in N s.
+
+    Both are nan if the quadratic has no real root.
+    """
     two = line.a * line.a + line.b * line.b
     one = line.a * line.a0 + line.b * line.b0
     reach = force * abs(line.receptance)
@@ -88,7 +96,10 @@ def compute_phase(line, force, impulse):
 
 @jit
 def compute_fold(line):
-    """Return the smallest force (N) with a symmetric orbit, and its impulse (N s): the line's distance from the origin over |H|."""
+    """Return the smallest force (N) with a symmetric orbit, and its impulse (N s).
+
+    The force is the line's distance from the origin over |H|.
+    """
     two = line.a * line.a + line.b * line.b
     cross = abs(line.a * line.b0 - line.b * line.a0)
     return cross / np.sqrt(two) / abs(line.receptance), -(line.a * line.a0 + line.b * line.b0) / two
@@ -96,15 +107,17 @@ def compute_fold(line):
 
 @jit
 def closed_forms(structure, point, omegas, out):
-    """Write impulse and phase of both branches, (M, 4), at frequencies (M,) in rad/s: small P and its phase, large P and its phase."""
+    """Write impulse and phase of both branches (M, 4) at frequencies (M,) in rad/s.
+
+    The columns are the small P and its phase, the large P and its phase.
+    """
     for m in range(omegas.shape[0]):
         line = compute_line(structure, at_frequency(point, omegas[m]))
         small, large = solve_impulses(line, point.force)
-        out[m, 0], out[m, 2] = small, large
-        out[m, 1], out[m, 3] = (
-            compute_phase(line, point.force, small),
-            compute_phase(line, point.force, large),
-        )
+        out[m, 0] = small
+        out[m, 2] = large
+        out[m, 1] = compute_phase(line, point.force, small)
+        out[m, 3] = compute_phase(line, point.force, large)
 
 
 @jit

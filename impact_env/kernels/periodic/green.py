@@ -1,4 +1,6 @@
-"""Conditions at the events of a free or sliding periodic orbit, and their derivatives, by the periodic Green's function.
+"""Conditions at the events of a free or sliding periodic orbit, and their derivatives.
+
+They are formulated by the periodic Green's function.
 
 The relative displacement is linear in the impulses P_j, the jumps J_j of the friction force and a
 constant c:
@@ -28,7 +30,11 @@ OMEGA, FORCE, GAP, RESTITUTION, LIMIT = range(5)
 
 
 class OrbitEquations(NamedTuple):
-    """The scaled conditions (m,), and their derivatives (m, m + 5): by the unknowns, then by omega, force, gap, restitution, friction limit."""
+    """The scaled conditions (m,) and their derivatives (m, m + 5).
+
+    The derivatives are those by the unknowns, then by omega, force, gap, restitution and friction
+    limit.
+    """
 
     residual: NDArray[np.float64]
     jacobian: NDArray[np.float64]
@@ -91,12 +97,16 @@ def new_orbit_workspace(structure, order):
 
 @jit_inline
 def evaluate_absorber_kernel(structure, span, mirror, tau):
-    """Return the absorber's share of L, K, K', K'' and of dL/dspan, dK/dspan, dK'/dspan at 0 <= tau <= span (s)."""
+    """Return the absorber's share of the kernels at 0 <= tau <= span (s).
+
+    They are L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan.
+    """
     mass = structure.mass
     static = structure.static
     if mirror < 0.0:
         return (
-            0.25 * tau * (tau - span) / mass + 0.5 * static, (0.5 * tau - 0.25 * span) / mass, 0.5 / mass, 0.0,
+            0.25 * tau * (tau - span) / mass + 0.5 * static,
+            (0.5 * tau - 0.25 * span) / mass, 0.5 / mass, 0.0,
             -0.25 * tau / mass, -0.25 / mass, 0.0,
         )  # fmt: skip
     share = tau / span
@@ -131,7 +141,11 @@ def compute_exponentials(structure, order, omega, z, workspace):
 
 @jit_inline
 def sum_kernels(structure, workspace, tau, span, mirror, with_span):
-    """Return L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in ``workspace.running``, ``tau`` (s) after an impulse."""
+    """Return the kernels and their derivatives by the span ``tau`` (s) after an impulse.
+
+    They are L, K, K', K'' and dL/dspan, dK/dspan, dK'/dspan for the exponentials in
+    ``workspace.running``.
+    """
     g0, g1, g2, g3, d0, d1, d2 = evaluate_absorber_kernel(structure, span, mirror, tau)
     for j in range(structure.s.shape[0]):
         e = workspace.running[j]
@@ -149,7 +163,10 @@ def sum_kernels(structure, workspace, tau, span, mirror, with_span):
 
 @jit_inline
 def sum_own_kernels(structure, workspace, span, mirror):
-    """Return L, K, K' at an impulse itself, the mean of both sides, and their derivatives by the span."""
+    """Return L, K, K' at the time of an impulse itself, and their derivatives by the span.
+
+    At this time they are the mean of both sides.
+    """
     g0 = 0.0
     g1 = -0.25 * span / structure.mass
     g2 = 0.0
@@ -171,7 +188,10 @@ def sum_own_kernels(structure, workspace, span, mirror):
 
 @jit
 def fill_own_rows(structure, point, order, z, scale, workspace, system):
-    """Fill forced part, constant and each event's own share; the shares of other events are added later."""
+    """Fill the forced part, the constant and each event's own share.
+
+    The shares of other events are added later.
+    """
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]
@@ -194,12 +214,11 @@ def fill_own_rows(structure, point, order, z, scale, workspace, system):
         impulse = 0.0
         if wall != 0:
             impulse = z[at] * scale.impulse
-        workspace.friction_response[i, 0], workspace.friction_response[i, 1] = jump * g0, jump * g1
+        workspace.friction_response[i, 0] = jump * g0
+        workspace.friction_response[i, 1] = jump * g1
         # by the event's own phase, the others kept: only what does not move with it
-        workspace.by_time[i, 0], workspace.by_time[i, 1] = (
-            omega * forced.imag,
-            omega * omega * forced.real,
-        )
+        workspace.by_time[i, 0] = omega * forced.imag
+        workspace.by_time[i, 1] = omega * omega * forced.real
         workspace.by_span[i, 0] = impulse * d1 + limit * jump * d0
         workspace.by_span[i, 1] = impulse * d2 + limit * jump * d1
         residual[i] = impulse * (g2 + kappa) + limit * jump * g1 + omega * forced.imag
@@ -208,7 +227,8 @@ def fill_own_rows(structure, point, order, z, scale, workspace, system):
         jacobian[i, size + RESTITUTION] = kappa_slope * impulse
         if wall != 0:
             residual[row] = impulse * g1 + limit * jump * g0 - forced.real - wall * point.gap
-            jacobian[i, at], jacobian[row, at] = g2 + kappa, g1
+            jacobian[i, at] = g2 + kappa
+            jacobian[row, at] = g1
             jacobian[row, size + OMEGA] = -forced_slope.real
             jacobian[row, size + FORCE] = -(h * turning).real
             jacobian[row, size + GAP] = -float(wall)
@@ -287,7 +307,10 @@ def fill_derivative_rows(structure, point, order, scale, workspace, jacobian):
 
 @jit
 def fill_momentum_row(structure, point, order, z, scale, workspace, system):
-    """Fill the last row of a whole period: impulses and friction together leave the absorber's momentum unchanged."""
+    """Fill the last row of the conditions of a whole period.
+
+    It states that impulses and friction together leave the absorber's momentum unchanged.
+    """
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]
@@ -310,7 +333,11 @@ def fill_momentum_row(structure, point, order, z, scale, workspace, system):
 
 @jit
 def fill_conditions(structure, point, order, z, scale, workspace, system, with_span):
-    """Fill the system; ``with_span`` False leaves the column of omega out (it is then wrong): Newton's method at one point does not need it."""
+    """Fill the system of conditions.
+
+    If ``with_span`` is False, the column of omega is incomplete and therefore wrong. Newton's
+    method at one point does not need this column.
+    """
     residual = system.residual
     jacobian = system.jacobian
     n = order.wall.shape[0]

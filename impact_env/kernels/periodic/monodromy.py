@@ -15,7 +15,10 @@ from impact_env.kernels.periodic.motion import compute_state_in_flight
 
 @jit
 def apply_flight(structure, dt, block, matrix):
-    """Multiply ``matrix`` (2 N_m + 2, columns) from the left by the linear map of a flight of ``dt`` (s)."""
+    """Multiply ``matrix`` from the left by the linear map of a flight of ``dt`` (s).
+
+    ``matrix`` has the shape (2 N_m + 2, columns).
+    """
     n = structure.omega.shape[0]
     columns = matrix.shape[1]
     block[:, :] = 0.0
@@ -32,7 +35,8 @@ def apply_flight(structure, dt, block, matrix):
         for c in range(columns):
             q = matrix[i, c]
             v = matrix[n + 1 + i, c]
-            matrix[i, c], matrix[n + 1 + i, c] = own * q + h * v, stiff * q + rate * v
+            matrix[i, c] = own * q + h * v
+            matrix[n + 1 + i, c] = stiff * q + rate * v
     for c in range(columns):
         matrix[n, c] += dt * matrix[2 * n + 1, c]
 
@@ -77,7 +81,10 @@ def apply_saltation(structure, wall, restitution, impulse, jump, rate, bend, mat
 
 @jit_allocating
 def compute_monodromy(structure, point, order, flights, impulses, jumps, matrix, turning):
-    """Write the derivative of the map over one span, from just after the first event to just after its return, mirrored back where the order is.
+    """Write the derivative of the map over one span.
+
+    The map leads from just after the first event to just after its return. It is mirrored back if
+    the order is mirrored.
 
     ``jumps`` (n,): changes of the friction force in N. ``turning`` (n,) takes the relative
     acceleration before each reversal over the change that friction brings: -1 or below where the

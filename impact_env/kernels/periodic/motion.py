@@ -1,4 +1,8 @@
-"""The motion of an orbit whose events are known: states at its events, samples in between, turns of the relative velocity, and the tip's extremes."""
+"""The motion of an orbit whose events are known.
+
+It consists of states at its events, samples in between, reversals of the relative velocity, and the
+tip's extremes.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,10 @@ NODE_WEIGHTS = 0.5 * NODE_WEIGHTS
 
 
 class Flights(NamedTuple):
-    """What follows each of n events: ``amplitude`` (n, J) of the exponentials, ``force`` (n,) of friction, place and velocity (n,) of the absorber.
+    """The flights after each of n events.
+
+    ``amplitude`` (n, J) is that of the exponentials, ``force`` (n,) that of friction, and ``place``
+    and ``velocity`` (n,) are those of the absorber.
 
     ``time`` (n + 1,): the events' times, and the first one's of the next span.
     """
@@ -32,7 +39,11 @@ class Flights(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """``tip`` (m): largest displacement of the tip; ``square`` (m^2): its mean square; ``distance`` (m): largest relative displacement."""
+    """Extremes of an orbit.
+
+    ``tip`` (m) is the largest displacement of the tip, ``square`` (m^2) its mean square, and
+    ``distance`` (m) the largest relative displacement.
+    """
 
     tip: float
     square: float
@@ -41,7 +52,11 @@ class Extremes(NamedTuple):
 
 @jit_inline
 def compute_modal_motion(structure, omega, force, rest, amplitude, phase, out):
-    """Write modal displacements, velocities and accelerations (3, N_m): exponentials ``amplitude`` (J,), constant force ``rest`` (N), phase (rad)."""
+    """Write modal displacements, velocities and accelerations (3, N_m).
+
+    They follow from the ``amplitude`` (J,) of the exponentials, the constant force ``rest`` (N) and
+    the ``phase`` (rad).
+    """
     turning = force * np.exp(1j * phase)
     for i in range(structure.omega.shape[0]):
         q = divide_complex(
@@ -64,7 +79,10 @@ def compute_modal_motion(structure, omega, force, rest, amplitude, phase, out):
 
 @jit_allocating
 def compute_flights(structure, point, order, z, impulses):
-    """Return the flights of an orbit with phases ``z`` (n, rad) and ``impulses`` (n, N s; 0 at reversals). The first event is an impact."""
+    """Return the flights of an orbit whose first event is an impact.
+
+    ``z`` (n,) are the phases in rad and ``impulses`` (n,) are in N s, with 0 at reversals.
+    """
     workspace = new_orbit_workspace(structure, order)
     compute_exponentials(structure, order, point.omega, z, workspace)
     n = z.shape[0]
@@ -101,7 +119,10 @@ def compute_flights(structure, point, order, z, impulses):
 
 @jit_allocating
 def fill_absorber_motion(structure, point, order, impulses, phase, flights):
-    """Fill the absorber's place and velocity after each event: it starts on a wall, and its velocity follows from what comes again."""
+    """Fill the absorber's position and velocity after each event.
+
+    The absorber starts on a wall. Its initial velocity follows from periodicity.
+    """
     force = flights.force
     place = flights.place
     velocity = flights.velocity
@@ -131,7 +152,10 @@ def fill_absorber_motion(structure, point, order, impulses, phase, flights):
 
 @jit
 def compute_state_in_flight(structure, point, flights, i, dt, amplitude, modal, state):
-    """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``; ``amplitude`` (J,) is scratch, ``modal`` (3, N_m) is left with q, q', q''."""
+    """Write the state (2 N_m + 2,) ``dt`` (s) after event ``i``.
+
+    ``amplitude`` (J,) is scratch, and ``modal`` (3, N_m) contains q, q' and q'' afterwards.
+    """
     n = structure.omega.shape[0]
     for j in range(structure.s.shape[0]):
         amplitude[j] = flights.amplitude[i, j] * np.exp(structure.s[j] * dt)
@@ -168,7 +192,10 @@ def compute_states(structure, point, flights, times, out):
 
 @jit
 def compute_tip_in_flight(structure, point, h, flights, i, dt):
-    """Return displacement, velocity and acceleration of the tip ``dt`` (s) after event ``i``; ``h`` is the receptance."""
+    """Return displacement, velocity and acceleration of the tip ``dt`` (s) after event ``i``.
+
+    ``h`` is the receptance.
+    """
     omega = point.omega
     forced = point.force * h * np.exp(1j * omega * (flights.time[i] + dt))
     q = forced.real - structure.static * flights.force[i]
@@ -184,7 +211,10 @@ def compute_tip_in_flight(structure, point, h, flights, i, dt):
 
 @jit
 def find_peak_near(structure, point, h, flights, i, dt, reach):
-    """Return the largest |tip displacement| (m) within ``reach`` (s) of ``dt`` (s) after event ``i``, and within its flight."""
+    """Return the largest |tip displacement| (m) near ``dt`` (s) after event ``i``.
+
+    It is the largest value within ``reach`` (s) of this time and within the event's flight.
+    """
     length = flights.time[i + 1] - flights.time[i]
     best = abs(compute_tip_in_flight(structure, point, h, flights, i, dt)[0])
     start = dt
@@ -199,7 +229,9 @@ def find_peak_near(structure, point, h, flights, i, dt, reach):
 
 @jit_allocating
 def scan_flights(structure, point, h, flights, order, turns):
-    """Go through all flights; return (extremes, number of turns, whether the signs fit the impacts).
+    """Scan all flights of an orbit.
+
+    Returns (extremes, number of reversals, whether the signs fit the impacts).
 
     ``turns`` (capacity,) takes the times (s) at which the relative velocity changes its sign
     between impacts, whatever the order says; the count goes on beyond the capacity.
@@ -217,7 +249,7 @@ def scan_flights(structure, point, h, flights, order, turns):
     tip = 0.0
     square = 0.0
     distance = 0.0
-    found = 0
+    turn_count = 0
     fits = True
     sign = 0
     last_rate = 0.0
@@ -266,10 +298,12 @@ def scan_flights(structure, point, h, flights, order, turns):
                     at_dt = dt
                 if rate * sign < 0.0:
                     time = flights.time[i] + dt
-                    if found < turns.shape[0]:
+                    if turn_count < turns.shape[0]:
                         past = abs(rate) if last_rate == 0.0 else abs(last_rate)
-                        turns[found] = time - (time - last_time) * abs(rate) / (abs(rate) + past)
-                    found = found + 1
+                        turns[turn_count] = time - (time - last_time) * abs(rate) / (
+                            abs(rate) + past
+                        )
+                    turn_count = turn_count + 1
                     sign = -sign
                 last_rate = rate
                 last_time = flights.time[i] + dt
@@ -277,4 +311,4 @@ def scan_flights(structure, point, h, flights, order, turns):
                 e[j] *= leap[j]
     fits = fits and sign == order.mirror * order.wall[0]
     tip = max(tip, find_peak_near(structure, point, h, flights, at, at_dt, PANEL_PHASE / fastest))
-    return Extremes(tip, square / (flights.time[n] - flights.time[0]), distance), found, fits
+    return Extremes(tip, square / (flights.time[n] - flights.time[0]), distance), turn_count, fits

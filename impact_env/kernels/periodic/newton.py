@@ -1,4 +1,7 @@
-"""Newton's method on the conditions of `green.py`, with steps that keep the events in their order."""
+"""Newton's method on the conditions of `green.py`.
+
+Its steps are limited so that the events remain in their order.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ LEAST_PHASE_INTERVAL = 1e-9  # rad between events, below which their order is lo
 
 @jit
 def solve_in_place(matrix, columns, rows):
-    """Solve ``matrix`` x = column number ``columns`` of the same array, (m, > m), by elimination with row exchange; False if it is singular."""
+    """Solve ``matrix`` x = column number ``columns`` of the same array, (m, > m).
+
+    The method is elimination with row exchange. Returns False if the matrix is singular.
+    """
     m = rows.shape[0]
     largest = 0.0
     for i in range(m):
@@ -76,7 +82,10 @@ def find_least_interval(order, z):
 
 @jit_allocating
 def solve_orbit(structure, point, order, z, scale, system):
-    """Move the unknowns ``z`` (m,) to a solution; return status, steps, largest residual. The ``system`` is left as at ``z``."""
+    """Move the unknowns ``z`` (m,) to a solution.
+
+    Returns status, steps and largest residual. The ``system`` is left as it is at ``z``.
+    """
     workspace = new_orbit_workspace(structure, order)
     size = z.shape[0]
     work = np.zeros((size, size + 1))

@@ -1,4 +1,6 @@
-"""What the kernels of periodic orbits are given: a structure as exponentials, a point of the parameters, an order of events.
+"""The input of the kernels of periodic orbits.
+
+It consists of a structure as exponentials, a point of the parameters, and an order of events.
 
 A mode answers a unit impulse by h(t) = sum of Re(weight exp(s t)) over its exponentials: one
 complex one, or two real ones where it is overdamped.
@@ -37,7 +39,11 @@ class Structure(NamedTuple):
 
 
 class Point(NamedTuple):
-    """Circular frequency (rad/s), force (N), half-clearance (m), restitution, friction limit (N)."""
+    """A point of the parameters.
+
+    It consists of circular frequency (rad/s), force (N), half-clearance (m), restitution and
+    friction limit (N).
+    """
 
     omega: float
     force: float
@@ -47,7 +53,10 @@ class Point(NamedTuple):
 
 
 class Order(NamedTuple):
-    """The events of one span, which repeats: ``wall`` (n,) -1, 1 or 0 for a reversal, ``sign`` (n,) of the relative velocity after each event.
+    """The events of one span, which repeats.
+
+    ``wall`` (n,) is -1 or 1, or 0 for a reversal. ``sign`` (n,) is that of the relative velocity
+    after each event.
 
     ``turn`` is the span in rad of the force; ``mirror`` -1: the next span is the mirrored one, 1:
     the same again.
@@ -75,7 +84,11 @@ def at_frequency(point, omega):
 
 @jit_inline
 def divide_complex(a, b):
-    """Return a/b, complex; infinite or nan where b is 0 (an undamped mode at resonance), for which numba's own division raises an error."""
+    """Return a/b, complex.
+
+    The result is infinite or nan if b is 0 (an undamped mode at resonance), for which numba's own
+    division raises an error.
+    """
     size = b.real * b.real + b.imag * b.imag
     value = a * complex(b.real, -b.imag)
     return complex(value.real / size, value.imag / size)
@@ -83,7 +96,10 @@ def divide_complex(a, b):
 
 @jit
 def receptance(structure, omega):
-    """Return H (m/N) and dH/domega: displacement of the tip under a force exp(i omega t) at the place of the force."""
+    """Return the receptance H (m/N) and dH/domega.
+
+    H is the displacement of the tip under a force exp(i omega t) at the place of the force.
+    """
     value = 0j
     slope = 0j
     for i in range(structure.omega.shape[0]):

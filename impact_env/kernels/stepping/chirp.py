@@ -1,4 +1,6 @@
-"""The harmonic force at equidistant times without a cosine a step: a rotating phasor that is recomputed every few steps.
+"""The harmonic force at equidistant times without a cosine at each step.
+
+It is the real part of a rotating phasor, which is recomputed every few steps.
 
 Over one section of the schedule the phase is a quadratic in time, so the phasor's turn per step is
 itself a phasor that turns at a constant rate. Rounding grows with the square of the number of
@@ -17,7 +19,10 @@ PHASOR_STEPS = 32
 
 @jit
 def find_section(times, k, t):
-    """Return the section of the schedule that holds time ``t``, searching onwards from section ``k``; the last segment has no end."""
+    """Return the section of the schedule that contains time ``t``.
+
+    The search goes forward from section ``k``. The last section has no end.
+    """
     while k + 2 < times.shape[0] and t >= times[k + 1]:
         k += 1
     return k
@@ -33,7 +38,10 @@ def count_steps_left(times, k, t, dt, most):
 
 @jit
 def compute_force_angle(force, k, t):
-    """Return (phase in rad, frequency in rad/s, its rate in rad/s^2) of section ``k`` at time ``t``."""
+    """Return the force's angle in section ``k`` at time ``t``.
+
+    The result is (phase in rad, frequency in rad/s, its rate in rad/s^2).
+    """
     times = force.times
     omegas = force.omegas
     phases = force.phases
@@ -44,7 +52,11 @@ def compute_force_angle(force, k, t):
 
 @jit
 def compute_phasor(force, k, t, dt):
-    """Return cosine and sine of: the force's phase at ``t``, its turn to t + dt, and the change of that turn per step."""
+    """Return cosine and sine of the force's phase and of its changes.
+
+    They are those of the phase at ``t``, of its turn to t + dt, and of the change of this turn per
+    step.
+    """
     angle, omega, rate = compute_force_angle(force, k, t)
     turn = (omega + 0.5 * rate * dt) * dt
     change = rate * dt * dt
@@ -60,7 +72,10 @@ def compute_phasor(force, k, t, dt):
 
 @jit
 def fill_midpoint_loads(target, load, k, start, stop, dt):
-    """Write loads other than the chirp of one force in the middle of the steps from ``start`` to ``stop``, all in section ``k``; nothing without."""
+    """Write loads in the middle of the steps from ``start`` to ``stop``, all in section ``k``.
+
+    Only loads other than the chirp of one force are written. Without such loads nothing is written.
+    """
     if has_sources(load):
         for n in range(stop - start):
             target[n] = compute_force(load, k, (start + n + 0.5) * dt)
@@ -79,7 +94,10 @@ def fill_load_values(target, count, times, load, k, t, dt):
 
 @jit
 def fill_force(target, count, force, k, t, dt):
-    """Write the force for amplitude 1 at t, t + dt, ... into the first ``count`` places of ``target``; return the segment of the first."""
+    """Write the force for amplitude 1 at t, t + dt, ... into ``target``.
+
+    The first ``count`` entries are written. Returns the section of the first time.
+    """
     times = force.times
     load = force.load
     if has_sources(load):

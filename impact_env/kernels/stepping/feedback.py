@@ -1,4 +1,6 @@
-"""One Runge-Kutta step as a linear map, and the compliant contact laws that feed back into it (paper, Eqs. elSignorini, elCoulomb).
+"""One Runge-Kutta step as a linear map, with compliant contact laws as feedback.
+
+The contact laws are those of the paper (Eqs. elSignorini, elCoulomb).
 
 The laws are numbers, 0 where a scene has no such law, so that one kernel integrates every scene.
 """
@@ -63,7 +65,11 @@ class ElasticStops(NamedTuple):
 
 
 class CubicSpring(NamedTuple):
-    """Spring whose force is its stiffness (N/m^3, 0: there is none) times the cube of the relative displacement, and damper (N s/m)."""
+    """Cubic spring with a damper.
+
+    The spring's force is its stiffness (N/m^3, 0 without a spring) times the cube of the relative
+    displacement. The damper's coefficient is in N s/m.
+    """
 
     cubic_stiffness: float
     damping: float
@@ -75,7 +81,11 @@ NO_CUBIC_SPRING = CubicSpring(0.0, 0.0)
 
 
 class CompliantLaws(NamedTuple):
-    """One absorber: mass (kg) of one that moves, or of one that is stuck, 0 where there is none; walls, friction, spring, cubic spring."""
+    """Contact laws of one absorber.
+
+    ``mass`` (kg) is that of a moving absorber and ``added_mass`` (kg) that of a stuck one, each 0
+    if there is no such absorber. The other fields are walls, friction, spring and cubic spring.
+    """
 
     mass: float = 0.0
     added_mass: float = 0.0
@@ -88,8 +98,8 @@ class CompliantLaws(NamedTuple):
 class ActiveLaws(NamedTuple):
     """The laws of one branch of a step: those that act in it, the others None.
 
-    ``joined_mass``: m_a / (1 + m_a sum tip_shape^2) of a stuck absorber (kg). With all laws in one branch, each of four stages
-    would wait for the arithmetic of laws that are absent.
+    ``joined_mass``: m_a / (1 + m_a sum tip_shape^2) of a stuck absorber (kg). With all laws in one
+    branch, each of four stages would wait for the arithmetic of laws that are absent.
     """
 
     stops: ElasticStops | None
@@ -101,7 +111,10 @@ class ActiveLaws(NamedTuple):
 
 @jit
 def runge_kutta_step(w2, c, h, q, u, w):
-    """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w, with w given stage by stage."""
+    """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w.
+
+    w is given for each stage.
+    """
     w1, wm2, wm3, w4 = w
     a1 = w1 - w2 * q - c * u
     q2 = q + 0.5 * h * u
@@ -128,7 +141,10 @@ def runge_kutta_step(w2, c, h, q, u, w):
 
 
 class Oscillator(NamedTuple):
-    """One column of the table: omega^2, 2 D omega, what the excitation does, its share in the tip, and its weights in the observation.
+    """One column of the table.
+
+    Its fields are omega^2, 2 D omega, the effect of the excitation, the oscillator's share in the
+    tip, and its weights in the observation.
 
     (see_q, see_u) weigh its state, ``see_push`` the excitation.
     """
@@ -143,7 +159,9 @@ class Oscillator(NamedTuple):
 
 
 class RelativeVelocityTable(NamedTuple):
-    """A second observation, the relative velocity, for laws that need it beside the displacement: eight rows as `Y`, and its ``mix``.
+    """A second observation, the relative velocity, for laws that depend on it.
+
+    It has eight rows as `Y`, and its ``mix``.
 
     Of size 0 where no law needs it.
     """
@@ -213,14 +231,14 @@ def _add_oscillator(table, j, one):
 def _observe(cells, mix, stride, j, one, responses):
     """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
     for stage in range(4):
-        seen = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
-        cells[2 * stage * stride + j] = seen[0]
-        cells[(2 * stage + 1) * stride + j] = seen[1]
-        mix[stage, 0] += one.push * seen[2]
-        mix[stage, 1] += one.push * (seen[3] + seen[4])
+        response = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
+        cells[2 * stage * stride + j] = response[0]
+        cells[(2 * stage + 1) * stride + j] = response[1]
+        mix[stage, 0] += one.push * response[2]
+        mix[stage, 1] += one.push * (response[3] + response[4])
         mix[stage, (stage + 1) // 2] += one.see_push * one.push
         for earlier in range(3):
-            mix[stage, 3 + earlier] -= one.tip * seen[2 + earlier]
+            mix[stage, 3 + earlier] -= one.tip * response[2 + earlier]
 
 
 @jit
@@ -317,7 +335,9 @@ def compute_slider_force(y, rest, slider):
 
 @jit_inline
 def compute_feedback(y, v, rest, laws):
-    """Return the force on the absorber (N) for an observation, and for a relative velocity (m/s) that is 0 where no law needs it.
+    """Return the force on the absorber (N) for an observation.
+
+    The relative velocity (m/s) is 0 if no law depends on it.
 
     ``laws``: `ActiveLaws`.
     """

@@ -1,4 +1,7 @@
-"""What the two time-stepping kernels share: samples between the steps, and the end of a contact phase."""
+"""Common parts of the two time-stepping kernels.
+
+They are the samples between the steps, and the end of a contact phase.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,11 @@ NO_PHASE = -1  # kind of phase: none
 
 
 class BeamModes(NamedTuple):
-    """The beam: circular frequencies (rad/s), damping ratios, shapes at the force and at the tip, each (N_m,)."""
+    """The beam.
+
+    It is given by circular frequencies (rad/s), damping ratios, and shapes at the force and at the
+    tip, each (N_m,).
+    """
 
     omega: Array
     damping_ratio: Array
@@ -26,7 +33,10 @@ class BeamModes(NamedTuple):
 
 
 class DriveForce(NamedTuple):
-    """Breakpoints of the drive: times (s), circular frequencies (rad/s), integrals of the frequency (rad), each (K,); amplitude (N), phase (rad).
+    """Breakpoints of the drive.
+
+    Times (s), circular frequencies (rad/s) and integrals of the frequency (rad) are (K,) each. The
+    amplitude is in N, the phase in rad.
 
     ``load``: other loads than the chirp of one force, all of them forces, without sources where
     there are none; of the rest only the times then say something, and the amplitude is 1.
@@ -41,7 +51,11 @@ class DriveForce(NamedTuple):
 
 
 class TimeStep(NamedTuple):
-    """Time step (s), which is reduced so that it divides the duration; ``wide``: number of oscillators in steps of 4 if the table is to be wider."""
+    """Time step (s), reduced so that it divides the duration.
+
+    ``wide_stride`` is the width of the table if it must be wider than usual: the number of
+    oscillators, rounded up to a multiple of 4.
+    """
 
     dt: float
     wide_stride: int | None
@@ -80,14 +94,20 @@ def needs_all_modes(level, series):
 
 @jit
 def find_series_row(clock, series, sample):
-    """Return the row of the series for a sample of the run, -1 where the series does not hold it."""
+    """Return the row of the series for a sample of the run.
+
+    The result is -1 if the series does not contain the sample.
+    """
     row = sample - clock.first
     return row if 0 <= row < series.states.shape[0] else -1
 
 
 @jit_inline
 def interpolate_displacement(start, end, part, h):
-    """Return the displacement at ``part`` (0 to 1) of a step of h (s): the cubic through displacements and velocities (q, v) at its ends."""
+    """Return the displacement at ``part`` (0 to 1) of a step of h (s).
+
+    It is that of the cubic through displacements and velocities (q, v) at the step's ends.
+    """
     q0, v0 = start
     q1, v1 = end
     left = 1.0 - part

@@ -1,4 +1,6 @@
-"""The paper's Moreau time stepping with rigid contact laws (paper, section 2.4; laws: Eqs. signorini, coulomb, impulse).
+"""The paper's Moreau time stepping with rigid contact laws (paper, section 2.4).
+
+The laws are Eqs. signorini, coulomb and impulse.
 
 One step: q_M = q_n + dt/2 u_n; forces at q_M, u_n and t_M = t_n + dt/2; the contact problem at
 velocity level, with a wall taking part if q_M has reached it; q_n+1 = q_M + dt/2 u_n+1. Since the
@@ -47,7 +49,11 @@ _Q, _U, _KEEP, _PULL, _PUSH, _TIP, _Q_BEFORE, _U_BEFORE, _ROWS = range(9)
 
 
 class MoreauTable(NamedTuple):
-    """The modes for the loop: rows of ``cells``, N_m, that in steps of 4, the distance of rows if it is not `STRIDE`, and the step (s)."""
+    """The modes in the form that the loop over steps uses.
+
+    It contains the rows of ``cells``, N_m, N_m rounded up to a multiple of 4 (``lanes``), the
+    distance of rows if it is not `STRIDE`, and the step (s).
+    """
 
     cells: Array
     modes: int
@@ -57,7 +63,11 @@ class MoreauTable(NamedTuple):
 
 
 class StepState(NamedTuple):
-    """Displacement of tip and absorber at the middle of a step, their velocities at its start, and the relative velocity."""
+    """Motion of tip and absorber in a step.
+
+    It consists of their displacements at the middle of the step, their velocities at its start, and
+    the relative velocity.
+    """
 
     tip_q: float
     tip_u: float
@@ -67,7 +77,10 @@ class StepState(NamedTuple):
 
 
 class ContactPercussion(NamedTuple):
-    """Contact percussions of a step: friction and wall on the absorber (N s), and the kind of phase."""
+    """Contact percussions of a step, and the kind of phase.
+
+    The percussions are those of friction and of the wall on the absorber (N s).
+    """
 
     friction: float
     normal: float
@@ -101,10 +114,10 @@ def _step_code(pushed: bool) -> Any:
             force, push, dt = (code.spread(number) for number in numbers)
             places = [stride * row + j for row in range(_TIP + 1)]
             q, u, keep, pull, load, tip = (code.vector(table, place) for place in places)
-            given = load * force
+            total = load * force
             if pushed:
-                given = tip.fma(push, given)
-            u = keep.fma(u, (-pull).fma(q, given))
+                total = tip.fma(push, total)
+            u = keep.fma(u, (-pull).fma(q, total))
             q = dt.fma(u, q)
             code.store(u, table, places[_U])
             code.store(q, table, places[_Q])
@@ -131,9 +144,9 @@ def _stride(wide_stride):
 def _advance_modes(table, laws, body, distance, force):
     """Advance modes and absorber by a step without contact.
 
-    Return the tip's velocity at the step's end, its displacement at the next step's middle, and the absorber's velocity. With
-    and without a spring are two branches with a loop each, which the compiler does not merge: else each step would wait for
-    the spring's arithmetic.
+    Return the tip's velocity at the step's end, its displacement at the next step's middle, and the
+    absorber's velocity. With and without a spring are two branches with a loop each, which the
+    compiler does not merge: else each step would wait for the spring's arithmetic.
     """
     if laws.spring.stiffness == 0.0:
         tip_u, tip_q = _step_without_spring(
@@ -178,7 +191,9 @@ def _save_modes_if_observed(energy, due, table):
 
 @jit_inline
 def _account_modes(energy, table, force):
-    """Add a step's work of the force and dissipation of the modes, both with the mean velocity of the step.
+    """Add the work of the force and the dissipation of the modes in a step.
+
+    Both are computed with the mean velocity of the step.
 
     With that velocity the balance closes up to dt^2/8 times the change of sum omega^2 u^2, which
     does not grow with time.
@@ -203,7 +218,10 @@ def _account_damper(energy, spring, before, mean, dt):
 
 @jit_inline
 def _account_contact(energy, spring, friction, before, after, dt):
-    """Add a step's friction loss and loss in the tuned absorber's damper, with the mean relative velocity of the step."""
+    """Add a step's friction loss and its loss in the tuned absorber's damper.
+
+    Both are computed with the mean relative velocity of the step.
+    """
     if energy is None:
         return
     mean = 0.5 * (before + after)
@@ -305,12 +323,17 @@ def _write_state(m_a, state, table, body):
         u = cells[_U * stride + j]
         state[j], state[n + 1 + j] = cells[_Q * stride + j] - 0.5 * table.dt * u, u
     if m_a > 0.0:
-        state[n], state[2 * n + 1] = body.q - 0.5 * table.dt * body.v, body.v
+        state[n] = body.q - 0.5 * table.dt * body.v
+        state[2 * n + 1] = body.v
 
 
 @jit
 def _init_step_state(m_a, tip_shape, state, dt):
-    """Return the `StepState` of the first step, and the relative acceleration of absorber and tip by a unit force between them (1/kg)."""
+    """Return the `StepState` of the first step, and the compliance at the contact.
+
+    The compliance (1/kg) is the relative acceleration of absorber and tip under a unit force
+    between them.
+    """
     n = tip_shape.shape[0]
     displacement = 0.0
     velocity = 0.0
@@ -329,7 +352,10 @@ def _init_step_state(m_a, tip_shape, state, dt):
 
 @jit_inline
 def _apply_contact(m_a, bounds, table, body, distance):
-    """Solve the contact of absorber, tip and walls in a step; return `StepState` and `ContactPercussion`."""
+    """Solve the contact of absorber, tip and walls in a step.
+
+    Returns `StepState` and `ContactPercussion`.
+    """
     walls, slip, compliance = bounds
     v = body.v
     tip_u = body.tip_u
@@ -350,7 +376,10 @@ def _apply_contact(m_a, bounds, table, body, distance):
 
 @jit_inline
 def _advance_step(i, table, laws, bounds, body, force, observers):
-    """Do step i and add it to the energies; return `StepState` at its end and the kind of phase in it."""
+    """Perform step i and add it to the energies.
+
+    Returns the `StepState` at its end and the kind of phase in it.
+    """
     dt = table.dt
     if laws.mass == 0.0:
         tip_u, tip_q = _step_without_spring(

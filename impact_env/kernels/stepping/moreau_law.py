@@ -1,4 +1,6 @@
-"""The rigid contact laws of one of Moreau's time steps in closed form (paper, Eqs. signorini, coulomb, impulse).
+"""The rigid contact laws of one of Moreau's time steps in closed form.
+
+The laws are those of the paper (Eqs. signorini, coulomb, impulse).
 
 The laws are numbers, 0 where a scene has no such law, so that one kernel integrates every scene.
 """
@@ -28,7 +30,11 @@ NO_SPRING = Spring(0.0, 0.0)
 
 
 class RigidLaws(NamedTuple):
-    """One absorber: mass (kg, 0 without absorber), walls, friction limit (N, 0 without friction, infinity: stuck), spring."""
+    """Contact laws of one absorber.
+
+    They are given by the mass (kg, 0 without absorber), the walls, the friction limit (N, 0 without
+    friction, infinity: stuck), and the spring.
+    """
 
     mass: float = 0.0
     walls: Walls = NO_WALLS
@@ -38,7 +44,9 @@ class RigidLaws(NamedTuple):
 
 @jit
 def solve_contact(before, free, distance, walls, slip, compliance):
-    """Solve one step's contact problem; return (relative velocity after, friction and wall percussion on the absorber, kind of phase).
+    """Solve one step's contact problem.
+
+    Returns (relative velocity after, friction and wall percussion on the absorber, kind of phase).
 
     ``before`` and ``free`` are the relative velocity at the step's start and at its end without
     contact. First friction alone is tried. If it leaves a closed wall with less than -e times the

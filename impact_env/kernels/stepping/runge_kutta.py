@@ -1,4 +1,6 @@
-"""Classical Runge-Kutta stepping for linear scenes and for the appendix' compliant contact (paper, Eqs. elSignorini, elCoulomb).
+"""Classical Runge-Kutta stepping for linear scenes and for compliant contact.
+
+The compliant contact is that of the paper's appendix (Eqs. elSignorini, elCoulomb).
 
 All contact acts along one line, so a scene is a row of independent oscillators (the absorber is one
 more, of frequency zero) with one scalar feedback: a force p(y) on the absorber that depends on an
@@ -74,8 +76,12 @@ WALL_TOUCH = record_type(side=NUMBER, time=NUMBER, rate=NUMBER, impulse=NUMBER)
 
 @jit_inline
 def _evaluate_cubic(s, left, right, h):
-    """Return value and rate, at the share ``s`` of a step, of the cubic through both ends' values and slopes."""
-    (d0, g0), (d1, g1) = left, right
+    """Return value and rate of a cubic at the share ``s`` of a step.
+
+    The cubic matches values and slopes at both ends of the step.
+    """
+    d0, g0 = left
+    d1, g1 = right
     d = (1 - s) * (1 - s) * ((1 + 2 * s) * d0 + s * h * g0) + s * s * (
         (3 - 2 * s) * d1 - (1 - s) * h * g1
     )
@@ -85,7 +91,10 @@ def _evaluate_cubic(s, left, right, h):
 
 @jit
 def _find_crossing(left, right, level, h, rising, low, high):
-    """Return (share of the step, relative velocity) where the cubic passes ``level`` between two shares of the step, ``rising`` or falling."""
+    """Return (share of the step, relative velocity) at which the cubic passes ``level``.
+
+    The passage is sought between two shares of the step, and is ``rising`` or falling.
+    """
     for _ in range(52):
         s = 0.5 * (low + high)
         if (_evaluate_cubic(s, left, right, h)[0] < level) == rising:
@@ -97,7 +106,10 @@ def _find_crossing(left, right, level, h, rising, low, high):
 
 @jit
 def _find_turning_point(left, right, side, h):
-    """Return the share of the step at which the cubic, which approaches a wall at its start and leaves it at its end, turns."""
+    """Return the share of the step at which the cubic reverses.
+
+    The cubic approaches a wall at the start of the step and moves away from it at the end.
+    """
     low = 0.0
     high = 1.0
     for _ in range(52):
@@ -110,8 +122,10 @@ def _find_turning_point(left, right, side, h):
 
 
 @jit
-def _record_short_contact(stops, left, right, seen, span, observers):
-    """List a contact with a wall's spring that begins and ends within a step, if its stages have met one.
+def _record_short_contact(stops, left, right, stages, span, observers):
+    """Record a contact with a wall's spring that begins and ends within a step.
+
+    A contact is recorded if it occurs in the stages of the step.
 
     Its impulse is what acts in the step. It lasts while the cubic through the step's ends is beyond
     the wall; one that stays short of it has its contact where it turns.
@@ -120,9 +134,11 @@ def _record_short_contact(stops, left, right, seen, span, observers):
     impulse = (
         h
         / 6.0
-        * (2.0 * compute_stop_force(seen[1], stops) + 2.0 * compute_stop_force(seen[2], stops))
+        * (2.0 * compute_stop_force(stages[1], stops) + 2.0 * compute_stop_force(stages[2], stops))
     )
-    impulse += h / 6.0 * (compute_stop_force(seen[0], stops) + compute_stop_force(seen[3], stops))
+    impulse += (
+        h / 6.0 * (compute_stop_force(stages[0], stops) + compute_stop_force(stages[3], stops))
+    )
     if impulse == 0.0:
         return
     side = -1.0 if impulse > 0.0 else 1.0
@@ -154,27 +170,28 @@ def _displacement_and_rate(y, h):
 def _init_wall_touch(stops, touches, y, h):
     """Note a contact that there is from the start."""
     if stops.stiffness > 0.0:
-        touches[0].side, touches[0].rate = (
-            _find_wall_side(y[0], stops.gap),
-            _displacement_and_rate(y, h)[1],
-        )
+        touches[0].side = _find_wall_side(y[0], stops.gap)
+        touches[0].rate = _displacement_and_rate(y, h)[1]
 
 
 @jit
-def _track_wall_contact(stops, touches, before, y, seen, span, observers):
-    """Note where a wall's spring is reached and left; ``touches`` (1,): a WALL_TOUCH record; ``span``: start and length of the step (s)."""
+def _track_wall_contact(stops, touches, before, y, stages, span, observers):
+    """Record the begin and end of contacts with a wall's spring.
+
+    ``touches`` (1,) is a WALL_TOUCH record, ``span`` contains start and length of the step (s).
+    """
     if stops.stiffness == 0.0:
         return
     touch = touches[0]
     t = span[0]
     h = span[1]
     if touch.side == 0.0 and not abs(y[0]) > stops.gap:
-        if max(abs(seen[1]), abs(seen[2]), abs(seen[3])) > stops.gap:
+        if max(abs(stages[1]), abs(stages[2]), abs(stages[3])) > stops.gap:
             _record_short_contact(
                 stops,
                 _displacement_and_rate(before, h),
                 _displacement_and_rate(y, h),
-                seen,
+                stages,
                 span,
                 observers,
             )
@@ -183,10 +200,10 @@ def _track_wall_contact(stops, touches, before, y, seen, span, observers):
         h
         / 6.0
         * (
-            compute_stop_force(seen[0], stops)
-            + 2.0 * compute_stop_force(seen[1], stops)
-            + 2.0 * compute_stop_force(seen[2], stops)
-            + compute_stop_force(seen[3], stops)
+            compute_stop_force(stages[0], stops)
+            + 2.0 * compute_stop_force(stages[1], stops)
+            + 2.0 * compute_stop_force(stages[2], stops)
+            + compute_stop_force(stages[3], stops)
         )
     )
     side = _find_wall_side(y[0], stops.gap)
@@ -253,14 +270,20 @@ def _is_finite(table):
 
 @jit
 def _is_step_too_long(cubic, compliance, largest, h):
-    """Return whether a step (s) is too long for a nonlinear spring's tangent stiffness at its largest segment (m)."""
+    """Return whether a step (s) is too long for a nonlinear spring.
+
+    The criterion is the spring's tangent stiffness at its largest deflection (m).
+    """
     square = 3.0 * cubic.cubic_stiffness * largest * largest * compliance
     return square * h * h > (2.0 * np.pi / LEAST_STEPS_PER_PERIOD) ** 2
 
 
 @jit
 def _write_state_between(target, table, part, m_a, added_mass, offset):
-    """Write the state at ``part`` (0 to 1) of the step; ``offset`` is where a stuck absorber sits in the cavity."""
+    """Write the state at ``part`` (0 to 1) of the step.
+
+    ``offset`` is the position of a stuck absorber in the cavity.
+    """
     cells = table.cells
     n = table.modes
     stride = stride_of(table.wide_stride)
@@ -272,18 +295,24 @@ def _write_state_between(target, table, part, m_a, added_mass, offset):
         q = interpolate_displacement(before, after, part, table.h)
         u = interpolate_velocity(before, after, part, table.h)
         if j < n:
-            target[j], target[n + 1 + j] = q, u
+            target[j] = q
+            target[n + 1 + j] = u
             tip_q += cells[TIP * stride + j] * q
             tip_u += cells[TIP * stride + j] * u
         elif m_a > 0.0:
-            target[n], target[2 * n + 1] = q / np.sqrt(m_a), u / np.sqrt(m_a)
+            target[n] = q / np.sqrt(m_a)
+            target[2 * n + 1] = u / np.sqrt(m_a)
     if added_mass > 0.0:
-        target[n], target[2 * n + 1] = tip_q + offset, tip_u
+        target[n] = tip_q + offset
+        target[2 * n + 1] = tip_u
 
 
 @jit
 def _displacement_between(place, part, table):
-    """Return the displacement at ``part`` (0 to 1) of the step of the place of a mode shape (N_m,)."""
+    """Return the displacement of a place at ``part`` (0 to 1) of the step.
+
+    The place is given by its mode shape (N_m,).
+    """
     cells = table.cells
     stride = stride_of(table.wide_stride)
     total = 0.0
@@ -318,7 +347,10 @@ def _sample_state(series, clock, sample, part, table, laws, offset, state):
 
 @jit
 def _write_row(target, part, table, laws, offset, state):
-    """Write the state at ``part`` of the step; without an absorber its place keeps the value of ``state``."""
+    """Write the state at ``part`` of the step.
+
+    Without an absorber, its displacement and velocity are those of ``state``.
+    """
     n = table.modes
     target[n], target[2 * n + 1] = state[n], state[2 * n + 1]
     _write_state_between(target, table, part, laws.mass, laws.added_mass, offset)
@@ -335,7 +367,11 @@ def _compute_joined_mass(added_mass, tip_shape):
 
 @jit
 def _compute_compliance(mass, tip_shape):
-    """Return the relative acceleration (1/kg) of absorber and tip by a unit force between them, 0 without an absorber that moves."""
+    """Return the compliance at the contact of absorber and tip (1/kg).
+
+    It is their relative acceleration under a unit force between them, and 0 without a moving
+    absorber.
+    """
     if mass == 0.0:
         return 0.0
     total = 1.0 / mass
@@ -377,7 +413,10 @@ class StepContext(NamedTuple):
 
 @jit_inline
 def _find_relative_velocities(cubic, table):
-    """Return the relative velocities in the next step's stages where a law needs them, else zeros, without a call."""
+    """Return the relative velocities in the next step's stages.
+
+    They are zeros, without a call, if no law depends on them.
+    """
     if cubic.cubic_stiffness > 0.0:
         return compute_relative_velocities(table)
     return 0.0, 0.0, 0.0, 0.0
@@ -402,12 +441,15 @@ def _advance_without_absorber(context, forces, at, observers):
 
 @jit_inline
 def _advance_with_absorber(context, absorber, forces, at, time, observers):
-    """Do a step that begins at a time (s) and account for it; return the `AbsorberStages` at its end."""
+    """Perform a step that begins at a time (s) and account for it.
+
+    Returns the `AbsorberStages` at its end.
+    """
     laws = context.laws
     table = context.table
     before = absorber.y
     f = (forces[at], forces[at + 1], forces[at + 2])
-    seen, push = compute_stages(absorber, table, forces, at, laws, context.joined_mass)
+    stages, push = compute_stages(absorber, table, forces, at, laws, context.joined_mass)
     account_step(
         observers.energy,
         context.modes,
@@ -415,10 +457,10 @@ def _advance_with_absorber(context, absorber, forces, at, time, observers):
         laws,
         table,
         absorber.rest,
-        (f, seen, push),
+        (f, stages, push),
     )
     y = advance_observed(table, forces, at, push)
-    _track_wall_contact(laws.stops, context.touches, before, y, seen, (time, table.h), observers)
+    _track_wall_contact(laws.stops, context.touches, before, y, stages, (time, table.h), observers)
     largest = max(absorber.largest, abs(y[0]))
     return AbsorberStages(
         y,

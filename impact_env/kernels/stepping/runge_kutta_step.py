@@ -1,4 +1,6 @@
-"""One step of the classical Runge-Kutta method for independent oscillators with one scalar feedback, and its energies.
+"""One step of the classical Runge-Kutta method, and its energies.
+
+The equations are those of independent oscillators with one scalar feedback.
 
 In each of the four stages the observation y, and so the force p(y), follows from the state at the
 step's start, the excitation, and the p of the stages before, all linearly. The weights are in the
@@ -42,7 +44,7 @@ from impact_env.kernels.stepping.feedback import (
 )
 
 
-def _step_code(pushed: bool, watched: bool) -> Any:
+def _step_code(pushed: bool, sampled: bool) -> Any:
     @vector_code(NUMBER, 4)
     def swing(
         code: Code,
@@ -81,7 +83,7 @@ def _step_code(pushed: bool, watched: bool) -> Any:
                 u_next = of(row, j).fma(number, u_next)
             code.store(q_next, table, stride * Q + j)
             code.store(u_next, table, stride * U + j)
-            if watched:
+            if sampled:
                 for k, total in enumerate(sums):
                     total.add_product(of(Y + 2 * k, j), q_next)
                     total.add_product(of(Y + 2 * k + 1, j), u_next)
@@ -91,13 +93,16 @@ def _step_code(pushed: bool, watched: bool) -> Any:
 
 
 _step_forced, _step_forced_observed, _step_fed_back, _step_fed_back_observed = (
-    _step_code(pushed, watched) for pushed in (False, True) for watched in (False, True)
+    _step_code(pushed, sampled) for pushed in (False, True) for sampled in (False, True)
 )
 
 
 @jit_inline
-def advance_oscillators(table, forces, at, push, watched):
-    """Advance all oscillators by a step; return the next step's four observations as far as they follow from the state."""
+def advance_oscillators(table, forces, at, push, sampled):
+    """Advance all oscillators by a step.
+
+    Returns those parts of the next step's four observations that follow from the state.
+    """
     cells = table.cells
     lanes = table.lanes
     stride = stride_of(table.wide_stride)
@@ -105,10 +110,10 @@ def advance_oscillators(table, forces, at, push, watched):
     fm = forces[at + 1]
     f4 = forces[at + 2]
     if push is None:
-        if watched is None:
+        if sampled is None:
             return _step_forced(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
         return _step_forced_observed(cells, lanes, stride, f1, fm, f4, 0.0, 0.0, 0.0, 0.0)
-    if watched is None:
+    if sampled is None:
         return _step_fed_back(cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3])
     return _step_fed_back_observed(
         cells, lanes, stride, f1, fm, f4, push[0], push[1], push[2], push[3]
@@ -117,7 +122,10 @@ def advance_oscillators(table, forces, at, push, watched):
 
 @jit_inline
 def advance_observed(table, forces, at, push):
-    """Advance as `advance_oscillators` does, with the four feedbacks; most steps are without any."""
+    """Advance as `advance_oscillators` does, with the four feedbacks.
+
+    Most steps have no feedback.
+    """
     if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
         return advance_oscillators(table, forces, at, None, 0.0)
     return advance_oscillators(table, forces, at, push, 0.0)
@@ -144,7 +152,10 @@ def compute_observations(table):
 
 @jit_allocating
 def compute_relative_velocities(table):
-    """Return the relative velocities in the next step's four stages as far as they follow from the state, 0 where no law needs them."""
+    """Return the relative velocities in the next step's four stages.
+
+    Only their parts that follow from the state are returned. They are 0 if no law depends on them.
+    """
     if table.speeds.cells.shape[0] == 0:
         return 0.0, 0.0, 0.0, 0.0
     return _observe_rows(table, table.speeds.cells)
@@ -152,7 +163,11 @@ def compute_relative_velocities(table):
 
 @jit_inline
 def _stage_velocity(cubic, speeds, v, k, f, p):
-    """Return the relative velocity in stage ``k``, with the feedbacks ``p`` of the stages before; 0 without a law that needs it."""
+    """Return the relative velocity in stage ``k``.
+
+    ``p`` are the feedbacks of the stages before. The result is 0 if no law depends on the relative
+    velocity.
+    """
     if cubic is None:
         return 0.0
     mix = speeds.mix
@@ -194,7 +209,9 @@ def _compute_stages_under(absorber, table, forces, at, laws):
 
 @jit_inline
 def compute_stages(absorber, table, forces, at, laws, joined_mass):
-    """Return the observations and the feedbacks in the four stages; ``absorber``: `runge_kutta.AbsorberStages`.
+    """Return the observations and the feedbacks in the four stages.
+
+    ``absorber`` is a `runge_kutta.AbsorberStages`.
 
     ``joined_mass``: that of `feedback.ActiveLaws`, 0 unless the absorber is stuck.
     """

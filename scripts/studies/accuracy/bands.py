@@ -1,4 +1,8 @@
-"""What a band stands for: levels of members that differ in the force's phase, by a millionth in its amplitude, or both; what phases explain."""
+"""What a band stands for: level distributions of ensembles of different kinds.
+
+Members differ in the force's phase, by at most a millionth in its amplitude, or in both. A further
+sample measures the share of the scatter that the phase explains.
+"""
 
 import itertools
 from collections.abc import Iterator
@@ -26,7 +30,11 @@ DIRECTIONS = ("up", "down")
 
 
 def _plans(settings: AccuracySettings) -> Iterator[tuple[str, Members, int]]:
-    """Yield kind, members and the number of members that share a phase. No member is in two of the samples, as the test between them wants."""
+    """Yield kind, members, and the number of members that share a phase.
+
+    No member belongs to two of the samples, since the statistical test between them requires
+    independence.
+    """
     for k, kind in enumerate(KINDS):
         yield kind, draw_members(settings.band_members + 1, settings.seed + k, kind)[1:], 1
     phases = settings.band_phases
@@ -83,10 +91,13 @@ def _measured(direction: str, name: str, members: Members, shared: int) -> list[
 
 
 def between_groups(values: ArrayLike) -> tuple[float, float, float]:
-    """Return the share of the variance that lies between groups, of values (groups, repeats), and its 95 % interval.
+    """Return the share of the variance between groups, and its 95 % interval.
 
-    One-way random effects: the intraclass correlation ICC(1,1) (P. E. Shrout, J. L. Fleiss, Psychological Bulletin 86, 1979). It is near 0,
-    and may be below, where the group does not matter.
+    ``values`` has the shape (groups, repeats).
+
+    One-way random effects: the intraclass correlation ICC(1,1) (P. E. Shrout, J. L. Fleiss,
+    Psychological Bulletin 86, 1979). It is near 0, and may be below, where the group does not
+    matter.
     """
     rows = np.asarray(values, dtype=float)
     groups, repeats = rows.shape

@@ -1,4 +1,6 @@
-"""How much to compute; the scenes of the work-precision diagrams, and where their runs start: in the midst of motion.
+"""Amount of computation, and scenes of the work-precision diagrams with their starts.
+
+Runs start during the motion, after a run-in.
 
 So errors and times are those of impacts.
 """
@@ -74,7 +76,10 @@ def kind_named(name: str) -> SceneGroup:
 
 @dataclass(frozen=True, eq=False)
 class AccuracyCase:
-    """A scene with a start in the midst of motion. ``omega`` (rad/s) and ``phase`` (rad) are those of the force there."""
+    """A scene with initial conditions taken from a running motion.
+
+    ``omega`` (rad/s) and ``phase`` (rad) are those of the force at the start.
+    """
 
     kind: SceneGroup
     scene: Scene
@@ -94,13 +99,20 @@ class AccuracyCase:
 
     @property
     def weights(self) -> Array:
-        """Of the squares of a state in the norm of energy; the absorber's place counts as if on a spring that gives it the first resonance."""
+        """Weights of the squares of a state's components in the energy norm.
+
+        The absorber's position is weighted as if a spring gave the absorber the first resonance
+        frequency.
+        """
         omega = self.scene.model.omega
         mass = self.scene.absorber_mass or 0.0
         return np.concatenate([omega**2, [mass * omega[0] ** 2], np.ones(self.modes), [mass]])
 
     def drive(self, periods: float) -> Drive:
-        """Return the drive that goes on from the start at the paper's rate for a number of pseudo periods."""
+        """Return the drive that continues from the start for ``periods`` pseudo periods.
+
+        It sweeps at the paper's rate.
+        """
         reference = self.scene.model.resonance_omega(1)
         rise = periods * PAPER_RATE / 1e4 * reference
         schedule = FrequencySchedule(
@@ -111,7 +123,10 @@ class AccuracyCase:
         return Drive(self.kind.force, schedule, self.phase)
 
     def methods(self, steps: tuple[int, ...]) -> list[Method]:
-        """Return the methods that can do the scene; ``steps`` are those per period of the highest mode, and per contact."""
+        """Return the methods that can compute the scene.
+
+        ``steps`` are numbers of steps per period of the highest mode, and per contact.
+        """
         compliant = isinstance(self.scene.absorber, SlidingAbsorber) and isinstance(
             self.scene.absorber.walls, CompliantWalls
         )
@@ -132,7 +147,10 @@ def method_name(method: Method, scene: Scene) -> str:
 
 @lru_cache(maxsize=256)
 def case(kind: SceneGroup, modes: int, number: int = 0) -> AccuracyCase:
-    """Run a scene in with the exact method, and start where its absorber moves freely; each ``number`` starts later than the one before."""
+    """Return a case that starts where its absorber moves freely, after a run-in.
+
+    The run-in uses the exact method. A larger ``number`` gives a later start.
+    """
     scene = beam_scene(Beam(modes=modes), kind.absorber())
     reference = scene.model.resonance_omega(1)
     period = 2 * np.pi / reference
@@ -170,7 +188,11 @@ Cases = Mapping[
 
 @dataclass(frozen=True)
 class AccuracySettings:
-    """How much to compute. Steps are per period of the highest mode; rates in pseudo periods per 1 % of the resonance frequency."""
+    """How much to compute in the accuracy study.
+
+    ``steps`` are per period of the highest mode. Sweep rates are in pseudo periods per 1 % of the
+    resonance frequency.
+    """
 
     modes: tuple[int, ...] = (1, 3, 10, 30)
     kinds: tuple[str, ...] = ()  # empty: all
@@ -303,13 +325,20 @@ def plain(panel: Axes, ticks: list[float]) -> None:
 def choose_cells(
     rows: list[Row], chosen: Iterable[tuple[str, int]], most: int = 4
 ) -> list[tuple[str, int]]:
-    """Return the chosen scenes with their numbers of modes that are among the rows, or else the first that are, at most ``most``."""
+    """Return at most ``most`` pairs of scene and number of modes that the rows contain.
+
+    They are the ``chosen`` pairs that occur in the rows, or, if none does, the first pairs of the
+    rows.
+    """
     known = unique((row["scene"], row["modes"]) for row in rows)
     return [cell for cell in chosen if cell in known][:most] or known[:most]
 
 
 def panel_grid(cells: list[tuple[str, int]], share: bool = False) -> tuple[Figure, Any]:
-    """Return a figure with a titled panel for each scene and number of modes, two in a row, and the panels."""
+    """Return a figure with two titled panels in a row, and the panels.
+
+    Each scene with its number of modes has a panel.
+    """
     rows = -(-len(cells) // 2)
     figure = Figure(figsize=(8.4, 1.6 + 2.6 * rows), layout="constrained")
     panels = figure.subplots(rows, 2, squeeze=False, sharex=share, sharey=share)

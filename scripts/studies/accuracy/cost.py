@@ -1,4 +1,7 @@
-"""What a pseudo period costs: against the number of modes, of lanes, of threads, and the length of the sweep."""
+"""Computing time of a pseudo period over numbers of modes, lanes and threads.
+
+It is also given over the length of the sweep.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -103,7 +106,10 @@ def cases(settings: AccuracySettings) -> Cases:
 
 
 def _lanes_time(lanes: int, threads: int, settings: AccuracySettings) -> float:
-    """Return the time of a pseudo period of one lane in us, all lanes run together through the ensemble."""
+    """Return the computing time of a pseudo period of one lane in us.
+
+    All lanes run together through the ensemble.
+    """
     kind = kind_named(LANE_KIND)
     scene = beam_scene(Beam(modes=LANE_MODES), kind.absorber())
     schedule = linear_sweep(scene.model.resonance_omega(1), 0.95, 0.95 + LANE_PERIODS / 1e4)
@@ -121,7 +127,11 @@ def _lanes_time(lanes: int, threads: int, settings: AccuracySettings) -> float:
 
 
 def _length_time(periods: float, settings: AccuracySettings) -> float:
-    """Return the time of a pseudo period in us of a sweep that takes ``periods`` of them through the same range, with its level observed."""
+    """Return the computing time of a pseudo period in us for a sweep of given length.
+
+    The sweep takes ``periods`` pseudo periods through the same frequency range. Its response level
+    is observed.
+    """
     kind = kind_named(LENGTH_KIND)
     scene = beam_scene(Beam(modes=LENGTH_MODES), kind.absorber())
     width = float(np.diff(LENGTH_LIMITS)[0])

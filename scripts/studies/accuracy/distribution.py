@@ -1,4 +1,7 @@
-"""Error of the response level's distribution over an ensemble, against the exact method, and at matched cost."""
+"""Error of the distribution of response levels of an ensemble, at matched cost.
+
+The distributions of other methods are compared with that of the exact method.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -94,7 +97,10 @@ def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[
 def bootstrap(
     statistic: Callable[[Array, Array], float], one: ArrayLike, other: ArrayLike
 ) -> tuple[float, float]:
-    """Return the 95 % percentile interval of a statistic of two samples, both drawn anew with replacement."""
+    """Return the 95 % percentile interval of a statistic of two samples.
+
+    Both samples are redrawn with replacement.
+    """
     a = np.asarray(one, dtype=float)
     b = np.asarray(other, dtype=float)
     generator = np.random.default_rng(0)
@@ -116,7 +122,10 @@ def relative_distance(one: Array, other: Array) -> float:
 
 
 def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int) -> float:
-    """Return the distance to expect between ``size`` runs of a method and the truth, relative to the truth's mean: the mean over resamples."""
+    """Return the expected distance between ``size`` runs of a method and the truth.
+
+    It is relative to the mean of the truth, and is the mean over resamples.
+    """
     values = np.asarray(sample, dtype=float)
     target = np.asarray(truth, dtype=float)
     generator = np.random.default_rng(0)
@@ -138,7 +147,10 @@ class Compared:
     seconds: float  # a run, median
 
     def at_cost(self, seconds: float) -> float:
-        """Return the distance to expect for an ensemble that takes ``seconds``, of one run at least."""
+        """Return the expected distance for an ensemble that takes ``seconds``.
+
+        The ensemble has at least one run.
+        """
         return distance_at_size(self.levels, self.truth, max(1, int(seconds / self.seconds)))
 
 
@@ -221,7 +233,10 @@ CELLS = (
 
 
 def distribution_figures(all_rows: list[Row]) -> dict[str, Figure]:
-    """Draw the distance from the truth to expect against the time spent, for ensembles of growing size."""
+    """Draw the expected distance from the truth over the computing time.
+
+    Each line belongs to ensembles of growing size.
+    """
     cells = shared.choose_cells(all_rows, CELLS)
     methods = [m for m in compared(all_rows) if (m.scene, m.modes) in cells]
     figure, panels = shared.panel_grid(cells)

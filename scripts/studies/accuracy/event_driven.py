@@ -1,7 +1,11 @@
-"""Peers that a user would reach for, on the regimes of `reference.contact`: SciPy's solve_ivp, and heyoka, both with terminal events.
+"""SciPy's solve_ivp and heyoka with terminal events, as peers of the exact method.
 
-A peer integrates one regime until a guard turns negative; what is between regimes is the same for all peers. Events are directional, and a run
-in which a guard is found violated is refused: a missed event otherwise gives a wrong trajectory without a word.
+They are integrators that a user would choose otherwise. They integrate the regimes of
+`reference.contact`.
+
+A peer integrates one regime until a guard turns negative; what is between regimes is the same for
+all peers. Events are directional, and a run in which a guard is found violated is refused: a missed
+event otherwise gives a wrong trajectory without a word.
 """
 
 import time
@@ -20,7 +24,9 @@ from studies.study import Array
 
 REST_SPEED = 1e-11  # m/s: slower bounces end a chatter
 MAX_EVENTS = 5000
-NUDGE = 1e-13  # m/s: sliding starts with this relative velocity, clear of rounding, so that its reversal is not found at once
+# m/s: sliding starts with this relative velocity, clear of rounding, so that its reversal is not
+# found at once
+NUDGE = 1e-13
 VIOLATED = 1e-6  # of the gap, or of a typical value: a guard below minus this was missed
 
 
@@ -30,7 +36,11 @@ class PeerFailedError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class PeerRun:
-    """Impact times (s), end state (2 N_m + 2,), relative error of the energy balance if it was asked for, time (s) in the integrator alone."""
+    """Result of a run of a peer.
+
+    Impact times (s), end state (2 N_m + 2,), relative error of the energy balance if it was
+    requested, and the time (s) spent in the integrator alone.
+    """
 
     impact_time: Array
     end_state: Array
@@ -39,7 +49,10 @@ class PeerRun:
 
 
 class Integrator(Protocol):
-    """Integrates a state (2 N_m + 4,) in a regime: returns the time reached, the state, and the guard that ended it (-1: none)."""
+    """Integrates a state (2 N_m + 4,) in a regime until a guard or a time ends it.
+
+    It returns the time reached, the state, and the guard that ended the integration (-1: none).
+    """
 
     def __call__(
         self, regime: Regime, start: float, stop: float, state: Array
@@ -48,7 +61,11 @@ class Integrator(Protocol):
 
 
 class Mechanics(DenseMechanics):
-    """A scene's right-hand side, the dense one. The state is q, q_a, q', v_a; with ``energy`` also the work of the force and the losses in J."""
+    """The dense right-hand side of a scene's equations of motion.
+
+    The state is q, q_a, q', v_a. With ``energy`` it also has the work of the force and the losses
+    in J.
+    """
 
     def __init__(self, scene: Scene, drive: Drive, energy: bool) -> None:
         if (
@@ -229,7 +246,10 @@ def _check(mechanics: Mechanics, regime: Regime, t: float, x: Array) -> None:
 
 
 def scipy_integrator(tolerance: float) -> Callable[[Mechanics, Automaton], Integrator]:
-    """Return SciPy's DOP853 with terminal events; the absolute tolerance is relative to the gap's order of magnitude."""
+    """Return SciPy's DOP853 with terminal events.
+
+    The absolute tolerance is relative to the gap's order of magnitude.
+    """
 
     def make(mechanics: Mechanics, automaton: Automaton) -> Integrator:  # noqa: ARG001 - as all peers
         first = 0.05 / float(np.max(mechanics.model.omega))

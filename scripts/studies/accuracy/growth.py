@@ -1,7 +1,10 @@
-"""How fast errors grow: the largest Lyapunov exponent of each scene from twin trajectories, and the twins' impact times one by one.
+"""Growth of errors: largest Lyapunov exponent of each scene from twin trajectories.
 
-Two runs of the exact method differ by a small amount. After each stretch their distance is noted and scaled back (G. Benettin, L. Galgani,
-A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980). The mean logarithm of the growth is the exponent.
+The impact times of the twins are also compared one by one.
+
+Two runs of the exact method differ by a small amount. After each stretch their distance is noted
+and scaled back (G. Benettin, L. Galgani, A. Giorgilli, J.-M. Strelcyn, Meccanica 15, 1980). The
+mean logarithm of the growth is the exponent.
 """
 
 from functools import partial
@@ -113,7 +116,10 @@ class _Continued:
 
 
 def _direction(run: _Continued, generator: np.random.Generator) -> Array:
-    """Return a random difference of norm one, in which all freedoms take part with the same energy."""
+    """Return a random difference of norm one.
+
+    All degrees of freedom have the same expected energy in it.
+    """
     raw = generator.standard_normal(len(run.weights)) / np.sqrt(run.weights)
     return raw / run.norm(raw)
 
@@ -121,7 +127,11 @@ def _direction(run: _Continued, generator: np.random.Generator) -> Array:
 def _grow(
     run: _Continued, settings: AccuracySettings, generator: np.random.Generator
 ) -> tuple[list[float], int, list[tuple[Array, int]]]:
-    """Return the logarithms of the growth in each stretch, the number of impacts, and states along the way with their stretch."""
+    """Return growth per interval, number of impacts, and states along the motion.
+
+    The growth is the natural logarithm of the ratio of distances in each interval. Each state comes
+    with the number of its interval.
+    """
     n = run.it.modes
     start = run.it.initial.vector(run.scene)
     state = start
@@ -159,7 +169,11 @@ def _twins(
     per_period: float,
     generator: np.random.Generator,
 ) -> Array:
-    """Return (pairs, FOLLOWED): how far the k-th impacts of two runs that differ by rounding lie apart, in pseudo periods; NaN where none is."""
+    """Return the time differences (pairs, FOLLOWED) of the k-th impacts of twin runs.
+
+    They are in pseudo periods, for two runs whose states differ by rounding. NaN stands where a run
+    has no k-th impact.
+    """
     periods = float(np.clip(1.3 * FOLLOWED / max(per_period, 1e-9), 1.0, MOST_PERIODS))
     off = np.full((len(states), FOLLOWED), np.nan)
     for row, (state, section) in zip(off, states, strict=True):

@@ -1,7 +1,8 @@
 """heyoka as a peer: one Taylor integrator for each regime, with directional terminal events.
 
-A guard that is zero at the start of a step hides its next zero from heyoka, within the same step, without a word. So each regime that starts on
-a guard is entered by a very short step without events, after which all guards must be positive.
+A guard that is zero at the start of a step hides its next zero from heyoka, within the same step,
+without a word. So each regime that starts on a guard is entered by a very short step without
+events, after which all guards must be positive.
 """
 
 from dataclasses import dataclass, field
@@ -70,7 +71,10 @@ def _system(mechanics: Mechanics, regime: Regime) -> tuple[list[tuple[Any, Any]]
 
 @dataclass
 class HeyokaRegimes:
-    """The compiled integrators of one scene and drive; calling it makes an `Integrator`. Compilation is not part of a run's time."""
+    """The compiled integrators of one scene and drive.
+
+    A call makes an `Integrator`. Compilation does not count in the time of a run.
+    """
 
     tolerance: float
     compiled: dict[str, tuple[Any, Any]] = field(default_factory=dict)  # with events, and without

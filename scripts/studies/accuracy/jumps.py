@@ -1,4 +1,8 @@
-"""The jump of the paper's two-mode absorber: share of downward sweeps that reach the high branch, against the sweep's slowness and the method."""
+"""The jump of the paper's two-mode absorber to the high branch.
+
+The study gives the share of downward sweeps that reach the high branch, over the slowness of the
+sweep and for each method.
+"""
 
 from functools import partial
 from operator import itemgetter
@@ -62,7 +66,10 @@ def _measured(slowness: float, method: Method, settings: AccuracySettings) -> li
 
 
 class JumpShare(NamedTuple):
-    """Share of the runs that reach the high branch; ``between`` counts levels close to the limit between the branches."""
+    """Share of the runs that reach the high branch.
+
+    ``between`` counts the levels close to the limit between the branches.
+    """
 
     slowness: float
     method: str

@@ -1,4 +1,7 @@
-"""Error over the first impacts and balance of energy against run time, for each scene and method."""
+"""Error over the first impacts, and energy balance, over run time.
+
+Each scene and method has its results.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,11 @@ LONGEST = 100.0  # pseudo periods of a timed run
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The reference of a case: end of the compared stretch in pseudo periods, state there, impact times (s) up to there."""
+    """The reference solution of a case.
+
+    ``periods`` is the end of the compared interval in pseudo periods, ``end_state`` the state at
+    this end, and ``impact_time`` has the impact times (s) before it.
+    """
 
     periods: float
     end_state: Array
@@ -52,7 +59,10 @@ Maker = Callable[
 
 
 def truth_of(it: AccuracyCase) -> Truth:
-    """Compute the reference up to the middle of the widest gap between late impacts, where no method is just at one."""
+    """Compute the reference up to the middle of the widest interval between late impacts.
+
+    At this time no method is close to an impact.
+    """
     from reference import digits  # needs an extra
 
     def impact_times(run: digits.Trajectory) -> Array:
@@ -169,7 +179,10 @@ def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> 
 def own_time(
     it: AccuracyCase, method: Method, shortest: float, settings: AccuracySettings
 ) -> float:
-    """Return the time of a pseudo period in us: the median of runs that are long enough to be timed."""
+    """Return the computing time of a pseudo period in us.
+
+    It is the median of runs that are long enough for the clock.
+    """
 
     def run(periods: float) -> float:
         return (
@@ -259,7 +272,11 @@ def _measured(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[
 
 
 def _starts(kind: SceneGroup, modes: int, settings: AccuracySettings) -> list[Start]:
-    """Return a scene's starts with their references; one suffices where there are no events to be met by chance."""
+    """Return the starts of a scene with their references.
+
+    A linear scene needs only one start, because it has no events that a method could resolve well
+    by chance.
+    """
     result = [shared.case(kind, modes)]
     if result[0].scene.kind is not SceneKind.LINEAR:
         result += [shared.case(kind, modes, number) for number in range(1, settings.starts)]
@@ -333,7 +350,10 @@ def trajectory_table(rows: list[Row]) -> str:
 def draw_cells(
     all_rows: list[Row], value: str, chosen: tuple[tuple[str, int], ...], title: str
 ) -> Figure:
-    """Draw a panel for each of the chosen scenes and numbers of modes: a value against the time of a pseudo period."""
+    """Draw a value over the computing time of a pseudo period.
+
+    Each of the chosen scenes and numbers of modes has a panel.
+    """
     cells = shared.choose_cells(all_rows, chosen)
     all_rows = [row for row in all_rows if (row["scene"], row["modes"]) in cells]
     figure, panels = shared.panel_grid(cells, share=True)
@@ -401,7 +421,10 @@ def _line(name: str) -> str:
 
 
 def trajectory_figures(all_rows: list[Row]) -> dict[str, Figure]:
-    """Draw errors of the state and of the energy balance in four scenes, and the errors of impacts with few and many modes."""
+    """Draw the errors of the state and of the energy balance in four scenes.
+
+    A further figure has the errors after the impacts with few and with many modes.
+    """
     without = f"(without impacts: after {WITHOUT_IMPACTS} pseudo periods)"
     error = f"Error of the state after {IMPACTS} to {LATEST - 1} impacts"
     figures = {

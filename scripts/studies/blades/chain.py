@@ -1,7 +1,10 @@
-"""The cyclic chain of Weidemann, Bergman, Vakakis and Krack (Nonlinear Dynamics, 2025) with an absorber in every sector.
+"""The cyclic chain of Weidemann et al. with an absorber in every sector.
 
-Quantities are those of the paper, without units: the spring to the ground of a sector, its mass with the absorber and the force on it are 1. Its
-damping ratio refers to the sector with the absorber stuck.
+The source is Weidemann, Bergman, Vakakis and Krack (Nonlinear Dynamics, 2025).
+
+Quantities are those of the paper, without units: the spring to the ground of a sector, its mass
+with the absorber and the force on it are 1. Its damping ratio refers to the sector with the
+absorber stuck.
 """
 
 from collections.abc import Iterator
@@ -40,7 +43,11 @@ SYNCHRONISED = 1.99  # impacts a period, from which an absorber counts as synchr
 
 @dataclass(frozen=True)
 class Chain:
-    """The chain with a coupling (stiffness of a link over that to the ground), under a wave number, with a clearance over the linear amplitude."""
+    """The chain with given coupling, wave number and clearance.
+
+    ``coupling`` is the stiffness of a link over that of the spring to the ground, ``wave_number``
+    that of the force, and ``clearance`` is relative to the linear amplitude.
+    """
 
     coupling: float
     wave_number: int
@@ -80,13 +87,20 @@ class Chain:
 
     @property
     def frequencies(self) -> Array:
-        """The paper's 50 frequencies, from below the resonance with absorbers stuck to above that without them."""
+        """The paper's 50 frequencies.
+
+        They range from below the resonance with stuck absorbers to above the resonance without
+        absorbers.
+        """
         low, high = FREQUENCY_SHARES
         removed = self.resonance / np.sqrt(1 - MASS_RATIO)
         return np.linspace(low * self.resonance, high * removed, FREQUENCIES)
 
     def draw_start(self, seed: int) -> InitialState:
-        """Return small random displacements of the sectors, with the absorbers next to their lower walls."""
+        """Return small random displacements of the sectors.
+
+        The absorbers are next to their lower walls.
+        """
         size = START_SIZE * self.linear_amplitude
         return self.make_start(size * np.random.default_rng(seed).uniform(-1, 1, SECTORS))
 
@@ -101,7 +115,8 @@ class Chain:
 def classify_response(impacts: Array) -> str:
     """Return the kind of a response by the impacts a period that turn each absorber (N,).
 
-    All absorbers are turned twice a period: "synchronised"; some are: "localised"; one of them: "solitary"; none: "modulated".
+    All absorbers are turned twice a period: "synchronised"; some are: "localised"; one of them:
+    "solitary"; none: "modulated".
     """
     number = int(np.sum(np.asarray(impacts) >= SYNCHRONISED))
     if number == len(impacts):
@@ -113,7 +128,11 @@ def classify_response(impacts: Array) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Motion at one frequency, by sector (N,): mean and deviation over periods of the amplitude over the linear one, impacts a period."""
+    """Motion of the sectors (N,) at one frequency.
+
+    ``amplitude`` and ``deviation`` are the mean and the standard deviation over periods of the
+    amplitude, relative to the linear one. ``impacts`` is the number of impacts per period.
+    """
 
     frequency: float
     amplitude: Array
@@ -140,7 +159,10 @@ class Step:
 def run_periods(
     chain: Chain, frequency: float, periods: int, start: InitialState, samples: int | None
 ) -> tuple[InitialState, Step | None]:
-    """Return the state after so many periods at a frequency, and the motion if it is sampled ``samples`` times a period."""
+    """Return the state after some periods at a frequency, and the motion if it is sampled.
+
+    ``samples`` is the number of samples per period. With None no motion is returned.
+    """
     drive = Drive(1.0, constant_frequency(frequency, 1.0, float(periods)))
     record = Record(
         level=False, series=samples is not None, samples_per_period=samples or SAMPLES_PER_PERIOD
@@ -170,7 +192,11 @@ def count_transient(frequency: float) -> int:
 def step_frequencies(
     chain: Chain, frequencies: Array, seed: int, periods: int = PERIODS
 ) -> Iterator[Step]:
-    """Yield the motion at rising frequencies, each from the state at the end of the last, as the other program does."""
+    """Yield the motion at rising frequencies.
+
+    Each frequency starts from the state at the end of the previous one, as in the published code
+    CC.
+    """
     transient = count_transient(float(frequencies[0]))
     state, _ = run_periods(
         chain, float(frequencies[0]), transient, chain.draw_start(seed), samples=None

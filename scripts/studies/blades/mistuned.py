@@ -1,4 +1,7 @@
-"""Randomly mistuned disks with an absorber in every blade, in every second one, in one, or in none: level of the worst blade in a sweep."""
+"""Level of the worst blade of randomly mistuned disks in a sweep.
+
+Every blade, every second blade, one blade or no blade has an absorber.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -113,7 +116,11 @@ def run_disk(case: Case, seed: int | None, phase: float) -> SectorLevels | None:
 
 
 def measure_case(case: Case, first: int, disks: int) -> Json:
-    """Return worst and mean level and participation ratio of the disks from number ``first`` on, and worst levels of the tuned disk by phase."""
+    """Return levels and participation ratios of mistuned disks, and levels of the tuned disk.
+
+    Worst and mean level and participation ratio are those of the disks from number ``first`` on.
+    The tuned disk has its worst level for several phases of the force.
+    """
     phases = draw_members(max(disks, TUNED_RUNS), 0, "phase").phases
     tuned = [] if first else [run_disk(case, None, float(phase)) for phase in phases[:TUNED_RUNS]]
     levels = [run_disk(case, seed, float(phases[seed])) for seed in range(first, disks)]
@@ -137,7 +144,11 @@ def add_disks(row: Json, disks: int) -> Json:
 
 
 def summarise(row: Json, bare: Json) -> Json:
-    """Return the row's medians and bands (5 to 95 %) relative to the tuned disk without absorbers, and its amplification factor."""
+    """Return a row's medians and bands relative to the tuned disk without absorbers.
+
+    The bands are from 5 to 95 %. The amplification factor, relative to the tuned disk with the same
+    absorbers, is also returned.
+    """
     reference = float(np.median(bare["tuned"]))
     worst = np.array(row["worst"])
     tuned = float(np.median(row["tuned"]))
@@ -155,7 +166,10 @@ def summarise(row: Json, bare: Json) -> Json:
 
 
 def find_best(rows: list[Json]) -> Mapping[str, Json]:
-    """Return the row with the lowest median level of the worst blade, by layout; clearances are compared on the disks that all of them have."""
+    """Return, for each layout, the row with the lowest median level of the worst blade.
+
+    Clearances are compared on the disks that all of them have.
+    """
     best: dict[str, Json] = {}
     for name in LAYOUTS:
         own = [row for row in rows if row["layout"] == name]

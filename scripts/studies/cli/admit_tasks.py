@@ -1,4 +1,8 @@
-"""Whether tasks have room above rules of few numbers: constants, schedules, rules by CMA-ES, and planners that look ahead; and the page of tasks."""
+"""Measure how far planners score above simple rules in each task.
+
+The simple rules are constants, schedules and feedback rules optimised by CMA-ES. The planners look
+ahead by simulation. The results also go into the page of tasks.
+"""
 
 # needs: env, optimise
 
@@ -31,7 +35,11 @@ PICTURES = "tasks"  # folder beside the page
 
 
 def rooms(result: Mapping[str, Json]) -> str:
-    """Return the admission table: mean scores with their intervals over the judged seeds, and the room."""
+    """Return the admission table.
+
+    It has mean scores with their intervals over the judged seeds, and the room, which is the
+    relative advantage of the planner over the best rule.
+    """
     columns = list(dict.fromkeys(label for one in result.values() for label in one["scores"]))
     rows = []
     for name, one in result.items():
@@ -50,7 +58,10 @@ def rooms(result: Mapping[str, Json]) -> str:
 
 
 def format_scores(scores: Any) -> str:
-    """Return the mean of scores (runs, seeds) with its interval, and how many runs there are if there are several."""
+    """Return the mean of scores (runs, seeds) with its interval, as text.
+
+    If there are several runs, their number follows.
+    """
     low, high = bootstrap_interval(np.mean, scores)
     runs = f" ({len(scores)} runs)" if len(scores) > 1 else ""
     return f"{scores.mean():.3f} [{low:.3f}, {high:.3f}]{runs}"
@@ -88,9 +99,13 @@ COLOURS = (BLUE, ORANGE)
 
 @dataclass(frozen=True)
 class Episode:
-    """Times (n + 1,) in pseudo periods, observations (n + 1, features), actions (n, numbers), and levels (n,) over those without absorber.
+    """An episode of a task, step by step.
 
-    ``cumulative``: a level is the passage's so far, and not the mean over the last pseudo period, or interval if that is longer.
+    Times (n + 1,) in pseudo periods, observations (n + 1, features), actions (n, numbers), and
+    levels (n,) relative to those without absorber.
+
+    ``cumulative``: a level is the passage's so far, and not the mean over the last pseudo period,
+    or interval if that is longer.
     """
 
     features: list[str]
@@ -140,7 +155,11 @@ def episode(task: str, policy: Any) -> Episode:
 
 
 def save_picture(path: Path, task: str) -> None:
-    """Draw an episode by the chosen rule, or by chance where there is none: what is observed, and actions and levels beside those of the constant."""
+    """Draw an episode under the chosen rule, or under random actions if a task has no rule.
+
+    Observations, actions and levels are drawn, with the actions and levels of the best constant for
+    comparison.
+    """
     chosen = policies(task) if task in TASKS else {}
     actors = (
         {"the chosen rule": chosen[EIGHT], CONSTANT: chosen[CONSTANT]}
@@ -202,7 +221,10 @@ MARKERS = ("admission", "rules")
 
 
 def known(file: Path) -> dict[str, Json]:
-    """Return the results of earlier runs by task; raises ParameterError for a file that is another."""
+    """Return the results of earlier runs by task.
+
+    Raises ParameterError if this command did not write the file.
+    """
     if not file.exists():
         return {}
     try:
@@ -210,7 +232,8 @@ def known(file: Path) -> dict[str, Json]:
         rooms(result)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ParameterError(
-            f"--json = {file} is not allowed: a file that an earlier run of this command wrote ({error!r})"
+            f"--json = {file} is not allowed: a file that an earlier run of this command "
+            f"wrote ({error!r})"
         ) from error
     return {name: result[name] for name in TASKS if name in result}
 
@@ -253,7 +276,10 @@ def known(file: Path) -> dict[str, Json]:
 @click.option(
     "--redraw",
     is_flag=True,
-    help="The page again from the numbers in --json; only agents of --agents are judged, beside these.",
+    help=(
+        "The page again from the numbers in --json; only agents of --agents are judged, beside "
+        "these."
+    ),
 )
 def main(
     tasks: tuple[str, ...], quick: bool, judged: int | None, redraw: bool, **files: Path | None

@@ -1,4 +1,7 @@
-"""Speed of the exact method against the Moreau scheme at the paper's step: one core, one process, compilation apart."""
+"""Speed of the exact method against the Moreau scheme at the paper's step.
+
+Times are for one core and one process, without compilation.
+"""
 
 import statistics
 from collections.abc import Callable, Sequence
@@ -57,7 +60,10 @@ QUICK_REPEATS = 1
 
 @dataclass(frozen=True)
 class SpeedCase:
-    """One line of the benchmark; the Moreau scheme, whose steps all cost the same, runs over at most ``moreau_periods``."""
+    """One line of the benchmark.
+
+    The Moreau scheme runs over at most ``moreau_periods``, since all its steps cost the same.
+    """
 
     modes: int
     force: float
@@ -138,10 +144,14 @@ def _summary(measured: Measurement) -> str:
     periods = cases[0]["pseudo_periods"]
     return (
         f"{table(cases)}\n\n"
-        f"All per pseudo period; median of {repeats} runs on one core, of the integration alone, with compiled kernels.\n"
-        f"Sweep up from {START:g} times the first resonance at {PAPER_RATE:g} % per 100 pseudo periods over {periods:g} of them.\n"
-        "Events are impacts and reversals of the relative velocity; one evaluation samples eight instants or refines one\n"
-        f"event. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode and, with 30 modes, runs over at\n"
+        f"All per pseudo period; median of {repeats} runs on one core, of the integration "
+        "alone, with compiled kernels.\n"
+        f"Sweep up from {START:g} times the first resonance at {PAPER_RATE:g} % per 100 "
+        f"pseudo periods over {periods:g} of them.\n"
+        "Events are impacts and reversals of the relative velocity; one evaluation samples "
+        "eight instants or refines one\n"
+        f"event. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode "
+        "and, with 30 modes, runs over at\n"
         "most 200 pseudo periods. The ratio is that of the times of Moreau and exact method."
     )
 
@@ -154,7 +164,8 @@ STUDY: Study[TimingSettings] = make_table_study(
 )
 
 
-# A sample of a record: beside scipy.signal.lsim where all is linear, and beside the Moreau scheme where walls are.
+# A sample of a record: beside scipy.signal.lsim where all is linear, and beside the Moreau scheme
+# where walls are.
 RECORD = "benchmark_loads"
 # samples a second; N, the record's RMS
 MODES = 10
@@ -174,7 +185,11 @@ RECORDED: dict[str, SlidingAbsorber | None] = {
 
 
 def state_space(model: ModalModel) -> tuple[Array, ...]:
-    """Return A, B, C, D from the force to the displacement where the level is read, with the modes' displacements and velocities as states."""
+    """Return A, B, C, D of the state-space model from the force to the displacement.
+
+    The displacement is taken where the level is measured. The states are the modes' displacements
+    and velocities.
+    """
     n = model.modes
     a = np.block(
         [
@@ -189,7 +204,11 @@ def state_space(model: ModalModel) -> tuple[Array, ...]:
 def measure_record(
     case: tuple[str, SlidingAbsorber | None], settings: TimingSettings, advance: Advance
 ) -> Json:
-    """Return times of a sample in us, and how far lsim's displacement is from the exact one's, relative to its largest."""
+    """Return computing times of a sample in us, and the error of lsim.
+
+    The error is the difference between its displacement and that of the exact method, relative to
+    the largest exact displacement.
+    """
     name, absorber = case
     samples = int(settings.periods)
     model = modal_model(Beam(modes=MODES))
@@ -249,9 +268,12 @@ def _record_summary(measured: Measurement) -> str:
     difference = cases[0]["difference"]
     return (
         f"{format_table({head: f'{{{name}}}' for head, name in COLUMNS.items()}, cells)}\n\n"
-        f"All per sample of a white record of {samples:,} at {RATE:,.0f} a second, {FORCE:g} N RMS, on the paper's beam with {MODES} modes; whole\n"
-        f"calls on one core, compiled before, median of {repeats}. What lsim, with straight lines between samples, gives for the displacement\n"
-        f"differs by {difference:.1g} of the largest. The Moreau scheme has {PAPER_STEPS} steps per period of the highest mode."
+        f"All per sample of a white record of {samples:,} at {RATE:,.0f} a second, {FORCE:g} "
+        f"N RMS, on the paper's beam with {MODES} modes; whole\n"
+        f"calls on one core, compiled before, median of {repeats}. What lsim, with straight "
+        "lines between samples, gives for the displacement\n"
+        f"differs by {difference:.1g} of the largest. The Moreau scheme has {PAPER_STEPS} "
+        "steps per period of the highest mode."
     )
 
 
@@ -283,9 +305,12 @@ RECORD_STUDY: Study[TimingSettings] = make_table_study(
 def main(
     quick: bool, repeats: int | None, record: bool, target: Path | None, page: Path | None
 ) -> None:
-    """Time the exact method and the Moreau scheme at the paper's step on the same sweeps, and print a table.
+    """Time the exact method and the Moreau scheme on the same sweeps, and print a table.
 
-    Run it on an otherwise idle machine. The first call compiles the kernels, which is not part of the times.
+    The Moreau scheme has the step of the paper.
+
+    Run it on an otherwise idle machine. The first call compiles the kernels, which is not part of
+    the times.
     """
     times = repeats or (QUICK_REPEATS if quick else REPEATS)
     if record:

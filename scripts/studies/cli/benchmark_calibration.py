@@ -84,6 +84,9 @@ STUDY: Study[CalibrationRuns] = make_table_study(
 @click.option("--quick", is_flag=True, help="Fewer simulated measurements.")
 @add_table_options(NAME, "docs/calibrate.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
-    """Time the calibration of three parameters by a sweep of 12 s, with ten modes: CPU and wall time, compilation apart."""
+    """Time the calibration of three parameters by a sweep of 12 s, with ten modes.
+
+    CPU and wall time are measured without compilation.
+    """
     with plain_errors():
         run(STUDY, QUICK_RUNS if quick else CalibrationRuns(), make_table_paths(target, page))

@@ -1,4 +1,7 @@
-"""Price of an energy account: runs with it beside runs without, one core, one process, compilation apart."""
+"""Cost of the energy balance: run times with and without it.
+
+Times are for one core and one process, without compilation.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -123,9 +126,12 @@ def _summary(measured: Measurement) -> str:
     periods = cases[0]["pseudo_periods"]
     return (
         f"{table(cases)}\n\n"
-        f"Per pseudo period; medians of {repeats} runs of either kind, in turn, on one core, integration alone, compiled before. Sweep up\n"
-        f"from {START:g} times the first resonance at {PAPER_RATE:g} % per 100 pseudo periods over {periods:g} of them, 10 modes unless said.\n"
-        "Bare: only the level is observed. A stretch lies between two events or two windows of the force. Balance: what work, losses and\n"
+        f"Per pseudo period; medians of {repeats} runs of either kind, in turn, on one core, "
+        "integration alone, compiled before. Sweep up\n"
+        f"from {START:g} times the first resonance at {PAPER_RATE:g} % per 100 pseudo periods "
+        f"over {periods:g} of them, 10 modes unless said.\n"
+        "Bare: only the level is observed. A stretch lies between two events or two windows "
+        "of the force. Balance: what work, losses and\n"
         "stored energy leave, over the largest."
     )
 
@@ -153,7 +159,8 @@ STUDY: Study[TimingSettings] = make_table_study(
 def main(quick: bool, repeats: int | None, target: Path | None, page: Path | None) -> None:
     """Time scenes of all kinds without and with an account of energies, and print a table.
 
-    Run it on an otherwise idle machine. The first call compiles the kernels, up to a quarter of a minute a scene, which is not part of the times.
+    Run it on an otherwise idle machine. The first call compiles the kernels, up to a quarter of a
+    minute a scene, which is not part of the times.
     """
     settings = TimingSettings(
         QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS)

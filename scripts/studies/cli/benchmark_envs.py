@@ -1,4 +1,8 @@
-"""Speed of the environments: single, native vectors, Gymnasium's own vectors, the stable-baselines3 bridge, and PPO's whole loop."""
+"""Speed of the environments and of their vectors.
+
+Single environments, native vectors, Gymnasium's own vectors, the stable-baselines3 bridge, and a
+complete PPO training loop are timed.
+"""
 
 # needs: env, rl
 
@@ -40,7 +44,10 @@ PASSAGE: dict[str, Any] = {
     "direction": "up",
     "limits": (0.98, 1.06),
 }
-SCENE = "3 modes, 1.5 N, e = 1, no friction; up from 0.98 times the first resonance at 1 % per 100 pseudo periods; one pseudo period a step"
+SCENE = (
+    "3 modes, 1.5 N, e = 1, no friction; up from 0.98 times the first resonance at 1 % per 100 "
+    "pseudo periods; one pseudo period a step"
+)
 NATIVE = (64, 256, 1024, 16384)
 OWN = 64
 BRIDGE = 1024
@@ -54,7 +61,8 @@ SECONDS = 3.0
 QUICK_SECONDS = 0.4
 REPEATS = 3
 FIRST_STEP = (
-    "import time; start = time.perf_counter(); import gymnasium, impact_env; imported = time.perf_counter(); "
+    "import time; start = time.perf_counter(); import gymnasium, impact_env; imported = "
+    "time.perf_counter(); "
     f"env = gymnasium.make('{PASSIVE}', modes=3, interval=1.0); env.reset(seed=0); env.step(0); "
     "print(imported - start, time.perf_counter() - imported)"
 )
@@ -68,10 +76,13 @@ def timed(
     advance: Callable[[], object],
     settle: int = SETTLE,
 ) -> Json:
-    """Return environment steps per second over all lanes: the median of the repeats, and each of them; ``interval`` of a step in pseudo periods.
+    """Return environment steps per second over all lanes: the median and each repeat.
 
-    ``step``, which advances all lanes once, is called for ``seconds`` in each repeat, after so many calls to ``settle``. ``above``: median time in s
-    that a step of all lanes takes above its periods, if that was looked at.
+    ``interval`` is the interval of a step in pseudo periods.
+
+    ``step``, which advances all lanes once, is called for ``seconds`` in each repeat, after so many
+    calls to ``settle``. ``above``: median time in s that a step of all lanes takes above its
+    periods, if that was measured.
     """
     for _ in range(settle):
         step()
@@ -127,7 +138,10 @@ def vector(
 
 
 def task(name: str, lanes: int, seconds: float, advance: Callable[[], object]) -> Json:
-    """Time a task that people train on, as it is, under random actions, and what its steps take beside the simulation of their periods."""
+    """Time a training task under random actions, with its default settings.
+
+    The result also has the time that a step takes in addition to the simulation.
+    """
     env = gym().make_vec(name, num_envs=lanes)
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1, 1, env.action_space.shape).astype(np.float32)
@@ -185,7 +199,10 @@ def training(seconds: float, advance: Callable[[], object]) -> Json:
 
 
 def first_step() -> tuple[float, float]:
-    """Return the times in s that a new process needs to import what there is, and then to make an environment and do its first step."""
+    """Return the times in s for the imports and for the first step in a new process.
+
+    The second time includes making the environment.
+    """
     done = [
         subprocess.run(
             [sys.executable, "-c", FIRST_STEP], capture_output=True, text=True, check=True
@@ -261,8 +278,10 @@ def _summary(measured: Measurement) -> str:
     made = measured.conditions
     return (
         f"{table(values['speeds'])}\n\n"
-        f"{SCENE}.\nMedian of {REPEATS} repeats of {values['repeat_s']:g} s on {made['cores']} cores ({made['processor']}).\n"
-        f"In a new process, kernels compiled: {values['import_s']:.2f} s to import gymnasium and impact_env, "
+        f"{SCENE}.\nMedian of {REPEATS} repeats of {values['repeat_s']:g} s on "
+        f"{made['cores']} cores ({made['processor']}).\n"
+        f"In a new process, kernels compiled: {values['import_s']:.2f} s to import gymnasium "
+        "and impact_env, "
         f"{values['make_and_first_step_s']:.2f} s for make, reset and first step."
     )
 
@@ -281,7 +300,8 @@ STUDY = make_table_study(NAME, "speed of the environments", _measure, _summary)
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
     """Measure environment steps per second and print a table.
 
-    Run it on an otherwise idle machine. Kernels that are not compiled yet are compiled first, which is not part of the times.
+    Run it on an otherwise idle machine. Kernels that are not compiled yet are compiled first, which
+    is not part of the times.
     """
     run(STUDY, QUICK_SECONDS if quick else SECONDS, make_table_paths(target, page))
 

@@ -110,7 +110,11 @@ def opened(page: Any, address: str, setting: str) -> None:
 def moved(
     page: Any, address: str, modes: int, friction: float, repeats: int
 ) -> dict[str, list[float]]:
-    """Return the times in ms of each move of the gap's slider: the next one comes when all forces are there, after the last ones everything is."""
+    """Return the times in ms of each move of the gap's slider.
+
+    The next move follows when all forces are drawn. After each of the last moves the next follows
+    when everything is drawn.
+    """
     opened(page, address, f"modes={modes}&friction={friction}&members=1")
     page.get_by_label(GAP).focus()
     for k in range(repeats + 1):
@@ -130,14 +134,22 @@ def moved(
 
 
 CURSOR = """
-const style = "position:fixed; width:16px; height:16px; margin:-8px; border-radius:8px; background:#c4511ccc; pointer-events:none; z-index:9";
+const style = "position:fixed; width:16px; height:16px; margin:-8px; border-radius:8px; "
+  + "background:#c4511ccc; pointer-events:none; z-index:9";
 const dot = document.body.appendChild(Object.assign(document.createElement("div"), { style }));
-addEventListener("pointermove", (e) => { dot.style.left = `${e.clientX}px`; dot.style.top = `${e.clientY}px`; }, true);
+addEventListener("pointermove", (e) => {
+  dot.style.left = `${e.clientX}px`;
+  dot.style.top = `${e.clientY}px`;
+}, true);
 """
 
 
 def film(target: Path) -> None:
-    """Write a film of the page: the gap's slider is dragged, a click sets the force, and advice is asked for, whose wait is left out."""
+    """Write a film of the page.
+
+    The gap's slider is dragged, a click sets the force, and advice is requested. The waiting time
+    for the advice is not in the film.
+    """
     frames = list[Image.Image]()
 
     def shoot(pictures: int) -> None:
@@ -217,7 +229,10 @@ def stopped(modes: int, friction: float, repeats: int) -> list[float]:
 
 
 def measure(settings: ExplorerSettings) -> Json:
-    """Return all times of all cases, and the machine's load averages of a minute at the beginning and at the end."""
+    """Return all times of all cases, and the machine's load averages.
+
+    The load averages over a minute are those at the beginning and at the end.
+    """
     rows = []
     load = os.getloadavg()[0]
     with serving() as address, browsing() as page:
@@ -248,10 +263,12 @@ def make_summary(result: Measurement) -> str:
     ]
     first, last = result.values["load"]
     return (
-        f"{format_table(columns, rows)}\n\nMedian of {result.values['repeats']} moves of the gap's slider, "
+        f"{format_table(columns, rows)}\n\nMedian of {result.values['repeats']} moves of the "
+        "gap's slider, "
         "each when the forces of the one before are "
         f"there, of everything of the last {WHOLE_REPEATS}; in brackets the longest. "
-        f"The machine's load was {first:.1f} when it began and {last:.1f} when it ended, of which the benchmark is one or two."
+        f"The machine's load was {first:.1f} when it began and {last:.1f} when it ended, of "
+        "which the benchmark is one or two."
     )
 
 
@@ -279,9 +296,12 @@ STUDY = make_table_study(NAME, "explorer", measure, make_summary)
 def main(
     quick: bool, picture: Path | None, filmed: Path | None, target: Path | None, page: Path | None
 ) -> None:
-    """Move a slider of the page and time what it draws, until the first points, all forces and everything; and how soon stale work ends.
+    """Move a slider of the page and time the drawing, and the end of outdated computations.
 
-    Run it on an otherwise idle machine. It needs Chromium. The first call compiles kernels, which is not part of the times.
+    The times are those until the first points, until all forces and until everything is drawn.
+
+    Run it on an otherwise idle machine. It needs Chromium. The first call compiles kernels, which
+    is not part of the times.
     """
     check_target("--picture", picture, (".png",))
     check_target("--film", filmed, (".gif",))

@@ -1,4 +1,8 @@
-"""Speed and accuracy of periodic orbits: closed form, maps, Newton's method, branches, folds and multipliers; one core, compilation apart."""
+"""Speed and accuracy of periodic orbits.
+
+Closed form, maps, Newton's method, branches, folds and multipliers are measured on one core,
+without compilation.
+"""
 
 import statistics
 from collections.abc import Callable, Sequence
@@ -50,7 +54,11 @@ DIFFERENCE = 2e-7  # of each coordinate's unit, by which a run is disturbed
 
 
 def line(what: str, bar: float | None, median: float, unit: str, each: Sequence[float]) -> Json:
-    """Return a line: what was measured, its bar (None: there is none) and its median, both in ``unit``, and all repeats as they were made."""
+    """Return a line of the table: name, bar, median and all repeats in their order.
+
+    ``bar`` is the value not to be exceeded (None: no such value). Bar, median and repeats are in
+    ``unit``.
+    """
     return {"what": what, "bar": bar, "median": median, "unit": unit, "each": list(each)}
 
 
@@ -62,7 +70,10 @@ def timed(
     work: Callable[[], object],
     parts: float = 1.0,
 ) -> Json:
-    """Time ``work``, which does ``parts`` of what is measured; the first call compiles and is not counted."""
+    """Time ``work``, which contains ``parts`` of the measured quantity.
+
+    The first call compiles and is not counted.
+    """
     work()
     each = [
         {"s": 1.0, "ms": 1e3, "us": 1e6}[unit] / parts * time_call(work) for _ in range(repeats)
@@ -73,7 +84,10 @@ def timed(
 def case_at(
     modes: int, ratio: float, force: float, restitution: float = 1.0, friction: float = 0.0
 ) -> Case:
-    """Return the paper's beam and absorber at a frequency over the first resonance's and a force in N."""
+    """Return the paper's beam and absorber at a relative frequency and a force.
+
+    ``ratio`` is the frequency over that of the first resonance, ``force`` is in N.
+    """
     model = modal_model(Beam(modes=modes))
     return Case(
         model,
@@ -97,7 +111,10 @@ def require_orbit(result: T | NoOrbit) -> T:
 
 
 def newton(schedule: EventSchedule, orbit: Orbit, repeated: int = 1) -> Callable[[], object]:
-    """Return Newton's method from beside an orbit, whose events are listed once, or over several of its periods."""
+    """Return a call of Newton's method from a start close to an orbit.
+
+    The events of the orbit are listed once, or over ``repeated`` of its periods.
+    """
     z = read_unknowns(orbit.solution)
     n = len(orbit.schedule.events)
     m = orbit.schedule.impacts
@@ -149,7 +166,10 @@ def frictionless_branch(repeats: int) -> Json:
 
 
 def branch_of(orbit: Orbit, reach: tuple[float, float]) -> OrbitBranch:
-    """Return the branch of an orbit between two frequencies over the first resonance's; all is looked at on every point."""
+    """Return the branch of an orbit between two frequencies, with all checks at every point.
+
+    ``reach`` has the two frequencies over that of the first resonance.
+    """
     low, high = (ratio * float(orbit.case.model.omega[0]) for ratio in reach)
     return orbit_branch(orbit.solution, "omega", (low, high), FINE_STEPS)
 
@@ -168,7 +188,10 @@ def largest(what: str, bar: float, each: list[float]) -> Json:
 
 
 def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Json:
-    """The exact method's residual of every orbit on the isola of three modes, and of the single ones."""
+    """The largest residual of the exact method on all orbits.
+
+    The orbits are those of the isola of the model with three modes, and the single ones.
+    """
     branch = branch_of(orbits["isola"], reach)
     each = [
         orbit.residual for orbit in (*branch.orbits(), *orbits.values()) if isinstance(orbit, Orbit)
@@ -177,7 +200,10 @@ def residual_line(orbits: dict[str, Orbit], reach: tuple[float, float]) -> Json:
 
 
 def balance_line(repeats: int) -> Json:
-    """Harmonic balance as in the paper: the isola of three modes at 20 harmonics, folds located, for 250 points."""
+    """Time of harmonic balance for 250 points of a branch, as in the paper.
+
+    It follows the isola of the model with three modes at 20 harmonics and locates the folds.
+    """
     case = case_at(3, 0.95, 1.5, 1.0, 0.01)
     harmonics = 20
     first = float(case.model.omega[0])
@@ -196,7 +222,10 @@ def balance_line(repeats: int) -> Json:
 
 
 def fold_line() -> Json:
-    """Folds by Newton's method on their own conditions, against the discriminant of the closed form."""
+    """Error of folds from Newton's method, against the discriminant of the closed form.
+
+    Newton's method solves the conditions of the fold itself.
+    """
     each = []
     for case in (case_at(3, 1.0, 1.5), case_at(1, 1.0, 1.5, 0.75)):
         for omega in closed_folds(case, 0.9, 1.06):
@@ -209,7 +238,10 @@ def fold_line() -> Json:
 
 
 def held_orbits() -> dict[str, Orbit]:
-    """What runs settle to with a wall that holds the absorber after a complete chatter, and with friction that holds it."""
+    """Return stationary orbits of runs in which the absorber is held in part of the period.
+
+    In one a wall holds the absorber after complete chatter, in the other friction holds it.
+    """
     cases = {
         "chatter": (case_at(3, 0.9, 20.0, 0.1), 300.0),
         "stuck": (case_at(10, 0.9726, 3.5, 0.7, 0.1), 1000.0),
@@ -222,7 +254,10 @@ def held_orbits() -> dict[str, Orbit]:
 
 
 def shooting_line(what: str, orbit: Orbit, repeats: int) -> Json:
-    """Shooting from beside an orbit: each of Newton's steps follows the whole motion event by event."""
+    """Time of shooting from a start close to an orbit.
+
+    Each step of Newton's method follows the whole motion event by event.
+    """
     phase, state = orbit.motion.mid_flight()
     start = state * (1 + 1e-5 * np.cos(np.arange(len(state))))
     schedule = orbit.schedule
@@ -231,7 +266,10 @@ def shooting_line(what: str, orbit: Orbit, repeats: int) -> Json:
 
 
 def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Json:
-    """Multipliers against eigenvalues of the exact method's map, differentiated by runs that are disturbed in each coordinate."""
+    """Error of multipliers against eigenvalues of the derivative of the exact method's map.
+
+    The derivative is taken by differences of runs that are disturbed in each coordinate.
+    """
     each = []
     for orbit in orbits.values():
         case = orbit.case
@@ -256,7 +294,10 @@ def multiplier_line(orbits: dict[str, Orbit], bar: float = 1e-6) -> Json:
             k = int(np.argmin(np.abs(np.array(truth) - value)))
             each.append(float(abs(truth.pop(k) - value) / max(1.0, abs(values[0]))))
     return largest(
-        f"multipliers against disturbed runs, {len(each)} of {len(orbits)} orbits{', complete chatter' * (bar > 1e-6)}",
+        (
+            f"multipliers against disturbed runs, {len(each)} of {len(orbits)} "
+            f"orbits{', complete chatter' * (bar > 1e-6)}"
+        ),
         bar,
         each,
     )
@@ -364,5 +405,8 @@ STUDY: Study[int] = make_table_study(
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeats instead of {REPEATS}.")
 @add_table_options(NAME, "docs/frequency_domain.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
-    """Measure periodic orbits against their bars: medians of repeats in one process, compilation apart."""
+    """Measure speed and accuracy of periodic orbits against their limits.
+
+    Values are medians of repeats in one process, without compilation.
+    """
     run(STUDY, QUICK_REPEATS if quick else REPEATS, make_table_paths(target, page))

@@ -1,4 +1,7 @@
-"""Cost of a bladed disk with an absorber in every sector, by the number of sectors: CPU time, compilation apart."""
+"""CPU time of a bladed disk with an absorber in every sector, over the number of sectors.
+
+Compilation is not counted.
+"""
 
 import statistics
 import time
@@ -52,7 +55,11 @@ def time_cpu(scene: Scene, drive: Drive, periods: int) -> float:
 
 
 def row(sectors: int, friction: bool, periods: int, repeats: int) -> Json:
-    """Return events and time of a pseudo period of a disk: of a new one, whose regimes are made, and of the same disk again."""
+    """Return events and computing time of a pseudo period of a disk.
+
+    The time is given for a new disk, whose regimes have to be set up, and for a second run of the
+    same disk.
+    """
     scene, drive = disk(sectors, friction)
     drive = drive.between(0.0, periods / FREQUENCY)
     simulate(scene, drive.between(0.0, 1.0 / FREQUENCY), record=RECORD)  # compiles
@@ -111,5 +118,8 @@ STUDY: Study[bool] = make_table_study(
 @click.option("--quick", is_flag=True, help="Two sizes and short sweeps.")
 @add_table_options(NAME, "docs/many_absorbers.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
-    """Time sweeps of bladed disks with an absorber in every sector: CPU time, medians of repeats, compilation apart."""
+    """Time sweeps of bladed disks with an absorber in every sector.
+
+    The table has CPU times as medians of repeats, without compilation.
+    """
     run(STUDY, quick, make_table_paths(target, page))

@@ -1,6 +1,9 @@
-"""From nothing to the first figure, in an empty folder with an empty home; and the first calls of other scenes and outputs.
+"""Time from a clone in an empty folder with an empty home to the first figure.
 
-Step by step as a newcomer meets them. The clone holds what is committed. Packages are downloaded again: the set-up is also a measure of the network.
+The first calls of other scenes and outputs are also timed.
+
+Step by step as a newcomer meets them. The clone holds what is committed. Packages are downloaded
+again: the set-up is also a measure of the network.
 """
 
 import os
@@ -36,7 +39,8 @@ import sys
 from impact_env import simulate
 from studies.variants import METHODS, RECORDS, KernelVariant
 variant = KernelVariant(*sys.argv[1:])
-simulate(variant.scene(), variant.drive(1.0), METHODS[variant.method], record=RECORDS[variant.record])
+record = RECORDS[variant.record]
+simulate(variant.scene(), variant.drive(1.0), METHODS[variant.method], record=record)
 """
 FIRST_CALLS = (
     KernelVariant("impact", record="level and events"),
@@ -83,7 +87,10 @@ def timed(
     clone: Path,
     environment: dict[str, str],
 ) -> Json:
-    """Run a step in the clone and return its times in s; raises ClickException with what it said if it fails."""
+    """Run a step in the clone and return its times in s.
+
+    Raises ClickException with the step's output if the step fails.
+    """
     before = os.times()
     began = time.perf_counter()
     done = subprocess.run(
@@ -98,7 +105,8 @@ def timed(
     after = os.times()
     if done.returncode:
         raise click.ClickException(
-            f"{what}: {' '.join(command)} ended with {done.returncode}: {done.stderr.strip()[-2000:]}"
+            f"{what}: {' '.join(command)} ended with {done.returncode}: "
+            f"{done.stderr.strip()[-2000:]}"
         )
     cpu = (
         after.children_user + after.children_system - before.children_user - before.children_system
@@ -182,7 +190,10 @@ def table(result: list[Json]) -> str:
 
 def _summary(measured: Measurement) -> str:
     cores = measured.values["cores"]
-    return f"{table(measured.values['steps'])}\n\nOn {cores} core{'s' * (cores != 1)}; one run each; packages were downloaded."
+    return (
+        f"{table(measured.values['steps'])}\n\nOn {cores} core{'s' * (cores != 1)}; one run each; "
+        "packages were downloaded."
+    )
 
 
 STUDY = make_table_study(NAME, "from nothing to the first figure", _measure, _summary)
@@ -196,8 +207,11 @@ STUDY = make_table_study(NAME, "from nothing to the first figure", _measure, _su
 )
 @add_table_options(NAME, "docs/internals/cost.md")
 def main(quick: bool, target: Path | None, page: Path | None) -> None:
-    """Clone the checkout into an empty folder and time set-up, compilation, comparison, and first calls of what is not compiled beforehand.
+    """Clone the checkout into an empty folder and time set-up, compilation and comparison.
 
-    Run it on an otherwise idle machine with a network. It measures what is committed, and leaves nothing behind.
+    First calls of scenes and outputs that are not compiled beforehand are also timed.
+
+    Run it on an otherwise idle machine with a network. It measures what is committed, and leaves
+    nothing behind.
     """
     run(STUDY, quick, make_table_paths(target, page))

@@ -1,4 +1,8 @@
-"""Put the posteriors of calibrate to the test: truths from the prior, disturbed measurements, and truths outside the model."""
+"""Test the posteriors of calibrate on simulated measurements.
+
+The truths come from the prior, some measurements are disturbed, and some truths lie outside the
+model.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -72,9 +76,11 @@ SMALL_PROBABILITY = 0.05  # of the predictive check, below which the model is re
 
 @dataclass(frozen=True)
 class TestRig:
-    """A structure with a sensor and swept forces that stand for a shaker test; the truth is drawn from ``priors``.
+    """A structure with a sensor and swept forces that represents a shaker test.
 
-    ``rounds``: of a posterior at most, None: as of all.
+    The truth is drawn from ``priors``.
+
+    ``rounds``: the most rounds of a posterior, None: the study's number.
     """
 
     name: str
@@ -107,7 +113,10 @@ class TestRig:
 
 
 def make_rigs() -> tuple[TestRig, ...]:
-    """Return the paper's beam with a displacement sensor, a tube with an accelerometer, and the beam with one under three forces.
+    """Return three test rigs.
+
+    They are the paper's beam with a displacement sensor, a tube with an accelerometer, and the beam
+    with an accelerometer under three forces.
 
     Each has three modes. The sampling rate of the last is twice that of the others.
     """
@@ -164,7 +173,11 @@ Change = Callable[[Array, np.random.Generator], Array]  # of a measured response
 
 
 def add_noise(share: float) -> Change:
-    """Return the addition of white noise with a share of the response's root mean square, of which the sensor's data say nothing."""
+    """Return a change of the response that adds white noise unknown to the sensor.
+
+    The noise has the given share of the response's root mean square. The sensor's data do not
+    contain it.
+    """
 
     def change(response: Array, generator: np.random.Generator) -> Array:
         noise = generator.standard_normal(len(response))
@@ -190,7 +203,10 @@ def scale_by(factor: float) -> Change:
 
 
 class TruthKind(NamedTuple):
-    """A kind of truth: another absorber or structure than the model's, or a change of the measured response."""
+    """A kind of truth that differs from the model.
+
+    It has another absorber or structure than the model, or a change of the measured response.
+    """
 
     absorber: Callable[[SlidingAbsorber], SlidingAbsorber] = lambda absorber: absorber
     change: Change = lambda response, _generator: response
@@ -201,7 +217,10 @@ class TruthKind(NamedTuple):
 
 
 def with_compliant_walls(absorber: SlidingAbsorber) -> SlidingAbsorber:
-    """Return the absorber between springs that are as stiff as makes a contact a tenth of a period of the beam."""
+    """Return the absorber with compliant walls.
+
+    The walls are springs of such a stiffness that a contact lasts a tenth of a period of the beam.
+    """
     walls = absorber.walls
     friction = absorber.friction
     assert walls is not None
@@ -254,7 +273,10 @@ def measure(
     seed: list[int],
     priors: tuple[Prior, ...] | None = None,
 ) -> list[RecordMeasurement]:
-    """Return the measurements of a truth at shares (1, P) of the priors, default: all of the rig."""
+    """Return the measurements of a truth at ``shares`` (1, P) of the priors.
+
+    By default the priors are all of the rig.
+    """
     generator = np.random.default_rng(seed)
     own = rig.priors if priors is None else priors
     values = values_at(own, shares)[0]
@@ -375,7 +397,11 @@ def list_cases(settings: CalibrationSettings) -> dict[Any, Callable[[], list[Jso
 
 
 def coverage_rows(rows: Sequence[Json]) -> list[Json]:
-    """Return a row for each structure and parameter: share of truths in the 90 % interval, and whether the ranks are uniform."""
+    """Return, for each structure and parameter, the coverage and a test of the ranks.
+
+    The coverage is the share of truths in the 90 % interval. The test is whether the ranks are
+    uniform.
+    """
     result = []
     for rig in COVERED:
         own = [r for r in rows if r["rig"] == rig.name and r["kind"] == MODEL]
@@ -406,7 +432,10 @@ def coverage_rows(rows: Sequence[Json]) -> list[Json]:
 
 
 def kind_rows(rows: Sequence[Json]) -> list[Json]:
-    """Return a row for each kind of truth: how often the check refuses the model, and how many truths lie in the intervals."""
+    """Return, for each kind of truth, how often the check rejects the model, and the coverage.
+
+    The coverage is the number of truths that lie in the intervals.
+    """
     result = []
     for name in KINDS:
         for rig in RIGS:
@@ -433,7 +462,10 @@ def kind_rows(rows: Sequence[Json]) -> list[Json]:
 
 
 def shares_inside(rows: Sequence[Json], name: str) -> list[str]:
-    """Return the share of truths in the 90 % interval of each parameter in percent; of a friction limit that is 0, of intervals that reach 0."""
+    """Return the share of truths in the 90 % interval of each parameter, in percent.
+
+    If the true friction limit is 0, it is the share of intervals that reach 0.
+    """
     texts = []
     for prior in RIGS[0].priors:
         if prior.name not in rows[0]["names"]:
@@ -530,10 +562,13 @@ def main(
     target: Path | None,
     page: Path | None,
 ) -> None:
-    """Print how often the 90 % intervals of calibrate hold the truth, and how often its predictive check refuses the model.
+    """Print how often the 90 % intervals of calibrate contain the truth.
 
-    Truths are drawn from the prior and measured by simulation; the same is done with disturbed measurements and with absorbers
-    that the model lacks. Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
+    The table also has how often the predictive check rejects the model.
+
+    Truths are drawn from the prior and measured by simulation; the same is done with disturbed
+    measurements and with absorbers that the model lacks. Ctrl-C prints, and writes, what is
+    finished; with --json the same command goes on from there.
     """
     with plain_errors():
         settings = QUICK if quick else CalibrationSettings(truths, disturbed, outside)

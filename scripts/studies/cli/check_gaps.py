@@ -1,4 +1,4 @@
-"""Put the answers of design_gap to the test on thirty structures, beside a scan of gaps by brute force."""
+"""Compare the results of design_gap with a brute-force scan of gaps on thirty structures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -52,7 +52,11 @@ SEED = 2026
 
 
 class GapSettings(NamedTuple):
-    """The cases, runs for each gap of the search, the scan's step of ln gap, the sweeps' rate (None: the default), and runs that judge."""
+    """Settings of the comparison.
+
+    The cases, runs for each gap of the search, the scan's step of ln gap, the sweeps' rate (None:
+    the default), and the runs that judge the designs.
+    """
 
     cases: tuple[StructureCase, ...]
     members: int = MEMBERS
@@ -79,7 +83,10 @@ class BruteForce:
     def levels(
         self, absorbers: Sequence[SlidingAbsorber], factors: Sequence[float], runs: int
     ) -> Array:
-        """Return the larger level of up and down in m, (absorbers, factors, runs); raises KeyboardInterrupt if it is stopped."""
+        """Return the larger level of the sweeps up and down in m, (absorbers, factors, runs).
+
+        Raises KeyboardInterrupt if it is stopped.
+        """
         check = self.advice.check
         omega = check.model.resonance_omega(check.resonance)
         low, high = check.limits
@@ -137,17 +144,21 @@ LevelsOf = Callable[[Sequence[SlidingAbsorber], Sequence[float], int], Array]
 def judged(case: StructureCase, result: Advice, gaps: Array, levels: LevelsOf, judges: int) -> Json:
     """Return a case's row.
 
-    ``recommended``: the largest median level of the recommended device over three forces, over the lowest such of the scan; ``sharp``: its median
-    level over the lowest of the scan. Both are of ``judges`` fresh runs, also of the scan's own gaps. ``coverage``: share of the fresh runs of both
-    devices in their 90 % intervals. ``best`` is the scan's best gap for three forces over the rule's; ``relative``: its level over that without
-    absorber.
+    ``recommended``: the largest median level of the recommended device over three forces, over the
+    lowest such of the scan; ``sharp``: its median level over the lowest of the scan. Both are of
+    ``judges`` fresh runs, also of the scan's own gaps. ``coverage``: share of the fresh runs of
+    both devices in their 90 % intervals. ``best`` is the scan's best gap for three forces over the
+    rule's; ``relative``: its level over that without absorber.
     """
     sharp = not_none(result.sharp)
     recommended = not_none(result.recommended)
     devices = [scaled(result.check.absorber, float(gap)) for gap in gaps]
 
     def best_of(single: Array, worst: bool) -> SlidingAbsorber:
-        """Return the device with the lowest median, first by single runs, then by `CANDIDATE_RUNS` of the best."""
+        """Return the device with the lowest median level.
+
+        Devices are first selected by single runs, then by `CANDIDATE_RUNS` runs of the best.
+        """
         order = np.argsort(single)[:CANDIDATES]
         chosen = [devices[k] for k in order]
         runs = levels(chosen, FACTORS if worst else (1.0,), CANDIDATE_RUNS)
@@ -220,7 +231,8 @@ def table(measured: Measurement) -> str:
         worst = max(result, key=lambda r, name=name: float(r[name]))  # type: ignore[misc]
         good = sum(r[name] <= most for r in result)
         words.append(
-            f"`{name}` within {most:g} of the scan's best: {good} of {len(result)}, worst {worst[name]:.2f} "
+            f"`{name}` within {most:g} of the scan's best: {good} of {len(result)}, worst "
+            f"{worst[name]:.2f} "
             f"({worst['name']}, resonance {worst['resonance']})"
         )
     coverage = 100 * float(np.mean([r["coverage"] for r in result]))
@@ -277,10 +289,13 @@ def by_run_time(cases: Sequence[StructureCase]) -> tuple[StructureCase, ...]:
 def main(
     quick: bool, cluster: str | None, target: Path | None, page: Path | None, **options: Any
 ) -> None:
-    """Print, for thirty structures, what the answers of design_gap lose against a scan of gaps by brute force.
+    """Print the loss of design_gap's results against a brute-force scan of gaps.
 
-    The scan simulates levels at 0.9, 1 and 1.1 of the force with phases of its own; its best gaps and the answers are judged by fresh runs. Ctrl-C
-    prints, and writes, what is finished; with --json the same command goes on from there.
+    The comparison has thirty structures.
+
+    The scan simulates levels at 0.9, 1 and 1.1 of the force with phases of its own; its best gaps
+    and the answers are judged by fresh runs. Ctrl-C prints, and writes, what is finished; with
+    --json the same command goes on from there.
     """
     with plain_errors(), workers(options["threads"], cluster) as result:
         options |= {

@@ -1,4 +1,7 @@
-"""Put the answers of design_place to the test on four structures, beside a scan of all places and gaps by brute force."""
+"""Compare the results of design_place with a brute-force scan on four structures.
+
+The scan covers all places and gaps.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -53,7 +56,11 @@ TOLERATED = 1.1
 
 @dataclass(frozen=True)
 class Case:
-    """Places on a structure by name, the force in N by resonance, and the mass over the structure's."""
+    """Places on a structure, with forces and the mass of the absorber.
+
+    ``places`` is a function that returns the places, ``forces`` has the force in N by resonance,
+    and ``mass_ratio`` is the absorber's mass over the structure's.
+    """
 
     name: str
     places: Any  # a function without arguments
@@ -80,7 +87,11 @@ def panel_places() -> Places:
 
 
 def chain() -> ModalModel:
-    """Return four storeys of 1 kg, each on the one below by a spring, with an absorber at any of them; the force at the second, level at the top."""
+    """Return a chain of four storeys of 1 kg that are connected by springs.
+
+    The absorber can be at any storey. The force acts on the second, and the level is that of the
+    top.
+    """
     stiffness = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     stiffness[-1, -1] = 1.0
     squares, shapes = np.linalg.eigh(4e4 * stiffness)
@@ -106,7 +117,11 @@ CASES = (
 
 
 class PlaceSettings(NamedTuple):
-    """The cases, runs for each gap of the search, the scan's step of ln gap, places of a beam, and runs that judge."""
+    """Settings of the comparison.
+
+    The cases, runs for each gap of the search, the scan's step of ln gap, the number of places on a
+    beam, and the runs that judge the designs.
+    """
 
     cases: tuple[Case, ...]
     members: int = MEMBERS
@@ -120,7 +135,10 @@ class PlaceSettings(NamedTuple):
 
 @dataclass
 class BruteForce:
-    """Levels by sweeps up and down with phases of its own, over those without absorber; ``where``: threads and executor."""
+    """Levels of sweeps up and down over those without absorber, with phases of their own.
+
+    ``where`` has the threads and the executor.
+    """
 
     advice: PlaceAdvice
     generator: np.random.Generator
@@ -132,7 +150,10 @@ class BruteForce:
         factors: Sequence[float],
         runs: int,
     ) -> Array:
-        """Return the largest level over that without absorber, of all resonances, (devices, factors, runs)."""
+        """Return the largest relative level of all resonances, (devices, factors, runs).
+
+        Levels are relative to those without absorber.
+        """
         study = self.advice.study
         lanes = []
         for model, absorber in devices:
@@ -176,8 +197,9 @@ def judged(
 ) -> Json:
     """Return a case's row.
 
-    ``ratio``: the largest median of the recommended device over three forces, over that of the best pair of place and gap of the scan, both of fresh
-    runs; ``coverage``: share of the fresh runs at the forces themselves that lie in the 90 % interval.
+    ``ratio``: the largest median of the recommended device over three forces, over that of the best
+    pair of place and gap of the scan, both of fresh runs; ``coverage``: share of the fresh runs at
+    the forces themselves that lie in the 90 % interval.
     """
     places = result.places
     every = range(len(places))
@@ -257,8 +279,10 @@ def table(measured: Measurement) -> str:
     worst = max(result, key=lambda r: float(r["ratio"]))
     which = " and ".join(map(str, worst["resonances"]))
     words = (
-        f"Within {TOLERATED:g} of the scan's best: {good} of {len(result)}, worst {worst['ratio']:.2f} ({worst['name']}, resonance {which}); "
-        f"fresh runs in the 90 % intervals: {100 * float(np.mean([r['coverage'] for r in result])):.0f} %."
+        f"Within {TOLERATED:g} of the scan's best: {good} of {len(result)}, worst "
+        f"{worst['ratio']:.2f} ({worst['name']}, resonance {which}); "
+        "fresh runs in the 90 % intervals: "
+        f"{100 * float(np.mean([r['coverage'] for r in result])):.0f} %."
     )
     return f"{format_table(columns, rows)}\n\n{words}"
 
@@ -307,10 +331,13 @@ QUICK_MEMBERS = 1
 def main(
     quick: bool, cluster: str | None, target: Path | None, page: Path | None, **options: Any
 ) -> None:
-    """Print, for four structures, what the place and gap of design_place lose against a scan of all places and gaps by brute force.
+    """Print the loss of design_place's result against a brute-force scan.
 
-    The scan runs each place at gaps 10 % apart, its best again at 0.9, 1 and 1.1 of the forces; its best and the answer are judged by fresh runs.
-    Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
+    The comparison has four structures, and the scan covers all places and gaps.
+
+    The scan runs each place at gaps 10 % apart, its best again at 0.9, 1 and 1.1 of the forces; its
+    best and the answer are judged by fresh runs. Ctrl-C prints, and writes, what is finished; with
+    --json the same command goes on from there.
     """
     with plain_errors(), workers(options["threads"], cluster) as result:
         options["judges"] = options["judges"] or (QUICK_JUDGES if quick else JUDGES)

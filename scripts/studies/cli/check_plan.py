@@ -1,4 +1,8 @@
-"""Put the plan of calibrate to the test: intervals after sweeps at the recommended forces and at equally spaced ones."""
+"""Test of calibrate's plan of further measurements.
+
+It compares intervals after sweeps at the recommended forces with those after sweeps at equally
+spaced forces.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -70,7 +74,10 @@ def rig_at(factor: float) -> TestRig:
 
 @cache
 def prior_ensemble(factor: float, repeat: int) -> Ensemble:
-    """Return simulations over the prior of one sweep, which all truths share; a repeat has starts and noise of its own."""
+    """Return simulations of one sweep over the prior, which all truths share.
+
+    Each repeat has its own initial states and noise.
+    """
     rig = rig_at(factor)
     (force,) = rig.forces
     load = rig.load(force)
@@ -84,7 +91,7 @@ def prior_ensemble(factor: float, repeat: int) -> Ensemble:
 
 
 class PlannedTruth:
-    """Absorber number ``number``, with parameters from the prior and the sweeps that were made of it."""
+    """Absorber number ``number``, with parameters from the prior and its simulated sweeps."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -92,7 +99,10 @@ class PlannedTruth:
         self.shares = np.random.default_rng(seed).random((1, len(RIG.priors)))
 
     def measure(self, factors: Sequence[float]) -> list[RecordMeasurement]:
-        """Return the measured sweeps at factors of the first force; an equal factor is measured again."""
+        """Return the measured sweeps at factors of the first force.
+
+        A factor that occurs again gives a new measurement.
+        """
         measurements = []
         for k, factor in enumerate(factors):
             repeat = list(factors[:k]).count(factor)
@@ -154,7 +164,10 @@ class PlannedTruth:
 
 
 def measure_truth(number: int) -> list[Json]:
-    """Return the rows of one truth: one sweep at each force, and each way to choose two and three sweeps."""
+    """Return the rows of one truth.
+
+    They are one sweep at each force, and each way to choose the forces of two and three sweeps.
+    """
     truth = PlannedTruth(number)
     alone = {factor: truth.infer([factor]) for factor in FACTORS}
     rows = [truth.row(ONE, [factor], one) for factor, one in alone.items()]
@@ -199,7 +212,11 @@ class Widths(NamedTuple):
 
 
 def summarise_widths(rows: Sequence[Json]) -> Widths:
-    """Return the mean width of each parameter's interval, of all together (geometric mean) with its standard error, and the coverage."""
+    """Return the mean widths of the parameters' intervals, and their coverage.
+
+    The widths are those of each parameter, and the geometric mean of all parameters with its
+    standard error.
+    """
     low, high, truth = (np.array([row[name] for row in rows]) for name in ("low", "high", "truth"))
     width = 100 * (high - low)
     together = np.exp(np.mean(np.log(width), axis=1))
@@ -219,7 +236,10 @@ WAYS = (
 
 
 def way_rows(rows: Sequence[Json]) -> list[Json]:
-    """Return a row for the first sweep, and for each number of sweeps and way to choose their forces."""
+    """Return a row for each number of sweeps and each way to choose their forces.
+
+    The row of one sweep is that of the first sweep.
+    """
     result = []
     for count, way in WAYS:
         own = [row for row in rows if row["way"] == way and len(row["factors"]) == count]
@@ -233,7 +253,10 @@ def way_rows(rows: Sequence[Json]) -> list[Json]:
 
 
 def force_rows(rows: Sequence[Json]) -> list[Json]:
-    """Return a row for each force of one sweep: widths, and the correlation of restitution and friction limit."""
+    """Return a row for each force of one sweep.
+
+    A row has the widths, and the correlation of restitution and friction limit.
+    """
     result = []
     for factor in FACTORS:
         own = [row for row in rows if row["way"] == ONE and row["factors"] == [factor]]
@@ -314,10 +337,13 @@ STUDY: Study[int] = Study(
 )
 @add_table_options(NAME, "docs/calibrate.md")
 def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> None:
-    """Print the width of the intervals of calibrate after sweeps at recommended forces and at equally spaced ones.
+    """Print the width of calibrate's intervals after sweeps at recommended forces.
 
-    Truths are drawn from the prior and measured by simulation on the paper's beam with a displacement sensor. A second table has the
-    widths after one sweep, by its force. Ctrl-C prints, and writes, what is finished; with --json the same command goes on.
+    The comparison is with sweeps at equally spaced forces.
+
+    Truths are drawn from the prior and measured by simulation on the paper's beam with a
+    displacement sensor. A second table has the widths after one sweep, by its force. Ctrl-C prints,
+    and writes, what is finished; with --json the same command goes on.
     """
     with plain_errors():
         run(STUDY, 1 if quick else truths, make_table_paths(target, page))

@@ -1,4 +1,7 @@
-"""Compare levels of a cyclic chain with an absorber in every sector with those of the published code CC, and draw its performance curve."""
+"""Compare the levels of a cyclic chain of absorbers with those of the published code CC.
+
+Every sector of the chain has an absorber. The performance curve of the chain is drawn too.
+"""
 
 import csv
 import re
@@ -66,7 +69,10 @@ COST_START = 0.3  # largest displacement of a sector over the linear amplitude
 
 
 class Example(NamedTuple):
-    """A public example of CC: its configuration file, coupling, wave number, clearance, frequency (None: the resonance) and start."""
+    """A public example of the code CC.
+
+    ``name`` is its configuration file. ``frequency`` None is the resonance.
+    """
 
     name: str
     coupling: float
@@ -101,7 +107,11 @@ LOCALISED_START = 1.5  # displacement of one sector over the linear amplitude
 
 
 class Settings(NamedTuple):
-    """Wave numbers, clearances, random starts, periods, cases of the curve, examples, whether transients are shortened, and the folder of CC."""
+    """Settings of the comparison.
+
+    Wave numbers, clearances, number of random starts and of periods, cases of the curve, examples,
+    whether transients are shortened, and the folder of the code CC.
+    """
 
     wave_numbers: tuple[int, ...]
     clearances: tuple[float, ...]
@@ -129,7 +139,10 @@ def kind_of(row: Json) -> str:
 
 
 def measure_levels(wave_number: int, clearance: float, settings: Settings) -> list[Json]:
-    """Return the motion at the resonance with absorbers stuck, after the transient, by random start."""
+    """Return the motion after the transient, for each random start.
+
+    The frequency is that of the resonance with stuck absorbers.
+    """
     chain = Chain(COUPLING, wave_number, clearance)
     transient = settings.periods if settings.quick else count_transient(chain.resonance)
     starts = []
@@ -150,7 +163,10 @@ def measure_levels(wave_number: int, clearance: float, settings: Settings) -> li
 
 
 def measure_example(number: int, settings: Settings) -> list[Json]:
-    """Return the motion of a public example after its transient, with the amplitudes of all periods."""
+    """Return the motion of a public example after its transient.
+
+    The result has the amplitudes of all periods.
+    """
     example = EXAMPLES[number]
     chain = Chain(example.coupling, example.wave_number, example.clearance)
     places = np.zeros(SECTORS)
@@ -264,7 +280,10 @@ def make_table(measured: Measurement) -> str:
 
 
 def make_curve_table(measured: Measurement) -> str:
-    """Return the table of the performance curve: largest amplitudes with the kind of the response there."""
+    """Return the table of the performance curve.
+
+    It has the largest amplitudes and the kind of the response at each.
+    """
     rows = measured.values["rows"]
     clearances = sorted({row["clearance"] for row in rows})
     lines = []
@@ -497,10 +516,16 @@ STUDY: Study[Settings] = Study(
     type=click.Path(path_type=Path, file_okay=False),
     default=DOCS,
     show_default=False,
-    help="Folder of the page many_absorbers.md and of its folder of numbers and figures (default: docs).",
+    help=(
+        "Folder of the page many_absorbers.md and of its folder of numbers and figures (default: "
+        "docs)."
+    ),
 )
 def main(quick: bool, only: tuple[str, ...], peer: Path | None, redraw: bool, out: Path) -> None:
-    """Compare levels of the cyclic chain with those of the published code CC; a run that was stopped goes on when it is called again."""
+    """Compare levels of the cyclic chain with those of the published code CC.
+
+    An interrupted run continues when the command is called again.
+    """
     settings = (
         Settings((1,), (0.2,), 1, QUICK_PERIODS, ((1, 0.01, 0.2),), (0,), quick=True, peer=peer)
         if quick

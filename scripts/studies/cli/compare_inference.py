@@ -1,4 +1,7 @@
-"""Compare ways from simulated measurements to a posterior: the synthetic likelihood of calibrate, sbi's neural posterior, pyabc's ABC-SMC."""
+"""Compare methods that compute a posterior from simulated measurements.
+
+The methods are the synthetic likelihood of calibrate, sbi's neural posterior and pyabc's ABC-SMC.
+"""
 
 import importlib
 import tempfile
@@ -87,7 +90,10 @@ SETTINGS = (
 
 
 class Answer(NamedTuple):
-    """Draws (N, P) of a posterior with weights (N,), and CPU seconds of the method without the simulations."""
+    """Draws (N, P) of a posterior with weights (N,), and CPU seconds of the method.
+
+    The seconds do not include the simulations.
+    """
 
     draws: Array
     weights: Array
@@ -141,7 +147,10 @@ def infer_by_likelihood(simulation: CountedSimulation, sweeps: int, number: int)
 
 @cache
 def train_on_prior(sweeps: int) -> tuple[Any, RegressionStatistics, float]:
-    """Return the neural posterior trained once on sweeps over the prior, the scale of the statistics, and CPU seconds of training."""
+    """Return the neural posterior trained once on sweeps over the prior.
+
+    The scale of the statistics and the CPU seconds of the training are also returned.
+    """
     ensemble = first_ensemble(RIG.name, sweeps).finite
     scale, _ = fit_regression_statistics(ensemble.shares, ensemble.statistics)
     start = time.process_time()
@@ -198,7 +207,10 @@ def scaled(statistics: Array, scale: RegressionStatistics) -> Array:
 def train_posterior(
     trainer: NeuralTrainer, ensemble: Ensemble, scale: RegressionStatistics, proposal: Any = None
 ) -> Any:
-    """Return the posterior after one more round of training; ``proposal`` is what its parameters were drawn from."""
+    """Return the posterior after one more round of training.
+
+    ``proposal`` is the distribution from which the parameters of the round were drawn.
+    """
     shares = trainer.tensor(ensemble.shares)
     statistics = trainer.tensor(scaled(ensemble.statistics, scale))
     appended = trainer.inference.append_simulations(shares, statistics, proposal=proposal)
@@ -223,7 +235,10 @@ def infer_by_neural_posterior(simulation: CountedSimulation, sweeps: int, number
 
 
 def infer_by_neural_rounds(simulation: CountedSimulation, sweeps: int, number: int) -> Answer:
-    """Return the neural posterior of rounds that are drawn from the posterior before, as calibrate's."""
+    """Return the neural posterior after several rounds.
+
+    As in calibrate, each round draws its parameters from the posterior of the previous one.
+    """
     first = first_ensemble(RIG.name, FIRST_RUNS).finite
     start = time.process_time()
     scale, _ = fit_regression_statistics(first.shares, first.statistics)
@@ -242,7 +257,10 @@ def infer_by_neural_rounds(simulation: CountedSimulation, sweeps: int, number: i
 
 
 def infer_by_abc(simulation: CountedSimulation, sweeps: int, number: int) -> Answer:
-    """Return the weighted draws of ABC-SMC on one linear statistic for each parameter (semi-automatic ABC, Fearnhead and Prangle 2012)."""
+    """Return the weighted draws of ABC-SMC on one linear statistic for each parameter.
+
+    This is semi-automatic ABC (Fearnhead and Prangle 2012).
+    """
     pyabc = import_method("pyabc")
     first = first_ensemble(RIG.name, FIRST_RUNS).finite
     start = time.process_time()
@@ -338,8 +356,9 @@ def list_cases(settings: ComparisonSettings) -> dict[Any, Callable[[], list[Json
 def method_rows(rows: Sequence[Json]) -> list[Json]:
     """Return a row for each method and number of sweeps: coverage, width, interval score and cost.
 
-    The interval score is the mean, over truths and parameters, of the width plus 2 / 0.1 times the distance of a truth that lies
-    outside (Gneiting and Raftery, 2007, doi:10.1198/016214506000001437): narrow intervals that miss the truth have a large one.
+    The interval score is the mean, over truths and parameters, of the width plus 2 / 0.1 times the
+    distance of a truth that lies outside (Gneiting and Raftery, 2007,
+    doi:10.1198/016214506000001437): narrow intervals that miss the truth have a large one.
     """
     result = []
     for method, sweeps in SETTINGS:
@@ -361,7 +380,10 @@ def method_rows(rows: Sequence[Json]) -> list[Json]:
                 "method": method,
                 "sweeps": f"{sweeps}, once for all" if once else f"{simulated:.0f}",
                 "truths": len(own),
-                "inside": f"{100 * held / inside.size:.0f} ({100 * interval.low:.0f} to {100 * interval.high:.0f})",
+                "inside": (
+                    f"{100 * held / inside.size:.0f} ({100 * interval.low:.0f} to "
+                    f"{100 * interval.high:.0f})"
+                ),
                 "width": format_percent(np.mean(high - low, axis=0)),
                 "error": format_percent(np.mean(np.abs(median - truth), axis=0)),
                 "score": 100 * float(np.mean(score)),
@@ -428,10 +450,13 @@ QUICK = ComparisonSettings(1, (Setting(LIKELIHOOD, SWEEPS),))
 )
 @add_table_options(NAME, "docs/calibrate.md")
 def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> None:
-    """Print coverage, width and cost of the posteriors of three methods for the same simulated measurements.
+    """Print coverage, width and cost of the posteriors of three methods.
 
-    The methods are the synthetic likelihood of calibrate, sbi's neural posterior and pyabc's ABC-SMC. sbi and pyabc are no part of
-    any extra: pip install sbi pyabc. Ctrl-C prints, and writes, what is finished; with --json the same command goes on.
+    All methods use the same simulated measurements.
+
+    The methods are the synthetic likelihood of calibrate, sbi's neural posterior and pyabc's
+    ABC-SMC. sbi and pyabc are no part of any extra: pip install sbi pyabc. Ctrl-C prints, and
+    writes, what is finished; with --json the same command goes on.
     """
     with plain_errors():
         settings = QUICK if quick else ComparisonSettings(truths)

@@ -1,4 +1,7 @@
-"""Methods of training compared at equal time of one core and at equal steps, on the seeds of validation."""
+"""Comparison of training methods on the validation seeds.
+
+The methods are compared at equal time of one core and at equal numbers of steps.
+"""
 
 # needs: env, rl
 
@@ -86,9 +89,12 @@ def make_table(measured: Measurement) -> str:
     )
     return (
         f"{markdown(head, lines)}\n\n"
-        f"Differences of mean scores to the rule of eight, {effort['episodes']} validation episodes; 95 % intervals over "
-        f"the episodes. {effort['seconds']:g} s of CPU time each, with {effort['evaluations']} evaluations in equal "
-        f"parts of it and one at the end of the round with step {effort['steps']:,}; of these the best counts. Steps of "
+        f"Differences of mean scores to the rule of eight, {effort['episodes']} validation "
+        "episodes; 95 % intervals over "
+        f"the episodes. {effort['seconds']:g} s of CPU time each, with "
+        f"{effort['evaluations']} evaluations in equal "
+        f"parts of it and one at the end of the round with step {effort['steps']:,}; of these "
+        "the best counts. Steps of "
         "trials and of planners count."
     )
 
@@ -150,7 +156,10 @@ def main(
     seeds: int,
     out: Path,
 ) -> None:
-    """Train by each method for the same CPU time and compare with the rule of eight; a run that was stopped goes on when it is called again."""
+    """Train by each method for the same CPU time and compare with the rule of eight.
+
+    A run that was stopped continues when the command is called again.
+    """
     effort = QUICK if quick else TrainingEffort()
     settings = Settings(tasks or tuple(SCALES), methods or tuple(METHODS), seeds, effort)
     run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)

@@ -1,4 +1,7 @@
-"""Agents with a limit of one cost, by a Lagrange multiplier, and the front of the level over that cost by MO-Gymnasium's linear rewards."""
+"""Training of agents with a limit of one cost by a Lagrange multiplier.
+
+For comparison, MO-Gymnasium's linear rewards give the front of the level over that cost.
+"""
 
 # needs: env, rl
 
@@ -52,7 +55,11 @@ LINEAR = "PPO with a weight"
 
 
 class CostLimits(NamedTuple):
-    """A task's cost: its column, name, unit, limits of its mean, and weights of it in linear rewards."""
+    """A cost of a task, with its limits and weights.
+
+    The fields are the cost's column, name and unit, limits of its mean, and its weights in linear
+    rewards.
+    """
 
     column: int
     name: str
@@ -69,7 +76,11 @@ COSTS = {
 
 
 class Settings(NamedTuple):
-    """Steps of each agent, number of test episodes, and whether the linear rewards of MO-Gymnasium are tried."""
+    """Settings of the study.
+
+    They are the number of steps of each agent, the number of test episodes, and whether the linear
+    rewards of MO-Gymnasium are tried.
+    """
 
     steps: int
     episodes: int
@@ -77,7 +88,10 @@ class Settings(NamedTuple):
 
 
 def aim_of(task: str) -> list[float]:
-    """Return the weights of the costs that make the task's own score: 1 for the level, the price for the actuator's way."""
+    """Return the weights of the costs with which they give the task's own score.
+
+    The level has the weight 1. The actuator's travel has the task's price as weight.
+    """
     with optional():
         import gymnasium
     env: Any = gymnasium.make(env_of(task))
@@ -87,7 +101,10 @@ def aim_of(task: str) -> list[float]:
 
 
 def make_ppo(lanes: Any, task: str, seed: int) -> tuple[Any, Any]:
-    """Return an untrained PPO model in lanes whose rewards are scaled, its network adding to the rule of eight, and the policy of both."""
+    """Return an untrained PPO model, and the policy that adds its action to the rule of eight.
+
+    The lanes of the model add its action to that of the rule, too. Their rewards are scaled.
+    """
     from optimisation.rl.models import ScaledRewards
     from optimisation.rl.residual import AddRule, RuleAndNetwork
 
@@ -124,7 +141,10 @@ def make_linear_lanes(task: str, weights: Sequence[float], lanes: int) -> Any:
 
 
 def measure_policy(task: str, kind: str, value: float | None, settings: Settings) -> list[Json]:
-    """Return the row of a policy: the rule, or an agent that is trained without a limit, with one, or with a weight of the cost."""
+    """Return the row of a policy: the rule, or a trained agent.
+
+    An agent is trained without a limit, with a limit, or with a weight of the cost.
+    """
     from optimisation.rl.costs import LagrangeMultiplier, make_weighted_lanes, mean_costs
 
     cost = COSTS[task]
@@ -225,7 +245,10 @@ def make_front_table(measured: Measurement) -> str:
 
 
 def save_front(path: Path, measured: Measurement) -> None:
-    """Draw score over the cost in a panel for each task: rule, agents without and with limits, and the front of the weights."""
+    """Draw the score over the cost in a panel for each task.
+
+    A panel shows the rule, agents without and with limits, and the front of the weights.
+    """
     figure, panels = figure_of(5.6 * len(COSTS), 3.8, 1, len(COSTS))
     styles = {EIGHT: (BLACK, "s"), UNLIMITED: (GREEN, "o"), LIMITED: (ORANGE, "^")}
     for panel, (task, cost) in zip(np.ravel(panels), COSTS.items(), strict=True):
@@ -290,6 +313,9 @@ STUDY: Study[Settings] = Study(
     help="Folder of the page tasks.md and of its folder of numbers (default: docs).",
 )
 def main(quick: bool, redraw: bool, steps: int, front: bool, out: Path) -> None:
-    """Train agents with limits of a cost and score them on test seeds; a run that was stopped goes on when it is called again."""
+    """Train agents with limits of a cost and score them on test seeds.
+
+    A run that was stopped continues when the command is called again.
+    """
     settings = Settings(QUICK_STEPS, 16, front) if quick else Settings(steps, EPISODES, front)
     run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)

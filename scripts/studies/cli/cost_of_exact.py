@@ -1,4 +1,7 @@
-"""What the exact method's time is spent on: the cost of its parts, how often each is needed, and what is left over."""
+"""Computing time of the exact method, by its parts.
+
+The tables give the cost of each part, how often each is needed, and the remaining time.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -54,7 +57,10 @@ class Buffers(NamedTuple):
 
 
 def make_buffers(slots: ModalSystem, omega: float, half: float) -> Buffers:
-    """Return buffers with amplitudes of a millimetre on every slot, forced at ``omega`` in a window of half length ``half`` (s)."""
+    """Return buffers with an amplitude of a millimetre in every slot.
+
+    The slots are forced at ``omega`` in a window of half length ``half`` (s).
+    """
     signal = new_signal(slots.rows.shape[1])
     forced = new_forced(slots, None)
     window = ForceWindow(0.0, half, omega, 0.0, 1.0, 0.0)
@@ -204,7 +210,8 @@ STUDY: Study[float] = make_table_study(
     },
     lambda measured: (
         f"{table(measured.values['cases'])}\n\n"
-        "Times per pseudo period, medians on one core. Parts are timed alone in a loop, with warm caches, and their sum is therefore a lower bound."
+        "Times per pseudo period, medians on one core. Parts are timed alone in a loop, with "
+        "warm caches, and their sum is therefore a lower bound."
     ),
 )
 

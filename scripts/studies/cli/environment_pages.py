@@ -73,14 +73,20 @@ def class_of(page: str) -> Any:
 
 
 def read_sections(kind: type) -> dict[str, str]:
-    """Return the sections of an environment's docstring by heading, as Markdown; the first line has an empty one."""
+    """Return the sections of an environment's docstring by heading, as Markdown.
+
+    The text before the first heading has an empty heading.
+    """
     pieces = re.split(r"^## (.*)$", getdoc(kind) or "", flags=re.MULTILINE)
     texts = dict(zip(["", *pieces[1::2]], pieces[0::2], strict=True))
     return {heading: to_markdown(text) for heading, text in texts.items()}
 
 
 def to_markdown(text: str) -> str:
-    """Return a docstring's text with a line for each paragraph, code in single backticks and links to other pages."""
+    """Return a docstring's text as Markdown with a line for each paragraph.
+
+    Code is in single backticks, and names of environments become links to their pages.
+    """
     paragraphs = [
         part if part.lstrip().startswith(("-", "|")) else " ".join(part.split())
         for part in text.strip().split("\n\n")
@@ -204,12 +210,16 @@ def make_page(page: str, measured: dict[str, Any]) -> str:
         if heading == "Observation Space":
             text = make_feature_table(text, measured["ranges"])
             numbers = [str(k) for k, one in enumerate(env.task.features, 1) if one.measured]
-            text += f"\n\nSensors measure features {', '.join(numbers)}: noise, drift and delay apply to these."
+            text += (
+                f"\n\nSensors measure features {', '.join(numbers)}: noise, drift and delay apply "
+                "to these."
+            )
         parts.append(f"## {title}\n\n{text}")
     if scores := make_scores(names):
         parts.append(
             "## Scores\n\nMeans of 256 test seeds with 95 % intervals "
-            f"([baselines](../tasks.md#which-tasks-are-open), [leaderboard](../tasks.md#the-leaderboard)).\n\n{scores}"
+            "([baselines](../tasks.md#which-tasks-are-open), "
+            f"[leaderboard](../tasks.md#the-leaderboard)).\n\n{scores}"
         )
     remark = texts["Arguments"].partition("- `")[0].strip()
     defaults = ", ".join(f"`{one.name}={one.default}`" for one in other)

@@ -1,4 +1,7 @@
-"""Error against run time: all methods and two peers over all scenes, with the growth of errors, the jump study and the costs."""
+"""Error against run time of all methods and two peers, on all scenes.
+
+The study also has the growth of errors, the jump study and the costs.
+"""
 # needs: peers
 
 from collections.abc import Callable
@@ -28,7 +31,11 @@ def _part(
     table: Callable[[list[Row]], str],
     draw: Callable[[list[Row]], dict[str, Figure]] = lambda _: {},
 ) -> Part[AccuracySettings]:
-    """Return a part of the study: a module with its ``cases`` and the ``key`` of a row's case, a table and figures by file name, of its rows."""
+    """Return a part of the study.
+
+    ``module`` has the ``cases`` and the ``key`` of a row's case. ``table`` makes a table from the
+    rows, and ``draw`` makes figures by file name.
+    """
 
     def text(measured: Measurement) -> str:
         return f"{table(measured.values['rows'])}\n\n{made_with(measured)}"
@@ -98,7 +105,10 @@ PARTS = tuple(part.name for part in STUDY.parts)
 @click.option(
     "--resume",
     is_flag=True,
-    help="Go on from the files in --out where runs were stopped early; what is complete is left as it is.",
+    help=(
+        "Go on from the files in --out where runs were stopped early; what is complete is left as "
+        "it is."
+    ),
 )
 @click.option(
     "--out",
@@ -116,9 +126,10 @@ def main(
 ) -> None:
     """Measure error against run time, on one core and without compilation.
 
-    Each part writes PART.json.gz and its figures into --out, and its table into the page FOLDER.md beside that folder if there is one. Run
-    it on an otherwise idle machine: the times are medians, but nothing can make up for a core that is shared. Ctrl-C ends a part early and leaves
-    what is finished.
+    Each part writes PART.json.gz and its figures into --out, and its table into the page FOLDER.md
+    beside that folder if there is one. Run it on an otherwise idle machine: the times are medians,
+    but nothing can make up for a core that is shared. Ctrl-C ends a part early and leaves what is
+    finished.
     """
     settings = replace(QUICK if quick else FULL, seed=seed, peers=not no_peers)
     run(

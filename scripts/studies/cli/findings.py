@@ -1,4 +1,7 @@
-"""What the workbench finds on the paper's beam: best designs, optima, place, robustness, limits; figures and tables of docs/findings.md."""
+"""Results of the workbench for the paper's beam, as figures and tables of docs/findings.md.
+
+They are best designs, optima, place, robustness and limits.
+"""
 
 # needs: optimise, cluster
 
@@ -59,7 +62,10 @@ def _design(result: Json) -> str:
         unit, scale = UNITS.get(kind, ("", 1.0))
         symbol = SYMBOLS.get(kind, kind) + (f" {which}" if which else "")
         parts.append(
-            f"{symbol}{':' if which else ''} {scale * result['winner']['values'][name]:.3g} {unit}".rstrip()
+            (
+                f"{symbol}{':' if which else ''} {scale * result['winner']['values'][name]:.3g} "
+                f"{unit}"
+            ).rstrip()
         )
     return ", ".join(parts)
 
@@ -88,7 +94,10 @@ def _gain(result: Json, digits: int = 3) -> str:
 
 
 def _list_other_findings(result: Json) -> Iterator[str]:
-    """Yield the notes on a winner besides its level: branches of its members, bounds that it lies at, its level with more modes."""
+    """Yield notes on a winner other than its level.
+
+    They concern branches of its members, bounds that it lies at, and its level with more modes.
+    """
     for condition in result["conditions"]:
         for name, label in (("winner", "the found"), ("paper", "the paper's")):
             two = condition[name]["branches"]
@@ -98,12 +107,18 @@ def _list_other_findings(result: Json) -> Iterator[str]:
                     f"{_percent(level)} % ({_percent(share, 0)} % of the members)"
                     for level, share in pairs
                 )
-                yield f"near resonance {condition['resonance']} {label} has two branches, {low} and {high}"
+                yield (
+                    f"near resonance {condition['resonance']} {label} has two branches, {low} and "
+                    f"{high}"
+                )
     yield from (f"it lies at a bound, {line}" for line in result["winner_at_bounds"])
     wider = result.get("with_more_modes")
     if wider is not None:
         change = wider["change"]
-        yield f"with {wider['modes']} modes its level is {change['ratio']:.3f} ({_band(change['95_percent'], 1.0, '.3f')}) times that"
+        yield (
+            f"with {wider['modes']} modes its level is {change['ratio']:.3f} "
+            f"({_band(change['95_percent'], 1.0, '.3f')}) times that"
+        )
 
 
 def _besides(named: Mapping[str, Json]) -> str:
@@ -155,7 +170,10 @@ def _concepts(result: Json) -> str:
         for concept, results in result.items()
         if results is not best
     ]
-    text = f"The worse level over that of the impact absorber found, ratio of the medians with its 95 % interval: {'; '.join(others)}."
+    text = (
+        "The worse level over that of the impact absorber found, ratio of the medians with its "
+        f"95 % interval: {'; '.join(others)}."
+    )
     return f"{markdown(header, rows)}\n\n{text} Searches: {', '.join(searches)}." + _besides(result)
 
 
@@ -217,7 +235,10 @@ def _place(result: Json) -> str:
         rows.append((f"{x:g}", *ratios, f"{1e3 * result['gaps_m'][best]:.2f}", *cells))
     results = result["free"]
     place = results["winner"]["values"]["position"]
-    text = f"With the position free among four variables the search ends at x/l = {place:.3g} ({_design(results)}): {_judged(results['winner'])} %."
+    text = (
+        f"With the position free among four variables the search ends at x/l = {place:.3g} "
+        f"({_design(results)}): {_judged(results['winner'])} %."
+    )
     return f"{markdown(header, rows)}\n\n{text}"
 
 
@@ -253,8 +274,14 @@ def _front(result: Json) -> str:
     }
     seeds = [{**x, "off": 100 * (x["method"] / x["random"] - 1)} for x in result["against_random"]]
     won = result["seeds_won_against_random"]
-    text = f"{result['designs']} designs each. NSGA-II has the larger hypervolume in {won} of {len(seeds)} seeds."
-    figure = "![Level at the second resonance over that at the first: all designs, the front, the paper's design, limits](findings/front.png)"
+    text = (
+        f"{result['designs']} designs each. NSGA-II has the larger hypervolume in {won} of "
+        f"{len(seeds)} seeds."
+    )
+    figure = (
+        "![Level at the second resonance over that at the first: all designs, the front, the "
+        "paper's design, limits](findings/front.png)"
+    )
     return "\n\n".join([format_table(columns, seeds), text, figure])
 
 
@@ -263,13 +290,19 @@ def _scaling(result: Json) -> str:
     for kind, speedup in result["speedup"].items():
         one, two = (x["seconds"] for x in result["rows"] if x["kind"] == kind)
         rows.append((kind, f"{one:.2f}", f"{two:.2f}", f"{speedup:.2f}"))
-    text = f"{result['designs']} random designs, {result['runs']} sweeps; median of three rounds in turn."
+    text = (
+        f"{result['designs']} random designs, {result['runs']} sweeps; median of three rounds in "
+        "turn."
+    )
     return markdown(("workers", "one, s", "two, s", "times as fast"), rows) + "\n\n" + text
 
 
 def _full(result: Json) -> str:
     behind = result["left_behind"]
-    what = f"{result['variables']} variables, {result['designs']} designs, {result['members']} members, both directions, {result['modes']} modes"
+    what = (
+        f"{result['variables']} variables, {result['designs']} designs, {result['members']} "
+        f"members, both directions, {result['modes']} modes"
+    )
     rows = [
         ("study", what),
         ("sweeps", f"{result['runs']:,}"),
@@ -302,7 +335,10 @@ QUICK_POINTS = 6
 
 
 def settings(quick: bool, executor: Executor, seed: int, out: Path) -> FindingsSettings:
-    """Return how much to search, with journals by which the same command goes on where it was stopped."""
+    """Return the size of the searches, with the folder of their journals.
+
+    With the journals the same command continues after an interruption.
+    """
     journals = JOURNALS / ("quick" if quick else "full") / str(seed)
     data = out / NAME
     sizes = (
@@ -370,7 +406,10 @@ STUDY: Study[FindingsSettings] = Study(
 @click.option(
     "--quick",
     is_flag=True,
-    help=f"A look: few designs, fast sweeps, into {QUICK_OUT} unless told otherwise; the numbers mean little.",
+    help=(
+        f"A look: few designs, fast sweeps, into {QUICK_OUT} unless told otherwise; the numbers "
+        "mean little."
+    ),
 )
 @click.option(
     "--seed",
@@ -404,10 +443,13 @@ def main(
     out: Path | None,
     redraw: bool,
 ) -> None:
-    """Search, judge and explain the best absorbers for the paper's beam, and write docs/findings.md with its figures and tables.
+    """Search, judge and explain the best absorbers for the paper's beam.
 
-    The text of the page is written by hand; what stands between markers is written by this command. Ctrl-C ends a part; finished parts are written,
-    and the same command goes on inside the searches of the other.
+    The command writes docs/findings.md with its figures and tables.
+
+    The text of the page is written by hand; what stands between markers is written by this command.
+    Ctrl-C ends a part; finished parts are written, and the same command goes on inside the searches
+    of the other.
     """
     out = out or (QUICK_OUT if quick else OUT)
     with plain_errors(), executor(threads, None if redraw else cluster) as where:

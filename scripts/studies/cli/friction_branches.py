@@ -1,7 +1,10 @@
-"""Print what friction does to the paper's impact absorber: levels and branches of the members, with 1, 0.5 and 0.2 % damping.
+"""Print the effect of friction on the levels and branches of the paper's absorber.
 
-On the paper's beam at 3.5 N near the first resonance, the paper's absorber otherwise; with less damping also a gap 1.4 times the rule's, where the
-rule's is too narrow (docs/gap_method.md). Levels are those of fresh members, relative to no absorber.
+The members have 1, 0.5 and 0.2 % damping.
+
+On the paper's beam at 3.5 N near the first resonance, the paper's absorber otherwise; with less
+damping also a gap 1.4 times the rule's, where the rule's is too narrow (docs/gap_method.md). Levels
+are those of fresh members, relative to no absorber.
 """
 
 from functools import partial
@@ -58,10 +61,12 @@ class BranchSettings(NamedTuple):
 
 
 def _rows(damping: float, factor: float, settings: BranchSettings) -> list[Json]:
-    """Return levels over no absorber for each of `LIMITS`: median and 5 to 95 % of the members, and their branches.
+    """Return relative levels and branches of the members for each friction limit of `LIMITS`.
 
-    On the paper's beam with another damping, and a gap ``factor`` times the rule's. There are fewer members at less damping, whose sweeps take longer
-    by its square, but a quarter at least.
+    Levels are relative to those without absorber: median and 5 to 95 % of the members.
+
+    On the paper's beam with another damping, and a gap ``factor`` times the rule's. There are fewer
+    members at less damping, whose sweeps take longer by its square, but a quarter at least.
     """
     members = max(1, round(settings.members * min(1.0, max(0.25, damping / PAPER_DAMPING))))
     result = []
@@ -137,7 +142,9 @@ STUDY: Study[BranchSettings] = Study(
             summary=table,
         ),
     ),
-    stopped_message="what was finished is shown, and with --json the same command goes on from there.",
+    stopped_message=(
+        "what was finished is printed, and with --json the same command goes on from there."
+    ),
 )
 
 
@@ -165,7 +172,9 @@ def main(
     target: Path | None,
     page: Path | None,
 ) -> None:
-    """Print the table of docs/findings.md on friction; sweeps as slow as the damping asks for, so 0.2 % takes longest.
+    """Print the table of docs/findings.md on friction.
+
+    The sweeps are slower for less damping, so 0.2 % takes longest.
 
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
     """

@@ -1,4 +1,7 @@
-"""Trained agents on the test seeds beside the best rule, seed by seed of training, and their learning curves."""
+"""Scores of trained agents on the test seeds compared with those of the best rule.
+
+Each training seed has its result. The learning curves are drawn too.
+"""
 
 # needs: env
 
@@ -55,7 +58,11 @@ WIDE = 2  # panels side by side
 
 
 class AgentScores(NamedTuple):
-    """A training seed: its steps, its score on the validation seeds, that on the test seeds, and its mean difference to the rule there."""
+    """Result of one training seed.
+
+    Its steps, its score on the validation seeds, that on the test seeds, and its mean difference to
+    the rule on the test seeds with the interval from ``low`` to ``high``.
+    """
 
     task: str
     algorithm: str
@@ -79,7 +86,11 @@ class CurvePoint(NamedTuple):
 
 
 def judge(task: str, runs: Sequence[Run], episodes: int) -> list[AgentScores]:
-    """Return the scores of finished runs of a task on test seeds, with the 95 % interval of the differences to the rule of eight, seed by seed."""
+    """Return the scores of finished runs of a task on test seeds.
+
+    Each run also has the mean difference to the rule of eight parameters with its 95 % interval,
+    paired by test seed.
+    """
     rule = policies(task)[EIGHT]
     rows = []
     for run in Bar(runs, desc=task, unit="agent", leave=False):
@@ -100,7 +111,10 @@ def judge(task: str, runs: Sequence[Run], episodes: int) -> list[AgentScores]:
 
 
 def read_rows(file: Path, kind: type[Any]) -> list[Any]:
-    """Return the rows of a CSV file as named tuples; none if there is no file. Raises ParameterError for another file."""
+    """Return the rows of a CSV file as named tuples, or none if the file does not exist.
+
+    Raises ParameterError if this command did not write the file.
+    """
     if not file.exists():
         return []
     try:
@@ -117,12 +131,18 @@ def read_rows(file: Path, kind: type[Any]) -> list[Any]:
 
 
 def share_of_way(agents: Array, rule: Array, planner: Array) -> float:
-    """Return the share of the way from a rule to a planner that agents have gone, for scores (runs, seeds)."""
+    """Return the improvement of agents on a rule, as a share of that of a planner.
+
+    The scores have the shape (runs, seeds).
+    """
     return float((agents.mean() - rule.mean()) / (planner.mean() - rule.mean()))
 
 
 def format_shares(task: str, algorithm: str, plans: Mapping[str, Any]) -> str:
-    """Return the share of the way from the rule to the robust planner with its 95 % interval, where planner and agents were judged."""
+    """Return the improvement of agents on the rule, relative to that of the robust planner.
+
+    It has its 95 % interval. The text is "-" where planner, rule or agents have not been judged.
+    """
     scores = plans.get(task, {}).get("scores", {})
     known = [scores.get(label) for label in (algorithm.upper(), EIGHT, ROBUST)]
     if any(values is None for values in known):
@@ -165,7 +185,11 @@ def table(rows: Sequence[AgentScores], plans: Mapping[str, Any]) -> str:
 
 
 def save_curves(path: Path, points: Sequence[CurvePoint]) -> None:
-    """Draw validation scores over steps: a panel for each task, a thin line for each seed, the median thick, rule and constant as level lines."""
+    """Draw validation scores over training steps.
+
+    Each task has a panel, each seed a thin line, and the median a thick one. Horizontal lines are
+    the rule and the constant.
+    """
     tasks = [task for task in TASKS if any(point.task == task for point in points)]
     rows = -(-len(tasks) // WIDE)
     figure, panels = figure_of(9.6, 3.6 * rows, rows, WIDE)
@@ -227,7 +251,10 @@ def save_curves(path: Path, points: Sequence[CurvePoint]) -> None:
 def main(
     agents: Path | None, tasks: tuple[str, ...], episodes: int, out: Path, page: Path | None
 ) -> None:
-    """Play each finished agent once on the test seeds, and print how many training seeds pass the rule of eight."""
+    """Evaluate each finished agent once on the test seeds.
+
+    The table has the number of training seeds that score higher than the rule of eight parameters.
+    """
     check_target("--page", page)
     require_writable("--out", out)
     if page is not None:

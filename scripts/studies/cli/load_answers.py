@@ -1,4 +1,7 @@
-"""What loads other than one force do to impact absorbers: both resonances at once, random, gravity, shocks, starts."""
+"""Effect of impact absorbers under loads other than one force.
+
+The loads are forces at both resonances at once, random forces, gravity, shocks and other starts.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -93,7 +96,11 @@ def _measure_levels(scene: Scene, drives: Sequence[Excitation]) -> Array:
 def _row(
     case: LoadCase, group: str, variant: Variant, share: float, drives: Sequence[Excitation]
 ) -> Json:
-    """Return the relative level in either band; without absorber the motion is linear, and the same for all members but for phases."""
+    """Return the relative level in both frequency bands.
+
+    Without absorber the motion is linear and equal for all members except for phases, so one member
+    suffices.
+    """
     free = _measure_levels(Scene(case.model), drives[:1])[0]
     ratio = np.round(_measure_levels(variant[1], drives) / free, 4)
     own = {"structure": case.name, "group": group, "variant": variant[0], "share": share}
@@ -106,7 +113,11 @@ def _row(
 
 
 def both_rows(case: LoadCase, group: str, settings: SpectrumSettings) -> list[Json]:
-    """Return the relative level of each variant of a group: of a remedy at few members, and of the best one, ``judged`` out of so many, at others."""
+    """Return the relative level of each variant of a group.
+
+    Of a group of remedies, each variant has a few members. The best one runs again with other
+    members, and its row has the number of variants tried as ``judged``.
+    """
     variants = GROUPS[group](case)[:: 4 if settings.quick else 1]
     rows = []
     members = draw_members(SEARCHED + settings.members, 0)
@@ -161,7 +172,11 @@ def _places(case: LoadCase) -> list[Variant]:
 
 
 def _halves(case: LoadCase) -> list[Variant]:
-    """Return two absorbers of half the mass: side by side, and one at the second mode's node with one where the absorber was."""
+    """Return pairs of absorbers of half the mass.
+
+    In one kind of pair both are at the same place. In the other, one is at the second mode's node
+    and one at the place of the original absorber.
+    """
     own = case.beam.absorber_position
     result = []
     wide = design_gap(case.at(case.node), case.mass / 2, case.forces[0], 1)
@@ -217,7 +232,10 @@ def _ratios(
     settings: SpectrumSettings,
     row: Json,
 ) -> list[Json]:
-    """Return rows of the members' levels over that without absorber, of sweeps up (``ratio``) and down, for each factor of the design force."""
+    """Return the members' relative levels for each factor of the design force.
+
+    Levels are relative to those without absorber, for sweeps up (``ratio``) and ``down``.
+    """
     rows = []
     for factor in FACTORS[:: 4 if settings.quick else 1]:
         ratios = {}
@@ -253,7 +271,9 @@ def _sliding(
 
 
 def gravity_rows(case: LoadCase, weight: float, settings: SpectrumSettings) -> list[Json]:
-    """Return levels over the force, without friction and with it, for an absorber that begins on its lower wall.
+    """Return levels over the force for an absorber that starts on its lower wall.
+
+    The rows are for the absorber without and with friction.
 
     ``weight``: gravity as a share of gap times the first frequency squared.
     """
@@ -275,7 +295,10 @@ WALLS = (
 
 
 def start_rows(case: LoadCase, start: str, settings: SpectrumSettings) -> list[Json]:
-    """Return levels over the force from a start; bouncing, the absorber crosses its cavity in half a period."""
+    """Return levels over the force for one kind of initial conditions.
+
+    With "bouncing" the absorber crosses its cavity in half a period.
+    """
     state = (
         InitialState(absorber_velocity=2 * GAP * float(case.model.omega[0]) / np.pi)
         if start == "bouncing"
@@ -300,7 +323,11 @@ def _cost(row: Json) -> tuple[float, float]:
 
 
 def both_text(rows: Sequence[Json]) -> str:
-    """Return a table over the share of the higher force, and the best of each remedy, with the least of the larger number, at some shares."""
+    """Return a table over the share of the higher force, and one of the best remedies.
+
+    The second table has the best variant of each remedy at some shares. The best has the smallest
+    value of the larger of the two relative levels.
+    """
     shares = [
         (
             row["structure"],
@@ -349,7 +376,11 @@ def both_text(rows: Sequence[Json]) -> str:
 
 
 def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
-    """Return a line for each series: the members' median at each factor of the design force, and where a sweep down differs most."""
+    """Return a line for each series, with the members' median at each factor of the force.
+
+    Factors are relative to the design force. The line also has the factor at which a sweep down
+    differs most.
+    """
     factors = sorted({row["factor"] for row in rows})
     series: dict[tuple[Any, ...], dict[float, tuple[float, float]]] = {}
     for row in rows:
@@ -373,7 +404,8 @@ def _over_force(rows: Sequence[Json], names: tuple[str, ...]) -> str:
     )
 
 
-# part: title, what measures its rows, the name and the values that tell them apart, and what puts them into words
+# part: title, what measures its rows, the name and the values that tell them apart, and what puts
+# them into words
 PARTS: dict[
     str,
     tuple[
@@ -458,7 +490,10 @@ QUICK_MEMBERS = 2
 @click.option(
     "--quick",
     is_flag=True,
-    help=f"Every fourth point, {QUICK_MEMBERS} members unless given, into {QUICK_OUT} unless told otherwise.",
+    help=(
+        f"Every fourth point, {QUICK_MEMBERS} members unless given, into {QUICK_OUT} unless told "
+        "otherwise."
+    ),
 )
 @click.option(
     "--redraw",
@@ -479,7 +514,11 @@ def main(
     resume: bool,
     out: Path | None,
 ) -> None:
-    """Measure what is left of level, RMS or decay time with impact absorbers on two beams, and write them into docs/load_findings.md."""
+    """Measure the reduction by impact absorbers on two beams, and write load_findings.md.
+
+    The measures are level, RMS or decay time relative to those without absorber. The page is
+    docs/load_findings.md.
+    """
     folder = out or (QUICK_OUT if quick else published(DOCS, QUICK_OUT))
     settings = SpectrumSettings(members or (QUICK_MEMBERS if quick else MEMBERS), quick)
     run(

@@ -1,4 +1,7 @@
-"""Compare the gap of the slow invariant manifold with the best gaps that scans found, on the structures of docs/gap_method.md."""
+"""Compare the gap of the slow invariant manifold with the best gaps of scans.
+
+The structures are those of docs/gap_method.md.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +26,11 @@ MARKER = "manifold_gaps"
 
 
 class Row(NamedTuple):
-    """A structure: reach, and gaps over that of the design rule: best of the scan, by the fit, by the manifold."""
+    """A structure with its reach and its gaps.
+
+    The gaps are relative to that of the design rule: the best of the scan, that of the fit, and
+    that of the manifold.
+    """
 
     name: str
     resonance: int
@@ -34,7 +41,10 @@ class Row(NamedTuple):
 
 
 def scanned(page: Path) -> dict[tuple[str, int, float], tuple[float, float]]:
-    """Return reach and best gap over the rule's by name, resonance and mass in %, from the table of the scans."""
+    """Return reach and best gap from the table of the scans.
+
+    The gap is relative to that of the rule. Keys are name, resonance and mass in %.
+    """
     text = page.read_text(encoding="utf-8")
     table = text.partition("<!-- check_gaps -->")[2].partition("<!-- /check_gaps -->")[0]
     lines = [line.strip().strip("|").split("|") for line in table.splitlines() if line[:1] == "|"]
@@ -84,7 +94,10 @@ def summary(rows: list[Row]) -> str:
 @command()
 @page_option(MARKER, "docs/slow_manifold.md")
 def main(page: Path | None) -> None:
-    """Print, for each structure that was scanned, the best gap, the fitted one, and the manifold's, all over the design rule's."""
+    """Print the best gap, the fitted one and that of the manifold for each structure.
+
+    All are relative to that of the design rule. The structures are those that were scanned.
+    """
     with plain_errors():
         check_page(page, MARKER)
         rows = list(rows_of(scanned(SCAN)))

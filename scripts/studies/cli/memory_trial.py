@@ -1,4 +1,7 @@
-"""Whether memory pays where an agent sees only noisy accelerations: PPO on the last observation, on the last eight, and with a recurrent network."""
+"""Benefit of memory for an agent that observes only noisy accelerations.
+
+PPO is trained on the last observation, on the last eight, and with a recurrent network.
+"""
 
 # needs: env, rl
 
@@ -126,7 +129,11 @@ def list_cases(settings: Settings) -> Mapping[Any, Callable[[], list[Json]]]:
 
 
 def make_table(measured: Measurement) -> str:
-    """Return a line for each kind: mean over agents and test episodes, and how much higher than that of the last observation."""
+    """Return a line for each kind: mean score, and its difference to the last observation.
+
+    The mean is over agents and test episodes. The difference is to the mean of agents that observe
+    only the last observation.
+    """
     rows = measured.values["rows"]
     scores = {
         kind: np.array([row["scores"] for row in rows if row["kind"] == kind])
@@ -146,7 +153,8 @@ def make_table(measured: Measurement) -> str:
     head = ("PPO on", "agents", "mean test score", "higher than on the last observation")
     return (
         f"{markdown(head, lines)}\n\n"
-        f"{settings['steps']:,} steps an agent, {settings['episodes']} test episodes; 95 % intervals over agents and episodes."
+        f"{settings['steps']:,} steps an agent, {settings['episodes']} test episodes; 95 % "
+        "intervals over agents and episodes."
     )
 
 
@@ -196,7 +204,10 @@ STUDY: Study[Settings] = Study(
 def main(
     quick: bool, redraw: bool, seeds: int, steps: int, kinds: tuple[str, ...], out: Path
 ) -> None:
-    """Train agents with and without memory on RawSensors-v0 and score them on test seeds; a run that was stopped goes on when it is called again."""
+    """Train agents with and without memory on RawSensors-v0 and score them on test seeds.
+
+    An interrupted run continues when the command is called again.
+    """
     chosen = kinds or KINDS
     settings = (
         Settings(1, QUICK_STEPS, 16, chosen) if quick else Settings(seeds, steps, EPISODES, chosen)

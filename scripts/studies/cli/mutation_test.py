@@ -35,10 +35,13 @@ EXPECTED = "survives, as explained"
 
 @dataclass(frozen=True)
 class Fault:
-    """A planted fault: in ``file``, ``old`` (which stands there once) becomes ``new``; ``tests`` are what should notice.
+    """A planted fault.
 
-    ``survives``: why none of the tests can notice it, where that is so. ``plain``: the tests run in plain Python, without
-    compiled code, as all do of a fault below impact_env/kernels.
+    In ``file``, ``old`` (which occurs once) becomes ``new``. ``tests`` are the tests that should
+    detect the fault.
+
+    ``survives``: why none of the tests can notice it, where that is so. ``plain``: the tests run in
+    plain Python, without compiled code, as all do of a fault below impact_env/kernels.
     """
 
     name: str
@@ -53,7 +56,11 @@ class Fault:
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """What the tests made of a fault: `CAUGHT`, `SURVIVES` or `EXPECTED`, the test that failed first, and seconds."""
+    """Result of the tests of a fault.
+
+    ``verdict`` is `CAUGHT`, `SURVIVES` or `EXPECTED`. ``test`` is the first test that failed.
+    ``seconds`` is the run time.
+    """
 
     fault: Fault
     verdict: str
@@ -108,7 +115,10 @@ def copied_checkout() -> Iterator[Path]:
 
 
 def run_tests(folder: Path, tests: str, plain: bool) -> tuple[bool, str]:
-    """Run pytest on the copy in ``folder``; return whether all passed, and the first test that did not."""
+    """Run pytest on the copy in ``folder``.
+
+    Return whether all tests passed, and the first test that did not.
+    """
     path = os.pathsep.join(str(folder / part) for part in ("", "scripts", "tests"))
     environment = os.environ | {
         "PYTHONPATH": path,
@@ -170,10 +180,12 @@ def check_unchanged(faults: Iterable[Fault]) -> None:
 @page_option(MARKER, "docs/internals/mutations.md")
 @plain_errors()
 def main(only: str | None, processes: int, page: Path | None) -> None:
-    """Plant each fault of tests/mutations.toml in a copy of the sources and run the tests nearest to it.
+    """Plant each fault of tests/mutations.toml in a copy of the sources and run tests.
 
-    Faults in compiled code are judged in plain Python (NUMBA_DISABLE_JIT=1). The exit code is 1 if a fault survives that is not
-    explained. Ctrl-C ends it early.
+    The tests are those closest to the fault.
+
+    Faults in compiled code are judged in plain Python (NUMBA_DISABLE_JIT=1). The exit code is 1 if
+    a fault survives that is not explained. Ctrl-C ends it early.
 
     Example: scripts/run reproduce mutation-test --only friction
     """

@@ -1,4 +1,7 @@
-"""What agents do within a period: pictures of their actions, and rules of twelve numbers that are read off them."""
+"""Actions of agents within a period, and rules of twelve parameters derived from them.
+
+The actions are shown as pictures.
+"""
 
 # needs: env, optimise
 
@@ -35,7 +38,10 @@ DPI = 90
 
 
 def save_actions(path: Path, task: str, actors: dict[str, Any]) -> None:
-    """Draw mean actions over phase and state: a column for each policy, a row for each range of the response size."""
+    """Draw mean actions over phase and state.
+
+    Each policy has a column, each range of the response size a row.
+    """
     first = SEED_SPLITS["validation"][0]
     state = DRAWN_STATES[task]
     figure, panels = figure_of(
@@ -99,7 +105,11 @@ def main(
     target: Path | None,
     pictures: Path | None,
 ) -> None:
-    """Fit rules to agents, refine them by CMA-ES, and print how far they are above the rule of eight on the validation seeds."""
+    """Fit rules to agents and refine them by CMA-ES.
+
+    The command prints how far their scores are above those of the rule of eight parameters on the
+    validation seeds.
+    """
     check_target("--json", target, (".json",))
     known = dict(read_json(target)) if target is not None and target.exists() else {}
     effort = QUICK if quick else Effort()

@@ -1,4 +1,7 @@
-"""What rules and agents lose on a machine that is not what its control takes it for: noise, delays, a coarse actuator, other friction and damping."""
+"""Loss of rules and agents on a machine that differs from the model of its control.
+
+The differences are noise, delays, a coarse actuator, and other friction and damping.
+"""
 
 # needs: env
 
@@ -73,7 +76,11 @@ def name_agent(agent: Agent) -> str:
 
 
 def list_policies(task: str, agents: tuple[Agent, ...]) -> dict[str, Any]:
-    """Return the policies of a task: best constant, best rule, agents that ship, and those that are given."""
+    """Return the policies of a task.
+
+    They are the best constant, the best rule, the agents that the package contains, and the given
+    agents.
+    """
     rules = policies(task)
     own = [load_agent(task, algorithm) for algorithm in shipped().get(task, [])]
     chosen = [agent for agent in agents if agent.env_id == env_of(task)]
@@ -83,7 +90,10 @@ def list_policies(task: str, agents: tuple[Agent, ...]) -> dict[str, Any]:
 
 
 def digest_policy(policy: Any) -> str:
-    """Return a hash of a policy's numbers: rows of another policy with the same name are measured again."""
+    """Return a hash of a policy's parameters.
+
+    If a policy has the same name but another hash, its rows are measured again.
+    """
     layers = (
         [*policy.layers, policy.cells or ()]
         if isinstance(policy, Agent)
@@ -94,7 +104,11 @@ def digest_policy(policy: Any) -> str:
 
 
 def measure_machine(task: str, machine: str, settings: Settings) -> list[Json]:
-    """Return a row for each policy on a machine: mean score, its change from the ideal machine on the same seeds, and 95 % intervals."""
+    """Return a row for each policy on a machine.
+
+    A row has the mean score, its change from the ideal machine on the same seeds, and 95 %
+    intervals.
+    """
     seeds = SEED_SPLITS["test"][: settings.episodes]
     rows = []
     for name, policy in list_policies(task, settings.agents).items():
@@ -195,7 +209,10 @@ STUDY: Study[Settings] = Study(
     help="Folder of the page real_controller.md and of its folder of numbers (default: docs).",
 )
 def main(quick: bool, redraw: bool, files: tuple[Path, ...], out: Path) -> None:
-    """Play rules and agents on machines that are not what their control takes them for, on test seeds."""
+    """Evaluate rules and agents on machines that differ from the model of their control.
+
+    They run on test seeds.
+    """
     folder = out / NAME
     with plain_errors():
         agents = tuple(load_agent(file) for file in files or sorted(folder.glob("*.npz")))

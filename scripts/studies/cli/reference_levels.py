@@ -1,4 +1,7 @@
-"""Response levels beside numbers computed earlier with the Moreau scheme, near the first and the second resonance."""
+"""Response levels compared with earlier results of the Moreau scheme.
+
+The levels are near the first and the second resonance.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -43,9 +46,12 @@ class ReferenceSettings(NamedTuple):
 
 @dataclass(frozen=True)
 class Column:
-    """A scene near a resonance: forces in N, and for each the earlier level in mm with the digits in which it is known, as a number or a span.
+    """A scene near a resonance, with the earlier level for each force.
 
-    An earlier number is one draw of what is a random variable in the impact regimes: the Moreau scheme at 20 steps per period of the highest mode.
+    Forces are in N. The earlier levels are in mm with their known digits, as a number or a range.
+
+    An earlier number is one draw of what is a random variable in the impact regimes: the Moreau
+    scheme at 20 steps per period of the highest mode.
     """
 
     name: str
@@ -104,8 +110,9 @@ PAST = Column("past the plateau", PAPERS_BEST, (PAST_PLATEAU,), ("above 0.57",),
 def compared(median: float, low: float, high: float, earlier: str) -> Json:
     """Return how median and band over the members stand to an earlier number or span, all in mm.
 
-    ``inside``: whether the number, to half a unit of its last digit to either side, is in the band; for a span, whether the median is in it.
-    ``deviation_percent``: median less the number, in percent of it; None for a span.
+    ``inside``: whether the number, to half a unit of its last digit to either side, is in the band;
+    for a span, whether the median is in it. ``deviation_percent``: median less the number, in
+    percent of it; None for a span.
     """
     ends = earlier.split(" to ")
     first, last = (
@@ -139,7 +146,11 @@ def compare(column: Column, curve: PerformanceCurve) -> Iterator[Json]:
 
 
 def plateau_sentence(levels: Sequence[Json], past: Sequence[float]) -> str:
-    """Say in words where the second resonance's plateau lies and how many members (their levels in m in ``past``) have left it past its end."""
+    """Return a sentence on the second resonance's plateau and the members above it.
+
+    It gives the levels of the plateau, and how many members have left the plateau beyond its end.
+    The members' levels there are ``past``, in m.
+    """
     own = (PLATEAU.resonance, PLATEAU.name)
     plateau = [
         level
@@ -150,9 +161,12 @@ def plateau_sentence(levels: Sequence[Json], past: Sequence[float]) -> str:
     top = MM * max(level["level_5_to_95_percent_m"][1] for level in plateau)
     beyond = MM * np.array(past)
     return (
-        f"Second resonance, {PLATEAU.name}: the median lies between {min(medians):.3f} and {max(medians):.3f} mm\n"
-        f"from {PLATEAU.forces[0]:g} to {PLATEAU.forces[-1]:g} N. At {PAST_PLATEAU:g} N it is {np.median(beyond):.3f} mm, and "
-        f"{np.sum(beyond > top)} of {len(beyond)} members lie above the plateau's\nhighest band, which ends at {top:.3f} mm."
+        f"Second resonance, {PLATEAU.name}: the median lies between {min(medians):.3f} and "
+        f"{max(medians):.3f} mm\n"
+        f"from {PLATEAU.forces[0]:g} to {PLATEAU.forces[-1]:g} N. At {PAST_PLATEAU:g} N it is "
+        f"{np.median(beyond):.3f} mm, and "
+        f"{np.sum(beyond > top)} of {len(beyond)} members lie above the plateau's\nhighest "
+        f"band, which ends at {top:.3f} mm."
     )
 
 
@@ -183,15 +197,22 @@ def table(levels: Sequence[Json]) -> str:
 
 
 def notes(levels: Sequence[Json], members: int) -> str:
-    """Say how many levels are in their bands, how far off the others are, and how to read the table."""
+    """Return a text on how many levels are in their bands, and how to read the table.
+
+    It also gives the deviations from the earlier numbers.
+    """
     inside = sum(level["inside"] for level in levels)
     off = [abs(x) for level in levels if (x := level["deviation_percent"]) is not None]
     return (
-        f"{inside} of {len(levels)} lie in the band. The medians differ from the earlier numbers by {np.median(off):.1f} % as a rule (median), "
+        f"{inside} of {len(levels)} lie in the band. The medians differ from the earlier "
+        f"numbers by {np.median(off):.1f} % as a rule (median), "
         f"{max(off):.1f} % at most.\n"
-        f"Levels: the larger of a sweep up and a sweep down; exact method, {members} members. Earlier: the Moreau scheme, 20 steps per\n"
-        "period of the highest mode, one draw each. A number is in the band to its last digit; a span, if the median is in it. Where the\n"
-        "level hardly depends on the phase, the band is narrower than the error of a scheme with steps: there the deviation says more."
+        f"Levels: the larger of a sweep up and a sweep down; exact method, {members} members. "
+        "Earlier: the Moreau scheme, 20 steps per\n"
+        "period of the highest mode, one draw each. A number is in the band to its last "
+        "digit; a span, if the median is in it. Where the\n"
+        "level hardly depends on the phase, the band is narrower than the error of a scheme "
+        "with steps: there the deviation says more."
     )
 
 
@@ -221,7 +242,8 @@ def _measure(settings: ReferenceSettings) -> Json:
 def _summary(measured: Measurement) -> str:
     levels = measured.values["levels"]
     past = measured.values["past_plateau_level_m"]
-    return f"{table(levels)}\n\n{notes(levels, measured.values['members'])}\n\n{plateau_sentence(levels, past)}"
+    members = measured.values["members"]
+    return "\n\n".join([table(levels), notes(levels, members), plateau_sentence(levels, past)])
 
 
 STUDY = make_table_study(NAME, "levels beside earlier numbers", _measure, _summary)
@@ -244,5 +266,8 @@ STUDY = make_table_study(NAME, "levels beside earlier numbers", _measure, _summa
 )
 @add_table_options(NAME, "docs/methods.md")
 def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
-    """Compute response levels of the paper's scenes and print them beside numbers computed earlier with the Moreau scheme."""
+    """Compute response levels of the paper's scenes.
+
+    They are printed next to numbers computed earlier with the Moreau scheme.
+    """
     run(STUDY, ReferenceSettings(members, seed), make_table_paths(target, page))

@@ -1,4 +1,8 @@
-"""Regimes of a response: how long impacts last at each frequency, P(jump) of a sweep from that, and where it is periodic, where chaotic."""
+"""Regimes of a response: duration of impacts, jumps of sweeps, kinds of motion.
+
+The study measures how long impacts last at each frequency, predicts P(jump) of a sweep from that,
+and finds where the response is periodic and where chaotic.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -74,7 +78,10 @@ def names(rows: list[Row]) -> list[str]:
 
 
 def hazard_of(stays: list[Row], first: float = np.inf, last: float = -np.inf) -> Hazard | None:
-    """Return the integral of the rates between two ratios, None where fewer than two frequencies have one."""
+    """Return the integral of the exit rates between two frequency ratios.
+
+    It is None if fewer than two frequencies have a rate.
+    """
     earlier = [row for row in stays if row["rate"] is not None and last <= row["at"] <= first]
     if len(earlier) < 2:
         return None
@@ -174,7 +181,10 @@ def about(result: Hazard | None) -> str:
     interval = f"(95 %: {1 / result.high:.0f} to {1 / result.low:.0f})"
     if result.factor == 1:
         return f"{reach}P(jump) = {inverse} {interval}."
-    factor = f"A = {result.factor:.3f} (95 %: {result.factor_low:.3f} to {result.factor_high:.3f}) from the sweeps"
+    factor = (
+        f"A = {result.factor:.3f} (95 %: {result.factor_low:.3f} to {result.factor_high:.3f}) "
+        "from the sweeps"
+    )
     return f"{reach}P(jump) = A {inverse} {interval}, {factor}."
 
 
@@ -186,7 +196,11 @@ def with_sweeps(result: Hazard | None, sweeps: list[Row]) -> Hazard | None:
 
 
 def ways_table(rows: list[Row], case: str) -> str:
-    """Return a line for each slowness and way of sweeps through one range, beside what constant frequencies say; empty if there are none."""
+    """Return a line for each slowness and way of sweeps through one range.
+
+    Measured jumps are compared with the prediction from constant frequencies. The text is empty if
+    there are no sweeps.
+    """
     lines = []
     for row in (row for way in WAYS for row in of_case(rows, way, case)):
         high = max(row["first"], row["last"])
@@ -221,7 +235,10 @@ def ways_table(rows: list[Row], case: str) -> str:
 
 
 def pattern(row: Row) -> str:
-    """Return the kinds at a frequency, each with its share, the multiples of periodic ones named."""
+    """Return the kinds of response at a frequency, each with its share.
+
+    Periodic responses are given by their multiple of the force's period.
+    """
     shares = {NAMES[ResponseKind.LINEAR]: row[ResponseKind.LINEAR.value]} | {
         f"period {multiple}": number for multiple, number in row["multiples"].items()
     }
@@ -285,7 +302,11 @@ TIMES = ("stay_periods", "burn_in", "silence", "settle", "window")
 
 
 def place(out: Path, own: bool) -> OutputPaths:
-    """Return where files go: the page into a folder, all else into its folder regimes; for a scene of the caller's all into the folder, no page."""
+    """Return the paths of the results.
+
+    The page goes into the folder ``out``, and all other files into its subfolder regimes. For a
+    scene of the user (``own``) all files go into ``out``, without a page.
+    """
     return OutputPaths(out) if own else paths_next_to_page(out, NAME, out / NAME)
 
 
@@ -383,7 +404,10 @@ DPI = 110
 
 
 def save_jump(path: Path, rows: list[Row]) -> None:
-    """Draw rates of leaving over the frequency, and jumps over the slowness, a row for each case."""
+    """Draw exit rates over the frequency, and jumps over the slowness.
+
+    Each case has a row.
+    """
     visible = names(rows)
     figure, panels = figure_of(11, 4.2 * len(visible), len(visible), 2)
     for case, (rates, jumps) in zip(visible, np.atleast_2d(panels), strict=True):
@@ -446,7 +470,10 @@ def _jumps(panel: Axes, sweeps: list[Row], stays: list[Row]) -> None:
 
 
 def save_kinds(path: Path, rows: list[Row]) -> None:
-    """Draw the members' kinds over the frequency above the envelope of the response, a column for each case."""
+    """Draw the shares of the members' kinds of response, and below them the envelope.
+
+    Both are over the frequency. Each case has a column.
+    """
     visible = names(rows)
     figure, panels = figure_of(6.5 * len(visible), 7, 2, len(visible), sharex="col")
     for case, (top, bottom) in zip(visible, panels.T, strict=True):
@@ -544,7 +571,10 @@ def own_case(settings: dict[str, Any]) -> RegimeCase:
 
 
 def chosen_settings(settings: dict[str, Any], executor: Executor | None = None) -> RegimeSettings:
-    """Return the settings of a run, by an executor as in `run_lanes`. Raises BadInput or ParameterError."""
+    """Return the settings of a run.
+
+    The executor is that of `run_lanes`. Raises BadInput or ParameterError.
+    """
     own = is_own(settings)
     picked = (own_case(settings),) if own else cases()
     counts = (
@@ -661,10 +691,13 @@ def _thinned(case: RegimeCase) -> RegimeCase:
     help=f"Folder.  [default: {OUT}; {QUICK_OUT} with --quick or a scene of your own]",
 )
 def main(**options: Any) -> None:
-    """Measure how long the regime of impacts lasts, predict the jump of sweeps from that, and classify stationary responses.
+    """Measure how long the impact regime lasts, and predict the jump of sweeps from that.
 
-    Without options of a scene the cases of docs/regimes.md are computed and the page's tables and figures are written. With a scene of your own,
-    jump.json.gz and kinds.json.gz, CSV files and figures go to --out. Ctrl-C keeps what is finished.
+    The command also classifies stationary responses.
+
+    Without options of a scene the cases of docs/regimes.md are computed and the page's tables and
+    figures are written. With a scene of your own, jump.json.gz and kinds.json.gz, CSV files and
+    figures go to --out. Ctrl-C keeps what is finished.
     """
     small = is_own(options) or options["quick"]
     with (

@@ -1,4 +1,7 @@
-"""Reproduction of the paper: its figures with bands, and a verdict on each of its statements; docs/paper.md."""
+"""Reproduction of the paper, docs/paper.md.
+
+It has the paper's figures with bands, and a verdict on each of its statements.
+"""
 
 import sys
 from pathlib import Path
@@ -37,7 +40,7 @@ from studies.study import run
 @click.option(
     "--redraw",
     is_flag=True,
-    help="Write figures, page and claims again from the numbers in the folder; nothing is computed.",
+    help="Write figures, page and claims again from the folder's numbers; nothing is computed.",
 )
 @click.option("--anew", "recompute", is_flag=True, help="Compute finished figures again too.")
 @click.option(
@@ -55,10 +58,13 @@ def main(
     recompute: bool,
     out: Path | None,
 ) -> None:
-    """Compute the figures of the paper, judge its statements by them, and write both as a page with files.
+    """Compute the figures of the paper and judge its statements by them.
 
-    A finished figure is kept as long as its parameters and the simulator are the same; a stopped command goes on where it was. Statements are judged
-    by all figures in the folder, those of earlier commands too.
+    Both are written as a page with files.
+
+    A finished figure is kept as long as its parameters and the simulator are the same; a stopped
+    command goes on where it was. Statements are judged by all figures in the folder, those of
+    earlier commands too.
     """
     where = make_paths(out or (QUICK_OUT if quick else OUT))
     assert where.folder is not None

@@ -1,7 +1,10 @@
-"""Compare searches at equal cost: random search, CMA-ES, TPE, differential evolution and a Gaussian process, on four problems, over ten seeds.
+"""Compare search methods at equal cost, on four problems over ten seeds.
 
-All methods search from scratch, each until it has cost as much: members (a sweep up and a sweep down per condition) at the usual rate, of which the
-fast ones of a screened design are parts. The best five designs of each run again on fresh members, which chooses the winner, and its level is the
+The methods are random search, CMA-ES, TPE, differential evolution and a Gaussian process.
+
+All methods search from scratch, each until it has cost as much: members (a sweep up and a sweep
+down per condition) at the usual rate, of which the fast ones of a screened design are parts. The
+best five designs of each run again on fresh members, which chooses the winner, and its level is the
 median of 16 others, as in `optimisation.search.judge.verdict`.
 """
 
@@ -69,7 +72,8 @@ from studies.study import (
 if TYPE_CHECKING:
     from optimisation.search.samplers import Sampler
 
-# ``cost`` of a search in members at the usual rate; ``members`` of a design that is run in full; ``speed``: of the sweeps, over the usual rate
+# ``cost`` of a search in members at the usual rate; ``members`` of a design that is run in full;
+# ``speed``: of the sweeps, over the usual rate
 FULL: Json = {"cost": 160.0, "members": 8, "judging": 16, "seeds": 10, "speed": 6.0}
 QUICK: Json = {"cost": 60.0, "members": 4, "judging": 8, "seeds": 2, "speed": 10.0}
 UNSCREENED_MEMBERS = 2  # members of a design where no design is screened
@@ -87,7 +91,10 @@ def paper_problem(members: int, seed: int) -> Problem:
 
 
 def boom_problem(members: int, seed: int) -> Problem:
-    """Return a cantilever with a tip mass: five free variables, mass and place of the absorber among them."""
+    """Return the problem of a cantilever with a tip mass.
+
+    It has five free variables, among them mass and place of the absorber.
+    """
     names = [GAP, RESTITUTION, FRICTION_LIMIT, MASS_RATIO, POSITION]
     space = design_space("impact", names, {MASS_RATIO: (0.005, 0.03)})
     conditions = (Condition(1, 20.0),)
@@ -107,7 +114,10 @@ def plate_problem(members: int, seed: int) -> Problem:
 
 
 def limited_problem(members: int, seed: int) -> Problem:
-    """Return a beam at two resonances, with limits on impact speed and on the power lost in impacts."""
+    """Return the problem of a beam at two resonances with constraints.
+
+    They limit the impact speed and the power lost in impacts.
+    """
     limits = (Constraint("impact_speed", 4.0), Constraint("impact_power", 7.5))
     conditions = (Condition(1, 5.0), Condition(2, 50.0))
     beam = Beam(modes=BEAM_MODES, damping_ratio=BEAM_DAMPING)
@@ -270,7 +280,10 @@ def make_problem(name: str, seed: int, comparison: ComparisonSettings) -> Proble
 
 
 def judge_design(problem: Problem, design: Design, comparison: ComparisonSettings) -> Json:
-    """Return a design on fresh members: its median ``level``, and the share by which it breaks a limit."""
+    """Evaluate a design on fresh members.
+
+    Return its median ``level``, and the relative amount by which it exceeds a limit.
+    """
     fresh = problem.fresh_ensemble(comparison.judging, JUDGING_SET)
     (evaluated,) = judged(problem, [design], fresh, comparison.executor)
     violation = max([0.0, *evaluated.score.violations])
@@ -282,7 +295,11 @@ def judge_design(problem: Problem, design: Design, comparison: ComparisonSetting
 
 
 def trial(name: str, method: str, seed: int, comparison: ComparisonSettings) -> list[Json]:
-    """Return the one row of a search: its cost, what it ``found`` its winner's level to be, what the choice did, and the judged ``level``."""
+    """Return the one row of a search.
+
+    It has the search's cost, the winner's level ``found`` by the search, its level when it was
+    ``chosen``, and the judged ``level``.
+    """
     problem = make_problem(name, seed, comparison)
     row: Json = {"problem": name, "method": method, "seed": seed}
     if method == RULE:
@@ -297,7 +314,11 @@ def trial(name: str, method: str, seed: int, comparison: ComparisonSettings) -> 
 
 
 class Standing(NamedTuple):
-    """A method on one problem, or on all: its winners' levels over the seeds, and their ratios to those of random search, seed by seed."""
+    """Results of a method on one problem, or on all.
+
+    The levels of its winners over the seeds, and their ratios to those of random search, seed by
+    seed.
+    """
 
     problem: str
     method: str
@@ -312,7 +333,10 @@ class Standing(NamedTuple):
 
     @property
     def over_random(self) -> str:
-        """Median ratio with its interval, which is exact for any distribution (order statistics)."""
+        """Median ratio with its interval.
+
+        The interval comes from order statistics and is exact for any distribution.
+        """
         if not self.ratios:
             return "-"
         middle = float(np.median(self.ratios))
@@ -328,7 +352,10 @@ def judged_level(row: Json) -> float:
 
 
 def standings(rows: Sequence[Json]) -> list[Standing]:
-    """Return each method on each problem of the rows of `trial`, least median level first within a problem."""
+    """Return the results of each method on each problem from the rows of `trial`.
+
+    Within a problem the method with the lowest median level is first.
+    """
     levels = {(r["problem"], r["method"], r["seed"]): judged_level(r) for r in rows}
     summaries = []
     for name in dict.fromkeys(r["problem"] for r in rows):
@@ -366,7 +393,11 @@ def table(measured: Measurement) -> str:
 
 
 def summary(measured: Measurement) -> str:
-    """Return a line for each method over all problems: ratio to random search, mean rank, and what search and choice took its winner's level for."""
+    """Return a line for each method over all problems.
+
+    It has the ratio to random search, the mean rank, and the relative errors of the winner's level
+    as the search found it and as it was when chosen.
+    """
     rows = measured.values["rows"]
     every = standings(rows)
     summaries: list[Json] = []
@@ -476,9 +507,12 @@ def main(
     out: Path | None,
     redraw: bool,
 ) -> None:
-    """Search with each method from scratch over several seeds, and judge the winners on fresh members.
+    """Search with each method from scratch over several seeds.
 
-    Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the same command goes on from there.
+    The winners are judged on fresh members.
+
+    Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the
+    same command goes on from there.
     """
     with plain_errors(), executor(threads, None if redraw else cluster) as where:
         comparison = ComparisonSettings(

@@ -1,4 +1,7 @@
-"""What each scene leaves out: compiled code, compile time, speed and memory, beside a part that is only switched off."""
+"""Benefit of compiling each scene separately: compiled code, compile time, speed and memory.
+
+Each scene without a part is compared with a scene in which the part is only switched off.
+"""
 
 import json
 import os
@@ -38,7 +41,8 @@ REPEATS = 5
 QUICK_REPEATS = 3
 FRICTION = ("rigid_contact.friction_force", "rigid_contact.add_friction_loss", "rigid_contact.turn")
 LINEAR = ("no absorber", "stuck", "tuned")
-REAL = 1.02  # a part switched off by its value must cost more than this, or leaving it out saves nothing
+# a part switched off by its value must cost more than this, or leaving it out saves nothing
+REAL = 1.02
 FLAT_KB = 64.0  # memory that a longer run may need more, when nothing is stored
 
 
@@ -75,9 +79,8 @@ def _probe(
         command, capture_output=True, text=True, env=environment, check=False, cwd=PACKAGES
     )
     if result.returncode:
-        raise IntegrationError(
-            f"{variant.name}: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else result.returncode}"
-        )
+        printed = result.stderr.strip().splitlines()
+        raise IntegrationError(f"{variant.name}: {printed[-1] if printed else result.returncode}")
     values: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
     return values
 
@@ -91,7 +94,11 @@ def left(quick: bool, earlier: Json) -> tuple[list[KernelVariant], list[Pair]]:
 
 
 def measure(quick: bool, earlier: Json) -> Steps:
-    """Measure everything that is not known, one process after the other, and yield what there is after each: "own" by variant, and "pairs"."""
+    """Measure all values that are not yet known, and yield all results after each.
+
+    Each measurement runs in a process of its own, one after the other. Results are "own" by
+    variant, and "pairs".
+    """
     periods, repeats = (QUICK_PERIODS, QUICK_REPEATS) if quick else (PERIODS, REPEATS)
     results: Json = {"own": {}, "pairs": []} | earlier
     variants, compared = left(quick, earlier)
@@ -236,7 +243,10 @@ def _summary(results: Json, measured: Measurement) -> str:
 
 
 def _claims(every: list[CodeClaim]) -> str:
-    """Return a line for each kind of claim with the number of scenes in which it holds, and one for each claim that does not hold."""
+    """Return a line for each kind of claim, and one for each claim that does not hold.
+
+    The line of a kind has the number of scenes in which it holds.
+    """
     held = Counter(claim.text.rpartition(": ")[2] for claim in every if claim.holds)
     rows = [
         (
@@ -390,10 +400,13 @@ STUDY: Study[bool] = Study((PART,), notes=lambda quick: {"quick": quick})
     help="Go on from the specialisation.json.gz in the folder, if that run was stopped early.",
 )
 def main(quick: bool, out: Path | None, redraw: bool, resume: bool) -> None:
-    """Compile each scene into a cache of its own, look into its compiled code, time it, and compare it with scenes that have a part switched off.
+    """Compile each scene into its own cache, inspect its code, time it and compare it.
 
-    Run it on an otherwise idle machine: it compiles some twenty variants, one process after the other. The exit code is 1 if a claim does not
-    hold. Ctrl-C ends the run early and leaves what is finished.
+    The comparison is with scenes in which a part is switched off.
+
+    Run it on an otherwise idle machine: it compiles some twenty variants, one process after the
+    other. The exit code is 1 if a claim does not hold. Ctrl-C ends the run early and leaves what is
+    finished.
     """
     folder = out or (QUICK_OUT if quick else OUT)
     place = OutputPaths(folder, folder / f"{NAME}.md", DOCS / "internals" / f"{NAME}.md")

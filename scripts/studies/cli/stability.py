@@ -1,4 +1,8 @@
-"""Stiff and extreme cases with every method, step limits, eigenproblem, very long runs: what holds, what is refused, what fails."""
+"""Results of every method for stiff and extreme cases, and for very long runs.
+
+Step limits and the eigenproblem are tested as well. The tables show which cases are correct, which
+are refused and which fail.
+"""
 
 import re
 from collections import Counter
@@ -103,7 +107,8 @@ def _summary(results: Json, measured: Measurement) -> str:
     parts = ", ".join(f"{counts[verdict]} {text}" for verdict, text in words.items())
     paragraphs = [f"{len(results['cells'])} cells: {parts}. {sources(made)}"]
     paragraphs.append(
-        f"Wall time {made.get('wall_s', 0):.0f} s on {made.get('workers', '?')} processes, compiling included."
+        f"Wall time {made.get('wall_s', 0):.0f} s on {made.get('workers', '?')} processes, "
+        "compiling included."
     )
     if not measured.complete:
         paragraphs.append("**Stopped early or a quick look: not all of the report.**")
@@ -157,7 +162,10 @@ def _matrix(results: Json) -> str:
 
 
 def _remarks(results: Json) -> str:
-    """Return a line for each reason, numbers in it aside: the first case that has it, and how many cells have."""
+    """Return a line for each reason, with its first case and its number of cells.
+
+    Reasons that differ only in numbers count as the same.
+    """
     rows = []
     for verdict in (FAILED, WEAK, REFUSED):
         alike: dict[tuple[str, str], list[Json]] = {}
@@ -590,7 +598,7 @@ STUDY: Study[StabilitySettings] = Study(
 @click.option(
     "--redraw",
     is_flag=True,
-    help="Draw figure and page again from the stability.json.gz in the folder; nothing is computed.",
+    help="Draw figure and page again from the folder's numbers; nothing is computed.",
 )
 @click.option(
     "--resume",
@@ -598,11 +606,14 @@ STUDY: Study[StabilitySettings] = Study(
     help="Go on from the stability.json.gz in the folder, if that run was stopped early.",
 )
 def main(quick: bool, workers: int | None, out: Path | None, redraw: bool, resume: bool) -> None:
-    """Run the matrix of stiff and extreme cases with every method, and look for step limits, eigenproblem errors and drift in very long runs.
+    """Run stiff and extreme cases with every method.
 
-    Each cell either comes close to an independent reference or is refused with a clear error. The exit code is 1 if any cell failed.
-    Tables go into the page FOLDER.md beside the folder, if there is one. Under 10 minutes (--quick: under one) once the kernels are
-    compiled. Ctrl-C ends the run early and leaves what is finished.
+    Step limits, errors of the eigenproblem and drift in very long runs are measured too.
+
+    Each cell either comes close to an independent reference or is refused with a clear error. The
+    exit code is 1 if any cell failed. Tables go into the page FOLDER.md beside the folder, if there
+    is one. Under 10 minutes (--quick: under one) once the kernels are compiled. Ctrl-C ends the run
+    early and leaves what is finished.
     """
     place = paths_with_page(out or (QUICK_OUT if quick else OUT), PART.markers)
     run(

@@ -1,4 +1,8 @@
-"""Which blades of a mistuned disk need an impact absorber: level of the worst blade over clearance, for four layouts, over random disks."""
+"""Which blades of a mistuned disk need an impact absorber.
+
+The study gives the level of the worst blade over the clearance, for four layouts, over random
+disks.
+"""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -53,7 +57,10 @@ def count_steps(settings: Settings) -> int:
 
 
 def measure(settings: Settings, known: Json) -> Steps:
-    """Yield all rows after each: every layout with every clearance, and more disks with the best one."""
+    """Yield all rows after each measurement.
+
+    Every layout is measured with every clearance, and on more disks with the best clearance.
+    """
     rows = {key(row): row for row in known.get("rows", ())}
     cases = [Case(BARE, 0.0)]
     cases += [Case(name, clearance) for name in LAYOUTS for clearance in settings.clearances]
@@ -193,10 +200,16 @@ STUDY: Study[Settings] = Study((PART,), stopped_message="finished cases are in t
     type=click.Path(path_type=Path, file_okay=False),
     default=DOCS,
     show_default=False,
-    help="Folder of the page which_blades.md and of its folder of numbers and figures (default: docs).",
+    help=(
+        "Folder of the page which_blades.md and of its folder of numbers and figures (default: "
+        "docs)."
+    ),
 )
 def main(quick: bool, redraw: bool, out: Path) -> None:
-    """Compare layouts of absorbers on randomly mistuned disks; a run that was stopped goes on when it is called again."""
+    """Compare layouts of absorbers on randomly mistuned disks.
+
+    An interrupted run continues when the command is called again.
+    """
     settings = (
         Settings(QUICK_DISKS, QUICK_DISKS // 2, QUICK_CLEARANCES)
         if quick

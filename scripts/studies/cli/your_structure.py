@@ -79,5 +79,6 @@ def main(pages: tuple[Path, ...]) -> None:
     with plain_errors("Broken off; the page is as it was."):
         number = sum(update_page(page) for page in pages)
     click.echo(
-        f"{number} blocks in {(time.perf_counter() - started) / 60:.1f} minutes, written: {', '.join(map(str, pages))}"
+        f"{number} blocks in {(time.perf_counter() - started) / 60:.1f} minutes, written: "
+        f"{', '.join(map(str, pages))}"
     )

@@ -28,7 +28,11 @@ NAMES = {1: "first resonance", 2: "second resonance"}
 
 
 def save_concepts(path: Path, result: Json) -> None:
-    """Draw the relative level over the force for each concept's winner and the paper's choice, with the limit of the impact absorber's cavity."""
+    """Draw the relative level over the force for each concept.
+
+    The curves are those of the concept's winner and of the paper's choice, with the limit of the
+    impact absorber's cavity.
+    """
     figure, axes = figure_with(2, 5.0)
     for i, axis in enumerate(axes):
         for concept, results in result.items():
@@ -71,7 +75,10 @@ def save_concepts(path: Path, result: Json) -> None:
 
 
 def _draw_limit(axis: Axes, curve: Json) -> None:
-    """Hatch what no device in the winner's cavity reaches; the level without absorber is proportional to the force."""
+    """Hatch the levels that no device in the winner's cavity can reach.
+
+    The level without absorber is proportional to the force.
+    """
     force = np.array(curve["limit_force_n"])
     limit = np.array(curve["limit_m"], dtype=float)
     relative = 100 * limit / (force * curve["without"][0] / curve["force_n"][0])
@@ -90,7 +97,11 @@ def _draw_limit(axis: Axes, curve: Json) -> None:
 
 
 def save_optima(path: Path, result: Json) -> None:
-    """Draw the damper's level over its friction limit, and the impact absorber's over the force in units of the design rule's."""
+    """Draw the levels of friction damper and impact absorber around their optima.
+
+    The damper's level is over its friction limit, that of the impact absorber over the force in
+    units of the design rule's force.
+    """
     figure, (left, right) = figure_with(2, 5.0)
     for x, colour in zip(result["friction"], (BLUE, GREEN), strict=True):
         curve = x["curve"]
@@ -172,7 +183,10 @@ def save_optima(path: Path, result: Json) -> None:
 
 
 def save_place(path: Path, result: Json) -> None:
-    """Draw the best levels over the position, and how much of the absorber's mass each mode feels there."""
+    """Draw the best levels over the position, and the effective share of the mass.
+
+    The second panel shows the share of the absorber's mass that acts on each mode at a position.
+    """
     figure, (left, right) = figure_with(2, 4.8)
     at = np.array(result["positions"])
     relative = 100 * np.array(result["relative"])

@@ -1,4 +1,7 @@
-"""The studies behind docs/findings.md: each returns all numbers of its figure and its table as JSON values. SI units."""
+"""The studies behind docs/findings.md.
+
+Each returns all numbers of its figure and its table as JSON values, in SI units.
+"""
 
 import statistics
 import time
@@ -70,18 +73,27 @@ WIDE = (0.02, 100.0)  # N: from a damper that slides all the time to one that st
 # forces of the limit's curve; members where a point is one of a hundred and its run is recorded
 DENSE = 60
 LEAST = 2
-PAIRS = 1.5  # times the designs for a pair of absorbers: with as many as for one its search ends above two equal halves
+# times the designs for a pair of absorbers: with as many as for one its search ends above two equal
+# halves
+PAIRS = 1.5
 SPAN = 5.0  # curves reach from a force over this to the force times this
 
 
 def make_conditions(concept: str, at: Sequence[Point]) -> tuple[Condition, ...]:
-    """Return conditions over the paper's range; a tuned absorber is swept so wide that both of its peaks are seen."""
+    """Return conditions over the frequency range of the paper.
+
+    For a tuned absorber the sweep is wider, so that it passes both peaks.
+    """
     limits = WIDE_LIMITS if concept == TUNED else PAPER_LIMITS
     return tuple(Condition(resonance, force, limits) for resonance, force in at)
 
 
 def choose_sampler(problem: Problem) -> str | None:
-    """Return the sampler of the page's searches: CMA-ES for impact absorbers, random search for one variable, else the default."""
+    """Return the sampler of the page's searches.
+
+    It is CMA-ES for impact absorbers, random search for one variable, and otherwise the default
+    (None).
+    """
     if problem.space.concept not in WITH_IMPACTS:
         return None
     return CMA if len(problem.space.free) > 1 else RANDOM
@@ -89,9 +101,13 @@ def choose_sampler(problem: Problem) -> str | None:
 
 @dataclass(frozen=True)
 class FindingsSettings:
-    """Where and how large: ``folder`` of the journals, ``designs`` a search, ``members``, ``few`` of them for figures with many ``points``.
+    """Place and size of the studies.
 
-    ``data`` is the folder of the numbers: the robustness is that of the designs that are found there.
+    ``folder`` has the journals. A search has ``designs``, each with ``members``, of which figures
+    with many ``points`` use ``few``.
+
+    ``data`` is the folder of the numbers: the robustness is that of the designs that are found
+    there.
     """
 
     executor: Executor
@@ -113,7 +129,10 @@ class FindingsSettings:
         bounds: Bounds | None = None,
         members: int | None = None,
     ) -> Problem:
-        """Return the problem of a concept at resonances and forces (N), for the level in the worse of them."""
+        """Return the problem of a concept at resonances and forces (N).
+
+        Its objective is the larger of the relative levels at these conditions.
+        """
         space = design_space(concept, free, bounds)
         conditions = make_conditions(concept, list(at))
         return Problem(
@@ -121,7 +140,11 @@ class FindingsSettings:
         )
 
     def find(self, name: str, problem: Problem, designs: int | None = None) -> SearchResult:
-        """Search from scratch and judge; raises KeyboardInterrupt if that is broken off (the journal keeps what is finished)."""
+        """Search from scratch and judge the result.
+
+        Raises KeyboardInterrupt if the search is interrupted. The journal contains what is
+        finished.
+        """
         journal = self.folder / f"{name}.journal"
         result = find(
             problem,
@@ -165,7 +188,10 @@ def _listed(part: Levels) -> Json:
 
 
 def concepts(study: FindingsSettings) -> Json:
-    """The best design of each concept for both resonances at the paper's mass, from scratch, and its levels over the force."""
+    """Search the best design of each concept for both resonances at the paper's mass.
+
+    The search is from scratch. The result also has the levels over the force.
+    """
     result: Json = {}
     for concept in VARIABLES:
         problem = study.problem(concept, AT)
@@ -195,7 +221,10 @@ def concepts(study: FindingsSettings) -> Json:
 
 
 def optima(study: FindingsSettings) -> Json:
-    """Friction limit, gap and force that are best at each resonance alone, from scratch, beside paper and rules."""
+    """Search the best friction limit, gap and force at each resonance alone.
+
+    The search is from scratch. The results are compared with the paper and with rules.
+    """
     rows = [_friction_optimum(study, resonance, force) for resonance, force in AT]
     return {
         "friction": rows,
@@ -234,7 +263,10 @@ def _friction_optimum(study: FindingsSettings, resonance: int, force: float) -> 
 
 
 def _impact_optimum(study: FindingsSettings, resonance: int, force: float) -> Json:
-    """The best force for the paper's absorber, member by member, and the best absorber for the force."""
+    """Search the best force for the paper's absorber, and the best absorber for the force.
+
+    The best force is found for each member.
+    """
     problem = study.problem(IMPACT, [(resonance, force)])
     mass = problem.space.paper.values[MASS_RATIO] * problem.model.beam_mass
     rule = design_force(problem.model, mass, RigidWalls.gap, resonance)
@@ -321,7 +353,10 @@ def place(study: FindingsSettings) -> Json:
 
 
 def robustness(study: FindingsSettings) -> Json:
-    """Levels near the first resonance where the beam's frequencies are not what they were thought to be, for winners and paper's designs."""
+    """Compute levels near the first resonance of beams with shifted frequencies.
+
+    The designs are the winners and those of the paper.
+    """
     path = study.data / "concepts.json.gz"
     rows = list[Json]()
     try:
@@ -390,7 +425,10 @@ def _cluster(workers: int) -> Iterator[Executor]:
 
 
 def scaling(study: FindingsSettings) -> Json:
-    """Time of one batch of random designs with one and two threads, and with one and two worker processes of a cluster, in turn."""
+    """Measure the time of one batch of random designs with one and two workers.
+
+    Threads and worker processes of a cluster are timed in turn.
+    """
     problem = study.problem(IMPACT, AT, members=study.few)
     generator = np.random.default_rng(study.seed)
     designs = [
@@ -430,7 +468,10 @@ def scaling(study: FindingsSettings) -> Json:
 
 
 def full(study: FindingsSettings) -> Json:
-    """A robust two-resonance study of full size by CMA-ES: time, share of it outside the runs, memory."""
+    """Measure a robust two-resonance study of full size by CMA-ES.
+
+    The result has the time, the share of it outside the runs, and the memory.
+    """
     problem = study.problem(IMPACT, AT)
     began = time.perf_counter()
     plan = SearchOptions(FULL if study.designs >= 100 else study.designs, CMA, seed=study.seed)
@@ -465,7 +506,10 @@ def full(study: FindingsSettings) -> Json:
 
 
 def front(study: FindingsSettings) -> Json:
-    """The front of first against second resonance, and its hypervolume beside that of random searches with the same budget."""
+    """Compute the front of the levels at the first and second resonance, and its hypervolume.
+
+    The hypervolume is compared with that of random searches with the same budget.
+    """
     members = min(FRONT_MEMBERS, study.members)
     problem = replace(study.problem(IMPACT, FORCES, members=members), objectives=BY_RESONANCE)
     settings = default_settings(problem, seed=study.seed)

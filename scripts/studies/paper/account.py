@@ -1,4 +1,8 @@
-"""Where the energy goes around a sweep's maximum, mode by mode: what is dissipated, what impacts pass on, and what is left of it at the next one."""
+"""The energy around a sweep's maximum, mode by mode.
+
+Dissipated energy, energy that impacts transfer, and the part of it that is left at the next impact
+are computed.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,18 +16,26 @@ from impact_env.level import HALF_WINDOW_PERIODS
 from studies.paper.curve import FULL_RECORD, compute_level, make_both_sweeps
 from studies.study import Array
 
-SAMPLES = 4096  # per pseudo period: what a mode dissipates between an impact and the next sample is small up to the tenth mode
-APART = 0.05  # pseudo periods: impacts that follow each other more closely are one contact, in which high modes bounce
+# per pseudo period: what a mode dissipates between an impact and the next sample is small up to the
+# tenth mode
+SAMPLES = 4096
+# pseudo periods: impacts that follow each other more closely are one contact, in which high modes
+# bounce
+APART = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class EnergyShares:
-    """A sweep's level in m, the frequency ratio ``at`` its maximum, and the energy of its N modes within the level's window.
+    """Level of a sweep, and the energies of its N modes within the level's window.
 
-    ``loss`` (N,): dissipated in each mode in J (paper, Eq. edmi). ``contacts`` in each pseudo period. ``passed`` (N,): mean energy that a
-    contact gives to a mode, over what the first mode has before it. ``left`` (N,): share of a mode's energy after a contact that it still has before
-    the next, both summed over all of them. ``single`` (C,): what each contact gives to the second mode, over what the first has before it. ``tip``
-    (N,): RMS of each mode's part in the tip's displacement in m.
+    ``level`` is in m, and ``at`` is the frequency ratio of the maximum.
+
+    ``loss`` (N,): dissipated in each mode in J (paper, Eq. edmi). ``contacts`` in each pseudo
+    period. ``passed`` (N,): mean energy that a contact gives to a mode, over the energy of the
+    first mode before the contact. ``left`` (N,): share of a mode's energy after a contact that
+    remains until the next one, both summed over all contacts. ``single`` (C,): energy that each
+    contact gives to the second mode, over that of the first mode before it. ``tip`` (N,): RMS of
+    each mode's part in the tip's displacement in m.
     """
 
     level: float
@@ -42,7 +54,11 @@ class EnergyShares:
 
 
 def measure_energy_shares(lane: Lane) -> EnergyShares:
-    """Return the account of a lane by the exact method: its sweep, and once more around the maximum, from the state at the window's start."""
+    """Return the energies of a lane by the exact method.
+
+    After the sweep a second run goes through the window around the maximum, from the state at the
+    window's start.
+    """
     level = compute_level(lane)
     response = simulate_window(lane, level.time)
     contacts, passed, left, single = _contacts(response)
@@ -56,7 +72,10 @@ def measure_energy_shares(lane: Lane) -> EnergyShares:
 
 
 def simulate_window(lane: Lane, time: float, samples: int = SAMPLES) -> Response:
-    """Return the run of a lane within the level's window around a time in s, with ``samples`` for each pseudo period."""
+    """Return the run of a lane within the level's window around a time in s.
+
+    There are ``samples`` per pseudo period.
+    """
     schedule = lane.drive.schedule
     half = HALF_WINDOW_PERIODS * schedule.pseudo_period
     begin = max(0.0, time - half)
@@ -69,7 +88,11 @@ def simulate_window(lane: Lane, time: float, samples: int = SAMPLES) -> Response
 
 
 def _contacts(response: Response) -> tuple[int, Array, Array, Array]:
-    """Return the number of contacts, and what they pass on, leave, and each give to the second mode (`EnergyShares`)."""
+    """Return the number of contacts and the energies that they transfer.
+
+    These are the shares passed on and left, and what each contact gives to the second mode, see
+    `EnergyShares`.
+    """
     energy = mechanical_energy(response.scene, response.recorded.history).modal
     samples = response.recorded.impacts.time / (response.drive.schedule.pseudo_period / SAMPLES)
     new = np.flatnonzero(

@@ -1,4 +1,8 @@
-"""What the paper states of beam, tuned absorber, sweeps, window, step, scaling and its damper: most of it follows from the linear structure alone."""
+"""The paper's statements on the linear structure and on the method.
+
+They concern beam, tuned absorber, sweeps, window, step, scaling and the damper. Most of them follow
+from the linear structure alone.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -70,7 +74,8 @@ from studies.study import Array, Json, Steps, not_none
 
 GAP = RigidWalls.gap
 FIRST = 12  # impacts after which rounding has not yet grown
-# a pseudo period of a run with the damper that the paper's harmonic balance has between absorber and ground (section 2.5)
+# a pseudo period of a run with the damper that the paper's harmonic balance has between absorber
+# and ground (section 2.5)
 PIECES = 4
 SAMPLES = 32
 DAMPERS = {"without": 0.0, "with": PAPER_DAMPER}  # N s/m
@@ -94,7 +99,11 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def compute_beam_numbers() -> Json:
-    """Return frequencies, masses, the force's node, the static stiffness of all modes, and what a mode keeps after half a period."""
+    """Return numbers of the beam and of its modes.
+
+    They are frequencies, masses, the node where the force acts, the static stiffness of all modes,
+    and the share of a mode's energy that is left after half a period.
+    """
     beam = Beam()
     model = modal_model(beam)
     whole = modal_model(Beam(modes=beam.freedoms))
@@ -116,7 +125,11 @@ def compute_beam_numbers() -> Json:
 
 
 def compute_tuned_numbers() -> Json:
-    """Return the tunings of the LTVA with their peaks over no absorber, the paper's at the second resonance, and an undamped one at its frequency."""
+    """Return the tunings of the LTVA with their peaks relative to no absorber.
+
+    The paper's tuning at the second resonance, and an undamped absorber at its own frequency, are
+    also given.
+    """
     model = modal_model(Beam())
     free = peak(model, None)[0]
     result = {}
@@ -150,7 +163,11 @@ def compute_tuned_numbers() -> Json:
 
 
 def compute_linear_numbers() -> Json:
-    """Return levels of sweeps over stationary ones, of a stuck absorber over none, and the forces at which the linear response fills the gap."""
+    """Return ratios of levels in linear response, and the forces that fill the gap.
+
+    The ratios are those of swept over stationary levels, and of the levels with a stuck absorber
+    over those without one. The forces are those at which the linear response equals the gap.
+    """
     model = modal_model(Beam())
     low, high = PAPER_LIMITS
     result: Json = {
@@ -196,7 +213,10 @@ def compute_both_levels(lane: Lane) -> tuple[float, float]:
 
 
 def _window(settings: PaperSettings, size: Size) -> list[Json]:
-    """Return levels over no absorber with both windows, for one, three and ten modes without losses in contact."""
+    """Return levels over those without absorber with both windows.
+
+    They are for one, three and ten modes without losses in contact.
+    """
     forces = size.forces
     members = draw_members(size.members, settings.seed)
     numbers = (1, 3, 10)
@@ -261,7 +281,8 @@ def _step(settings: PaperSettings, size: Size) -> list[Json]:
 def _scaling() -> Json:
     """Return how far runs with gap, friction and force times a factor are from the run scaled.
 
-    With 2, which moves no digit, the level of a whole sweep with friction; with 3 the times of the first impacts, before rounding has grown.
+    With 2, which moves no digit, the level of a whole sweep with friction; with 3 the times of the
+    first impacts, before rounding has grown.
     """
 
     def run(factor: float, friction: float | None) -> Lane:
@@ -285,9 +306,12 @@ def simulate_mean_squares(
     threads: int | None = None,
     pieces: int = PIECES,
 ) -> Array:
-    """Return the mean square of the tip displacement in m^2 in each piece of each run, (pieces, runs); ``damper`` to ground in N s/m.
+    """Return the mean square of the tip displacement (pieces, runs) in m^2.
 
-    The runs have one schedule. At the end of each piece the absorber's velocity shrinks as the damper would have it in that time.
+    Each piece of each run has its value. ``damper`` is that between absorber and ground in N s/m.
+
+    The runs have one schedule. At the end of each piece the absorber's velocity shrinks as the
+    damper would have it in that time.
     """
     schedule = drives[0].schedule
     runs = ControlledRuns(
@@ -320,14 +344,20 @@ def simulate_mean_squares(
 def compute_damped_levels(
     scene: Scene, drives: Sequence[Drive], damper: float, method: Method, threads: int | None = None
 ) -> Array:
-    """Return the largest RMS of the tip displacement in m over as many pseudo periods as the level's window has, (runs,)."""
+    """Return the largest RMS of the tip displacement in m, (runs,).
+
+    It is taken over as many pseudo periods as the level's window has.
+    """
     window = 2 * HALF_WINDOW_PERIODS * PIECES
     total = np.cumsum(simulate_mean_squares(scene, drives, damper, method, threads), axis=0)
     return np.asarray(np.sqrt(np.max(total[window:] - total[:-window], axis=0) / window))
 
 
 def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
-    """Return how many sweeps down come to the high branch (the figure jump) without and with the damper."""
+    """Return how many downward sweeps reach the high branch without and with the damper.
+
+    The sweeps are those of the figure jump.
+    """
     own = jump.make_scene()
     rows = []
     phases = draw_members(runs, settings.seed, "phase").phases.tolist()
@@ -359,7 +389,11 @@ def _damped_jumps(settings: PaperSettings, runs: int) -> list[Json]:
 
 
 def _damped_levels(settings: PaperSettings, runs: int) -> list[Json]:
-    """Return the median level of sweeps over three modes (the figure high_low) without and with the damper, and the 95 % interval of their ratio."""
+    """Return median levels of sweeps without and with the damper.
+
+    The 95 % interval of their ratio is also given. The scene is that of the figure high_low with
+    three modes.
+    """
     own = high_low.make_scene()
     members = draw_members(runs, settings.seed)
     rows = []
@@ -433,7 +467,10 @@ def _describe(values: Json) -> str:
 
 
 def _draw(values: Json) -> Figure:
-    """Draw the tip amplitude over the frequency with each tuning, and levels at the paper's step over the exact ones."""
+    """Draw the tip amplitude over the frequency with each tuning, and the error of the step.
+
+    The error is shown as levels at the paper's step over the exact ones.
+    """
     figure, axes = make_panels(1, 2, 3.0)
     response, step = axes[0]
     model = modal_model(Beam())
@@ -545,7 +582,11 @@ def _linear(linear: Json) -> list[Claim]:
 
 
 def _runs(values: Json) -> list[Claim]:
-    """Judge the window, the step and the scaling; of the step each case by how the bands of both methods stand to each other, all cases decide."""
+    """Judge the window, the step and the scaling.
+
+    For the step, each case is judged by how the bands of both methods compare. The verdict follows
+    from all cases.
+    """
     rows = values["window"]
     scaling = values["scaling"]
     change = [100 * (row["relative"][1] / row["relative"][0] - 1) for row in rows]
@@ -613,7 +654,10 @@ def jumps(damper: Json) -> list[tuple[str, Json]]:
 
 
 def difference(rows: Sequence[Json]) -> tuple[float, float, float]:
-    """Return how much larger the share of runs is with the damper than without, the mean of all rows, and its 95 % interval."""
+    """Return the increase of the share of runs by the damper, with its 95 % interval.
+
+    It is the difference of the shares with and without damper, as the mean of all rows.
+    """
     shares = np.array([[row[key] / row["runs"] for key in ("with", "without")] for row in rows])
     counts = np.array([[row["runs"]] for row in rows])
     middle = float(np.mean(shares[:, 0] - shares[:, 1]))
@@ -633,7 +677,10 @@ def _damper(damper: Json) -> Claim:
         for name, row in jumps(damper)
     )
     ratios = ", ".join(
-        f"{row['with'] / row['without']:.3f} ({row['low']:.3f} to {row['high']:.3f}) at {row['force_n']:g} N"
+        (
+            f"{row['with'] / row['without']:.3f} ({row['low']:.3f} to {row['high']:.3f}) at "
+            f"{row['force_n']:g} N"
+        )
         for row in levels
     )
     return judge(

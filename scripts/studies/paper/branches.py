@@ -1,4 +1,7 @@
-"""Periodic responses over the frequency as plain values: exact orbits, harmonic balance as the paper did it, and the two linear curves."""
+"""Periodic responses over the frequency as plain values.
+
+They are exact orbits, harmonic balance as in the paper, and the two linear curves.
+"""
 
 from typing import Any
 
@@ -17,7 +20,11 @@ POINTS = 400  # of a curve that are kept
 
 
 def compute_responses(scene: Scene, force: float, low: float, high: float) -> Json:
-    """Return all curves at a force (N) between two ratios of the first resonance; displacements of the tip in m, None where there is no orbit."""
+    """Return all curves at a force (N) between two frequency ratios.
+
+    The ratios are those to the first resonance. Displacements of the tip are in m, and None stands
+    where there is no orbit.
+    """
     reference = scene.model.resonance_omega(1)
     linear = linear_curves(scene, force, reference, low, high)
     return {
@@ -49,7 +56,11 @@ def compute_balance(
 
 
 def _plain(curve: ResponseCurve) -> Json:
-    """Return a curve for the file: 7 digits, of long ones every second point or fewer. ``kind``: 2 stable, 1 but for fast multipliers, 0 not."""
+    """Return a curve for the file, with 7 digits and a limited number of points.
+
+    Of long curves every second point or fewer are written. ``kind`` is 2 for stable points, 1 for
+    those that are stable except for fast multipliers, and 0 for unstable ones.
+    """
     every = slice(None, None, 1 + len(curve.omega_ratio) // POINTS)
     plain: Json = {
         "closed": curve.closed,
@@ -72,7 +83,8 @@ def _digits(value: float) -> float | None:
     return float(f"{value:.7g}") if np.isfinite(value) else None
 
 
-KINDS = (  # of an exact orbit: unstable slowly, unstable by fast multipliers only, stable; its style and label
+# of an exact orbit: unstable slowly, unstable by fast multipliers only, stable; its style and label
+KINDS = (
     (STYLES[1].colour, (0, (1.5, 1.2)), 1.4, "exact, unstable"),
     (STYLES[0].colour, (0, (5, 1.2)), 1.8, "exact, fast multipliers unstable"),
     (STYLES[0].colour, "-", 2.6, "exact, stable"),
@@ -89,7 +101,10 @@ def draw_linear(axes: Axes, ratio: Any, linear: Json, width: float) -> None:
 
 
 def draw_responses(axes: Axes, part: Json) -> None:
-    """Draw what `compute_responses` returns, heights in mm. Stretches of one stability share the point between."""
+    """Draw the result of `compute_responses`, with heights in mm.
+
+    Adjacent pieces of different stability share the point between them.
+    """
     draw_linear(axes, part["linear"]["omega_ratio"], part["linear"], 0.9)
     for number, curve in enumerate(part["balance"]):
         label = None if number else "harmonic balance, 20 harmonics"

@@ -1,4 +1,7 @@
-"""Statements of the paper and their verdicts: the range that the words of a statement allow, and how computed values compare with it.
+"""Statements of the paper and their verdicts.
+
+The module has the range that the words of a statement allow, and the comparison of computed values
+with it.
 
 The statements are in claims.toml.
 """
@@ -18,7 +21,8 @@ from impact_env.curve import BAND, quantiles
 from impact_env.parameters import require
 from studies.study import Array
 
-# the rule of tolerances: what the words of a statement allow, in numbers, the same for all claims; the page prints it
+# the rule of tolerances: what the words of a statement allow, in numbers, the same for all claims;
+# the page prints it
 INFINITY = float("inf")
 ABOUT = 0.25
 SAME = 0.05
@@ -55,7 +59,10 @@ RULE = (
     ),
     (
         "*evenly*, *about the same energy*",
-        f"the largest {EVEN:.2f} times the smallest, or less: {100 * ABOUT:g} % either way of their middle",
+        (
+            f"the largest {EVEN:.2f} times the smallest, or less: {100 * ABOUT:g} % either way of "
+            "their middle"
+        ),
     ),
     ("*a wide range* of forces", f"its ends have a ratio of {WIDE:g} or more"),
     ("*mainly*, a *large* basin", f"a share of {MAJORITY:g} or more"),
@@ -67,7 +74,10 @@ RULE = (
     ),
     (
         "something happens, in one run",
-        f"in {100 * OFTEN:g} % of the runs or more it holds, in {100 * RARE:g} % or fewer it does not",
+        (
+            f"in {100 * OFTEN:g} % of the runs or more it holds, in {100 * RARE:g} % or fewer it "
+            "does not"
+        ),
     ),
 )
 
@@ -96,12 +106,26 @@ RELATIONS = {  # ranges of a number or a ratio, by the words of claims.toml
 }
 RULE_NUMBERS = {"same": SAME, "much": MUCH, "left": LEFT, "wide": WIDE}  # that texts may name
 REASONS = {  # why a statement does not simply hold, by the key "reason" of claims.toml
-    "chance": "One run. In the impact regimes levels, phase lags, jumps and energies are random; one run shows one sample.",
-    "range": "A part of the range. It is true of some forces, frequencies, modes or friction limits, and not of others.",
-    "contacts": "More contacts. With several modes the absorber strikes a wall more than once at a visit.",
+    "chance": (
+        "One run. In the impact regimes levels, phase lags, jumps and energies are random; one "
+        "run shows one sample."
+    ),
+    "range": (
+        "A part of the range. It is true of some forces, frequencies, modes or friction limits, "
+        "and not of others."
+    ),
+    "contacts": (
+        "More contacts. With several modes the absorber strikes a wall more than once at a visit."
+    ),
     "truncation": "Truncation. Too few modes or harmonics are kept.",
-    "step": "The step. At 20 steps per period of the highest mode impacts and reversals of slip come late.",
-    "tuning": "Mistuning. The tuned absorber's stiffness follows from a modal mass of 1 kg, not from the effective one at the tip.",
+    "step": (
+        "The step. At 20 steps per period of the highest mode impacts and reversals of slip come "
+        "late."
+    ),
+    "tuning": (
+        "Mistuning. The tuned absorber's stiffness follows from a modal mass of 1 kg, not from "
+        "the effective one at the tip."
+    ),
     "degree": "Degree. The computed number is beyond what the word allows.",
 }
 STATED: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
@@ -120,7 +144,10 @@ def parse_relation(relation: Any) -> tuple[float, float]:
 
 
 class Interval(NamedTuple):
-    """A computed value and the interval that it lies in, where that is not the 5 to 95 % of members."""
+    """A computed value and its interval.
+
+    It is used where the interval is not the 5 to 95 % of members.
+    """
 
     value: float
     low: float
@@ -144,12 +171,16 @@ class ClaimVerdict(StrEnum):
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement in short words of our own, the ``section`` of the paper, what was ``computed`` (with its interval), and the ``figure``.
+    """A statement of the paper with its verdict.
 
-    ``definitional``: it follows from the definition of the model, or from the structure without contact, by arithmetic.
-    ``why``: for a verdict other than "holds", a paragraph on the cause with its evidence; the page leaves it out where the statement holds.
-    ``reason``: its kind, a key of `REASONS`. ``value``, ``low``, ``high``: median and 5 to 95 % of the computed values, which the statement allows
-    from ``least`` to ``most``; None where several numbers decide.
+    ``statement`` is a short form in our own words, ``section`` that of the paper, ``computed`` the
+    computed value with its interval, and ``figure`` the figure to which it belongs.
+
+    ``definitional``: it follows from the definition of the model, or from the structure without
+    contact, by arithmetic. ``why``: for a verdict other than "holds", a paragraph on the cause with
+    its evidence; the page leaves it out where the statement holds. ``reason``: its kind, a key of
+    `REASONS`. ``value``, ``low``, ``high``: median and 5 to 95 % of the computed values, which the
+    statement allows from ``least`` to ``most``; None where several numbers decide.
     """
 
     name: str
@@ -189,18 +220,28 @@ class Claim:
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Return a dict of strings and numbers; ``why`` and ``reason`` are empty where the statement holds."""
+        """Return a dict of strings and numbers.
+
+        ``why`` and ``reason`` are empty if the statement holds.
+        """
         plain = asdict(self) | {"verdict": self.verdict.value}
         return plain | {"why": "", "reason": ""} if self.verdict is ClaimVerdict.HOLDS else plain
 
 
 def from_plain(plain: dict[str, Any]) -> Claim:
-    """Return the claim of a plain form; raises KeyError, TypeError, ValueError or ParameterError if it is something else."""
+    """Return the claim of a plain form.
+
+    Raises KeyError, TypeError, ValueError or ParameterError if it is something else.
+    """
     return Claim(**{**plain, "verdict": ClaimVerdict(plain["verdict"])})
 
 
 def judge_interval(low: float, high: float, least: float, most: float) -> ClaimVerdict:
-    """Return how an interval from ``low`` to ``high`` stands to what a statement allows: inside it holds, beside it not, else within spread."""
+    """Return the verdict of an interval on a range that a statement allows.
+
+    The statement holds if the interval from ``low`` to ``high`` is inside the range, does not hold
+    if it is outside, and is otherwise within spread.
+    """
     require(
         low <= high and least <= most,
         "interval",
@@ -213,13 +254,20 @@ def judge_interval(low: float, high: float, least: float, most: float) -> ClaimV
 
 
 def judge_cases(cases: Iterable[ClaimVerdict]) -> ClaimVerdict:
-    """Return the verdict of a statement on several cases: holds or does not hold where each case does, else within spread."""
+    """Return the verdict of a statement on several cases.
+
+    It holds, or does not hold, if this is so in each case. Otherwise it is within spread.
+    """
     verdicts = set(cases)
     return verdicts.pop() if len(verdicts) == 1 else ClaimVerdict.SPREAD
 
 
 def judge_share(low: float, high: float) -> ClaimVerdict:
-    """Return how the interval of a share of runs stands to a statement on one run by the rule above."""
+    """Return the verdict of the interval of a share of runs, for a statement on one run.
+
+    The rule is that for something that happens in one run: it holds from the share `OFTEN` on, and
+    does not hold up to the share `RARE`.
+    """
     return (
         ClaimVerdict.HOLDS
         if low >= OFTEN
@@ -244,7 +292,10 @@ def format_interval(
 def format_spread(
     values: ArrayLike, form: str = "{:.2f}", factor: float = 1.0, unit: str = ""
 ) -> str:
-    """Return median and 5 to 95 % of members, as "0.64 (0.55 to 0.71)", the median alone where all read the same; NaN is left out."""
+    """Return median and 5 to 95 % of members, as "0.64 (0.55 to 0.71)".
+
+    If all three read the same, only the median is returned. NaN is left out.
+    """
     low, middle, high = (form.format(factor * float(x)) for x in compute_bands(np.ravel(values)))
     return f"{middle}{unit}" if low == high else f"{middle}{unit} ({low} to {high})"
 
@@ -265,7 +316,10 @@ def compute_band(values: ArrayLike) -> tuple[float, float]:
 def judge_values(
     low: float, high: float, least: float, most: float, at_step: float | None = None
 ) -> ClaimVerdict:
-    """Return the verdict of an interval on a statement that allows least..most; ``at_step``: the value of the paper's own run, with its step."""
+    """Return the verdict of an interval on a statement that allows least..most.
+
+    ``at_step`` is the value of the paper's own run, with its step.
+    """
     if not (np.isfinite(low) and np.isfinite(high)):
         return ClaimVerdict.NOT
     result = judge_interval(low, high, least, most)
@@ -277,7 +331,10 @@ def judge_values(
 
 
 class ClaimFormatter(Formatter):
-    """Fills the braces of claims.toml: members' values by `format_spread`, in per cent where the form ends in %."""
+    """Fills the braces of claims.toml.
+
+    Members' values are formatted by `format_spread`, in per cent if the form ends in %.
+    """
 
     def format_field(self, value: Any, format_spec: str) -> Any:
         """Return a value as text."""
@@ -305,10 +362,14 @@ def make_claim(
     at_step: float | None = None,
     **text_values: Any,
 ) -> Claim:
-    """Return a claim of claims.toml from members' values, judged by their 5 to 95 %, from an interval, a verdict, or whether it holds.
+    """Return a claim of claims.toml.
 
-    ``allowed``, least and most, where claims.toml has no relation; ``text_values`` fills the braces, as do the values, as {value}.
-    ``at_step``: the number by the paper's scheme and step, in one run.
+    ``result`` has members' values, which are judged by their 5 to 95 %, or is an interval, a
+    verdict, or whether the claim holds.
+
+    ``allowed``, least and most, where claims.toml has no relation; ``text_values`` fills the
+    braces, as do the values, as {value}. ``at_step``: the number by the paper's scheme and step, in
+    one run.
     """
     own = STATED[figure][name]
     text_values = {**RULE_NUMBERS, "value": result, **text_values}

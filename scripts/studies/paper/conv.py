@@ -1,4 +1,7 @@
-"""Compliant contact against rigid (paper, appendix A, its figure conv): walls over their stiffness, and friction over that of its spring."""
+"""Compliant contact against rigid contact (paper, appendix A, its figure conv).
+
+Walls are compared over their stiffness, and friction over that of its spring.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -57,11 +60,16 @@ CONTACTS = ((WALLS, "k_n", "walls"), (FRICTION, "k_t", "friction damper"))
 LOW = 3.0
 HIGH = 300.0
 judge = partial(make_claim, LABEL)
-STEPPED = 1e4  # stiffest contact that the paper's own method is tried with: its step follows the contact's duration
+# stiffest contact that the paper's own method is tried with: its step follows the contact's
+# duration
+STEPPED = 1e4
 
 
 def absorber(kind: str, stiffness: float | None) -> Absorber:
-    """Return the impact absorber, frictionless and conservative, or the friction damper; ``stiffness`` over the beam's, None: rigid."""
+    """Return the impact absorber, frictionless and conservative, or the friction damper.
+
+    ``stiffness`` is relative to that of the beam. None stands for rigid contact.
+    """
     spring = None if stiffness is None else stiffness * BEAM.static_tip_stiffness
     if kind == FRICTION:
         return friction_damper(DAMPER, friction_stiffness=spring)
@@ -70,7 +78,11 @@ def absorber(kind: str, stiffness: float | None) -> Absorber:
 
 
 def sizes(members: int, stiffnesses: int, forces: int) -> Size:
-    """Return the sizes of so many stiffnesses over the beam's static one, and forces of the curves: closer where the curve with walls is flat."""
+    """Return the sizes of a figure with given numbers of stiffnesses and forces.
+
+    Stiffnesses are relative to the beam's static one. The forces of the curves are closer where the
+    curve with walls is flat.
+    """
     walls, friction = (
         np.asarray(spaced(0.5, 6.0, forces)).round(3).tolist()
         for spaced in (np.geomspace, np.linspace)
@@ -135,7 +147,10 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def _table(values: Json) -> CsvTable:
-    """Return a row for each stiffness and one for rigid contact: levels of walls and of the damper, and those over rigid contact."""
+    """Return a row for each stiffness and one for rigid contact.
+
+    A row has the levels of the walls and of the damper, and their ratios to those of rigid contact.
+    """
     columns = ["stiffness over 3EI/l^3"]
     rows = [[f"{k:.3g}"] for k in values[WALLS]["stiffness"]] + [["rigid"]]
     for kind, symbol, _ in CONTACTS:
@@ -208,7 +223,10 @@ STIFF = 1e3  # over the beam's static stiffness: from here on contact counts as 
 
 
 def _off(part: Json) -> tuple[np.ndarray, np.ndarray]:
-    """Return stiffnesses, and by which share the median level differs from that of rigid contact."""
+    """Return stiffnesses, and the relative error of the median level.
+
+    The error is the relative difference to the level of rigid contact.
+    """
     return np.array(part["stiffness"]), np.median(part["level_m"], axis=1) / np.median(
         part["rigid_m"]
     ) - 1

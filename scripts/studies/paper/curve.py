@@ -1,7 +1,10 @@
-"""Performance curves of this study as plain values, with contacts and envelopes of their sweeps, and the operating ranges that follow.
+"""Performance curves of this study as plain values, and their operating ranges.
 
-Contacts around the maximum, envelopes and passages are read from one set of observers, so that each kernel is compiled once. Of a curve, that is kept
-of the critical direction. Ranges are marked by what the contacts do (paper, table of operating ranges): linear, no impacts; primary, impacts and
+The curves have the contacts and envelopes of their sweeps.
+
+Contacts around the maximum, envelopes and passages are read from one set of observers, so that each
+kernel is compiled once. Of a curve, that is kept of the critical direction. Ranges are marked by
+what the contacts do (paper, table of operating ranges): linear, no impacts; primary, impacts and
 pauses take turns around the largest response; secondary, there they go on without pause.
 """
 
@@ -36,9 +39,13 @@ SERIES = Record(level=False, events=True, series=True)
 
 
 class SweepContacts(NamedTuple):
-    """A sweep's level (m), frequency ratio of the maximum, largest |q_tip| (m) and number of impacts.
+    """Contacts of a sweep.
 
-    Then, of the level's window: impacts per pseudo period, and the longest pause between impacts in pseudo periods.
+    ``level`` (m), the frequency ratio ``at`` the maximum, the largest |q_tip| ``tip`` (m), and the
+    number of ``impacts``.
+
+    Then, of the level's window: impacts per pseudo period, and the longest pause between impacts in
+    pseudo periods.
     """
 
     level: float
@@ -89,13 +96,19 @@ def measure_contacts(lane: Lane, method: Method | None = None) -> SweepContacts:
 
 
 def compute_exponent(lane: Lane, periods: int) -> tuple[float, float, float]:
-    """Return the largest Lyapunov exponent of what a lane settles to, per period of the force, over so many: value, and the ends of its interval."""
+    """Return the largest Lyapunov exponent of a lane's stationary motion.
+
+    It is per period of the force, over ``periods``: its value, and the ends of its interval.
+    """
     result = largest_exponent(lane.scene, lane.drive, periods)
     return result.value, result.low, result.high
 
 
 def compute_envelope(lane: Lane, periods: int = 4) -> Array:
-    """Return a lane's largest |q_tip| in m in each stretch of so many pseudo periods, (stretches,); the last one may be shorter."""
+    """Return a lane's largest |q_tip| in m in each interval of the run, (intervals,).
+
+    An interval has ``periods`` pseudo periods. The last one may be shorter.
+    """
     history = simulate(lane.scene, lane.drive, record=FULL_RECORD).recorded.history
     return np.asarray(
         np.maximum.reduceat(
@@ -120,7 +133,11 @@ def compute_envelope_ratios(schedule: FrequencySchedule, periods: int = 4) -> Ar
 def compute_envelopes(
     settings: PaperSettings, label: str, scene: Scene, drives: Sequence[Drive], periods: int = 4
 ) -> tuple[Json, Array]:
-    """Return the envelopes of members with one schedule over frequency ratios, as 5 %, median, 95 % and nominal member; and each member's."""
+    """Return the envelopes of members with one schedule over frequency ratios.
+
+    They are the 5 %, median and 95 % envelopes and that of the nominal member. The envelope of each
+    member is also returned.
+    """
     rows = np.array(
         settings.each(
             label,
@@ -143,10 +160,14 @@ PAUSE = (
 
 @dataclass(frozen=True, eq=False)
 class LevelCurve:
-    """Forces (F,) in N and, for each member, (F, M): level in m, the larger of up and down, and of that direction what follows.
+    """A performance curve by member.
 
-    ``at``: frequency ratio of the maximum; ``down``: 1 where it is the sweep down. ``impacts``: the larger number of both directions. The rest is NaN
-    where the contacts were not measured: largest |q_tip| in m, impacts per pseudo period and longest pause in the level's window.
+    Forces (F,) are in N. The other arrays are (F, M): the ``level`` in m is the larger of the
+    sweeps up and down, and the further values are those of that direction.
+
+    ``at``: frequency ratio of the maximum; ``down``: 1 where it is the sweep down. ``impacts``: the
+    larger number of both directions. The rest is NaN where the contacts were not measured: largest
+    |q_tip| in m, impacts per pseudo period and longest pause in the level's window.
     """
 
     forces: Array
@@ -174,7 +195,10 @@ class LevelCurve:
         return np.asarray(np.mean(self.impacts > 0, axis=1))
 
     def relative(self, reference: LevelCurve) -> Array:
-        """Return the level over that of the same member of a reference over the same forces, (F, M)."""
+        """Return the level relative to that of the same member of a reference, (F, M).
+
+        The reference must have the same forces.
+        """
         require(
             np.array_equal(self.forces, reference.forces),
             "reference",
@@ -312,17 +336,23 @@ class Border(NamedTuple):
 
 
 class Ranges(NamedTuple):
-    """``first_impacts``: the end of the linear range, ``transition``: of the primary one; None where the curve's forces do not hold it."""
+    """Operating ranges of a performance curve.
+
+    ``first_impacts`` is the end of the linear range, ``transition`` that of the primary one. They
+    are None if they are outside the curve's forces.
+    """
 
     first_impacts: Border | None
     transition: Border | None
 
 
 def find_operating_ranges(forces: ArrayLike, impacting: ArrayLike, sustained: ArrayLike) -> Ranges:
-    """Return the borders between rising forces (F,) in N, from the shares (F,) of members with impacts, and with sustained ones.
+    """Return the borders between the operating ranges on rising forces (F,) in N.
 
-    The linear range ends at the first force at which most have impacts. The secondary range is what lies above the last force at which most have
-    pauses.
+    They follow from the shares (F,) of members with impacts, and with sustained impacts.
+
+    The linear range ends at the first force at which most have impacts. The secondary range is what
+    lies above the last force at which most have pauses.
     """
     rising = np.asarray(forces, dtype=float)
     impacts = np.flatnonzero(np.asarray(impacting) > MAJORITY)
@@ -342,7 +372,9 @@ def find_ranges(curve: LevelCurve) -> Ranges:
 
 
 def compute_slopes(curve: LevelCurve, inside: NDArray[np.bool_]) -> Array:
-    """Return d log(level)/d log(force) of each member, (M,), by least squares over the forces ``inside`` (F,): 1 is proportional, 0 saturated.
+    """Return d log(level)/d log(force) of each member, (M,).
+
+    It is found by least squares over the forces ``inside`` (F,): 1 is proportional, 0 saturated.
 
     NaN where that is fewer than two forces.
     """
@@ -363,7 +395,10 @@ def draw_curve(
 
 
 def set_level_axes(axes: Axes, none: LevelCurve, most: float) -> None:
-    """Make the axes those of levels over forces up to ``most`` in N, both linear as the paper's; ``none``: the curve without absorber."""
+    """Set the axes for levels over forces up to ``most`` in N.
+
+    Both axes are linear, as in the paper. ``none`` is the curve without absorber.
+    """
     axes.set(xlim=(0, most), ylim=(0, 1.05 * MM * float(np.interp(most, none.forces, none.median))))
     axes.set(xlabel="amplitude of the force in N", ylabel="resonant response level in mm (RMS)")
 
@@ -374,7 +409,11 @@ def draw_inset(
     none: LevelCurve,
     drawn: Mapping[LineStyle, LevelCurve],
 ) -> Axes:
-    """Add an inset at ``bounds`` of the axes: levels over no absorber at all forces, on a logarithmic axis, each curve in its style."""
+    """Add an inset at ``bounds`` of the axes.
+
+    It shows the levels relative to no absorber at all forces, on a logarithmic axis, each curve in
+    its style.
+    """
     small = axes.inset_axes(bounds)
     for style, own in drawn.items():
         low, middle, high = compute_bands(own.relative(none))

@@ -1,4 +1,7 @@
-"""The figure `dissinf`: friction and restitution, as performance curves and as sweeps down at 5 N, with ten modes."""
+"""The figure `dissinf`: friction and restitution with ten modes.
+
+It has performance curves and sweeps down at 5 N.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -124,7 +127,10 @@ def _curve(
 
 
 def _sweep(settings: PaperSettings, scene: Scene, members: int) -> Json:
-    """Return the envelope of |q_tip| in m of the sweeps down over frequency ratios, and each member's largest."""
+    """Return the envelope of |q_tip| in m of the sweeps down, and each member's largest value.
+
+    The envelope is over frequency ratios.
+    """
     drives = draw_members(members, settings.seed).drives(
         SWEPT, performance.make_both_sweeps(scene)[1]
     )
@@ -141,7 +147,9 @@ def find_first_impacts(own: LevelCurve) -> Array:
 
 
 def find_forces_at(own: LevelCurve, level: float) -> Array:
-    """Return the highest force in N at which each member's curve rises through a ``level`` in m, between forces on a logarithmic axis, (M,).
+    """Return the highest force in N at which each member's curve rises through a level, (M,).
+
+    The ``level`` is in m. Between forces the curve is interpolated on logarithmic axes.
 
     NaN where it does not.
     """
@@ -186,7 +194,10 @@ def _describe(values: Json) -> str:
     swept = markdown(
         (f"down at {SWEPT:g} N, muN = {SWEPT_LIMIT:g} N", "largest displacement, mm"), lines
     )
-    return f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces.\n\n{markdown(header, rows)}\n\n{swept}"
+    return (
+        f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} "
+        f"forces.\n\n{markdown(header, rows)}\n\n{swept}"
+    )
 
 
 def _within(own: LevelCurve, other: LevelCurve, span: tuple[float, float]) -> Array:
@@ -225,7 +236,10 @@ def _dampers(values: Json) -> list[Claim]:
 
 
 def _judge_departure(read: dict[str, LevelCurve]) -> Claim:
-    """Judge for each friction limit whether the curve with impacts leaves that of friction alone at the first impacts."""
+    """Judge whether the curve with impacts leaves that of friction alone at the first impacts.
+
+    Each friction limit is a case.
+    """
     cases = []
     before = []
     texts = []
@@ -277,7 +291,10 @@ def _absorbers(values: Json) -> list[Claim]:
     every = (PRIMARY[0], SECONDARY[1])
     text_values = Json(first=first, last=last, small=LIMITS[0], large=LIMITS[-1])
     larger = ", ".join(
-        f"{format_spread(_within(read[name_impacting(limit)], read[CONSERVATIVE], every))} with {limit:g} N"
+        (
+            f"{format_spread(_within(read[name_impacting(limit)], read[CONSERVATIVE], every))} "
+            f"with {limit:g} N"
+        )
         for limit in LIMITS[1:]
     )
 
@@ -364,7 +381,10 @@ def _draw(values: Json) -> Figure:
 
 
 def _curves(axes: Axes, values: Json) -> None:
-    """Draw the curves with impacts, in one colour with those of friction alone, which are dashed."""
+    """Draw the curves with impacts and those of friction alone.
+
+    Both curves of a friction limit have one colour. The curves of friction alone are dashed.
+    """
     read = {name: performance.read_curve(values[name]) for name in _scenes()}
     none = read[NONE]
     draw_line(axes, none.forces, MM * none.median, REFERENCE, NONE, marked=False)

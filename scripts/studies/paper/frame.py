@@ -1,6 +1,9 @@
-"""The parts of a figure of the paper's study, its sizes in full and in a quick run, and the common style of the drawings.
+"""Common parts of the figures of the paper's study.
 
-A module measures groups of plain values. From these it writes the text of the page, draws the figure, and judges the paper's statements.
+They are the figure's parts, its sizes in a full and in a quick run, and the style of the drawings.
+
+A module measures groups of plain values. From these it writes the text of the page, draws the
+figure, and judges the paper's statements.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,7 +38,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """``folder`` of the numbers; ``quick``: few points and members; runs in ``threads`` (None: all cores), or by an ``executor``.
+    """Settings of the paper's study.
+
+    ``folder`` is that of the numbers. ``quick`` stands for few points and members. Runs are
+    computed in ``threads`` (None: all cores), or by an ``executor``.
 
     The numbers depend on ``quick`` and ``seed`` only.
     """
@@ -53,7 +59,11 @@ class PaperSettings:
     def curves(
         self, label: str, cases: Sequence[CurveCase], members: int, method: Method | None = None
     ) -> list[PerformanceCurve]:
-        """Return performance curves, with a bar; raises KeyboardInterrupt if they are broken off, errors as `performance_curves`."""
+        """Return performance curves, with a progress bar.
+
+        Raises KeyboardInterrupt if the computation is interrupted, and errors as
+        `performance_curves`.
+        """
         with sweeps_bar(label, leave=False) as show:
             result = performance_curves(
                 cases,
@@ -75,9 +85,12 @@ class PaperSettings:
         measure: Callable[[Lane], R],
         method: Method | None = None,
     ) -> list[R]:
-        """Return the results of ``measure`` for each lane, with a bar; raises KeyboardInterrupt if that is broken off, errors as `each_lane`.
+        """Return the results of ``measure`` for each lane, with a progress bar.
 
-        ``measure`` is a function of a module, or a partial of one, so that it can be sent to another process.
+        Raises KeyboardInterrupt if the computation is interrupted, and errors as `each_lane`.
+
+        ``measure`` is a function of a module, or a partial of one, so that it can be sent to
+        another process.
         """
         with sweeps_bar(label, leave=False) as show:
             return drop_unfinished(
@@ -93,17 +106,26 @@ class PaperSettings:
 
 
 class Size(SimpleNamespace):
-    """How much of a figure is computed: ``members``, ``forces`` in N, ``modes``, ... as the figure's module names and takes them."""
+    """Size of the computation of a figure.
+
+    Its names, such as ``members``, ``forces`` in N and ``modes``, are chosen by the figure's
+    module.
+    """
 
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """A figure with the paper's ``label``: between its markers stand the drawing, ``describe`` of its values, and what they were measured by.
+    """A figure with the paper's ``label``.
 
-    ``sizes``: how much is computed in full and in a quick run, which beside the sources is all that the numbers depend on. ``measure(settings, size,
-    known)`` yields values as that of a `Part`. Once all are there, ``draw(values)`` returns the drawing and ``claims(values)`` the statements of the
-    paper that they decide. ``tables``: those too long for the page, as CSV files, of which `shorten_table` shows some rows.
-    ``answer(values)``: a line on an open question, "question: answer".
+    Its part of the page, between its markers, has the drawing, the result of ``describe`` for its
+    values, and the conditions of the measurement.
+
+    ``sizes``: how much is computed in full and in a quick run, which beside the sources is all that
+    the numbers depend on. ``measure(settings, size, known)`` yields values as that of a `Part`.
+    Once all are there, ``draw(values)`` returns the drawing and ``claims(values)`` the statements
+    of the paper that they decide. ``tables``: those too long for the page, as CSV files, of which
+    `shorten_table` shows some rows. ``answer(values)``: a line on an open question, "question:
+    answer".
     """
 
     label: str
@@ -136,7 +158,10 @@ class PaperFigure:
         )
 
     def _sections(self, measured: Measurement) -> dict[str, str]:
-        made = f"{describe_amounts(measured.conditions)}{sources(measured.conditions)} {measured.conditions['wall_s']:g} s."
+        made = (
+            f"{describe_amounts(measured.conditions)}{sources(measured.conditions)} "
+            f"{measured.conditions['wall_s']:g} s."
+        )
         if not measured.complete:
             return {marker(self.label): f"{made} Stopped early."}
         drawn = f"![{self.title[0].upper()}{self.title[1:]}]({NAME}/{self.label}.png)"
@@ -166,11 +191,17 @@ def shorten_table(whole: CsvTable) -> str:
         else range(len(rows))
     )
     cells = [tuple(map(str, rows[k])) for k in selection]
-    return f"{markdown(whole.columns, cells)}\n\nAll {len(rows)} rows: [{whole.name}.csv]({NAME}/{whole.name}.csv)."
+    return (
+        f"{markdown(whole.columns, cells)}\n\nAll {len(rows)} rows: "
+        f"[{whole.name}.csv]({NAME}/{whole.name}.csv)."
+    )
 
 
 def describe_amounts(conditions: Json) -> str:
-    """Say how many members there are, and how many points of each list of numbers, by the parameters of the part's key; empty if it has none."""
+    """Return a text with the number of members and the number of points of each list.
+
+    The lists are the parameters in the part's key. The text is empty if the key has none.
+    """
     parameters = conditions.get("key", {}).get("parameters", {})
     members = (
         [f"{parameters['members']} members"] if isinstance(parameters.get("members"), int) else []
@@ -190,7 +221,10 @@ def describe_amounts(conditions: Json) -> str:
 
 
 def measure_groups(groups: Mapping[str, Callable[[], object]], earlier: Json) -> Steps:
-    """Yield all values that are known after each of the groups, by its name; those of an earlier run are taken over."""
+    """Yield all known values by group, after each of the groups is measured.
+
+    Values of an earlier run are reused.
+    """
     values = {name: earlier[name] for name in groups if name in earlier}
     for name, measure in groups.items():
         if name not in values:
@@ -200,8 +234,8 @@ def measure_groups(groups: Mapping[str, Callable[[], object]], earlier: Json) ->
         yield values
 
 
-# One style for all figures, readable in print and in grey: no two lines differ by their colour alone.
-# in inches the width of a page's text
+# One style for all figures, readable in print and in grey: no two lines differ by their colour
+# alone. in inches the width of a page's text
 WIDTH = 7.2
 DPI = 180
 SMALL = 7.5  # points: the smallest letters, of legends, insets and labels beside points
@@ -225,7 +259,10 @@ RC: Any = {
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Colour, dashes and marker of a line. Colours fall apart in grey as well: their lightness differs."""
+    """Colour, dashes and marker of a line.
+
+    The colours differ in lightness, so that they are distinct in grey as well.
+    """
 
     colour: str
     dashes: Any = "-"
@@ -246,7 +283,10 @@ FAINT = "0.55"  # what stands behind: sweeps, guides
 
 
 def make_saver(draw: Callable[[], Figure]) -> Saver:
-    """Return a function that draws a figure in this style and saves it; its path's ending chooses the format."""
+    """Return a function that draws a figure in this style and saves it.
+
+    The suffix of its path chooses the format.
+    """
 
     def save(path: Path) -> None:
         with rc_context(RC):
@@ -258,7 +298,9 @@ def make_saver(draw: Callable[[], Figure]) -> Saver:
 def make_panels(
     rows: int, columns: int, height: float, letters: str = "abcdefgh", **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """Return a figure of the page's width and ``height`` in inches, and its panels (rows, columns), named (a), (b) ... where there are several.
+    """Return a figure of the page's width and its panels (rows, columns).
+
+    The ``height`` is in inches. If there are several panels, they are named (a), (b) and so on.
 
     ``letters``: of the panels row by row, a blank for one that goes with the panel before it.
     """
@@ -281,7 +323,10 @@ def draw_line(
     nominal: ArrayLike | None = None,
     marked: bool = True,
 ) -> None:
-    """Draw a median with the ``band`` of an ensemble behind it, and the paper's own run, the ``nominal`` member, as a thin line."""
+    """Draw a median with the ``band`` of an ensemble behind it.
+
+    The ``nominal`` member, which is the paper's own run, is drawn as a thin line.
+    """
     if band is not None:
         low, high = (np.asarray(edge, dtype=float) for edge in band)
         axes.fill_between(
@@ -311,7 +356,11 @@ def draw_band(
     nominal: bool = True,
     marked: bool = True,
 ) -> None:
-    """Draw the median of members' values, (points, M), with their band, and the first one as the ``nominal`` member, all times a ``factor``."""
+    """Draw the median of members' values, (points, M), with their band.
+
+    If ``nominal`` is set, the first member is drawn as the nominal one. All values are multiplied
+    by ``factor``.
+    """
     low, middle, high = factor * compute_bands(rows)
     draw_line(
         axes,

@@ -1,6 +1,9 @@
-"""Statements that need runs of their own: limits of the sweeps, the high branch, basins, perturbations, folds, sliding.
+"""Statements of the paper that need further runs.
 
-The parameters are those of the paper's figures in which the statements stand (high_low: three modes, jump: two modes).
+They concern limits of the sweeps, the high branch, basins, perturbations, folds and sliding.
+
+The parameters are those of the paper's figures in which the statements stand (high_low: three
+modes, jump: two modes).
 """
 
 from collections.abc import Callable
@@ -92,7 +95,10 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def measure_first_impacts(forces: tuple[float, ...]) -> list[Json]:
-    """Return the frequency ratio of the first impact of sweeps up and down: ten modes, no losses in contact."""
+    """Return the frequency ratio of the first impact of sweeps up and down.
+
+    The model has ten modes and no losses in contact.
+    """
     scene = beam_scene(Beam(), impact_absorber())
     rows: list[Json] = []
     for force in forces:
@@ -109,7 +115,10 @@ def measure_first_impacts(forces: tuple[float, ...]) -> list[Json]:
 
 
 def measure_peaks(lane: Lane) -> Array:
-    """Return frequency ratio and largest |q_tip| in m of each pseudo period of a sweep, (2, periods)."""
+    """Return frequency ratio and largest |q_tip| of each pseudo period of a sweep.
+
+    The displacements are in m, and the result has the shape (2, periods).
+    """
     schedule = lane.drive.schedule
     history = simulate(
         lane.scene, lane.drive, record=Record(level=False, series=True)
@@ -120,7 +129,11 @@ def measure_peaks(lane: Lane) -> Array:
 
 
 def _branch(settings: PaperSettings, size: Size) -> Json:
-    """Return medians of the periods' largest displacement along the high branch, (stretches, members), beside the orbits'."""
+    """Return the largest displacements of sweeps and of orbits along the high branch.
+
+    For sweeps it is the median of the periods' largest displacement in each frequency interval,
+    (intervals, members).
+    """
     scene = jump.make_scene()
     reference = scene.model.resonance_omega(1)
     curves = exact_curves(scene, BRANCH_FORCE, reference, *PAPER_LIMITS)
@@ -149,7 +162,10 @@ def _branch(settings: PaperSettings, size: Size) -> Json:
 
 
 def count_impacts_from(scene: Scene, force: float, orbit: Json, periods: int = 2) -> float:
-    """Return impacts a period of the simulated run that begins on an orbit (an entry of `unpacked`)."""
+    """Return the impacts per period of a simulated run that starts on an orbit.
+
+    The orbit is an entry of `unpacked`.
+    """
     start = orbit["start"]
     state = InitialState(
         np.array(start["modal_displacement"]),
@@ -177,7 +193,10 @@ def _orbits(size: Size) -> Json:
 
 
 def _folds(size: Size) -> list[Json]:
-    """Return the critical Floquet multiplier over half a period at each fold of exact orbits at both forces."""
+    """Return the critical Floquet multipliers at each fold of exact orbits at both forces.
+
+    They are those over half a period.
+    """
     scene = high_low.make_scene()
     reference = scene.model.resonance_omega(1)
     rows = []
@@ -198,7 +217,8 @@ def _folds(size: Size) -> list[Json]:
 def _draw_states(scene: Scene, omega: float, number: int, seed: int) -> list[tuple[Any, float]]:
     """Return random initial states and phases of the force.
 
-    The first mode lies in the ellipse of its own resonance without absorber at the medium force, evenly; the absorber anywhere in its cavity.
+    The first mode lies in the ellipse of its own resonance without absorber at the medium force,
+    evenly; the absorber anywhere in its cavity.
     """
     most = (
         high_low.FORCES["medium"]
@@ -220,13 +240,19 @@ def _draw_states(scene: Scene, omega: float, number: int, seed: int) -> list[tup
 
 
 def classify_from(lane: Lane) -> tuple[str, float]:
-    """Return kind and median of the periods' largest |q_tip| in m of the motion that a lane with a state of its own comes to."""
+    """Return kind and size of the stationary motion of a lane with its own initial state.
+
+    The size is the median of the periods' largest |q_tip| in m.
+    """
     result = classify_run(lane.scene, lane.drive, WINDOW_PERIODS, initial=lane.initial)
     return result.found.kind.value, float(np.median(result.peaks))
 
 
 def _basins(settings: PaperSettings, size: Size) -> list[Json]:
-    """Return how many runs from random states come to each kind of motion, where motions compete and at the resonance."""
+    """Return how many runs from random states reach each kind of motion.
+
+    They are counted at frequencies with competing motions and at the resonance.
+    """
     scene = high_low.make_scene()
     omega = scene.model.resonance_omega(1)
     states = _draw_states(scene, omega, size.starts, settings.seed)
@@ -258,7 +284,10 @@ MOTIONS = (MODULATED, SLIDING, HIGH, OTHER)
 
 
 def name_motion(kind: str, peak: float) -> str:
-    """Return one of `MOTIONS` for a kind of response and the median of its periods' largest |q_tip| in m."""
+    """Return the name of a motion, one of `MOTIONS`.
+
+    It follows from the kind of response and the median of its periods' largest |q_tip| in m.
+    """
     if kind == ResponseKind.LINEAR.value:
         return SLIDING
     if kind == ResponseKind.MODULATED.value:
@@ -267,9 +296,12 @@ def name_motion(kind: str, peak: float) -> str:
 
 
 def make_blow(scene: Scene, ratio: float, phase: float, size: float, carried: bool) -> Lane:
-    """Return the lane of the sliding response at the medium force after a blow at a ``phase`` (rad) of the force.
+    """Return the lane of a sliding response after a blow.
 
-    The blow adds ``size`` times the first mode's velocity amplitude to its velocity. ``carried``: the absorber's velocity changes with the tip's.
+    The response is that at the medium force, and the blow acts at a ``phase`` (rad) of the force.
+
+    The blow adds ``size`` times the first mode's velocity amplitude to its velocity. ``carried``:
+    the absorber's velocity changes with the tip's.
     """
     omega = ratio * scene.model.resonance_omega(1)
     force = high_low.FORCES["medium"]
@@ -288,7 +320,10 @@ def make_blow(scene: Scene, ratio: float, phase: float, size: float, carried: bo
 
 
 def _blows(settings: PaperSettings, size: Size) -> list[Json]:
-    """Return how many runs have impacts in the end, by modes, what is struck, frequency and size of the blow."""
+    """Return how many runs have impacts in the end after a blow.
+
+    Rows are for numbers of modes, the bodies that are struck, frequencies and sizes of the blow.
+    """
     phases = 2 * np.pi * np.arange(size.phases) / size.phases
     rows = []
     for scene in (jump.make_scene(), high_low.make_scene()):
@@ -314,7 +349,11 @@ def _blows(settings: PaperSettings, size: Size) -> list[Json]:
 
 
 def _sliding() -> Json:
-    """Return, of the sweep up at 1.5 N, the share of time in which the absorber slides before the first impact, and when that begins."""
+    """Return how long the absorber slides before the first impact of a sweep.
+
+    The sweep is that up at 1.5 N. The result is the share of the time before the first impact, and
+    the frequency ratio of this impact.
+    """
     scene = high_low.make_scene()
     omega = scene.model.resonance_omega(1)
     drive = Drive(high_low.FORCES["medium"], make_both_sweeps(scene)[0])
@@ -456,7 +495,10 @@ def _judge_limits(rows: list[Json]) -> Claim:
 
 
 def _judge_folds(rows: list[Json]) -> Claim:
-    """Judge each turning point by whether one multiplier is critical, and by its distance from one."""
+    """Judge each turning point by its multipliers.
+
+    The statement holds if only one multiplier is critical and it is close to 1.
+    """
     cases = []
     distances = []
     for row in rows:
@@ -474,7 +516,10 @@ def _judge_folds(rows: list[Json]) -> Claim:
 
 
 def _judge_basins(rows: list[Json]) -> Claim:
-    """Judge the frequencies at which the sliding response competes by the interval of the share of modulated runs."""
+    """Judge the share of modulated runs where the sliding response competes.
+
+    At each such frequency the interval of the share is compared with the statement.
+    """
     below_resonance = [row for row in rows if row["omega_ratio"] < 1]
     cases = []
     texts = []
@@ -488,7 +533,10 @@ def _judge_basins(rows: list[Json]) -> Claim:
 
 
 def _judge_blows(values: Json) -> Claim:
-    """Judge each case by whether the smallest blow that triggers impacts is more than a slight one."""
+    """Judge each case by the smallest blow that triggers impacts.
+
+    The statement holds if this blow is larger than a slight one.
+    """
     least = {case: find_least_blow(rows) for case, rows in _group_blows(values).items()}
     cases = [ClaimVerdict.HOLDS if blow > LITTLE else ClaimVerdict.NOT for blow in least.values()]
     by_struck = {
@@ -522,7 +570,11 @@ def _judge_sliding(own: Json) -> Claim:
 
 
 def _draw(values: Json) -> Figure:
-    """Draw first impacts over the force, sweeps over the orbits of the high branch, and runs with impacts over the size of a blow."""
+    """Draw first impacts, the high branch and the blows.
+
+    The panels show first impacts over the force, sweeps over the orbits of the high branch, and the
+    share of runs with impacts over the size of a blow.
+    """
     figure, grid = make_panels(1, 3, 2.9)
     _draw_limits(grid[0, 0], values["limits"])
     _draw_branch(grid[0, 1], values["branch"])
@@ -584,7 +636,9 @@ FIGURE = PaperFigure(
     describe=_describe,
     draw=_draw,
     claims=_claims,
-    sizes=(  # random starts and their pseudo periods before the window; blows over the velocity amplitude, each at so many phases
+    # random starts and their pseudo periods before the window; blows over the velocity amplitude,
+    # each at so many phases
+    sizes=(
         Size(
             forces=(1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 7.0, 10.0),
             members=16,

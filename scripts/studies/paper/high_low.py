@@ -1,4 +1,7 @@
-"""Frequency responses at a medium and a high force (paper, section 3.1, its figure high_low): exact orbits, and harmonic balance beside them."""
+"""Frequency responses at a medium and a high force (paper, section 3.1, figure high_low).
+
+Exact orbits are compared with harmonic balance.
+"""
 
 from collections.abc import Sequence
 from functools import partial
@@ -77,7 +80,10 @@ def make_scene() -> Scene:
 
 
 def _isola(harmonics: int, damper: float) -> Json:
-    """Peak and outer folds of the isola at the medium force by harmonic balance, None where it finds no closed curve."""
+    """Compute peak and outer folds of the isola at the medium force by harmonic balance.
+
+    The peak is None if harmonic balance finds no closed curve.
+    """
     result: Json = {"peak": None, "folds": []}
     for curve in compute_balance(make_scene(), FORCES["medium"], LOW, 0.98, harmonics, damper):
         if curve["closed"]:
@@ -97,7 +103,10 @@ def _levels_of_isolas() -> list[Json]:
 
 
 def measure_rhythm(lane: Lane, method: Method) -> tuple[float, float]:
-    """Return impacts, and visits to a wall, in each of the last `WINDOW` periods at a constant frequency; a visit ends with one to the other."""
+    """Return impacts and visits to a wall per period at a constant frequency.
+
+    They are counted in the last `WINDOW` periods. A visit ends with an impact on the other wall.
+    """
     schedule = lane.drive.schedule
     impacts = simulate(lane.scene, lane.drive, method, record=Record(events=True)).recorded.impacts
     since = schedule.times[-1] - WINDOW * 2 * np.pi / schedule.omegas[-1]
@@ -226,7 +235,8 @@ def _describe(values: Json) -> str:
     )
 
 
-NAMED = {  # the paper's names of the curves, and where they stand: frequency ratio and displacement in mm
+# the paper's names of the curves, and where they stand: frequency ratio and displacement in mm
+NAMED = {
     "medium": {
         "a": (0.99, 1.78),
         "b": (0.9705, 1.91),
@@ -306,7 +316,10 @@ def _linear(values: Json) -> list[Claim]:
 
 
 def _sliding(part: Json) -> tuple[Any, Any]:
-    """Return frequency and height of the response without impacts below the resonance, by harmonic balance, up to where it turns at the gap."""
+    """Return frequency and height of the response without impacts below the resonance.
+
+    It is computed by harmonic balance and ends where it turns at the gap.
+    """
     for curve in part["balance"]:
         ratio = np.array(curve["omega_ratio"])
         height = np.array(curve["tip_max"], dtype=float)
@@ -318,7 +331,10 @@ def _sliding(part: Json) -> tuple[Any, Any]:
 
 
 def _counts(part: Json) -> list[int]:
-    """Return how many periodic responses harmonic balance has at 320 frequencies between 0.9 and 1.06."""
+    """Return the numbers of periodic responses of harmonic balance over the frequency.
+
+    They are counted at 320 frequency ratios between 0.9 and 1.06.
+    """
     grid = np.linspace(0.9003, 1.0597, 320)
     count = np.zeros(320, dtype=int)
     for curve in part["balance"]:
@@ -342,7 +358,10 @@ def describe_thresholds(values: Json) -> str:
     centres, mergers = (find_threshold_forces(values, kind) for kind in ("birth", "merger"))
     if not centres or not mergers:
         return "no threshold"
-    return f"isola centre at {format_range(centres, '{:.3f}')} N, merger at {format_range(mergers, '{:.3f}')} N"
+    return (
+        f"isola centre at {format_range(centres, '{:.3f}')} N, merger at "
+        f"{format_range(mergers, '{:.3f}')} N"
+    )
 
 
 def _closed(part: Json, method: str) -> Json | None:

@@ -1,4 +1,7 @@
-"""Sweeps through resonance, and the jump to the high branch as a probability (paper, section 3.1, its figure jump)."""
+"""Sweeps through resonance, and the probability of the jump to the high branch.
+
+Source: paper, section 3.1, figure jump.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -96,7 +99,8 @@ OVER = Range(
 )  # of the sweeps that are counted: they come from impact at resonance
 HIGH_LEVEL = 0.75e-3  # m: at 1.5 N response levels are near 0.55 and 1.05 mm
 HIGH_BRANCH = 1.5e-3  # m: at 3 N the high branch is above it, all else below
-# a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place is averaged
+# a slow sweep without impacts: from, to, % per 100 pseudo periods; over which the absorber's place
+# is averaged
 DRIFT = (0.96, 0.97, 0.1)
 BLOCK = 100
 EVERY = "exact"
@@ -117,7 +121,11 @@ def make_scene() -> Scene:
 
 
 def follow_sweep(lane: Lane, method: Method) -> tuple[list[float], float, float]:
-    """Return the largest |q_tip| in m between `EDGES`, the median of the periods' largest on the high branch, and the largest at resonance."""
+    """Return the largest |q_tip| in m of a sweep in each interval between `EDGES`.
+
+    The median of the periods' largest values on the high branch, and the largest value at
+    resonance, are also returned.
+    """
     schedule: FrequencySchedule = lane.drive.schedule
     history = simulate(
         lane.scene, lane.drive, method, record=Record(level=False, series=True)
@@ -134,7 +142,10 @@ def follow_sweep(lane: Lane, method: Method) -> tuple[list[float], float, float]
 
 
 def _sweeps(settings: PaperSettings, size: Size) -> Json:
-    """Return for each of `SWEEPS` the paper's own run, the band of all members, and where they are on the branch and at resonance."""
+    """Return for each of `SWEEPS` the paper's own run and the band of all members.
+
+    The members' displacements on the branch and at resonance are also given.
+    """
     own = make_scene()
     result = {}
     members = draw_members(size.sweeps, settings.seed)
@@ -182,7 +193,10 @@ def _rates(settings: PaperSettings, size: Size) -> list[Json]:
 
 
 def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
-    """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`, and how many stayed in impact all the way."""
+    """Return at each slowness how many sweeps reach the high branch, by one of the `METHODS`.
+
+    The number of sweeps with impacts up to the end is also given.
+    """
     own = make_scene()
     rows = []
     to = Json(threads=settings.threads, executor=settings.executor)
@@ -292,7 +306,10 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def hazard_of(values: Json) -> Hazard | None:
-    """Return the integral of the rates of leaving, with the factor of the exact sweeps; None where fewer than two frequencies have a rate."""
+    """Return the integral of the exit rates, with the factor of the exact sweeps.
+
+    It is None if fewer than two frequencies have a rate.
+    """
     earlier = [row for row in values["rates"] if row["rate"] is not None]
     if len(earlier) < 2:
         return None
@@ -321,9 +338,12 @@ def _describe(values: Json) -> str:
             f"{1 / x:.0f}" if x > 0 else "no end" for x in (result.value, result.high, result.low)
         ]
         blocks.append(
-            f"Integral of the rate of leaving from {result.first:g} to {result.last:g}, at {len(values['rates'])} frequencies: P(jump) = A exp(-N/"
-            f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per 1 %, A = "
-            f"{format_interval(result.factor, result.factor_low, result.factor_high)} from the exact sweeps. "
+            f"Integral of the rate of leaving from {result.first:g} to {result.last:g}, at "
+            f"{len(values['rates'])} frequencies: P(jump) = A exp(-N/"
+            f"{inverses[0]}) (95 %: {inverses[1]} to {inverses[2]}) for N pseudo periods per "
+            "1 %, A = "
+            f"{format_interval(result.factor, result.factor_low, result.factor_high)} from "
+            "the exact sweeps. "
             "The same case with more frequencies and runs: [regimes](regimes.md)."
         )
     by = {
@@ -354,8 +374,14 @@ def _describe(values: Json) -> str:
     blocks += [
         "Share of sweeps down that reach the high branch:",
         markdown(("pseudo periods per 1 %", "predicted from rates", *METHODS), lines),
-        f"Of all these runs, reached the high branch, and never without impact for {SILENT_PERIODS:g} pseudo periods: {names}.",
-        f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} that begins at rest, without impacts: {drifts}.",
+        (
+            "Of all these runs, reached the high branch, and never without impact for "
+            f"{SILENT_PERIODS:g} pseudo periods: {names}."
+        ),
+        (
+            f"Drift of the absorber's place in a slow sweep from {DRIFT[0]:g} to {DRIFT[1]:g} "
+            f"that begins at rest, without impacts: {drifts}."
+        ),
         markdown(("pseudo periods per 1 %, down", "response level, mm"), levels),
     ]
     return "\n\n".join(blocks)
@@ -370,7 +396,11 @@ PANELS = (  # sweeps over the responses of a force: its name, the sweep, style, 
 
 
 def _draw(values: Json) -> Figure:
-    """Draw the sweeps over the periodic responses, rates of leaving, and the share of sweeps that jump over their slowness."""
+    """Draw sweeps, exit rates and jumps.
+
+    Sweeps are drawn over the periodic responses, and the share of sweeps that jump over their
+    slowness.
+    """
     figure, axes = make_panels(3, 2, 8.2)
     for own, (name, sweep, style, title) in zip(axes.flat, PANELS, strict=False):
         draw_responses(own, values[name])
@@ -525,7 +555,8 @@ def _jump_claims(values: Json) -> list[Claim]:
 def _claims(values: Json) -> list[Claim]:
     """Return the statements that this figure decides.
 
-    How long impacts last, where the response without them exists, is judged against the time that a sweep at the paper's rate takes for a percent.
+    How long impacts last, where the response without them exists, is judged against the time that a
+    sweep at the paper's rate takes for a percent.
     """
     alone = values["medium"]["linear"]
     rows = values["levels"]
@@ -566,7 +597,10 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _judge_faster(values: Json, worst: float) -> Claim:
-    """Judge whether from rate to rate up to the worst one more of the faster sweeps reach the high response."""
+    """Judge whether more of the faster sweeps reach the high response.
+
+    Each rate is compared with the next one, up to the rate with the most jumps.
+    """
     rows = sorted(
         (row for row in values["jumps, exact"] if row["periods_per_percent"] >= worst),
         key=lambda row: -row["periods_per_percent"],
@@ -622,7 +656,9 @@ FIGURE = PaperFigure(
     describe=_describe,
     draw=_draw,
     claims=_claims,
-    sizes=(  # members of sweeps, of jumps, with ten times finer steps, and of stays, whose periods; numbers of ratios; slownesses of jumps, of levels
+    # members of sweeps, of jumps, with ten times finer steps, and of stays, whose periods; numbers
+    # of ratios; slownesses of jumps, of levels
+    sizes=(
         Size(
             sweeps=16,
             jumps=200,

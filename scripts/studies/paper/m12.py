@@ -87,7 +87,10 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def _resonance(settings: PaperSettings, resonance: int, size: Size) -> Json:
-    """Return curves of all concepts near a resonance, from rest as in the paper, the limit, and single runs at the paper's step."""
+    """Return curves of all concepts near a resonance, from rest as in the paper.
+
+    The passive limit, and single runs at the paper's step, are also given.
+    """
     model = modal_model(Beam())
     mass = DEFAULT_MASS_RATIO * model.beam_mass
     gap = RigidWalls.gap
@@ -127,7 +130,10 @@ def _near(
 
 
 def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
-    """Return the absorber's curve and that of no absorber around the paper's best force; ``step``: a single run at the paper's step."""
+    """Return the curves with and without the absorber around the paper's best force.
+
+    ``step`` has a single run at the paper's step.
+    """
     forces = tuple(PAPERS_BEST[resonance] * ratio for ratio in size.around)
     step = _near(settings, resonance, forces, (IMPACT,), 1, Moreau())
     return {
@@ -137,7 +143,10 @@ def _around(settings: PaperSettings, resonance: int, size: Size) -> Json:
 
 
 def _limits(settings: PaperSettings, size: Size) -> Json:
-    """Return friction limits in N, and the members' levels in m of the damper with each of them at the paper's best force."""
+    """Return friction limits in N, and the damper's levels with each of them.
+
+    Levels are those of the members in m, at the paper's best force.
+    """
     scenes = {f"{limit:g}": beam_scene(Beam(), friction_damper(limit)) for limit in size.limits}
     result = compute_curves(
         settings, f"{LABEL}, friction limits", scenes, (PAPERS_BEST[1],), size.members
@@ -154,7 +163,10 @@ def read_curves(part: Json) -> dict[str, LevelCurve]:
 
 
 def compute_longest_span(forces: Array, inside: NDArray[np.bool_]) -> float:
-    """Return the ratio of the ends of the longest unbroken range of forces (F,) that are ``inside``; 1 if there are none."""
+    """Return the ratio of the ends of the longest unbroken range of forces.
+
+    The range is in the forces (F,) that are ``inside``. It is 1 if no force is inside.
+    """
     at = np.flatnonzero(inside)
     return max(
         (
@@ -202,7 +214,10 @@ def _describe(values: Json) -> str:
     none = read_curves(values[names[0]])[NONE]
     limits = ", ".join(f"{values[name]['design_force']:.3g} N" for name in names)
     blocks = [
-        f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces a resonance. The limit leaves zero at {limits}.",
+        (
+            f"Ten modes, {none.level.shape[1]} members, {len(none.forces)} forces a resonance. "
+            f"The limit leaves zero at {limits}."
+        ),
         markdown(
             ("resonance, concept", "best force, N", "over no absorber there", "at 3.5 N and 35 N"),
             rows,
@@ -242,13 +257,20 @@ def _compare_with_limit(values: Json, names: list[str]) -> str:
         if above.any():
             ratio = own.median[above] / limit[above]
             texts.append(
-                f"resonance {resonance}, from {own.forces[above][0]:.3g} N: {np.max(ratio):.2f} falling to {np.min(ratio):.2f}"
+                f"resonance {resonance}, from {own.forces[above][0]:.3g} N: "
+                f"{np.max(ratio):.2f} falling to {np.min(ratio):.2f}"
             )
-    return f"The impact absorber's median over the stationary limit of its mass and gap: {'; '.join(texts)}."
+    return (
+        "The impact absorber's median over the stationary limit of its mass and gap: "
+        f"{'; '.join(texts)}."
+    )
 
 
 def _best(part: Json) -> tuple[Array, float]:
-    """Return the best forces in N of the members around the paper's, (M,), and that of the single runs at the paper's step."""
+    """Return the members' best forces in N around the paper's, (M,).
+
+    The best force of the single runs at the paper's step is also returned.
+    """
     own, none = (read_curve(part["curves"][key]) for key in (IMPACT, NONE))
     step = read_curve(part["step"][IMPACT])
     return find_best_forces(own, none), float(
@@ -287,7 +309,11 @@ def _first(values: Json) -> list[Claim]:
 
 
 def _much_better(result: dict[str, LevelCurve]) -> float:
-    """Return the ratio of the forces between which the absorber has much less than the damper's level."""
+    """Return the width of the range in which the absorber is much better than the damper.
+
+    The width is the ratio of the forces at its ends. In this range the absorber's level is much
+    lower than the damper's.
+    """
     impact = result[IMPACT]
     friction = result[FRICTION]
     return compute_longest_span(
@@ -349,7 +375,10 @@ def _both(values: Json) -> list[Claim]:
 
 
 def _judge_reason(values: Json, ratios: Array) -> Claim:
-    """Judge the ratio of the members' best forces, (M,), against that of the forces at which the free tip fills the gap."""
+    """Judge the ratio of the members' best forces at both resonances, (M,).
+
+    It is compared with the ratio of the forces at which the tip without absorber reaches the gap.
+    """
     model = modal_model(Beam())
     one, two = (
         values[f"resonance {r}"]["gap"] / highest_amplitude(model, None, r, *PAPER_LIMITS)[0]
@@ -369,7 +398,10 @@ def _judge_reason(values: Json, ratios: Array) -> Claim:
 
 
 def _judge_range(values: Json) -> Claim:
-    """Judge at both resonances the longest range of forces with impacts in which the absorber has much less than the level without it."""
+    """Judge the longest range of forces in which the absorber is effective, at both resonances.
+
+    In this range there are impacts, and the level is much lower than without absorber.
+    """
     cases = []
     texts = []
     for r in RESONANCES:
@@ -445,7 +477,10 @@ def _draw(values: Json) -> Figure:
 
 
 def _is_same(result: dict[str, LevelCurve]) -> bool:
-    """Return whether a wide sweep shows the same levels of the paper's tuned absorber as the paper's sweep."""
+    """Return whether a wide sweep gives the paper's tuned absorber the same levels.
+
+    The levels are compared with those of the paper's sweep.
+    """
     wide, own = (result[key].median for key in (LTVA_PAPER_WIDE, LTVA_PAPER))
     return bool(np.allclose(wide, own, rtol=SAME_LEVEL_TOL))
 
@@ -468,7 +503,9 @@ FIGURE = PaperFigure(
     draw=_draw,
     claims=lambda values: [*_first(values), *_second(values), *_both(values)],
     tables=lambda values: (_limits_table(values),),
-    sizes=(  # number of forces of each resonance, those around the paper's best one over it, the damper's at the second, and friction limits in N
+    # number of forces of each resonance, those around the paper's best one over it, the damper's at
+    # the second, and friction limits in N
+    sizes=(
         Size(
             forces=24,
             around=np.linspace(0.7, 1.3, 13).round(3).tolist(),

@@ -1,4 +1,7 @@
-"""How many modes the second resonance needs: beyond the paper, which keeps ten of them by what they do at the first."""
+"""Number of modes that the second resonance needs, beyond the paper.
+
+The paper uses ten modes, chosen by their effect at the first resonance.
+"""
 
 from functools import partial
 
@@ -65,7 +68,10 @@ Row = list[float]
 
 
 def read_rows(values: Json) -> dict[tuple[int, int, float], Row]:
-    """Return median, 5 and 95 % and the nominal run of the relative level, by number of modes, resonance and force in N."""
+    """Return the relative level by number of modes, resonance and force in N.
+
+    Each row has median, 5 and 95 % and the nominal run.
+    """
     return {
         (int(modes), int(resonance), force): row
         for modes, group in values.items()
@@ -86,7 +92,10 @@ def _describe(values: Json) -> str:
     cells = [
         (f"{n}", *(_cell(rows[n, r, force]) for r, force in columns)) for n in map(int, values)
     ]
-    text = f"Level in % of no absorber with as many modes, median (5 to 95 %), from the paper's best force on; below: `{NAME}/{LABEL}.json.gz`."
+    text = (
+        "Level in % of no absorber with as many modes, median (5 to 95 %), from the paper's best "
+        f"force on; below: `{NAME}/{LABEL}.json.gz`."
+    )
     return f"{text}\n\n{markdown(header, cells)}"
 
 
@@ -95,14 +104,21 @@ def _cell(row: Row) -> str:
 
 
 def _claims(values: Json) -> list[Claim]:
-    """Judge ten modes at the first resonance by the medians at all forces over those with the most modes that were computed."""
+    """Judge whether ten modes suffice at the first resonance.
+
+    The medians at all forces are compared with those for the largest number of modes that was
+    computed.
+    """
     rows = read_rows(values)
     most = max(map(int, values))
     off = _off(values, PAPER_MODES, 1)
     force = max(off, key=lambda f: abs(off[f]))
     apart = _apart(rows[PAPER_MODES, 1, force], rows[most, 1, force])
     cells = "; ".join(
-        f"{_cell(rows[PAPER_MODES, 1, f])} with {PAPER_MODES}, {_cell(rows[most, 1, f])} with {most} at {f:g} N"
+        (
+            f"{_cell(rows[PAPER_MODES, 1, f])} with {PAPER_MODES}, {_cell(rows[most, 1, f])} with "
+            f"{most} at {f:g} N"
+        )
         for f in dict.fromkeys((OPTIMUM[1], force))
     )
     return [
@@ -138,7 +154,10 @@ def _apart(one: Row, other: Row) -> bool:
 
 
 def _answer(values: Json) -> str:
-    """Say in a line from how many modes on all bands overlap those with the most, and how far ten modes are."""
+    """Return a line with the number of modes that suffices and the error of ten modes.
+
+    From this number of modes on, all bands overlap those with the most modes.
+    """
     modes = sorted(map(int, values))
     rows = read_rows(values)
     few = max(
@@ -152,7 +171,8 @@ def _answer(values: Json) -> str:
         f"{min(own):+.0f} to {max(own):+.0f} % at the {name}" for name, own in off.items()
     )
     return (
-        f"How many modes the second resonance needs: more than {few}; with {min(n for n in modes if n > few)} and more the bands overlap those with "
+        f"How many modes the second resonance needs: more than {few}; with "
+        f"{min(n for n in modes if n > few)} and more the bands overlap those with "
         f"{modes[-1]} at every force, at the first too. {PAPER_MODES} are off by {ten} resonance."
     )
 
@@ -163,7 +183,11 @@ def find_forces(values: Json, resonance: int) -> list[float]:
 
 
 def _draw(values: Json) -> Figure:
-    """Draw the relative level over the number of modes: the paper's best force at each resonance, and the second one's other forces."""
+    """Draw the relative level over the number of modes.
+
+    One panel has the paper's best force at each resonance, the other the further forces at the
+    second resonance.
+    """
     figure, axes = make_panels(1, 2, 3.0)
     own, forces = axes[0]
     modes = list(map(int, values))

@@ -1,13 +1,16 @@
-"""What makes the modulation less obvious with many modes: the energy that impacts take from the resonant mode for good. Beyond the paper.
+"""Cause of the weaker modulation with many modes, beyond the paper.
 
-An impact changes the velocity of each mode by its share of one impulse. What the off-resonant modes get of it is mostly gone before the next impact,
-so that for the resonant mode alone the impact is a lossy one. With G_n = 1/m_a + sum of phi_i^2 over n modes the impulse is (1 + e) gamma/G_n; the
-same impulse comes from a beam of one mode with the restitution
+With many modes, impacts remove energy from the resonant mode for good.
+
+An impact changes the velocity of each mode by its share of one impulse. What the off-resonant modes
+get of it is mostly gone before the next impact, so that for the resonant mode alone the impact is a
+lossy one. With G_n = 1/m_a + sum of phi_i^2 over n modes the impulse is (1 + e) gamma/G_n; the same
+impulse comes from a beam of one mode with the restitution
 
     e_1 = (1 + e) G_1/G_n - 1.
 
-So n modes without losses should be modulated as one mode with e_1 is: that is tested here. Below 0 the absorber stays behind the tip and is struck
-again.
+So n modes without losses should be modulated as one mode with e_1 is: that is tested here. Below 0
+the absorber stays behind the tip and is struck again.
 """
 
 from collections.abc import Sequence
@@ -51,10 +54,12 @@ LABEL = "modulation"
 Case = tuple[Scene, Json, float]  # a scene, columns of its row, and the force in N
 FORCE = 1.5  # N, the paper's for the strongly modulated response
 SETTLING_PERIODS = 200  # pseudo periods before the window
+# quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with
+# the window
 ENDS = (
     0.05,
     0.95,
-)  # quantiles of the periods' peaks that the depth is taken between: a largest peak would grow with the window
+)
 
 # modes, and forces over that at which the first impacts come
 BEGUN = (1, 3, 10)
@@ -64,7 +69,10 @@ FAST = 4  # modes from which on most of what an impact scatters is gone before t
 
 
 def compute_equivalent_restitution(scene: Scene, restitution: float = 1.0) -> float:
-    """Return e_1 of the module's head for a scene with an absorber; below 0 the absorber is struck again at once."""
+    """Return the equivalent restitution e_1 (see the module) of a scene with an absorber.
+
+    Below 0 the absorber is struck again at once.
+    """
     compliances = 1 / not_none(scene.absorber_mass) + np.cumsum(scene.model.tip_shape**2)
     return float((1 + restitution) * compliances[0] / compliances[-1] - 1)
 
@@ -72,7 +80,8 @@ def compute_equivalent_restitution(scene: Scene, restitution: float = 1.0) -> fl
 def measure_exchange(lane: Lane, periods: int) -> dict[str, float]:
     """Return depth of the modulation, level, impacts a period, and what becomes of the energy.
 
-    Of a window of ``periods`` after the lane's own run, at the frequency and phase that it ended with.
+    Of a window of ``periods`` after the lane's own run, at the frequency and phase that it ended
+    with.
     """
     scene = lane.scene
     settled = lane.drive
@@ -97,7 +106,10 @@ def measure_exchange(lane: Lane, periods: int) -> dict[str, float]:
 
 
 def compute_depth(peaks: Array) -> float:
-    """Return (a - b)/(a + b) with the 95 and 5 % quantiles a and b of the periods' largest |q_tip|, (M,)."""
+    """Return the depth (a - b)/(a + b) of the modulation.
+
+    a and b are the 95 and 5 % quantiles of the periods' largest |q_tip|, (M,).
+    """
     low, high = np.quantile(peaks, ENDS)
     return float((high - low) / (high + low))
 
@@ -136,7 +148,11 @@ def _filling(scene: Scene) -> float:
 
 
 def _exponents(settings: PaperSettings, name: str, periods: int, cases: list[Case]) -> list[Json]:
-    """Return the largest Lyapunov exponent of scenes under forces in N, which may be given as "over" that at which the free tip fills the gap."""
+    """Return the largest Lyapunov exponent of scenes under forces in N.
+
+    A force may also be given as "over", its ratio to the force at which the tip without absorber
+    reaches the gap.
+    """
     lanes = [
         Lane(
             scene,
@@ -158,7 +174,10 @@ def _exponents(settings: PaperSettings, name: str, periods: int, cases: list[Cas
 def _rows(
     settings: PaperSettings, size: Size, scenes: list[Scene], restitutions: Sequence[float]
 ) -> list[Json]:
-    """Return a row for each scene: medians and 5 and 95 % of its members, and the nominal member."""
+    """Return a row for each scene with statistics of its members.
+
+    They are medians, 5 and 95 %, and the nominal member.
+    """
     members = draw_members(size.members, settings.seed)
     lanes = []
     for scene in scenes:
@@ -218,7 +237,10 @@ def _begun(values: Json) -> str:
     shares = ", ".join(
         f"{over:g}" for over in dict.fromkeys(row["over"] for row in values["begins"])
     )
-    return f"How it begins: at {shares} times the force at which the free tip fills the gap the largest exponent is {'; '.join(text)}."
+    return (
+        f"How it begins: at {shares} times the force at which the free tip fills the gap the "
+        f"largest exponent is {'; '.join(text)}."
+    )
 
 
 def _interval(result: list[float], scale: float = 1.0, digits: int = 2) -> str:
@@ -226,7 +248,10 @@ def _interval(result: list[float], scale: float = 1.0, digits: int = 2) -> str:
 
 
 def _worst(values: Json) -> tuple[Json, Json]:
-    """Return the rows of many modes and of one mode with the equivalent restitution whose depths differ most."""
+    """Return the pair of rows whose depths of modulation differ most.
+
+    A pair has a model of many modes and a model of one mode with the equivalent restitution.
+    """
     return max(
         zip(values["modes"], values["equivalent"], strict=True),
         key=lambda pair: abs(pair[0]["depth"][0] - pair[1]["depth"][0]),
@@ -234,7 +259,10 @@ def _worst(values: Json) -> tuple[Json, Json]:
 
 
 def _compared(values: Json) -> str:
-    """Say how far apart many modes and one mode with the equivalent restitution are, over all and where scattering is fast."""
+    """Return a text on how many modes and one mode with the equivalent restitution differ.
+
+    It gives the differences of all cases, and of those with fast scattering.
+    """
     row, other = _worst(values)
     result = []
     for few in (1, FAST):
@@ -249,11 +277,14 @@ def _compared(values: Json) -> str:
         )
         level = max(abs(one["rms_m"][0] / same["rms_m"][0] - 1) for one, same in some)
         result.append(
-            f"the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} points, the levels by {100 * level:.0f} %"
+            f"the depths by {depths:.2f} at most, the shares taken by {100 * shares:.0f} "
+            f"points, the levels by {100 * level:.0f} %"
         )
     return (
-        f"They differ most at {row['modes']} modes, whose $e_1$ is {other['restitution']:.3f}: the depths are {_interval(row['depth'])} and "
-        f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts a period. Else {result[0]}, and from {FAST} modes on "
+        f"They differ most at {row['modes']} modes, whose $e_1$ is "
+        f"{other['restitution']:.3f}: the depths are {_interval(row['depth'])} and "
+        f"{_interval(other['depth'])}, and one mode has {_interval(other['impacts'])} impacts "
+        f"a period. Else {result[0]}, and from {FAST} modes on "
         f"{result[1]}."
     )
 
@@ -262,8 +293,10 @@ def _answer(values: Json) -> str:
     """Say in a line what makes the modulation less obvious, and where that falls short."""
     row, other = _worst(values)
     return (
-        f"What makes the modulation less obvious: energy that impacts scatter for good; one mode with a restitution that takes as much has nearly "
-        f"the same depth, except at {row['modes']} modes, {row['depth'][0]:.2f} against {other['depth'][0]:.2f}."
+        "What makes the modulation less obvious: energy that impacts scatter for good; one "
+        "mode with a restitution that takes as much has nearly "
+        f"the same depth, except at {row['modes']} modes, {row['depth'][0]:.2f} against "
+        f"{other['depth'][0]:.2f}."
     )
 
 
@@ -293,7 +326,10 @@ NAMED = (1, 2, 3, 4, 5, 7, 10, 12)  # numbers of modes that stand beside their p
 
 
 def _draw(values: Json) -> Figure:
-    """Draw depth and energies over the number of modes, beside one mode with the equivalent restitution; and the depth over that."""
+    """Draw depth and energies over the number of modes, and the depth over the restitution.
+
+    The results are compared with those of one mode with the equivalent restitution.
+    """
     figure, axes = make_panels(1, 3, 2.9)
     depth, energy, over = axes[0]
     many = values["modes"]

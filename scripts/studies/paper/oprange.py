@@ -1,6 +1,9 @@
-"""The figure `oprange`: a typical performance curve with its operating ranges, and the approach to the linear case.
+"""The figure `oprange`: a typical performance curve with its operating ranges.
 
-The paper leaves its parameters open beside one mode; with a conservative contact one mode has no primary range, so impacts lose energy here.
+It also shows how the curve approaches the linear case.
+
+The paper leaves its parameters open beside one mode; with a conservative contact one mode has no
+primary range, so impacts lose energy here.
 """
 
 from collections.abc import Callable
@@ -99,9 +102,12 @@ def _describe(values: Json) -> str:
         "share with sustained impacts",
     )
     return (
-        f"One mode, e = {RESTITUTION:g}, no friction, {own.level.shape[1]} members, {len(own.forces)} forces. Marked by what the contacts do in the "
-        f"level's window: first impacts {first}, secondary range from {last}.\nThe best point lies at {own.forces[own.best(none)]:.3g} N. At "
-        f"{own.forces[-1]:g} N the level is {format_spread(own.relative(stuck)[-1], '{:.3f}')} of that with the "
+        f"One mode, e = {RESTITUTION:g}, no friction, {own.level.shape[1]} members, "
+        f"{len(own.forces)} forces. Marked by what the contacts do in the "
+        f"level's window: first impacts {first}, secondary range from {last}.\nThe best point "
+        f"lies at {own.forces[own.best(none)]:.3g} N. At "
+        f"{own.forces[-1]:g} N the level is "
+        f"{format_spread(own.relative(stuck)[-1], '{:.3f}')} of that with the "
         f"absorber stuck.\n\n{markdown(header, rows)}"
     )
 
@@ -141,7 +147,10 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _straightness(own: LevelCurve, inside: np.ndarray) -> np.ndarray:
-    """Return for each member the share of the level's variance that a straight line in the force explains, (M,)."""
+    """Return how much of the level's variance a straight line in the force explains, (M,).
+
+    It is a share for each member.
+    """
     level = own.level[inside]
     fit = np.polynomial.polynomial.polyfit(own.forces[inside], level, 1)
     rest = level - (fit[0] + np.outer(own.forces[inside], fit[1]))
@@ -152,7 +161,10 @@ SHADES = ("0.97", "0.90", "0.95")
 
 
 def _draw(values: Json) -> Figure:
-    """Draw level over force with the ranges shaded; inset: the same relative to no absorber up to the highest force."""
+    """Draw level over force with the ranges shaded.
+
+    An inset has the same relative to no absorber, up to the highest force.
+    """
     own, none, stuck, result = _read(values)
     figure, grid = make_panels(1, 1, 4.2)
     axes = grid[0, 0]

@@ -1,7 +1,10 @@
-"""The figure `oprangeTWO`: performance with and without loss at the impacts, with one mode and three, and the sweeps at one force f*.
+"""The figure `oprangeTWO`: performance with and without loss at the impacts.
 
-The paper does not say which force f* is. Here it is the one at which the contrast of its four panels is largest: the conservative absorber on one
-mode has lost its effect, and the two others are still far below, in 95 % of their members.
+It has curves for one mode and three, and the sweeps at one force f*.
+
+The paper does not say which force f* is. Here it is the one at which the contrast of its four
+panels is largest: the conservative absorber on one mode has lost its effect, and the two others are
+still far below, in 95 % of their members.
 """
 
 from collections.abc import Callable
@@ -86,14 +89,21 @@ def _measure(settings: PaperSettings, size: Size, earlier: Json) -> Steps:
 
 
 def find_force(read: dict[str, LevelCurve]) -> float:
-    """Return f* in N: where one conservative mode is above the two others by most, by its median and their 95 %, relative to no absorber."""
+    """Return f* in N, the force with the largest contrast between the curves.
+
+    There the median of the conservative absorber on one mode exceeds the 95 % quantiles of the two
+    others by most, relative to no absorber.
+    """
     relative = {name: read[name].relative(read[NONE]) for name in SWEPT}
     others = np.maximum(*(quantiles(relative[name], (BAND[1],))[0] for name in (THREE, LOSSY)))
     return float(read[ONE].forces[np.argmax(np.median(relative[ONE], axis=1) - others)])
 
 
 def _sweeps(settings: PaperSettings, scene: Scene, force: float, members: int) -> Json:
-    """Return envelopes of |q_tip| in m of the sweeps up and down, each member's, over frequency ratios."""
+    """Return each member's envelopes of |q_tip| in m of the sweeps up and down.
+
+    The envelopes are over frequency ratios.
+    """
     drawn = draw_members(members, settings.seed)
     result = {}
     for name, schedule in zip(("up", "down"), performance.make_both_sweeps(scene), strict=True):
@@ -106,7 +116,10 @@ def _sweeps(settings: PaperSettings, scene: Scene, force: float, members: int) -
 
 
 def _orbits(scene: Scene, force: float) -> Json:
-    """Return the branches of symmetric orbits with two impacts a period, and the linear responses, between the sweeps' limits."""
+    """Return the branches of orbits and the linear responses, between the sweeps' limits.
+
+    The orbits are symmetric with two impacts per period.
+    """
     reference = scene.model.resonance_omega(1)
     low, high = PAPER_LIMITS
     linear = linear_curves(scene, force, reference, low, high)
@@ -159,13 +172,17 @@ def _describe(values: Json) -> str:
         "sustained at f*",
     )
     return (
-        f"{none.level.shape[1]} members, {len(none.forces)} forces. f* = {force:.3g} N: the force at which the conservative absorber on one mode "
+        f"{none.level.shape[1]} members, {len(none.forces)} forces. f* = {force:.3g} N: the "
+        "force at which the conservative absorber on one mode "
         f"stands highest above the two others.\n\n{markdown(header, rows)}"
     )
 
 
 def describe_isola_gap(orbits: Json) -> float:
-    """Return how far in frequency a closed branch is from all others, over omega_1; 0 if no branch is closed."""
+    """Return the distance in frequency of a closed branch from all others, over omega_1.
+
+    It is 0 if no branch is closed.
+    """
     closed = [np.array(branch["ratio"]) for branch in orbits["branches"] if branch["closed"]]
     others = [np.array(branch["ratio"]) for branch in orbits["branches"] if not branch["closed"]]
     if not closed or not others:
@@ -176,7 +193,10 @@ def describe_isola_gap(orbits: Json) -> float:
 
 
 def _near(values: Json, name: str) -> Array:
-    """Return each member's largest |q_tip| near omega_1 over that without absorber at the same force, (M,)."""
+    """Return each member's largest |q_tip| near omega_1, (M,).
+
+    It is relative to that without absorber at the same force.
+    """
     sweeps = values[f"sweeps, {name}"]
     alone = max(values[f"orbits, {name}"]["linear"]["alone"])
     return np.maximum(sweeps["up"]["near"], sweeps["down"]["near"]) / alone

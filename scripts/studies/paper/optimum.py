@@ -1,4 +1,7 @@
-"""Where the best operating point goes with mass ratio and restitution, against the design rule: beyond the paper, which keeps the mass."""
+"""The best operating point over mass ratio and restitution, beyond the paper.
+
+It is compared with the design rule. The paper has only one mass ratio.
+"""
 
 from functools import partial
 from itertools import pairwise
@@ -123,17 +126,24 @@ def _table(values: Json) -> CsvTable:
 
 
 def _summary(rows: list[Json]) -> str:
-    """Say how far the best force lies from the rule's by mass ratio, and with which power of the mass both grow."""
+    """Return a text on the best force relative to that of the rule, by mass ratio.
+
+    It also gives the exponents with which both forces grow with the mass.
+    """
     masses, restitutions = (sorted({row[name] for row in rows}) for name in ("mass", "restitution"))
     text = [
-        f"{format_range([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} at {100 * mass:g} %"
+        (
+            f"{format_range([row['ratio'][0] for row in rows if row['mass'] == mass], '{:.2f}')} "
+            f"at {100 * mass:g} %"
+        )
         for mass in masses
     ]
     powers = [
         _power([row for row in rows if row["restitution"] == e], "best_n") for e in restitutions
     ]
     return (
-        f"Best force over the rule's, all restitutions: {', '.join(text)}. The rule's force grows with the mass to the power "
+        f"Best force over the rule's, all restitutions: {', '.join(text)}. The rule's force "
+        "grows with the mass to the power "
         f"{_power(rows, 'rule_n'):.2f}, the best one to {format_range(powers, '{:.2f}')}."
     )
 
@@ -147,7 +157,8 @@ def _answer(values: Json) -> str:
         for pick in (min, max)
     )
     return (
-        f"Where the best operating point goes: with the mass as the design rule says, {light} times its force for the lightest and {heavy} times for "
+        f"Where the best operating point goes: with the mass as the design rule says, {light} "
+        f"times its force for the lightest and {heavy} times for "
         "the heaviest absorber; restitution moves that of light ones only."
     )
 
@@ -191,7 +202,10 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _draw(values: Json) -> Figure:
-    """Draw the best force over the rule's, and the level there, over the mass ratio: a line for each restitution."""
+    """Draw the best force over that of the rule, and the level at it, over the mass ratio.
+
+    Each restitution has a line.
+    """
     figure, axes = make_panels(1, 2, 3.0)
     force, level = axes[0]
     rows = read_rows(values)

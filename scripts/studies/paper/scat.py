@@ -1,4 +1,7 @@
-"""The figure `scat`: what many modes do, at 5 N for the level of the sweeps and at 1.5 N near the resonance itself."""
+"""The figure `scat`: the effect of many modes.
+
+It shows the level of the sweeps at 5 N, and the motion near the resonance itself at 1.5 N.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -38,7 +41,8 @@ LABEL = "scat"
 HIGH = 5.0
 LOW = 1.5
 NEAR_PERIODS = 130  # pseudo periods around omega_1, 0.9935 to 1.0065 of it
-SIXTH = 5  # from this mode on, counted from 0, the paper sees complete dissipation and a uniform distribution
+# from this mode on, counted from 0, the paper sees complete dissipation and a uniform distribution
+SIXTH = 5
 MOST_AT_STEP = 10  # modes up to which the passage is also run at the paper's step
 
 
@@ -80,7 +84,10 @@ def compute_near_level(lane: Lane, method: Method | None = None) -> tuple[float,
 
 
 def _level(settings: PaperSettings, modes: int, members: int) -> Json:
-    """Return the members' levels over no absorber: of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N."""
+    """Return the members' levels relative to no absorber.
+
+    They are those of the sweeps at 5 N, and of the passage of omega_1 at 1.5 N.
+    """
     own = make_scene(Beam(modes=modes))
     label = f"{LABEL}, {modes} modes"
     result = compute_curves(
@@ -178,14 +185,20 @@ def _describe(values: Json) -> str:
         f"{number:.1f} contacts a pseudo period with {n} modes" for n, number in contacts.items()
     )
     return (
-        f"e = 1, no friction, {len(values['level, 1']['relative'])} members; levels over no absorber.\n\n{shorten_table(_levels(values))}\n\n"
-        f"Where the energy goes at 5 N, {counts} (of what a contact gives to a mode above the tenth, a part is gone within it):"
+        f"e = 1, no friction, {len(values['level, 1']['relative'])} members; levels over no "
+        f"absorber.\n\n{shorten_table(_levels(values))}\n\n"
+        f"Where the energy goes at 5 N, {counts} (of what a contact gives to a mode above the "
+        "tenth, a part is gone within it):"
         f"\n\n{shorten_table(_energies(values))}"
     )
 
 
 def _energies(values: Json) -> CsvTable:
-    """Return a row for each mode: what it dissipates, gets from a contact and still has before the next, for each number of modes."""
+    """Return a row for each mode with its energies, for each number of modes.
+
+    They are the energy that the mode dissipates, that it gets from a contact, and the part of it
+    that is left before the next contact.
+    """
     counts = find_measured_modes(values, "account")
     omega = values[f"account, {max(counts)}"]["omega"]
     columns = ["mode", "omega_i/omega_1", "left after half a period, %"]
@@ -212,7 +225,10 @@ def _energies(values: Json) -> CsvTable:
 
 
 def compute_decay(ratio: float) -> float:
-    """Return the share of its energy that a mode of 1 % damping and frequency ``ratio`` omega_1 keeps over half a pseudo period."""
+    """Return the share of a mode's energy that is left after half a pseudo period.
+
+    The mode has 1 % damping and the frequency ``ratio`` omega_1.
+    """
     return float(np.exp(-2 * 0.01 * ratio * np.pi))
 
 
@@ -278,13 +294,19 @@ def _claims(values: Json) -> list[Claim]:
 
 
 def _unevenness(rows: Array) -> Array:
-    """Return the largest over the smallest of the sixth and higher modes' values, by member, (M,)."""
+    """Return the largest over the smallest value of the sixth and higher modes, (M,).
+
+    Each member has its ratio.
+    """
     high = rows[:, SIXTH:]
     return np.asarray(np.max(high, axis=1) / np.min(high, axis=1))
 
 
 def _draw(values: Json) -> Figure:
-    """Draw levels over the number of modes, losses by mode, and below them the motion of the tip near the resonance."""
+    """Draw levels over the number of modes, losses by mode, and the motion of the tip.
+
+    The motion is that near the resonance.
+    """
     visible = find_measured_modes(values, "signal")
     figure, grid = make_panels(3, 2, 7.0, "abc")
     _draw_levels(grid[0, 0], values)
@@ -359,7 +381,8 @@ FIGURE = PaperFigure(
     draw=_draw,
     claims=_claims,
     tables=lambda values: (_levels(values), _energies(values)),
-    sizes=(  # numbers of modes, those whose energies are accounted for, and those whose signals are drawn
+    # numbers of modes, those whose energies are accounted for, and those whose signals are drawn
+    sizes=(
         Size(
             modes=(*range(1, 13), *range(14, 31, 2)),
             accounted=(10, 20),

@@ -1,4 +1,6 @@
-"""The figures `varom` and `vard`: two modes under 3 N in the secondary range, over the second mode's frequency and over its damping.
+"""The figures `varom` and `vard`: two modes under 3 N in the secondary range.
+
+The variables are the second mode's frequency and its damping.
 
 Level, dissipated energy, and what impacts pass to the second mode.
 """
@@ -59,7 +61,10 @@ FIRST = 0.01  # damping ratio of the first mode
 
 
 def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Json:
-    """Return each member's level over no absorber and account, of the critical direction; ``step``: one run at the paper's step."""
+    """Return each member's level relative to no absorber and its energies.
+
+    They are those of the critical direction. ``step`` is one run at the paper's step.
+    """
     own = make_scene(beam)
     result = find_critical(
         settings.each(label, make_lanes(own, FORCE, members, settings.seed), measure_energy_shares)
@@ -91,7 +96,10 @@ def _point(settings: PaperSettings, label: str, beam: Beam, members: int) -> Jso
 
 
 def _signal(own: Scene, seed: int) -> Json:
-    """Return the energies in J of both modes and the absorber over two pseudo periods around the maximum of the first member's critical sweep."""
+    """Return the energies in J of both modes and the absorber over two pseudo periods.
+
+    They are those around the maximum of the first member's critical sweep.
+    """
     level, lane = max(
         ((compute_level(lane), lane) for lane in make_lanes(own, FORCE, 1, seed)),
         key=lambda pair: pair[0].value,
@@ -123,9 +131,10 @@ def find_points(values: Json) -> list[float]:
 class ParameterStudy:
     """What is changed of the second mode from point to point, and how it is called.
 
-    ``beam(number)``: the beam of a point; ``drawn``: those drawn over time. ``column``, ``axis`` and ``each`` name the number in the table,
-    below the figure and above a drawing over time, ``scale`` times as large as it is; ``about`` is the sentence above the table, which ends with the
-    number of members. ``numbers`` is the name of the points in the sizes.
+    ``beam(number)``: the beam of a point; ``drawn``: those drawn over time. ``column``, ``axis``
+    and ``each`` name the number in the table, below the figure and above a drawing over time,
+    ``scale`` times as large as it is; ``about`` is the sentence above the table, which ends with
+    the number of members. ``numbers`` is the name of the points in the sizes.
     """
 
     label: str
@@ -153,7 +162,8 @@ class ParameterStudy:
 
     def describe(self, values: Json) -> str:
         """Return the sentence and some rows of the table."""
-        return f"{self.about.format(len(read_row(values, find_points(values)[0], 'relative')))}\n\n{shorten_table(self.table(values))}"
+        count = len(read_row(values, find_points(values)[0], "relative"))
+        return f"{self.about.format(count)}\n\n{shorten_table(self.table(values))}"
 
     def table(self, values: Json) -> CsvTable:
         """Return a line for each point that is known."""
@@ -183,7 +193,10 @@ class ParameterStudy:
         return CsvTable(self.label, header, lines)
 
     def draw(self, values: Json) -> Figure:
-        """Draw level, shares and energy passed over what was changed, and below the energies over two pseudo periods at some of its values."""
+        """Draw level, shares and energy passed over the parameter that is varied.
+
+        Below, the energies over two pseudo periods are drawn for some of its values.
+        """
         figure, grid = make_panels(2, 3, 5.5, "abdc e")
         level, share, passed = grid[0]
         left = grid[1, 2]
@@ -377,7 +390,9 @@ DAMPING = ParameterStudy(
     column="D_2, %",
     axis="damping ratio $D_2$ in %",
     each="$D_2 = {:g}$ %",
-    about=f"As above at omega_2 = {RATIO:g} omega_1 with 1 % damping of the first mode, {{}} members.",
+    about=(
+        f"As above at omega_2 = {RATIO:g} omega_1 with 1 % damping of the first mode, {{}} members."
+    ),
     scale=100.0,
 ).figure(
     "the second mode's damping",
@@ -393,7 +408,8 @@ FREQUENCY = ParameterStudy(
     column="omega_2/omega_1",
     axis=r"frequency ratio $\omega_2/\omega_1$",
     each=r"$\omega_2/\omega_1 = {:g}$",
-    about=f"Two modes, e = 1, no friction, {FORCE:g} N, {{}} members. Energies are those of the level's window; impacts closer than 0.05 pseudo "
+    about=f"Two modes, e = 1, no friction, {FORCE:g} N, {{}} members. Energies are those of the "
+    "level's window; impacts closer than 0.05 pseudo "
     "periods are one contact.",
 ).figure(
     "the second mode's frequency",

@@ -1,4 +1,7 @@
-"""The strongly modulated response of one mode without losses at its contact (paper, section 3.2, its figure SMR)."""
+"""The strongly modulated response of one mode (paper, section 3.2, its figure SMR).
+
+The contact has no losses.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -85,7 +88,10 @@ def make_scene() -> Scene:
 
 
 def measure_modulation(lane: Lane, method: Method, periods: int) -> Json:
-    """Return a settled lane's motion: numbers of all its ``periods``, by the method, and its first ones as a record.
+    """Return the stationary motion of a lane.
+
+    The result has numbers of all its ``periods``, computed by the given method, and its first
+    periods as a record.
 
     The thirds "high" and "low" are the periods with the largest and the smallest tip displacements.
     """
@@ -112,7 +118,8 @@ def measure_modulation(lane: Lane, method: Method, periods: int) -> Json:
         f"lag, {name}": lags[k] for name, k in thirds.items()
     }
     counted |= {f"impacts, {name}": impacts[k] for name, k in thirds.items()}
-    # size of the lag (rad) at the instants at which the absorber's energy is in its largest third, over that at all of them
+    # size of the lag (rad) at the instants at which the absorber's energy is in its largest third,
+    # over that at all of them
     absorber = energy.absorber[rows]
     size = np.abs(np.angle(np.exp(1j * lag.ravel())))
     most = absorber > np.quantile(absorber, 2 / 3)
@@ -151,7 +158,10 @@ def measure_modulation(lane: Lane, method: Method, periods: int) -> Json:
 
 
 def compute_relative_spread(spacing: Array) -> float:
-    """Return the standard deviation of the times between impacts over their mean: 0 for a regular sequence, 1 for a Poisson process."""
+    """Return the standard deviation of the times between impacts over their mean.
+
+    It is 0 for a regular sequence and 1 for a Poisson process.
+    """
     return float(np.std(spacing) / np.mean(spacing))
 
 
@@ -166,7 +176,11 @@ def _largest(share: Array, periods: int) -> list[float]:
 
 
 def _waits(share: Array) -> list[int]:
-    """Return the pseudo periods between transfers: the largest shares of `NEIGHBOUR_PERIODS` to either side, where they are above `TRANSFER`."""
+    """Return the pseudo periods between energy transfers.
+
+    A transfer is a share above `TRANSFER` that is the largest within `NEIGHBOUR_PERIODS` to either
+    side.
+    """
     high = [int(k) for k in np.flatnonzero(share > TRANSFER)]
     at = [
         k
@@ -187,7 +201,10 @@ def _record(**rows: Array) -> Json:
 
 
 def _members(settings: PaperSettings, size: Size, name: str) -> Json:
-    """Return the numbers of all members by one of the `METHODS`, and the record of the first, the paper's own run."""
+    """Return the numbers of all members by one of the `METHODS`, and the record of the first.
+
+    The first member is the paper's own run.
+    """
     own = make_scene()
     schedule = constant_frequency(
         own.model.resonance_omega(1), 1.0, SETTLING_PERIODS + size.periods
@@ -215,7 +232,10 @@ def _members(settings: PaperSettings, size: Size, name: str) -> Json:
 
 
 def measure_shares(lane: Lane, periods: int) -> list[float]:
-    """Return the absorber's largest share of the energy in each `SHARE_PERIODS` of a lane's ``periods`` after it has settled."""
+    """Return the absorber's largest share of the energy in each `SHARE_PERIODS` of a lane.
+
+    The intervals cover ``periods`` after the lane has become stationary.
+    """
     history = simulate(lane.scene, lane.drive, record=SERIES).recorded.history
     return _largest(
         mechanical_energy(lane.scene, history).absorber_share[SETTLING_PERIODS * DEFAULT_SAMPLES :],
@@ -224,7 +244,10 @@ def measure_shares(lane: Lane, periods: int) -> list[float]:
 
 
 def _elsewhere(settings: PaperSettings, size: Size) -> list[Json]:
-    """Return the largest shares in the absorber with the resonant mode alone, at each of several resonances of the beam."""
+    """Return the largest energy shares of the absorber at several resonances of the beam.
+
+    The model has the resonant mode alone.
+    """
     members, periods = size.elsewhere
     whole = modal_model(Beam(modes=MODES))
     drawn = draw_members(members, settings.seed)
@@ -399,7 +422,10 @@ def _draw_record(axes: Any, record: Json, gap: float) -> None:
 
 
 def compute_stiffening(relative: Array) -> Array:
-    """Return the stiffness ratio x of one mode without absorber whose amplitude at the old resonance is ``relative`` to the old one.
+    """Return the stiffness ratio x that gives one mode a relative amplitude.
+
+    ``relative`` is the amplitude at the old resonance over the old amplitude there, without
+    absorber.
 
     The damping ratio D is kept: (x - 1)^2 + (2D)^2 x = (2D/relative)^2.
     """
@@ -462,7 +488,9 @@ FIGURE = PaperFigure(
     describe=_describe,
     draw=_draw,
     claims=_claims,
-    sizes=(  # pseudo periods of each member after it has settled; elsewhere: members and periods at each of the other resonances
+    # pseudo periods of each member after it has settled; elsewhere: members and periods at each of
+    # the other resonances
+    sizes=(
         Size(members=32, periods=2000, elsewhere=(4, 500)),
         Size(members=4, periods=500, elsewhere=(2, 100)),
     ),

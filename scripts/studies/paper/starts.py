@@ -1,6 +1,9 @@
-"""The level from random starts: the absorber anywhere in its cavity, the force beginning at any frequency. Beyond the paper.
+"""The level from random starts, beyond the paper.
 
-The paper begins each sweep at one frequency with the absorber in the middle, and calls that conservative.
+The absorber starts anywhere in its cavity, and the force at any frequency.
+
+The paper begins each sweep at one frequency with the absorber in the middle, and calls that
+conservative.
 """
 
 from functools import partial
@@ -38,7 +41,11 @@ CHOICES = ("paper's", "position", "frequency", "both")  # what is drawn at rando
 
 
 def make_scenes() -> dict[str, Scene]:
-    """Return the absorbers, by name: the paper's best, one without losses, and its case of one mode whose level is that of the first impacts."""
+    """Return the absorbers by name.
+
+    They are the paper's best, one without losses, and the paper's case of one mode whose level is
+    that of the first impacts.
+    """
     return {
         "10 modes, e = 0.7, 0.1 N": beam_scene(
             Beam(), impact_absorber(restitution=0.7, friction_limit=0.1)
@@ -54,7 +61,11 @@ def compute_level_from(lane: Lane) -> float:
 
 
 def _of_scene(scene: Scene, settings: PaperSettings, size: Size) -> Json:
-    """Return all levels: places are uniform in the cavity, first frequencies of sweeps uniform from the paper's limits to the resonance."""
+    """Return all levels from random starts.
+
+    Positions are uniform in the cavity, and the first frequencies of sweeps uniform from the
+    paper's limits to the resonance.
+    """
     forces = size.forces
     number = size.members
     members = draw_members(number, settings.seed)
@@ -112,7 +123,10 @@ def _table(values: Json) -> CsvTable:
 
 def _describe(values: Json) -> str:
     blocks = [
-        "Level over the median of the paper's start, median (5 to 95 %) of the members; what is named is drawn at random."
+        (
+            "Level over the median of the paper's start, median (5 to 95 %) of the members; what "
+            "is named is drawn at random."
+        )
     ]
     blocks.append(shorten_table(_table(values)))
     for choice in CHOICES[1:]:
@@ -120,7 +134,8 @@ def _describe(values: Json) -> str:
         top = max(_ratios(values, choice, 2))
         text = " to ".join("{:.2f} ({}, {:g} N)".format(*x) for x in (min(ratios), max(ratios)))
         blocks.append(
-            f"Random {choice}: medians {text} times the paper's, 95 % quantiles up to {top[0]:.2f} ({top[1]}, {top[2]:g} N)."
+            f"Random {choice}: medians {text} times the paper's, 95 % quantiles up to "
+            f"{top[0]:.2f} ({top[1]}, {top[2]:g} N)."
         )
     return "\n\n".join(blocks)
 
@@ -148,11 +163,17 @@ def _claims(values: Json) -> list[Claim]:
 def _answer(values: Json) -> str:
     """Return a line on the level from random starts."""
     text = format_range([ratio for ratio, *_ in _ratios(values, "both", 1)], "{:.2f}")
-    return f"Random starts: place and frequency at random give {text} times the median level of the paper's start."
+    return (
+        f"Random starts: place and frequency at random give {text} times the median level of the "
+        "paper's start."
+    )
 
 
 def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, float]]:
-    """Return a quantile (0, 1, 2 of `claim.bands`) over that of the paper's start, with absorber and force in N."""
+    """Return a quantile relative to that of the paper's start, with absorber and force in N.
+
+    ``quantile`` is 0, 1 or 2 of `compute_bands`.
+    """
     result = []
     for name, group in values.items():
         own, paper = (
@@ -165,7 +186,10 @@ def _ratios(values: Json, choice: str, quantile: int) -> list[tuple[float, str, 
 
 
 def _draw(values: Json) -> Figure:
-    """Draw the level over that of the paper's start, over the force, in a panel for each absorber."""
+    """Draw the level relative to that of the paper's start, over the force.
+
+    Each absorber has a panel.
+    """
     figure, axes = make_panels(1, len(values), 2.9, sharey=True)
     for panel, (absorber, group) in zip(axes[0], values.items(), strict=True):
         forces = group["forces_n"]

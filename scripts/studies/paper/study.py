@@ -1,6 +1,9 @@
-"""The study that makes the paper again: its figures in order, their files and page, and the table of claims.
+"""The study that reproduces the paper: its figures in order, their files and page.
 
-The claims are read from the figures' files: a summary of some lines, what does not hold with the reasons, and the rest.
+The table of claims also belongs to it.
+
+The claims are read from the figures' files: a summary of some lines, what does not hold with the
+reasons, and the rest.
 """
 
 import hashlib
@@ -125,7 +128,11 @@ def make_paths(out: Path) -> OutputPaths:
 
 
 def find_sources(module: ModuleType, earlier: frozenset[str] = frozenset()) -> frozenset[str]:
-    """Return the modules of this study that a module's numbers come from: itself and what it takes from others, but for what only words or draws."""
+    """Return the modules of this study on which a module's numbers depend.
+
+    They are the module itself and those from which it imports, without modules that only contain
+    text or drawing functions.
+    """
     earlier |= {module.__name__}
     taken = {
         getattr(value, "__module__", None) or getattr(value, "__name__", "")
@@ -142,7 +149,10 @@ def find_sources(module: ModuleType, earlier: frozenset[str] = frozenset()) -> f
 
 
 def make_key(name: str, settings: PaperSettings) -> Json:
-    """Return the key of a part's numbers: a finished figure is kept as long as it is the same, the sources of its numbers included.
+    """Return the key of a part's numbers.
+
+    A finished figure stays valid as long as its key is the same. The key includes the sources of
+    its numbers.
 
     After a change of words only, --redraw takes the numbers as they are.
     """
@@ -197,7 +207,11 @@ def _read(measured: Measurement) -> list[Claim]:
 
 
 def _sections(measured: Measurement) -> dict[str, str]:
-    """Return the summary, the statements that do not simply hold by their causes, and the rule of tolerances."""
+    """Return the sections of the page on the claims.
+
+    They are the summary, the statements that do not simply hold, by their causes, and the rule of
+    tolerances.
+    """
     claims = _read(measured)
     rule = "\n".join(
         f"| {words} | {allowed} |"
@@ -205,8 +219,10 @@ def _sections(measured: Measurement) -> dict[str, str]:
     )
     path = f"{NAME}/{CLAIMED}.csv"
     table = (
-        f"All {len(claims)} statements with their numbers: [{CLAIMED}.csv]({path}). Its columns `low` to `high` are the 5 to 95 % of the "
-        "members, `least` to `most` what the statement allows; they are empty where several numbers decide."
+        f"All {len(claims)} statements with their numbers: [{CLAIMED}.csv]({path}). Its "
+        "columns `low` to `high` are the 5 to 95 % of the "
+        "members, `least` to `most` what the statement allows; they are empty where several "
+        "numbers decide."
     )
     return {
         marker(SUMMARY): format_summary(claims, measured.values.get("answers", {})),
@@ -283,14 +299,21 @@ def _counted(claims: Sequence[Claim]) -> str:
 
 
 def format_summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
-    """Return the page's answer: counts of verdicts, the substantive statements that do not hold, and answers to the open questions."""
+    """Return the summary of the page.
+
+    It has the counts of verdicts, the substantive statements that do not hold, and answers to the
+    open questions.
+    """
     own, definitional = (
         [claim for claim in claims if claim.definitional is wanted] for wanted in (False, True)
     )
     failed = [claim for claim in own if claim.verdict is ClaimVerdict.NOT]
     count = f"**{len(own)} substantive statements** were tested: {_counted(own)}."
     if definitional:
-        count += f" {len(definitional)} more follow from definitions or from the linear structure: {_counted(definitional)}."
+        count += (
+            f" {len(definitional)} more follow from definitions or from the linear structure: "
+            f"{_counted(definitional)}."
+        )
     blocks = [count]
     if failed:
         lines = [f"- {claim.statement} (section {claim.section})" for claim in failed]
@@ -303,7 +326,10 @@ def format_summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
 
 
 def format_reasons(claims: Sequence[Claim]) -> str:
-    """Return the claims that do not hold by their kind of cause, and folded those that hold within spread."""
+    """Return the claims that do not hold, grouped by the kind of cause.
+
+    Claims that hold within spread are in folded sections of these groups.
+    """
     left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
     blocks = []
     for key, text in REASONS.items():

@@ -1,4 +1,6 @@
-"""The cases of the study of regimes, how much of each is computed, and what is measured, as rows of plain values.
+"""The cases of the study of regimes, and their measurements as rows of plain values.
+
+The module also has the amount of computation for each.
 
 Stays and sweeps belong to the part jump, responses to the part kinds.
 """
@@ -26,11 +28,14 @@ RECOMMENDED = "recommended"
 
 @dataclass(frozen=True, eq=False)
 class RegimeCase:
-    """A scene under a force (N) and what is asked of it; ratios are of its first resonance, times in its pseudo periods.
+    """A scene under a force (N) and the measurements for it.
 
-    ``stay_ratios``: where rates of leaving are measured; ``kind_ratios``: where responses are classified; ``slownesses`` of sweeps, in pseudo periods
-    per percent, over ``sweep`` (None: no sweeps). ``approach_ratio``: where runs come into impact. ``high_level`` in m, to compare with; None: not.
-    ``both_ways``: ratios between which sweeps down and up are compared, None: not.
+    Ratios are relative to its first resonance, and times are in its pseudo periods.
+
+    ``stay_ratios``: where rates of leaving are measured; ``kind_ratios``: where responses are
+    classified; ``slownesses`` of sweeps, in pseudo periods per percent, over ``sweep`` (None: no
+    sweeps). ``approach_ratio``: where runs come into impact. ``high_level`` in m, to compare with;
+    None: not. ``both_ways``: ratios between which sweeps down and up are compared, None: not.
     """
 
     name: str
@@ -59,7 +64,10 @@ class RegimeCase:
 
 @dataclass(frozen=True)
 class RegimeSettings:
-    """How much to compute, the same for all cases: members of each kind, and times in pseudo periods (the window's in periods of the force).
+    """Amount of computation, the same for all cases.
+
+    It has the members of each kind, and times in pseudo periods (``window`` is in periods of the
+    force).
 
     ``executor``: as in `run_lanes`.
     """
@@ -102,7 +110,11 @@ def grid(first: float, last: float, points: int) -> tuple[float, ...]:
 
 
 def strip_scene() -> Scene:
-    """Return a simply supported strip of 1 kg, three modes known in closed form, forced at 0.3 and with the absorber at 0.45 of its length."""
+    """Return a simply supported strip of 1 kg with an absorber.
+
+    Its three modes are known in closed form. The force acts at 0.3 and the absorber at 0.45 of its
+    length.
+    """
     number = np.arange(1.0, 4.0)
     force, absorber = (2**0.5 * np.sin(number * np.pi * place) for place in (0.3, 0.45))
     model = ModalModel(180.0 * number**2, np.full(3, 0.006), force, absorber, 1.0)
@@ -257,7 +269,10 @@ def _sweep(case: RegimeCase, slowness: float, settings: RegimeSettings) -> list[
 
 
 def _one_way(case: RegimeCase, way: str, slowness: float, settings: RegimeSettings) -> list[Row]:
-    """Return how many of twice the members leave between the two ratios in a sweep down or up; before one up they come down to its start."""
+    """Return how many members leave the regime between two ratios in a sweep down or up.
+
+    There are twice the usual number of members. Before a sweep up they come down to its start.
+    """
     high, low = not_none(case.both_ways)
     over = (
         Range(high + BEFORE, high, low, low - AFTER)

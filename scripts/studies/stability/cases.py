@@ -1,4 +1,7 @@
-"""The stiff and extreme cases of the stability report. Each is small: the reference must reach as far as the first impacts."""
+"""The stiff and extreme cases of the stability report.
+
+Each is small, since the reference must reach the first impacts.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -42,10 +45,14 @@ METHODS = (EXACT, MOREAU, RUNGE_KUTTA)
 
 @dataclass(frozen=True, eq=False)
 class StabilityCase:
-    """One line of the matrix. ``build`` gives scene, drive and start, or raises ParameterError where the parameters are already refused.
+    """One line of the matrix.
 
-    ``impacts``: up to which impact the reference is followed. ``must_refuse``: there is no right answer, every method has to say so. ``conserved``:
-    nothing takes or gives energy. ``methods``: those that can be asked for in a reasonable time.
+    ``build`` returns scene, drive and start, or raises ParameterError if the parameters are already
+    refused.
+
+    ``impacts``: up to which impact the reference is followed. ``must_refuse``: there is no right
+    answer, every method has to say so. ``conserved``: nothing takes or gives energy. ``methods``:
+    those that can be asked for in a reasonable time.
     """
 
     group: str
@@ -72,7 +79,10 @@ def make_case(
     beam: dict[str, object] | None = None,
     **options: object,
 ) -> StabilityCase:
-    """Return a case on the beam (its parameters in ``beam``) at ``ratio`` times the first resonance; ``options`` are `StabilityCase`'s."""
+    """Return a case on the beam at ``ratio`` times the first resonance.
+
+    ``beam`` has the beam's parameters, and ``options`` are those of `StabilityCase`.
+    """
 
     def build() -> tuple[Scene, Drive, InitialState]:
         scene = beam_scene(Beam(**({"modes": modes} | (beam or {}))), absorber())  # type: ignore[arg-type]
@@ -96,7 +106,10 @@ def soft(stiffness: float = 100 * STATIC, mass_ratio: float = 0.02) -> Absorber:
 
 
 def elastic(limit: float = 0.1, stiffness: float = STATIC, walls: bool = True) -> Absorber:
-    """Return elastic friction with a limit in N and a stiffness in N/m, with or without compliant walls."""
+    """Return elastic friction, with or without compliant walls.
+
+    ``limit`` is in N and ``stiffness`` in N/m.
+    """
     return SlidingAbsorber(
         walls=CompliantWalls(100 * STATIC) if walls else None,
         friction=ElasticCoulombFriction(limit, stiffness),
@@ -272,7 +285,8 @@ def _masses() -> Iterator[StabilityCase]:
                 quick=name == "impact",
             )
     for ratio in (1e3, 1e5, 1e8, 1e10, 1e14):
-        # above 1e6 the motion of a tip that carries the mass is lost in rounding; sliding along it is another matter: the mass is the ground then
+        # above 1e6 the motion of a tip that carries the mass is lost in rounding; sliding along it
+        # is another matter: the mass is the ground then
         yield make_case(
             "absorber mass",
             f"{ratio:g}, stuck",
@@ -492,7 +506,10 @@ def _on_a_pressing_wall(scene: Scene, velocity: float) -> InitialState:
 
 
 def _pressed() -> Iterator[StabilityCase]:
-    """A wall that keeps pushing: impacts that follow each other ever faster (e < 1), or in great number (e = 1)."""
+    """Yield cases of a wall that keeps pushing the absorber.
+
+    Impacts follow each other ever faster (e < 1), or in great number (e = 1).
+    """
     for e in (0.5, 0.9, 1.0):
         for velocity in (1e-3, 1e-6, 1e-9):
             make = partial(impact_absorber, restitution=e, mass_ratio=1e-3)
@@ -549,7 +566,10 @@ GROUPS = (
 
 
 def cases(quick: bool = False) -> list[StabilityCase]:
-    """Return all cases, or those of a quick look. Compliant contact is left out where a rigid method cannot and the other way round."""
+    """Return all cases, or those of a quick run.
+
+    A case leaves out the methods that cannot compute its rigid or compliant contact.
+    """
     every = [case for group in GROUPS for case in group()]
     return [_applicable(case) for case in every if case.quick or not quick]
 

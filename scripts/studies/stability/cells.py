@@ -53,12 +53,17 @@ GAIN = 0.5  # what a finer step must make of the deviation
 
 @dataclass
 class Cell:
-    """What came of a case with a method. Energies relative to the largest term of their balance; None where there is no such thing.
+    """Result of a case with a method.
 
-    ``balance``: as the package reports it. ``identity``: what is left of the balance when the part that the scheme's step accounts for exactly is
-    taken out (Moreau). ``drift``: change of the balance per pseudo period over the run's second half. ``penetration``: deepest, relative to gap
-    and motion. ``deviation``: largest distance from the reference, relative to its largest displacement, over ``followed`` pseudo periods;
-    ``finer``: with a finer step. ``wall_s`` is the time of one run, ``memory_mb`` the most that the process has used.
+    Energies are relative to the largest term of their balance. None stands for a quantity that does
+    not exist.
+
+    ``balance``: as the package reports it. ``identity``: what is left of the balance when the part
+    that the scheme's step accounts for exactly is taken out (Moreau). ``drift``: change of the
+    balance per pseudo period over the run's second half. ``penetration``: deepest, relative to gap
+    and motion. ``deviation``: largest distance from the reference, relative to its largest
+    displacement, over ``followed`` pseudo periods; ``finer``: with a finer step. ``wall_s`` is the
+    time of one run, ``memory_mb`` the most that the process has used.
     """
 
     group: str
@@ -79,7 +84,10 @@ class Cell:
 
 
 def measure(case: StabilityCase, method: str) -> Cell:
-    """Run a case with a method and judge it. Never raises but for an interrupt: an error that is not a clear refusal is a failure."""
+    """Run a case with a method and judge it.
+
+    Only an interrupt is raised. An error that is not a clear refusal counts as a failure.
+    """
     cell = Cell(case.group, case.name, method, FAILED)
     try:
         scene, drive, initial = case.build()
@@ -194,7 +202,10 @@ def _deviation(expected: Truth, response: Response) -> float:
 
 
 def _penetration(scene: Scene, response: Response) -> float | None:
-    """Return how far the absorber is beyond a wall at the samples, of gap and motion; None without rigid walls."""
+    """Return how far the absorber is beyond a wall at the samples.
+
+    It is relative to the sum of gap and largest motion, and None without rigid walls.
+    """
     walls = scene.absorber.walls if isinstance(scene.absorber, SlidingAbsorber) else None
     if not isinstance(walls, RigidWalls):
         return None
@@ -205,7 +216,9 @@ def _penetration(scene: Scene, response: Response) -> float | None:
 
 
 def _left_over(scene: Scene, initial: InitialState, response: Response) -> float:
-    """Return the relative balance error of the Moreau scheme but for dt^2/8 times the change of sum omega^2 u^2 (and of k r'^2 in a tuned absorber).
+    """Return the relative balance error of the Moreau scheme without a known term.
+
+    The term is dt^2/8 times the change of sum omega^2 u^2 (and of k r'^2 in a tuned absorber).
 
     With the mean velocity of each step the scheme's balance closes exactly but for that term.
     """
@@ -242,7 +255,10 @@ def _scale(response: Response) -> float:
 
 
 def _drift(scene: Scene, response: Response, half: Response, conserved: bool) -> float:
-    """Return the change of the balance over the second half, per pseudo period; for a conserved case that of the stored energy itself."""
+    """Return the change of the balance over the second half, per pseudo period.
+
+    For a conserved case it is the change of the stored energy itself.
+    """
     scale = _scale(response)
     if conserved:
         change = stored_energy(scene, response.end_state) - stored_energy(scene, half.end_state)
@@ -289,7 +305,10 @@ def _judge_steps(cell: Cell) -> tuple[str, str]:
     if cell.finer > max(GAIN * cell.deviation, CLOSE):
         return (
             FAILED,
-            f"{cell.deviation:.1e} from the reference, {cell.finer:.1e} with a finer step: it does not converge",
+            (
+                f"{cell.deviation:.1e} from the reference, {cell.finer:.1e} with a finer step: it "
+                "does not converge"
+            ),
         )
     if cell.identity is not None and cell.identity > WRONG_BALANCE:
         return FAILED, f"balance {cell.identity:.1e} beside what the step explains"

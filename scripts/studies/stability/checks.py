@@ -1,4 +1,7 @@
-"""Does the exact method's search for events miss any: searches checked by dense sampling, over a mix of scenes."""
+"""Check the event search of the exact method for missed events by dense sampling.
+
+The searches are those of a mix of scenes.
+"""
 
 from collections.abc import Callable
 
@@ -45,9 +48,12 @@ def random_structure(
     pair: bool = False,
     critical: tuple[int, int] | None = None,
 ) -> Scene:
-    """Return any modes with any absorber in a gap that is ``scale`` times below the amplitude without it, at 3 N in the first resonance.
+    """Return a random modal model with a random absorber, at 3 N in the first resonance.
 
-    ``several``: two absorbers; ``pair``: two modes of one frequency; ``critical``: how far damping ratios are off 1, as powers of ten.
+    The gap is ``scale`` times below the amplitude without absorber.
+
+    ``several``: two absorbers; ``pair``: two modes of one frequency; ``critical``: how far damping
+    ratios are off 1, as powers of ten.
     """
     modes = int(generator.integers(2, 7))
     omega = np.sort(10 ** generator.uniform(0, 3, modes))
@@ -138,9 +144,12 @@ NEARER = {
 
 
 def check(name: str, searches: int, seed: int | None = None) -> Json:
-    """Run sweeps of random force, phase and frequency until this many searches have been checked; a run with more events is cut off there.
+    """Run sweeps of random force, phase and frequency until enough searches are checked.
 
-    ``misses`` among them, the ``worst`` as in `SearchCheck`, and where the ``first`` was. The seed is by default the case's number.
+    The number is ``searches``. A run with more events ends there.
+
+    ``misses`` among them, the ``worst`` as in `SearchCheck`, and where the ``first`` was. The seed
+    is by default the case's number.
     """
     generator = np.random.default_rng(list(CASES).index(name) if seed is None else seed)
     result: Json = {"name": name, "searches": 0, "misses": 0, "worst": 0.0, "first": ""}

@@ -1,4 +1,8 @@
-"""How exact the modes are: the finite-element eigenproblem in many digits, and the continuous cantilever, beside what the package computes."""
+"""Accuracy of the modes.
+
+The package's values are compared with the finite-element eigenproblem in many digits, and with the
+continuous cantilever.
+"""
 
 from decimal import Decimal, localcontext
 from itertools import pairwise
@@ -29,7 +33,10 @@ _M = ((156, 22, 54, -13), (22, 4, 13, -3), (54, 13, 156, -22), (-13, -3, -22, 4)
 
 
 def _transfer(square: Decimal) -> Matrix:
-    """Return the matrix from deflection, slope and end forces at an element's start to those at its end, for omega^2 in units of the element."""
+    """Return the transfer matrix of an element for omega^2 in units of the element.
+
+    It gives deflection, slope and end forces at the end of the element from those at its start.
+    """
     d = np.array(
         [
             [Decimal(k) - square * m / 420 for k, m in zip(*rows, strict=True)]
@@ -45,13 +52,19 @@ def _transfer(square: Decimal) -> Matrix:
 
 
 def _end_forces(square: Decimal, elements: int) -> Decimal:
-    """Return the determinant that is zero where a clamped chain of elements has free ends' forces of zero."""
+    """Return the determinant whose zeros are the frequencies of a clamped-free chain.
+
+    It is zero if the forces at the free end of the clamped chain of elements are zero.
+    """
     power = np.linalg.matrix_power(_transfer(square), elements)
     return Decimal(power[2, 2] * power[3, 3] - power[2, 3] * power[3, 2])
 
 
 def exact_frequency(elements: int, near: float) -> Decimal:
-    """Return omega (rad/s, for unit length, stiffness and mass per length) of the finite elements nearest to a start value, in many digits."""
+    """Return the frequency omega of the finite elements nearest to a start value.
+
+    It is in rad/s for unit length, stiffness and mass per length, and has many digits.
+    """
     with localcontext() as context:
         context.prec = DIGITS + DIGITS_PER_ELEMENT * elements
         unit = Decimal(elements) ** 4
@@ -83,11 +96,14 @@ def continuous_roots(count: int) -> np.ndarray:
 
 
 def accuracy(elements: int) -> Json:
-    """Return relative errors of the frequencies of a beam of so many elements, with all its modes kept, by mode counted from 1.
+    """Return relative errors of the frequencies of a beam by mode, counted from 1.
 
-    ``rounding``: against the same finite elements in many digits; ``discretisation``: of these against the beam; ``highest``: rounding of the last
-    mode, None where it was not computed; ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``wrong``: a frequency has lost so many
-    digits that it is none of these elements. ``error`` tells why there are no numbers.
+    The beam has ``elements`` elements, with all modes included.
+
+    ``rounding``: against the same finite elements in many digits; ``discretisation``: of these
+    against the beam; ``highest``: rounding of the last mode, None where it was not computed;
+    ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``wrong``: a frequency has lost
+    so many digits that it is none of these elements. ``error`` tells why there are no numbers.
     """
     result: Json = {
         "elements": elements,

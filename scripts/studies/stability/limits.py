@@ -45,7 +45,11 @@ def at_step(method: Method, dt: float) -> Method:
 
 @dataclass(frozen=True)
 class LimitCase:
-    """A linear scene whose largest stable step is known: a mode, or a mode with a spring to the absorber (walls without clearance are one)."""
+    """A linear scene whose largest stable step is known.
+
+    It is a mode, or a mode with a spring to the absorber. Walls without clearance are such a
+    spring.
+    """
 
     method: str
     what: str
@@ -82,7 +86,10 @@ QUICK = tuple(case for case in CASES if case.damping_ratio in (0.0, 0.01, 1.0, 2
 
 
 def first_order(scene: Scene) -> Array:
-    """Return the matrix of the linear scene with its spring closed, in displacements and velocities."""
+    """Return the matrix of the first-order form of the linear scene with its spring closed.
+
+    Its states are displacements and velocities.
+    """
     mass, damping, stiffness = _matrices(scene)
     zero = np.zeros_like(mass)
     inverse = np.diag(1 / np.diag(mass))
@@ -90,7 +97,10 @@ def first_order(scene: Scene) -> Array:
 
 
 def _matrices(scene: Scene) -> tuple[Array, Array, Array]:
-    """Return mass, damping and stiffness; a wall's spring that is closed is a tuned absorber's without a damper."""
+    """Return the mass, damping and stiffness matrices.
+
+    The closed spring of a wall is the spring of a tuned absorber without a damper.
+    """
     absorber = scene.absorber
     if isinstance(absorber, SlidingAbsorber):
         assert isinstance(absorber.walls, CompliantWalls)
@@ -104,8 +114,9 @@ def _matrices(scene: Scene) -> tuple[Array, Array, Array]:
 def moreau_theory(scene: Scene) -> float:
     """Return the step in s at which the scheme's one-step map leaves the unit circle.
 
-    A mode with x = omega dt and damping ratio D has z^2 - (2 - 2 D x - x^2) z + (1 - 2 D x) = 0, which passes z = -1 at
-    x = 2 (sqrt(D^2 + 1) - D). Modes that a spring and a damper couple: the spectral radius of the whole map.
+    A mode with x = omega dt and damping ratio D has z^2 - (2 - 2 D x - x^2) z + (1 - 2 D x) = 0,
+    which passes z = -1 at x = 2 (sqrt(D^2 + 1) - D). Modes that a spring and a damper couple: the
+    spectral radius of the whole map.
     """
     model = scene.model
     if scene.absorber is None:
@@ -129,7 +140,10 @@ def moreau_theory(scene: Scene) -> float:
 
 
 def runge_kutta_theory(scene: Scene) -> float:
-    """Return the step in s at which |1 + z + z^2/2 + z^3/6 + z^4/24| = 1 for an eigenvalue s, z = s h."""
+    """Return the largest stable step h in s of the Runge-Kutta method.
+
+    At it |1 + z + z^2/2 + z^3/6 + z^4/24| = 1 for an eigenvalue s, z = s h.
+    """
     eigenvalues = np.linalg.eigvals(first_order(scene))
     eigenvalues = eigenvalues[
         np.abs(eigenvalues) > 1e-9 * np.max(np.abs(eigenvalues))
@@ -143,7 +157,10 @@ def runge_kutta_theory(scene: Scene) -> float:
 
 
 def _crossing(radius: Callable[[float], float], unit: float) -> float:
-    """Return where a spectral radius leaves 1 for good, searched in units of the fastest time scale."""
+    """Return the step at which a spectral radius exceeds 1 for good.
+
+    It is searched in units of the fastest time scale.
+    """
     grid = np.linspace(0.01, 4.0, 1600) * unit
     grown = np.array([radius(dt) > 1 + 1e-9 for dt in grid])
     k = int(np.flatnonzero(~grown)[-1])
@@ -179,7 +196,8 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
 def find_limit(case: LimitCase) -> Json:
     """Bisect for the largest stable step of a case; theory has no part in it.
 
-    Steps are in s: by theory, by bisection, and the method's own at the paper's setting. ``agrees``: whether the first two do.
+    Steps are in s: by theory, by bisection, and the method's own at the paper's setting.
+    ``agrees``: whether the first two do.
     """
     scene = case.scene()
     fastest = float(np.max(np.abs(np.linalg.eigvals(first_order(scene)))))

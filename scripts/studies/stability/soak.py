@@ -19,7 +19,9 @@ MOST_GROWTH_MB = (
     20.0  # from the shortest run to the longest, far below what one number a period would take
 )
 MOST_BALANCE = 1e-9  # of the exact method
-MOST_FACTOR = 4.0  # from a stepping method's worst balance in shorter runs to that of the longest; a drift makes it ten times as large
+# from a stepping method's worst balance in shorter runs to that of the longest; a drift makes it
+# ten times as large
+MOST_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,8 @@ CASES = (
 def soak(case: SoakCase, lengths: tuple[int, ...]) -> Json:
     """Run a case over each length, the shortest first.
 
-    Per length in pseudo periods: relative balance error, largest memory of the process so far in MB, time in us and impacts per pseudo period.
+    Per length in pseudo periods: relative balance error, largest memory of the process so far in
+    MB, time in us and impacts per pseudo period.
     """
     scene = beam_scene(Beam(modes=case.modes), case.absorber())
     lengths = tuple(length for length in lengths if length <= case.longest)

@@ -45,7 +45,8 @@ def run_soak(name: str, lengths: tuple[int, ...]) -> Json:
     return soaks.soak(next(case for case in soaks.CASES if case.name == name), lengths)
 
 
-# the section of what a task returns, and the keys by which it is known there, which are the task's first arguments
+# the section of what a task returns, and the keys by which it is known there, which are the task's
+# first arguments
 SECTIONS: dict[Callable[..., Json], tuple[str, tuple[str, ...]]] = {
     run_cell: ("cells", ("group", "case", "method")),
     run_limit: ("limits", ("method", "what", "damping_ratio")),
@@ -110,21 +111,33 @@ def failures(results: Json) -> Iterator[str]:
         if not limit["agrees"]:
             result = limit["found_s"]
             theory = limit["theory_s"]
-            yield f"step limit of {limit['method']}, {limit['what']}, D = {limit['damping_ratio']:g}: {result:.6g} s, theory {theory:.6g} s"
+            yield (
+                f"step limit of {limit['method']}, {limit['what']}, D = "
+                f"{limit['damping_ratio']:g}: {result:.6g} s, theory {theory:.6g} s"
+            )
     for entry in results["eigen"]:
         if entry["wrong"] or entry["error"]:
-            yield f"eigenproblem with {entry['elements']} elements: {entry['error'] or entry['rounding']}"
+            yield (
+                f"eigenproblem with {entry['elements']} elements: "
+                f"{entry['error'] or entry['rounding']}"
+            )
     for soak in results["soaks"]:
         if not soak["passed"]:
             yield f"soak, {soak['name']}: {soak['reason']}"
     for result in results["checks"]:
         if not result["passed"]:
-            yield f"searches, {result['name']}: {result['misses']} of {result['searches']} missed an event, {result['first']}"
+            yield (
+                f"searches, {result['name']}: {result['misses']} of {result['searches']} missed "
+                f"an event, {result['first']}"
+            )
     yield from (f"{lost['what']}: {lost['error']}" for lost in results["lost"])
 
 
 def gather(outcomes: Sequence[PoolOutcome], order: Sequence[PoolTask]) -> Json:
-    """Return the results of finished tasks by section, in the given order. A cell that was lost (time, crash) is a failed cell."""
+    """Return the results of finished tasks by section, in the given order.
+
+    A cell that was lost by a time limit or a crash is a failed cell.
+    """
     results: Json = {name: [] for name in ("cells", "limits", "eigen", "soaks", "checks", "lost")}
     place = {(task.function, task.arguments): number for number, task in enumerate(order)}
     for outcome in sorted(
