@@ -345,8 +345,8 @@ def calibrate(
     require(len(every) > 0, "measurements", every, "one or more")
     require_moving(every)
     alternatives = one_of("alternatives", alternatives, ALTERNATIVES)
-    for factor in plan or ():
-        positive("plan", factor)
+    if plan is not None:
+        plan = [positive("plan", factor) for factor in plan]
     absorber = instance("absorber", absorber, SlidingAbsorber)
     runs = CalibrationRuns() if runs is None else runs
     seed = count("seed", seed, 0)

@@ -137,7 +137,6 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(
 ) -> None:
     """A task for comparison gets rules and no planner; room is the share that a rule leaves."""
     monkeypatch.setattr(admit_tasks, "QUICK", replace(QUICK, judged=4))
-    monkeypatch.setattr("studies.cli.admit_tasks.STEPS", 3)
     target = tmp_path / "tasks.json.gz"
     page = tmp_path / "page.md"
     rules = tmp_path / "rules.json"
@@ -165,16 +164,8 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(
     assert middle == pytest.approx(share, abs=1e-3)
     text = page.read_text()
     assert all(line in text for line in result.stdout.splitlines()[-2:])
-    assert all(
-        words in text
-        for words in (
-            "`ActiveGap-v0`",
-            "| for comparison |",
-            "## Structures-v0",
-            "| 14 ",
-            "frequency ratio to the resonance",
-        )
-    )
+    assert "`ActiveGap-v0`" in text
+    assert "| for comparison |" in text
     before = target.read_bytes()
     assert call(admit_tasks.main, "--redraw", "--json", target, "--rules", rules).exit_code == 0
     assert target.read_bytes() == before

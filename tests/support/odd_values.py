@@ -435,7 +435,7 @@ def targets() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         (to_method, {"plain": {"kind": "moreau"}}),
         (from_scene, {"scene": beam_scene(BEAM), "beam": BEAM}),
         (to_loads, {"plain": LOADS, "reference": omega}),
-        (make, {"concept": "impact", "given": {"gap": 1e-3}}),
+        (make, {"concept": "impact", "values": {"gap": 1e-3}}),
         # frequency domain and periodic responses
         (frequency_range, {"low": 0.9, "high": 1.1}),
         (
