@@ -166,6 +166,8 @@ def test_a_claim_that_does_not_hold_says_why() -> None:
     assert format_reasons(claims) == (
         "### The step\n\nAt 20 steps per period of the highest mode impacts and reversals of "
         "slip come late.\n\n"
+        "<details><summary>Within spread (1)</summary>\n\n"
         "- *Z* (section 3; [one](paper/one.png)): **holds only at the paper's step**. "
-        "Computed: 2. The step errs."
+        "Computed: 2. The step errs.\n\n"
+        "</details>"
     )
