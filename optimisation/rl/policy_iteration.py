@@ -133,6 +133,8 @@ class RolloutPolicyIteration(PPO):  # type: ignore[misc]
     width = 0.2
     rounds_in_memory = 8
 
+    _last_obs: Any
+
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.memory: list[Trials] = []
