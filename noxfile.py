@@ -45,8 +45,8 @@ OLD_LIBRARIES = {
     "MKL_CBWR": "COMPATIBLE",
     "ATEN_CPU_CAPABILITY": "default",
     "OPENBLAS_CORETYPE": "Nehalem",
-    "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
 }
+OLD_NUMPY = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"}
 VARIED = ("numpy", "scipy", "numba", "gymnasium")  # their oldest and newest versions are tested
 # the files of requirements/ that tests need, but for torch and what comes with it
 LAYERS = (
@@ -143,7 +143,7 @@ def other_rounding(session: nox.Session) -> None:
 @nox.session(venv_backend="none", tags=["machines"], name="old-libraries")
 def old_libraries(session: nox.Session) -> None:
     """Run with libraries' arithmetic for old processors, and every command from the wheel."""
-    run_machine(session, PARTS, OLD_LIBRARIES, "-m=wheel or not wheel")
+    run_machine(session, PARTS, OLD_LIBRARIES | OLD_NUMPY, "-m=wheel or not wheel")
 
 
 @nox.session(venv_backend="none", tags=["machines"], name="old-processor")
