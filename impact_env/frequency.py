@@ -4,8 +4,8 @@ Convention: all quantities vary as the real part of (complex amplitude) * exp(i 
 attachment answers a tip displacement q with a force T(omega) q on the tip, so it changes the free
 receptances by one rank (Sherman-Morrison):
 
-    H_ab = G_ab + G_at T G_tb / (1 - G_tt T),        G_ab = sum_i a_i b_i / (omega_i^2 - omega^2 + 2
-    i D_i omega_i omega).
+    H_ab = G_ab + G_at T G_tb / (1 - G_tt T),
+    G_ab = sum_i a_i b_i / (omega_i^2 - omega^2 + 2 i D_i omega_i omega).
 
 With b any force and a the tip the two terms join to H_tb = G_tb / (1 - G_tt T), free of
 cancellation; `tip_response` uses that form with numerator and denominator multiplied by the

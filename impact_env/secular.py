@@ -5,17 +5,16 @@ The masses are attached rigidly or through one spring.
 In scaled coordinates sqrt(m_a) x_a the masses are 1, psi_a = sqrt(m_a) phi_a, and with d_i(s) = s^2
 + 2 D_i omega_i s + omega_i^2 the eigenvalues are where
 
-    W(s) = (1/s^2 + 1/kappa(s)) I + psi^T diag(1/d_i(s)) psi        (one row and column for each
-    mass)
+    W(s) = (1/s^2 + 1/kappa(s)) I + psi^T diag(1/d_i(s)) psi,
 
-has a null vector y; v_i = psi_i y/d_i is the beam's share. kappa = (k + c s)/m is a spring's,
-without a spring 1/kappa = 0.
+with one row and column for each mass, has a null vector y; v_i = psi_i y/d_i is the beam's share.
+kappa = (k + c s)/m is a spring's, without a spring 1/kappa = 0.
 
 W is large and cancels where a mode hardly feels the masses. So each eigenvalue is solved for in the
 coordinate that moves most in it, its *lead*, the others being eliminated: for the mode j
 
-    f_j(s) = d_j(s) + R_j(s) = 0,    R_j = psi_j^T W_j(s)^-1 psi_j,    y = -W_j^-1 psi_j,    v_j =
-    1,
+    f_j(s) = d_j(s) + R_j(s) = 0,    R_j = psi_j^T W_j(s)^-1 psi_j,
+    y = -W_j^-1 psi_j,    v_j = 1,
 
 W_j being W without the mode j, and likewise s^2 + kappa + R_a for a mass on a spring. R is small
 and smooth where the coupling is weak. The unknown is the offset from the lead's own pole, so that

@@ -4,9 +4,9 @@ For a mass m_a at a place with mode shapes phi_p the receptances G_pf (from the 
 G_ep (to the place of the level) give, as in `optimisation.bounds`, the design rule's gap, the free
 amplitude and the limit that no device in a gap can beat:
 
-    kappa = m_a Omega^2 G_pp,   gap = f min |G_pf|/|kappa| pi/4,   reach = max |f G_pf| / gap, q_e =
-    f A + B r,   A = G_ef + G_ep m_a Omega^2 G_pf/(1 - kappa),   B = G_ep m_a Omega^2/(1 - kappa),
-    |r| <= 4 g0/pi.
+    kappa = m_a Omega^2 G_pp,   gap = f min |G_pf|/|kappa| pi/4,   reach = max |f G_pf| / gap,
+    q_e = f A + B r,   |r| <= 4 g0/pi,
+    A = G_ef + G_ep m_a Omega^2 G_pf/(1 - kappa),   B = G_ep m_a Omega^2/(1 - kappa).
 
 No run is made here. `optimisation.place_advice` simulates the few places that come out best.
 """

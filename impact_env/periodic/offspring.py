@@ -326,14 +326,16 @@ class _DescendantSearch:
             float(self.ratios[-1]) + RANGE_MARGIN
         ) * first
 
-    def _tell(self, what: str, done: int, total: int) -> None:
+    def _report_progress(self, what: str, done: int, total: int) -> None:
         if self.progress is not None:
             self.progress(what, done, total)
 
     def symmetric(self) -> None:
         """Find the symmetric orbits and their branches."""
         self.groups += closed_form_over(
-            self.case, self.ratios, lambda done, total: self._tell("closed form", done, total)
+            self.case,
+            self.ratios,
+            lambda done, total: self._report_progress("closed form", done, total),
         )
         self._join(
             orbit_branches(
@@ -366,7 +368,7 @@ class _DescendantSearch:
                 left.append(branch)
                 continue
             new.append(branch)
-            self._tell("branches", len(self.branches) + len(new), 0)
+            self._report_progress("branches", len(self.branches) + len(new), 0)
             if branch.branch.ended == INTERRUPTED:
                 break
         self.branches += new
@@ -382,7 +384,7 @@ class _DescendantSearch:
         The runs start from rest and from states close to the orbits.
         """
         for k in range(len(self.groups)):
-            self._tell("runs", k, len(self.groups))
+            self._report_progress("runs", k, len(self.groups))
             group = self.groups[k]
             if not any(orbit.stability.stable for orbit in group.orbits):
                 for result in attractors(group.case, group.orbits, most_multiple=self.longest):
@@ -391,7 +393,7 @@ class _DescendantSearch:
     def draw(self, starts: int, seed: int) -> None:
         """Run from random initial states at each frequency, and follow what is found."""
         for k in range(len(self.groups)):
-            self._tell("random starts", k, len(self.groups))
+            self._report_progress("random starts", k, len(self.groups))
             group = self.groups[k]
             basins = find_basins(
                 group.case, group.orbits, starts, seed=seed, most_multiple=self.longest

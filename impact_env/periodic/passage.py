@@ -351,10 +351,10 @@ class _TrajectoryBuilder:
         """Go through the events of the exact method's run from a ``state`` at its start."""
         self._go_on(self.free, 0.0, state, 1 if float(self.speed @ state) > 0 else -1)
         for mark in _list_marks(self.case, run):
-            self._meet(mark)
+            self._follow_event(mark)
         self.trajectory.end = self._advance(self.trajectory.span)[1]
 
-    def _meet(self, mark: _Mark) -> None:
+    def _follow_event(self, mark: _Mark) -> None:
         piece, state, bend = self._advance(mark.time)
         if mark.what is _MarkKind.IMPACT:
             self._hit(piece, mark, state, bend)

@@ -118,8 +118,8 @@ class RolloutPolicyIteration(PPO):  # type: ignore[misc]
     actor's own are held for ``hold`` intervals and scored over ``horizon``. The actor then
     maximises
 
-        mean over states of the sum over candidates j of w_j q_j,    w = softmax(-|mean action -
-        candidate|^2 / (2 width^2)),
+        mean over states of the sum over candidates j of w_j q_j,
+        w = softmax(-|mean action - candidate|^2 / (2 width^2)),
 
     with q the scores less their mean, over the trials of the last ``rounds_in_memory`` rounds. All
     steps of the copies count as steps. The critic is not trained.

@@ -10,9 +10,10 @@ Bounded-real lemma: with H(s) = c (s - A)^-1 b stable, |H(i w)| <= g at all w if
 Over w1 <= w <= w2 only, the generalised Kalman-Yakubovich-Popov lemma has a Hermitian P and a
 Hermitian Q >= 0 instead:
 
-    [A b; I 0]* [ -Q            P + i m Q ] [A b; I 0]  +  [ c'c   0  ]   negative semidefinite,
-    m = (w1 + w2)/2.
+    [A b; I 0]* [ -Q            P + i m Q ] [A b; I 0]  +  [ c'c   0  ]
                 [ P - i m Q     -w1 w2 Q  ]                [ 0   -g^2 ]
+
+negative semidefinite, m = (w1 + w2)/2.
 
 A semidefinite programme minimises g^2. Its answer is not taken at its word: Q is shifted to Q >= 0,
 the upper left block S is checked to be negative definite, and g^2 then follows from P and Q by the

@@ -12,7 +12,7 @@ from places import ROOT, SUPPORT
 # Results are not source: what is committed of them stays small.
 
 
-FILES_RESULTS = 975
+FILES_RESULTS = 960
 DOCS_BYTES = 8.5e6
 SDIST_BYTES = 9e6
 
