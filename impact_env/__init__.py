@@ -21,6 +21,7 @@ Everything is in SI units. Wrong values raise `ParameterError`.
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase, Pass, PerformanceCurve, curve_passes, performance_curve
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency, linear_sweep
 from impact_env.envs import register_environments
@@ -33,7 +34,6 @@ from impact_env.parameters import (
     CoulombFriction,
     ElasticCoulombFriction,
     NonlinearSink,
-    ParameterError,
     RigidWalls,
     Section,
     SeveralAbsorbers,

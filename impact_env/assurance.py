@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.parameters import require, row
+from impact_env.checks import require, row
 from impact_env.plain_files import read_plain
 from impact_env.plain_structures import NodalShapes, read_structure_shapes
 

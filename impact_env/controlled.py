@@ -17,6 +17,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import NDArray
 
+from impact_env.checks import count, positive, require
 from impact_env.ensemble import available_cores
 from impact_env.first_use import compiling_for
 from impact_env.kernels.compiling.jit import COMPILED
@@ -47,14 +48,7 @@ from impact_env.level import (
 )
 from impact_env.loads import BASE_QUANTITY, Samples
 from impact_env.methods import Exact, Method
-from impact_env.parameters import (
-    CoulombFriction,
-    SlidingAbsorber,
-    count,
-    positive,
-    require,
-    require_weightless,
-)
+from impact_env.parameters import CoulombFriction, SlidingAbsorber, require_weightless
 from impact_env.scene import Scene
 from impact_env.solvers import build_base_motion, check_general, find_solver
 from impact_env.sweep import FAILURE_REASONS, IntegrationError

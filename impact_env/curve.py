@@ -19,6 +19,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import (
+    count,
+    count_from,
+    flag,
+    instance,
+    keep_checked,
+    kind_of,
+    listed,
+    numbers,
+    positive,
+    require,
+    row,
+    row_of,
+    two,
+)
 from impact_env.drive import (
     PAPER_LIMITS,
     Drive,
@@ -42,21 +57,6 @@ from impact_env.ensemble import (
 )
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
-from impact_env.parameters import (
-    count,
-    count_from,
-    flag,
-    instance,
-    keep_checked,
-    kind_of,
-    listed,
-    numbers,
-    positive,
-    require,
-    row,
-    row_of,
-    two,
-)
 from impact_env.result_files import SavedResult, TableResult
 from impact_env.results import DEFAULT_SAMPLES, Record, html_table
 from impact_env.scene import Scene

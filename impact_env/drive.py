@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    Beam,
+from impact_env.checks import (
     finite,
     instance,
     keep_checked,
@@ -34,6 +32,8 @@ from impact_env.parameters import (
     row_of,
     text,
 )
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam
 from impact_env.scene import InitialState, Scene
 
 Array = NDArray[np.float64]

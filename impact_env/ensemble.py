@@ -19,11 +19,7 @@ from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, Excitation, FrequencySchedule, Member
-from impact_env.kernels.compiling.parts import abandon_compilations
-from impact_env.loads import Loads
-from impact_env.methods import Exact, Method
-from impact_env.parameters import (
+from impact_env.checks import (
     ParameterError,
     count,
     count_from,
@@ -36,6 +32,10 @@ from impact_env.parameters import (
     require,
     row_of,
 )
+from impact_env.drive import Drive, Excitation, FrequencySchedule, Member
+from impact_env.kernels.compiling.parts import abandon_compilations
+from impact_env.loads import Loads
+from impact_env.methods import Exact, Method
 from impact_env.result_files import SavedResult
 from impact_env.results import DEFAULT_SAMPLES, Record
 from impact_env.scene import InitialState, Scene

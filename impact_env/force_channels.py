@@ -17,10 +17,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import require
 from impact_env.drive import Excitation, Load, Pieces
 from impact_env.loads import Loads
 from impact_env.modes import ModalModel
-from impact_env.parameters import require
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]

@@ -16,16 +16,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import finite, instance, numbers, positive, require
 from impact_env.modes import ModalModel, with_link, with_masses
-from impact_env.parameters import (
-    StuckAbsorber,
-    TunedAbsorber,
-    finite,
-    instance,
-    numbers,
-    positive,
-    require,
-)
+from impact_env.parameters import StuckAbsorber, TunedAbsorber
 
 LinearAbsorber = TunedAbsorber | StuckAbsorber
 Complex = NDArray[np.complex128]

@@ -17,22 +17,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import (
-    HIGHEST_OMEGA,
-    LOAD_STARTS,
-    LOWEST_OMEGA,
-    Drive,
-    Excitation,
-    FrequencySchedule,
-    Load,
-    Member,
-    Pieces,
-    constant_coefficients,
-    find_schedule,
-    schedule_pieces,
-)
-from impact_env.modes import ModalModel
-from impact_env.parameters import (
+from impact_env.checks import (
     count_from,
     each_of,
     finite,
@@ -48,6 +33,21 @@ from impact_env.parameters import (
     text,
     word_of,
 )
+from impact_env.drive import (
+    HIGHEST_OMEGA,
+    LOAD_STARTS,
+    LOWEST_OMEGA,
+    Drive,
+    Excitation,
+    FrequencySchedule,
+    Load,
+    Member,
+    Pieces,
+    constant_coefficients,
+    find_schedule,
+    schedule_pieces,
+)
+from impact_env.modes import ModalModel
 from impact_env.sampling_times import EVEN_TOL, even_times, find_uneven, is_even
 from impact_env.scene import InitialState, Scene
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impact_env.checks import count_from, keep_checked, require
 from impact_env.drive import Excitation
 from impact_env.laws import list_laws
 from impact_env.modes import MOST_HEAVINESS, with_link
@@ -13,9 +14,6 @@ from impact_env.parameters import (
     NonlinearSink,
     StuckAbsorber,
     TunedAbsorber,
-    count_from,
-    keep_checked,
-    require,
 )
 from impact_env.scene import Scene
 

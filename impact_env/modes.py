@@ -12,10 +12,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.parameters import (
-    MOST_DAMPING,
+from impact_env.checks import (
     SMALL,
-    Beam,
     count,
     finite,
     instance,
@@ -27,8 +25,8 @@ from impact_env.parameters import (
     require,
     row,
     row_of,
-    suspension_frequencies,
 )
+from impact_env.parameters import MOST_DAMPING, Beam, suspension_frequencies
 
 # Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one
 # more coordinate.

@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from impact_env.checks import ParameterError, fraction, instance, one_of, require, text
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.laws import CONCEPTS, GRAVITY_KEY, HEAVY, concept, make, values
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
@@ -25,16 +26,10 @@ from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
     Beam,
-    ParameterError,
     SeveralAbsorbers,
     SlidingAbsorber,
-    fraction,
-    instance,
-    one_of,
-    require,
     shared_masses,
     suspension_frequencies,
-    text,
 )
 from impact_env.plain_disks import disk_codec_for
 from impact_env.plain_files import (

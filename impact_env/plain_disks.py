@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from impact_env.parameters import positive, require
+from impact_env.checks import positive, require
 from impact_env.plain_files import (
     NUMBER_CODEC,
     ROWS_CODEC,

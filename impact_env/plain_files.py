@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from impact_env.parameters import ParameterError, finite, require
+from impact_env.checks import ParameterError, finite, require
 
 BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF8, "utf-8"),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, finite, flag, instance, one_of, positive, require
 from impact_env.drive import LOAD_STARTS, Drive, Load, find_schedule
 from impact_env.loads import (
     BASE_QUANTITY,
@@ -31,7 +32,6 @@ from impact_env.loads import (
     Tones,
     Unbalance,
 )
-from impact_env.parameters import ParameterError, finite, flag, instance, one_of, positive, require
 from impact_env.plain import SCHEDULE_CODEC
 from impact_env.plain_files import (
     NUMBER_CODEC,

@@ -11,8 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from impact_env.checks import count, fraction, positive, require
 from impact_env.modes import Structure, mode_shapes
-from impact_env.parameters import Beam, count, fraction, positive, require
+from impact_env.parameters import Beam
 from impact_env.plain_files import NUMBER_CODEC, require_keys
 from impact_env.plain_structures import (
     PLACE_CODECS,

@@ -16,14 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.checks import describe_error
-from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    Beam,
+from impact_env.checks import (
     ParameterError,
-    Section,
     count,
     count_from,
+    describe_error,
     finite,
     keep_checked,
     labelled,
@@ -33,6 +30,8 @@ from impact_env.parameters import (
     row,
     word_of,
 )
+from impact_env.modes import ModalModel
+from impact_env.parameters import Beam, Section
 from impact_env.plain_disks import disk_codec_for
 from impact_env.plain_files import (
     NUMBER_CODEC,

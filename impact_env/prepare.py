@@ -15,13 +15,13 @@ from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
+from impact_env.checks import ParameterError, instance, non_negative
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import available_cores
 from impact_env.kernels.compiling.jit import COMPILED
 from impact_env.kernels.compiling.parts import NotCached, only_cached
 from impact_env.loads import Loads
 from impact_env.methods import Exact, Method
-from impact_env.parameters import ParameterError, instance, non_negative
 from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.solvers import kernel_key

@@ -16,12 +16,12 @@ from functools import partial
 import numpy as np
 import scipy.linalg
 
+from impact_env.checks import ParameterError
 from impact_env.force_channels import find_base_shapes
 from impact_env.kernels.compiling.records import new_record
 from impact_env.kernels.exact.sets import SET_REQUEST, Sets
 from impact_env.kernels.motion.modal_system import GUARD, RELATIVE, REST, TIP, S
 from impact_env.modes import ModalModel, with_masses
-from impact_env.parameters import ParameterError
 from impact_env.regimes import (
     BASIS_TOL,
     basis_error,

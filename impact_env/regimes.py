@@ -21,6 +21,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError
 from impact_env.force_channels import find_base_shapes
 from impact_env.kernels.events.search import HERMITE_SHARE, SCAN_NOISE
 from impact_env.kernels.events.steps import LEVEL_RATIO
@@ -28,7 +29,6 @@ from impact_env.kernels.motion.modal_system import REST, TAYLOR_REACH, TAYLOR_TE
 from impact_env.kernels.motion.search_block import POINTS
 from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.modes import MOST_HEAVINESS, ModalModel, with_link
-from impact_env.parameters import ParameterError
 from impact_env.secular import (
     SPLIT_TOL,
     Complex,

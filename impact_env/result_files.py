@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, require
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, require
 from impact_env.plain_files import replacing, require_readable
 
 if TYPE_CHECKING:

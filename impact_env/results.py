@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import describe_error
+from impact_env.checks import (
+    count_from,
+    describe_error,
+    finite,
+    flag,
+    keep_checked,
+    labelled,
+    require,
+)
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.loads import (
     Loads,
@@ -34,12 +42,6 @@ from impact_env.parameters import (
     RigidWalls,
     Section,
     YieldingWalls,
-    count_from,
-    finite,
-    flag,
-    keep_checked,
-    labelled,
-    require,
 )
 from impact_env.result_files import SavedResult, TableResult
 from impact_env.scene import InitialState, Scene

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import instance, keep_checked, kind_of, require, row
 from impact_env.laws import SceneKind, describe_absorber, describe_modes, kind
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
@@ -19,11 +20,6 @@ from impact_env.parameters import (
     SlidingAbsorber,
     StuckAbsorber,
     YieldingWalls,
-    instance,
-    keep_checked,
-    kind_of,
-    require,
-    row,
 )
 
 

@@ -16,12 +16,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import count, instance, positive, require, row
 from impact_env.drive import Drive, Excitation
 from impact_env.kernels.motion.level import new_level, push_samples
 from impact_env.level import HALF_WINDOW_PERIODS, read_level
 from impact_env.loads import Loads
 from impact_env.methods import Method
-from impact_env.parameters import count, instance, positive, require, row
 from impact_env.result_files import SavedResult
 from impact_env.results import DEFAULT_SAMPLES, MOST_BINS, MOST_SAMPLES_PER_PERIOD, Record, Response
 from impact_env.scene import InitialState, Scene

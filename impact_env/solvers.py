@@ -17,6 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import instance, require
 from impact_env.drive import Drive, Excitation
 from impact_env.force_channels import check_places, find_base_shapes, split_forces
 from impact_env.kernels.control.interval import Batch
@@ -68,8 +69,6 @@ from impact_env.parameters import (
     StuckAbsorber,
     TunedAbsorber,
     find_largest_gravity,
-    instance,
-    require,
 )
 from impact_env.regime_sets import (
     Joined,

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import require
 from impact_env.drive import LOAD_STARTS, Excitation, find_schedule
 from impact_env.loads import Tones
 from impact_env.modes import with_link, with_masses
@@ -30,7 +31,6 @@ from impact_env.parameters import (
     StuckAbsorber,
     TunedAbsorber,
     find_largest_gravity,
-    require,
 )
 from impact_env.scene import InitialState, Scene
 

@@ -17,6 +17,7 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import count, instance, require
 from impact_env.drive import Drive, Excitation
 from impact_env.energy import stored_energy
 from impact_env.first_use import compiling_for
@@ -45,14 +46,7 @@ from impact_env.laws import SceneKind
 from impact_env.level import HALF_WINDOW_PERIODS, read_level, require_sampling
 from impact_env.loads import Loads
 from impact_env.methods import Exact, Method, check_mass, check_step
-from impact_env.parameters import (
-    CompliantWalls,
-    SeveralAbsorbers,
-    StuckAbsorber,
-    count,
-    instance,
-    require,
-)
+from impact_env.parameters import CompliantWalls, SeveralAbsorbers, StuckAbsorber
 from impact_env.results import (
     ContactPhases,
     EnergyAccount,

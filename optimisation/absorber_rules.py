@@ -26,6 +26,7 @@ from functools import cache
 
 import numpy as np
 
+from impact_env.checks import ParameterError, instance, positive, require
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.ensemble import Executor
 from impact_env.modes import ModalModel, modal_model
@@ -33,15 +34,11 @@ from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
     Beam,
-    ParameterError,
     RigidWalls,
     SlidingAbsorber,
     TunedAbsorber,
     friction_damper,
     impact_absorber,
-    instance,
-    positive,
-    require,
 )
 from impact_env.scene import Scene
 from optimisation.bounds import design_gap, free_amplitude, gap_unit

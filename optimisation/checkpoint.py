@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import Executor
 from impact_env.kernels.compiling.cache import hash_sources
-from impact_env.parameters import ParameterError
 from impact_env.periodic.keeping import ComputeOrLoad, PlainResult
 from optimisation.machine import difference
 from optimisation.measures import Chunk

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import count, instance, listed, positive, require
 from impact_env.curve import DEFAULT_MEMBERS, CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import PAPER_LIMITS, Excitation, Member, default_rate
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, drives_of
@@ -37,13 +38,8 @@ from impact_env.parameters import (
     RigidWalls,
     SlidingAbsorber,
     TunedAbsorber,
-    count,
     friction_damper,
     impact_absorber,
-    instance,
-    listed,
-    positive,
-    require,
 )
 from impact_env.scene import Scene
 from optimisation.absorber_rules import (

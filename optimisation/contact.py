@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impact_env.checks import ParameterError, instance, non_negative, positive, require, text
 from impact_env.modes import ModalModel
-from impact_env.parameters import ParameterError, instance, non_negative, positive, require, text
 
 MaterialPair = tuple[str, str, float]  # two materials, and the radius in m of the rounder body
 # usual values: Young's modulus in Pa, Poisson's ratio

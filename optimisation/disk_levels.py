@@ -12,16 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import count, non_negative, require
 from impact_env.drive import Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Executor, LaneProgress
 from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    CoulombFriction,
-    SlidingAbsorber,
-    count,
-    non_negative,
-    require,
-)
+from impact_env.parameters import CoulombFriction, SlidingAbsorber
 from impact_env.structures.cyclic import BladedDisk
 from optimisation.absorber_rules import best_friction, rigid_walls
 from optimisation.bounds import design_gap, free_amplitude

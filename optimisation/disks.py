@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from impact_env.checks import ParameterError, count, instance, positive, require
 from impact_env.drive import Excitation, FrequencySchedule, default_rate, linear_sweep
 from impact_env.ensemble import (
     Executor,
@@ -22,7 +23,6 @@ from impact_env.ensemble import (
     find_first_of_each,
 )
 from impact_env.methods import Exact, Method
-from impact_env.parameters import ParameterError, count, instance, positive, require
 from impact_env.sectors import SectorResponse, simulate_sectors
 from impact_env.solvers import kernel_key
 from impact_env.structures.cyclic import BladedDisk

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import Executor, Threads
 from impact_env.extras import how_to_install
-from impact_env.parameters import ParameterError
 
 if TYPE_CHECKING:
     from optimisation.search.cluster import Workers

@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, TextIO
 
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import ParameterError, require
 from impact_env.plain_files import replacing as replacing
 
 STANDARD_OUTPUT = Path("standard output.json")  # this object itself stands for it; see `json_to`

@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import require
 from impact_env.curve import DOWN, UP, CurveCase, PerformanceCurve
 from impact_env.drive import Drive
 from impact_env.ensemble import Executor, Lane, Members, each_lane
 from impact_env.level import HALF_WINDOW_PERIODS
-from impact_env.parameters import require
 from impact_env.results import DEFAULT_SAMPLES, Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import simulate

@@ -14,20 +14,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, count, listed, one_of, positive, require
 from impact_env.curve import DEFAULT_MEMBERS, PerformanceCurve, performance_curves
 from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor, Lane, LaneLevels, LaneProgress, draw_members
 from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    ParameterError,
-    SlidingAbsorber,
-    count,
-    friction_law,
-    listed,
-    one_of,
-    positive,
-    require,
-)
+from impact_env.parameters import SlidingAbsorber, friction_law
 from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.bounds import free_amplitude, resonance_limit, share_reached
 from optimisation.gap_search import (

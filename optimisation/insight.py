@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import count, fraction, instance, require, row
 from impact_env.ensemble import Executor
-from impact_env.parameters import count, fraction, instance, require, row
 from optimisation.bounds import resonance_limit
 from optimisation.measures import (
     LEVEL,

@@ -18,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import positive, require
 from impact_env.curve import CurveCase, PerformanceCurve
 from impact_env.drive import Drive, Excitation, Member, default_rate
 from impact_env.ensemble import (
@@ -34,14 +35,7 @@ from impact_env.ensemble import (
 from impact_env.loads import Loads
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
-    Absorber,
-    SlidingAbsorber,
-    impact_absorber,
-    positive,
-    require,
-)
+from impact_env.parameters import DEFAULT_MASS_RATIO, Absorber, SlidingAbsorber, impact_absorber
 from impact_env.results import Record, require_recorded
 from impact_env.scene import Scene
 from impact_env.solvers import check_load

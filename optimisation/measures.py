@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, require
 from impact_env.drive import Excitation, find_schedule
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Lane
 from impact_env.level import require_sampled
 from impact_env.loads import Loads, Shock, Strike
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import ParameterError, SeveralAbsorbers, SlidingAbsorber, require
+from impact_env.parameters import SeveralAbsorbers, SlidingAbsorber
 from impact_env.results import Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, simulate

@@ -9,15 +9,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from impact_env.checks import finite, instance
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import (
-    Absorber,
-    Beam,
-    SeveralAbsorbers,
-    SlidingAbsorber,
-    finite,
-    instance,
-)
+from impact_env.parameters import Absorber, Beam, SeveralAbsorbers, SlidingAbsorber
 from impact_env.plain import from_scene
 from impact_env.scene import Scene, beam_scene
 

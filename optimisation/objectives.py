@@ -26,9 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import PAPER_LIMITS
-from impact_env.loads import Loads
-from impact_env.parameters import (
+from impact_env.checks import (
     ParameterError,
     count_from,
     fraction,
@@ -42,6 +40,8 @@ from impact_env.parameters import (
     within,
     word_of,
 )
+from impact_env.drive import PAPER_LIMITS
+from impact_env.loads import Loads
 from optimisation.measures import (
     ACCELERATION,
     DAMAGE,

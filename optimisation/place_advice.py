@@ -20,22 +20,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import count, fraction, listed, non_negative, positive, require
 from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
 from impact_env.drive import default_rate
 from impact_env.ensemble import Executor, Lane, LaneLevels, LaneProgress
 from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import (
-    Absorber,
-    SlidingAbsorber,
-    count,
-    fraction,
-    friction_law,
-    impact_absorber,
-    listed,
-    non_negative,
-    positive,
-    require,
-)
+from impact_env.parameters import Absorber, SlidingAbsorber, friction_law, impact_absorber
 from impact_env.scene import Scene
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_friction
 from optimisation.bounds import design_gap, gap_unit, reach, resonance_limit

@@ -19,16 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, finite, instance, require, table_of
 from impact_env.modes import ModalModel, Structure, mode_shapes
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
-    Beam,
-    ParameterError,
-    finite,
-    instance,
-    require,
-    table_of,
-)
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from impact_env.plain_files import read_plain
 from impact_env.plain_structures import read_structure_nodes, read_structure_shapes
 from impact_env.structures.matrix_files import FREEDOM_NAMES, read_coordinates

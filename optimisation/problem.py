@@ -16,15 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.curve import DEFAULT_MEMBERS
-from impact_env.drive import Member, default_rate, linear_sweep
-from impact_env.ensemble import Executor, Lane, Members, Threads, draw_members
-from impact_env.loads import Loads
-from impact_env.methods import Exact
-from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
-    Beam,
+from impact_env.checks import (
     ParameterError,
     count_from,
     each_of,
@@ -34,6 +26,13 @@ from impact_env.parameters import (
     positive,
     require,
 )
+from impact_env.curve import DEFAULT_MEMBERS
+from impact_env.drive import Member, default_rate, linear_sweep
+from impact_env.ensemble import Executor, Lane, Members, Threads, draw_members
+from impact_env.loads import Loads
+from impact_env.methods import Exact
+from impact_env.modes import ModalModel, Structure
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from impact_env.scene import Scene
 from impact_env.solvers import check_load, kernel_key
 from optimisation.bounds import design_force

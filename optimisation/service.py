@@ -16,11 +16,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import count
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import Executor, Lane, Members, draw_members, each_lane, run_lanes
 from impact_env.modes import Structure, modal_model
-from impact_env.parameters import count
 from impact_env.results import Record
 from impact_env.sweep import simulate
 from optimisation.absorber_rules import Baselines, simulate_baselines

@@ -14,19 +14,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import ParameterError, count, require, row
 from impact_env.curve import CurveCase
 from impact_env.drive import Drive
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, run_lanes
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import (
-    Beam,
-    ParameterError,
-    RigidWalls,
-    SlidingAbsorber,
-    count,
-    require,
-    row,
-)
+from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber
 from impact_env.scene import Scene
 from optimisation.statistics import COVERED
 

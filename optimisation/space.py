@@ -22,23 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
+from impact_env.checks import (
     LARGE,
-    Absorber,
-    Beam,
-    CoulombFriction,
     ParameterError,
-    RigidWalls,
-    TunedAbsorber,
     count,
     each_of,
     finite,
     flag,
-    friction_damper,
-    impact_absorber,
-    impact_absorbers,
     instance,
     keep_checked,
     kind_of,
@@ -50,6 +40,18 @@ from impact_env.parameters import (
     table_of,
     text,
     two,
+)
+from impact_env.modes import ModalModel, Structure
+from impact_env.parameters import (
+    DEFAULT_MASS_RATIO,
+    Absorber,
+    Beam,
+    CoulombFriction,
+    RigidWalls,
+    TunedAbsorber,
+    friction_damper,
+    impact_absorber,
+    impact_absorbers,
 )
 from impact_env.scene import Scene
 from optimisation.absorber_rules import PAPER_FRICTION, scaled_friction

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 
 Array = NDArray[np.float64]
 COVERED = 0.95

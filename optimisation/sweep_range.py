@@ -18,10 +18,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import flag, instance, positive, require, two, within
 from impact_env.curve import PerformanceCurve
 from impact_env.drive import MOST_PERIODS, PAPER_LIMITS, Drive, linear_sweep
 from impact_env.modes import ModalModel
-from impact_env.parameters import flag, instance, positive, require, two, within
 from impact_env.scene import Scene
 from impact_env.steady_start import find_steady_start
 from impact_env.sweep import simulate

@@ -23,18 +23,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import ParameterError, count, instance, positive, require, row
 from impact_env.curve import CurveCase
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, run_lanes
-from impact_env.parameters import (
-    ParameterError,
-    RigidWalls,
-    SlidingAbsorber,
-    count,
-    instance,
-    positive,
-    require,
-    row,
-)
+from impact_env.parameters import RigidWalls, SlidingAbsorber
 from optimisation.uncertain import (
     FRICTION,
     GAP,

@@ -15,20 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from impact_env.checks import describe_error
+from impact_env.checks import ParameterError, describe_error, finite, instance, one_of, require
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane, Members
-from impact_env.parameters import (
-    Absorber,
-    ParameterError,
-    RigidWalls,
-    SeveralAbsorbers,
-    SlidingAbsorber,
-    finite,
-    instance,
-    one_of,
-    require,
-)
+from impact_env.parameters import Absorber, RigidWalls, SeveralAbsorbers, SlidingAbsorber
 from impact_env.scene import Scene
 from optimisation.calibration.posterior import Posterior
 

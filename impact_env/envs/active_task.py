@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import keep_checked, non_negative, positive, require
 from impact_env.controlled import friction_limit
 from impact_env.envs.adaptive_task import (
     FrictionRange,
@@ -43,7 +44,6 @@ from impact_env.kernels.control.episodes import (
 )
 from impact_env.level import require_samples
 from impact_env.modes import ModalModel
-from impact_env.parameters import keep_checked, non_negative, positive, require
 from impact_env.scene import Scene
 
 PLANTS = 16  # dampings that episodes draw from

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import keep_checked, positive, require, word_of
 from impact_env.controlled import friction_limit
 from impact_env.envs.observation import (
     DISTANCE_TO_END,
@@ -30,15 +31,7 @@ from impact_env.frequency import receptance
 from impact_env.kernels.control.episodes import order_friction
 from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
-from impact_env.parameters import (
-    Absorber,
-    RigidWalls,
-    SlidingAbsorber,
-    keep_checked,
-    positive,
-    require,
-    word_of,
-)
+from impact_env.parameters import Absorber, RigidWalls, SlidingAbsorber
 
 WIDEST_GAPS = (1e-9, 1e9)  # of the range, in its unit
 

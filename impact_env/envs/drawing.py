@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError
 from impact_env.envs.task import Task
 from impact_env.extras import how_to_install, optional
 from impact_env.modes import ModalModel, mode_shapes
-from impact_env.parameters import ParameterError, SlidingAbsorber
+from impact_env.parameters import SlidingAbsorber
 
 with optional():
     from PIL import Image, ImageDraw, ImageFont

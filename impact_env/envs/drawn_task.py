@@ -12,6 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import (
+    count_from,
+    flag,
+    keep_checked,
+    non_negative,
+    positive,
+    require,
+    word_of,
+)
 from impact_env.controlled import ControlledRuns
 from impact_env.envs.active_task import (
     ActiveFrictionTask,
@@ -35,18 +44,7 @@ from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_ra
 from impact_env.envs.sweep_task import PER_PERIOD, PassageSettings, SweepTask, speeds
 from impact_env.envs.task import Array, Mask, PooledTask
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import (
-    Beam,
-    RigidWalls,
-    SlidingAbsorber,
-    count_from,
-    flag,
-    keep_checked,
-    non_negative,
-    positive,
-    require,
-    word_of,
-)
+from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber
 from impact_env.scene import Scene
 
 DIGITS = 1e-12

@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import count, one_of, require
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
-from impact_env.parameters import count, one_of, require
 
 Array = NDArray[np.float64]
 Statistic = Callable[..., Any]

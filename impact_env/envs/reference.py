@@ -10,10 +10,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import require
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import PAPER_RATE, default_rate
 from impact_env.modes import ModalModel
-from impact_env.parameters import require
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]

@@ -12,17 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from impact_env.envs.observation import FEATURE_LIMIT
-from impact_env.laws import CONCEPTS, make
-from impact_env.loads import Random, Samples
-from impact_env.methods import METHODS, Exact, Method
-from impact_env.modes import Structure, modal_model
-from impact_env.parameters import (
-    MOST_ELEMENTS,
-    Beam,
+from impact_env.checks import (
     Check,
-    RigidWalls,
-    SlidingAbsorber,
     count_from,
     finite,
     flag,
@@ -36,6 +27,12 @@ from impact_env.parameters import (
     require,
     word_of,
 )
+from impact_env.envs.observation import FEATURE_LIMIT
+from impact_env.laws import CONCEPTS, make
+from impact_env.loads import Random, Samples
+from impact_env.methods import METHODS, Exact, Method
+from impact_env.modes import Structure, modal_model
+from impact_env.parameters import MOST_ELEMENTS, Beam, RigidWalls, SlidingAbsorber
 from impact_env.plain import from_scene, load_structure, to_beam, to_scene
 from impact_env.plain_loads import to_loads
 from impact_env.results import DEFAULT_SAMPLES, MOST_SAMPLES_PER_PERIOD

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, count, require
 from impact_env.envs.arguments import list_own_arguments
 from impact_env.envs.observation import FEATURE_LIMIT, FEW_IMPACTS
 from impact_env.envs.settings import SCENE_PARTS
 from impact_env.envs.task import Task
 from impact_env.extras import optional
 from impact_env.kernels.control.episodes import limit_actions
-from impact_env.parameters import ParameterError, count, require
 
 with optional():
     import gymnasium

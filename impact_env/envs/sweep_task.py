@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import keep_checked, non_negative, positive, require, word_of
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.envs.observation import DISTANCE_TO_END, STATE, Feature
 from impact_env.envs.reference import simulate_passage
@@ -25,7 +26,6 @@ from impact_env.kernels.control.episodes import (
 )
 from impact_env.kernels.control.interval import interpolate_log
 from impact_env.level import require_samples
-from impact_env.parameters import keep_checked, non_negative, positive, require, word_of
 
 SWEEP_DIRECTIONS = ("up", "down", "random")
 BUDGET_ENDS = ("truncated", "terminated")

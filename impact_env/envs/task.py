@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import require
 from impact_env.controlled import ControlledRuns, PooledRuns
 from impact_env.envs.actuator import Actuator
 from impact_env.envs.observation import Feature, Sensors
@@ -26,7 +27,6 @@ from impact_env.kernels.control.episodes import (
     fill_orders,
 )
 from impact_env.modes import ModalModel
-from impact_env.parameters import require
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, count, require
 from impact_env.envs.shells import (
     METADATA,
     Info,
@@ -27,7 +28,6 @@ from impact_env.envs.shells import (
     reward_space,
 )
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, count, require
 
 with optional():
     from gymnasium.error import ResetNeeded

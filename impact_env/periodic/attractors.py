@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import count_from, keep_checked, one_of, require
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import Lane, LaneProgress, each_lane
-from impact_env.parameters import count_from, keep_checked, one_of, require
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.quasi_periodic import LEAST_POINTS, RotationNumber, rotation_number

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from impact_env.periodic.branch import INTERRUPTED, Branch, NoConvergenceError
 from impact_env.periodic.case import Case
 from impact_env.periodic.continuation import (

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, non_negative, positive, require
+from impact_env.checks import count, non_negative, positive, require
 from impact_env.periodic.attractors import (
     MotionKind,
     SettledMotion,

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from impact_env.periodic.branch import BRANCH_POINT, FOLD
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution, read_unknowns, solve

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 
 Real = NDArray[np.float64]
 Residual = Callable[

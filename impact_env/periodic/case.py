@@ -9,6 +9,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import (
+    finite,
+    instance,
+    keep_checked,
+    kind_of,
+    labelled,
+    non_negative,
+    positive,
+    require,
+)
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.kernels.periodic.structure import Point, Scale, Structure
 from impact_env.modes import ModalModel, require_one_phase
@@ -20,15 +30,7 @@ from impact_env.parameters import (
     RigidWalls,
     SlidingAbsorber,
     check_restitution,
-    finite,
     impact_absorber,
-    instance,
-    keep_checked,
-    kind_of,
-    labelled,
-    non_negative,
-    positive,
-    require,
     require_weightless,
 )
 from impact_env.periodic.model_parameters import (

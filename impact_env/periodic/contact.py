@@ -16,16 +16,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.optimize
 
-from impact_env.parameters import (
-    CompliantWalls,
-    CoulombFriction,
-    ElasticCoulombFriction,
-    keep_checked,
-    non_negative,
-    or_none,
-    positive,
-    require,
-)
+from impact_env.checks import keep_checked, non_negative, or_none, positive, require
+from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction
 from impact_env.periodic.trigonometric import (
     TURN,
     Real,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impact_env.parameters import count_from, finite, keep_checked, positive, require
+from impact_env.checks import count_from, finite, keep_checked, positive, require
 from impact_env.periodic.branch import (
     CLOSED,
     INTERRUPTED,

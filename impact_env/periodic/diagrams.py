@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, require
+from impact_env.checks import count, require
 from impact_env.periodic.attractors import (
     FREQUENCY,
     PARAMETERS,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import keep_checked, require, word_of
 from impact_env.kernels.periodic.green import (
     FORCE,
     GAP,
@@ -26,7 +27,6 @@ from impact_env.kernels.periodic.newton import (
     solve_orbit,
 )
 from impact_env.kernels.periodic.structure import Point
-from impact_env.parameters import keep_checked, require, word_of
 from impact_env.periodic.case import Case
 from impact_env.periodic.model_parameters import MODEL_PARAMETERS, difference_rule, domain_of
 from impact_env.periodic.schedule import EventSchedule

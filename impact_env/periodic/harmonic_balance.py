@@ -28,14 +28,7 @@ import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
-from impact_env.frequency import receptance, receptance_slope
-from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    CompliantWalls,
-    CoulombFriction,
-    ElasticCoulombFriction,
-    RigidWalls,
-    SlidingAbsorber,
+from impact_env.checks import (
     count_from,
     finite,
     flag,
@@ -45,6 +38,15 @@ from impact_env.parameters import (
     non_negative,
     positive,
     require,
+)
+from impact_env.frequency import receptance, receptance_slope
+from impact_env.modes import ModalModel
+from impact_env.parameters import (
+    CompliantWalls,
+    CoulombFriction,
+    ElasticCoulombFriction,
+    RigidWalls,
+    SlidingAbsorber,
     require_weightless,
 )
 from impact_env.periodic.branch import Residual

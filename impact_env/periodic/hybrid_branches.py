@@ -18,8 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import describe_error
-from impact_env.parameters import require
+from impact_env.checks import describe_error, require
 from impact_env.periodic.bifurcations import (
     CRITICAL_MULTIPLIERS,
     PERIOD_DOUBLING,

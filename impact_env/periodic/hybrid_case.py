@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import finite, keep_checked, kind_of, labelled, positive, require
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.modes import require_one_phase
 from impact_env.parameters import (
@@ -20,12 +21,6 @@ from impact_env.parameters import (
     RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,
-    finite,
-    keep_checked,
-    kind_of,
-    labelled,
-    positive,
-    require,
     require_weightless,
 )
 from impact_env.scene import Scene

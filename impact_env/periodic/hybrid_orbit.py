@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.parameters import count, finite, require
+from impact_env.checks import count, finite, require
 from impact_env.periodic.hybrid_case import HybridCase
 from impact_env.periodic.hybrid_flow import LinearPiece, relative_rows
 from impact_env.periodic.hybrid_trajectory import (

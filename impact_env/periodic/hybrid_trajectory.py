@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from impact_env.periodic.hybrid_case import HybridCase
 from impact_env.periodic.hybrid_flow import (
     ContactRegime,

@@ -18,9 +18,9 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from impact_env.checks import count, require
 from impact_env.kernels.periodic.closed_form import compute_line, compute_phase
 from impact_env.modes import ModalModel
-from impact_env.parameters import count, require
 from impact_env.periodic.bifurcations import confirmed_bifurcation
 from impact_env.periodic.branch import FOLD, INTERRUPTED, NoConvergenceError
 from impact_env.periodic.case import Case

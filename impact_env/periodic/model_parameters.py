@@ -11,8 +11,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, number, require
 from impact_env.modes import ModalModel, deflection_row, nodal_shapes
-from impact_env.parameters import MOST_DAMPING, Beam, ParameterError, number, require
+from impact_env.parameters import MOST_DAMPING, Beam
 
 Array = NDArray[np.float64]
 MASS_RATIO = "mass_ratio"

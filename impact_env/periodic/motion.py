@@ -16,6 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import require
 from impact_env.kernels.periodic.monodromy import compute_monodromy
 from impact_env.kernels.periodic.motion import (
     Flights,
@@ -24,7 +25,6 @@ from impact_env.kernels.periodic.motion import (
     scan_flights,
 )
 from impact_env.kernels.periodic.structure import receptance
-from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import Solution
 from impact_env.periodic.passage import OrbitTrajectory

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from impact_env.periodic.basins import DEFAULT_RUNS, find_basins
 from impact_env.periodic.bifurcations import (
     LEAST_HALF_DIFFERENCE,

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from impact_env.periodic.bifurcations import (
     LOST_BIRTH,
     NEAR_BIRTH,

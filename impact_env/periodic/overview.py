@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import finite, require
 from impact_env.drive import Drive, default_rate, linear_sweep
 from impact_env.frequency import tip_response
 from impact_env.methods import Method
-from impact_env.parameters import RigidWalls, SlidingAbsorber, StuckAbsorber, finite, require
+from impact_env.parameters import RigidWalls, SlidingAbsorber, StuckAbsorber
 from impact_env.periodic.balance_branches import balance_branches
 from impact_env.periodic.branch import INTERRUPTED
 from impact_env.periodic.case import case_of

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError
 from impact_env.kernels.periodic.monodromy import apply_saltation
 from impact_env.modes import ModalModel
-from impact_env.parameters import ParameterError
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import Event, Regime
 from impact_env.regimes import RegimeModes, checked_modes, solve_own_modes

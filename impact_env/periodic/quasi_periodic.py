@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, require
+from impact_env.checks import count, require
 
 Array = NDArray[np.float64]
 LEAST_POINTS = 32  # on a circle

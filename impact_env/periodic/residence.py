@@ -20,10 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, FrequencySchedule
-from impact_env.ensemble import Executor, Lane, LaneProgress, each_lane
-from impact_env.methods import Exact, Method
-from impact_env.parameters import (
+from impact_env.checks import (
     count,
     finite,
     keep_checked,
@@ -33,6 +30,9 @@ from impact_env.parameters import (
     positive,
     require,
 )
+from impact_env.drive import Drive, FrequencySchedule
+from impact_env.ensemble import Executor, Lane, LaneProgress, each_lane
+from impact_env.methods import Exact, Method
 from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate

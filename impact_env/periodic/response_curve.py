@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from impact_env.periodic.bifurcations import ON_CIRCLE, confirmed_bifurcation, critical_multipliers
 from impact_env.periodic.branch import FOLD, KINK, Branch
 from impact_env.periodic.codimension_two import LABELS

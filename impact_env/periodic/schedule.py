@@ -10,8 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from impact_env.kernels.periodic.structure import Order
-from impact_env.parameters import (
+from impact_env.checks import (
     ParameterError,
     count,
     count_from,
@@ -22,6 +21,7 @@ from impact_env.parameters import (
     listed,
     require,
 )
+from impact_env.kernels.periodic.structure import Order
 
 
 class Regime(Enum):

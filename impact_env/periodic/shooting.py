@@ -20,8 +20,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, count, finite, require
 from impact_env.drive import Drive
-from impact_env.parameters import ParameterError, count, finite, require
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.green import NoOrbit, Solution
 from impact_env.periodic.motion import ShotMotion

@@ -33,17 +33,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import count, instance, keep_checked, kind_of, positive, require, word_of
 from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    check_restitution,
-    count,
-    instance,
-    keep_checked,
-    kind_of,
-    positive,
-    require,
-    word_of,
-)
+from impact_env.parameters import check_restitution
 from impact_env.periodic.case import Case
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.survey import closed_form_orbits

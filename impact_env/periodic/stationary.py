@@ -17,10 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.drive import Drive, constant_frequency
-from impact_env.energy import mechanical_energy
-from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, each_lane
-from impact_env.parameters import (
+from impact_env.checks import (
     count,
     count_from,
     fraction,
@@ -30,6 +27,9 @@ from impact_env.parameters import (
     or_none,
     positive,
 )
+from impact_env.drive import Drive, constant_frequency
+from impact_env.energy import mechanical_energy
+from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, each_lane
 from impact_env.periodic.residence import Approach, drop_unfinished, hold
 from impact_env.results import EnergyAccount, History, Record, Response
 from impact_env.scene import InitialState, Scene

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, positive, require
+from impact_env.checks import count, positive, require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, find_orbit_at, mirror_orbit, shot_orbit

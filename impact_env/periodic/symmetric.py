@@ -9,6 +9,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import ArrayLike, NDArray
 
+from impact_env.checks import require
 from impact_env.kernels.periodic.closed_form import (
     closed_forms,
     compute_fold,
@@ -17,7 +18,6 @@ from impact_env.kernels.periodic.closed_form import (
     fold_forces,
     solve_impulses,
 )
-from impact_env.parameters import require
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import EventSchedule, flying_schedule
 

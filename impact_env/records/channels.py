@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import LARGE, ParameterError, require
+from impact_env.checks import LARGE, ParameterError, require
 from impact_env.records.units import TIME_DIMENSION, Label, Unit, read_label
 
 

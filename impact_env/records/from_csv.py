@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import ParameterError, require
 from impact_env.plain_files import decode_text
 from impact_env.records.channels import Channel, RecordOptions, channel_of_columns
 from impact_env.records.units import find_unit

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import ParameterError, require
 from impact_env.records.channels import Channel, RecordOptions, channel_of_columns
 
 REAL_DTYPES = "iuf"  # kinds of numbers that a record may have

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.checks import ParameterError, require
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, require
 from impact_env.records.channels import Channel, RecordOptions, choose_channel, require_finite
 from impact_env.records.units import (
     ACCELERATION_DIMENSION,

@@ -11,7 +11,7 @@ from typing import NoReturn
 import numpy as np
 import scipy
 
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import ParameterError, require
 from impact_env.records.channels import Channel, RecordOptions, choose_channel, require_finite
 
 CHUNK_HEAD = 8  # bytes: name and size

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import ParameterError, require
 from impact_env.records.channels import Array, Channel, RecordOptions
 from impact_env.records.from_csv import read_csv
 from impact_env.records.from_npy import read_npy

@@ -5,7 +5,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 POUND_FORCE = 4.4482216152605  # N

@@ -11,9 +11,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from impact_env.checks import describe_error
+from impact_env.checks import describe_error, require
 from impact_env.extras import optional
-from impact_env.parameters import require
 from impact_env.structures.units import UNIT_SYSTEMS, ConsistentUnits
 from impact_env.structures.universal import MeasuredMode, without_repeats
 

@@ -13,10 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    SeveralAbsorbers,
-    SlidingAbsorber,
+from impact_env.checks import (
     count,
     count_from,
     each_of,
@@ -29,6 +26,8 @@ from impact_env.parameters import (
     positive,
     require,
 )
+from impact_env.modes import ModalModel
+from impact_env.parameters import SeveralAbsorbers, SlidingAbsorber
 from impact_env.scene import Scene
 from impact_env.structures.matrices import check_matrix
 

@@ -11,8 +11,8 @@ import scipy
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from impact_env.checks import describe_error
-from impact_env.parameters import positive, require, suspension_frequencies
+from impact_env.checks import describe_error, positive, require
+from impact_env.parameters import suspension_frequencies
 
 Real = NDArray[np.float64]
 

@@ -17,9 +17,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from impact_env.checks import describe_error
+from impact_env.checks import describe_error, require
 from impact_env.extras import MissingExtraError
-from impact_env.parameters import require
 from impact_env.plain_files import decode_text, require_readable
 from impact_env.structures.ansys import read_full
 

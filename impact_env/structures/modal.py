@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.checks import non_negative, require
 from impact_env.modes import ModalModel
-from impact_env.parameters import non_negative, require
 from impact_env.plain_files import NUMBER_CODEC, ROW_CODEC, ROWS_CODEC, Codec, Keys, dataclass_codec
 from impact_env.structures.checks import StructureWarning
 from impact_env.structures.matrix_files import read_columns

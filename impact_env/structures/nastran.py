@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import describe_error
+from impact_env.checks import describe_error, require
 from impact_env.extras import optional
-from impact_env.parameters import require
 from impact_env.structures.units import ConsistentUnits
 from impact_env.structures.universal import MeasuredMode, without_repeats
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from impact_env.parameters import require
+from impact_env.checks import require
 
 
 @dataclass(frozen=True)

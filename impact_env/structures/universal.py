@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from impact_env.structures.checks import StructureWarning
 from impact_env.structures.universal_file import Dataset, read_datasets
 

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impact_env.checks import describe_error
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import ParameterError, describe_error, require
 
 END = "-1"
 LARGEST_WHOLE = 10**10  # in ten columns

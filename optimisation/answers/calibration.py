@@ -14,20 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import count, count_from, instance, keep_checked, one_of, positive, require
 from impact_env.ensemble import LaneProgress
 from impact_env.kernels.compiling.cache import hash_sources
 from impact_env.laws import values
 from impact_env.modes import Structure
-from impact_env.parameters import (
-    SlidingAbsorber,
-    count,
-    count_from,
-    instance,
-    keep_checked,
-    one_of,
-    positive,
-    require,
-)
+from impact_env.parameters import SlidingAbsorber
 from impact_env.plain import from_scene
 from impact_env.scene import Scene
 from optimisation.calibration.admission import require_plausible, require_reachable_gap

@@ -9,11 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from impact_env.checks import instance, require
 from impact_env.curve import CurveCase
 from impact_env.ensemble import Executor, Threads
 from impact_env.loads import Loads
 from impact_env.modes import Structure
-from impact_env.parameters import Beam, instance, require
+from impact_env.parameters import Beam
 from impact_env.scene import Scene
 from optimisation import comparison as concepts
 from optimisation.comparison import (

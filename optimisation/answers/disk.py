@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from impact_env.checks import require
 from impact_env.drive import Drive, Excitation, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, LaneProgress
 from impact_env.methods import Exact, Method
-from impact_env.parameters import require
 from impact_env.plain import from_disk
 from impact_env.sectors import SectorResponse
 from impact_env.structures.cyclic import BladedDisk

@@ -15,18 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.checks import instance, positive, require
 from impact_env.curve import PerformanceCurve
 from impact_env.ensemble import Executor, LaneProgress, Threads
 from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
-    Beam,
-    SlidingAbsorber,
-    instance,
-    positive,
-    require,
-)
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, SlidingAbsorber
 from optimisation.absorber_rules import RESTITUTION, rigid_walls, scaled_absorber
 from optimisation.calibration.posterior import Posterior, read_posterior
 from optimisation.contact import MaterialPair, check_contact

@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from impact_env.checks import instance
 from impact_env.loads import Loads
 from impact_env.modes import Structure
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, instance
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam
 from optimisation.mounting import model_with_absorber_at
 from optimisation.report.comparison_report import make_tuned_report
 from optimisation.report.report import CompleteAnswer, Report

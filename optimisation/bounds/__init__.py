@@ -13,10 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.frequency import frequency_range
-from impact_env.modes import ModalModel, with_masses
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
+from impact_env.checks import (
     LARGE,
     finite,
     instance,
@@ -26,6 +23,9 @@ from impact_env.parameters import (
     require,
     table_of,
 )
+from impact_env.frequency import frequency_range
+from impact_env.modes import ModalModel, with_masses
+from impact_env.parameters import DEFAULT_MASS_RATIO
 from optimisation.tuned import highest_amplitude
 
 # The spectral line of a beam that carries masses in cavities: what the limits are made of.

@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from impact_env.checks import non_negative, positive, require
 from impact_env.extras import optional
 from impact_env.modes import ModalModel
-from impact_env.parameters import non_negative, positive, require
 from optimisation.bounds import lines, masses_of, output_shape, places, strokes_of
 
 with optional():

@@ -8,10 +8,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, require
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.loads import Samples
 from impact_env.modes import ModalModel, Structure, mode_shapes
-from impact_env.parameters import ParameterError, require
 from impact_env.results import Record, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import simulate

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import Executor, Lane
-from impact_env.parameters import ParameterError
 from impact_env.scene import Scene
 from optimisation.calibration.parameters import scene_with
 from optimisation.calibration.posterior import INTERVAL, Posterior

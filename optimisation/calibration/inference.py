@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, require
+from impact_env.checks import ParameterError, require
 from optimisation.calibration.likelihood import (
     RegressionStatistics,
     SyntheticLikelihood,

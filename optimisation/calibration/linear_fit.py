@@ -13,8 +13,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import require
 from impact_env.modes import Structure
-from impact_env.parameters import SlidingAbsorber, require
+from impact_env.parameters import SlidingAbsorber
 from impact_env.results import Record
 from impact_env.scene import Scene
 from impact_env.sweep import simulate

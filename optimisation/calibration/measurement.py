@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.loads import BASE_QUANTITY, QUANTITIES, Samples
-from impact_env.parameters import (
+from impact_env.checks import (
     ParameterError,
     finite,
     fraction,
@@ -26,6 +25,7 @@ from impact_env.parameters import (
     positive,
     require,
 )
+from impact_env.loads import BASE_QUANTITY, QUANTITIES, Samples
 from impact_env.plain_files import read_plain, require_keys
 from impact_env.plain_loads import SAMPLE_KEYS, read_record_table
 

@@ -8,14 +8,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, finite, one_of, require
 from impact_env.laws import CONCEPTS, make, values
-from impact_env.parameters import (
-    ParameterError,
-    SlidingAbsorber,
-    finite,
-    one_of,
-    require,
-)
+from impact_env.parameters import SlidingAbsorber
 from impact_env.scene import Scene
 
 Array = NDArray[np.float64]

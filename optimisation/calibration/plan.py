@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, positive, require
 from impact_env.loads import Samples
 from impact_env.modes import Structure
-from impact_env.parameters import ParameterError, positive, require
 from impact_env.scene import Scene
 from optimisation.calibration.inference import Progress
 from optimisation.calibration.likelihood import fit_regression_statistics

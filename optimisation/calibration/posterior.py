@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError, numbers, one_of, require
+from impact_env.checks import ParameterError, numbers, one_of, require
 from impact_env.plain_files import find_unreadable
 from optimisation.calibration.parameters import PARAMETERS, UNITS
 from optimisation.files import read_json

@@ -10,11 +10,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import require
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Lane, each_lane
 from impact_env.loads import BASE_QUANTITY, Loads
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import Beam, SlidingAbsorber, StuckAbsorber, require
+from impact_env.parameters import Beam, SlidingAbsorber, StuckAbsorber
 from impact_env.results import Record, Response, require_recorded
 from impact_env.scene import InitialState, Scene
 from impact_env.sweep import IntegrationError, simulate

@@ -11,7 +11,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import count, positive, require
+from impact_env.checks import count, positive, require
 from impact_env.periodic.attractors import FREQUENCY, PARAMETERS, SettleOptions, change_parameter
 from impact_env.periodic.case import Case, case_of
 from optimisation.cli.options import number, option

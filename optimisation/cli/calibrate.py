@@ -8,13 +8,9 @@ from typing import Any
 
 import click
 
+from impact_env.checks import non_negative
 from impact_env.ensemble import LaneProgress
-from impact_env.parameters import (
-    RigidWalls,
-    SlidingAbsorber,
-    friction_law,
-    non_negative,
-)
+from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law
 from optimisation.answers.calibration import (
     ALTERNATIVES,
     QUICK_RUNS,

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from impact_env.checks import ParameterError
 from impact_env.extras import MissingExtraError
-from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 from optimisation.calibration.posterior import Posterior, read_posterior
 from optimisation.cli.options import (

@@ -8,17 +8,11 @@ from typing import Any
 
 import click
 
+from impact_env.checks import non_negative, positive
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.ensemble import Executor, LaneProgress
 from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import (
-    RigidWalls,
-    SlidingAbsorber,
-    friction_law,
-    impact_absorber,
-    non_negative,
-    positive,
-)
+from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law, impact_absorber
 from impact_env.scene import Scene
 from optimisation.absorber_rules import rigid_walls, scaled_absorber
 from optimisation.answers.gap import (

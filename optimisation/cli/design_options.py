@@ -6,17 +6,12 @@ from pathlib import Path
 import click
 import numpy as np
 
+from impact_env.checks import ParameterError, positive
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.ensemble import Executor, available_cores
 from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure, modal_model
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
-    Beam,
-    ParameterError,
-    RigidWalls,
-    positive,
-)
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from optimisation.absorber_rules import rigid_walls
 from optimisation.bounds import LEAST_REACH, design_force, reach
 from optimisation.cli import scene_options as scenes

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import Executor
-from impact_env.parameters import ParameterError
 from optimisation.answers.design import FrontAnswer
 from optimisation.checkpoint import check_study_file
 from optimisation.cli import design_options as design

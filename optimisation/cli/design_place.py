@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from impact_env.parameters import positive
+from impact_env.checks import positive
 from optimisation.answers.place import complete_place_answer
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import Executor, LaneProgress
-from impact_env.parameters import ParameterError
 from optimisation.answers.design import (
     QUICK_SIZES,
     DesignAnswer,

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from impact_env.checks import count, positive, require
 from impact_env.modes import modal_model
-from impact_env.parameters import Beam, count, positive, require
+from impact_env.parameters import Beam
 from impact_env.periodic.balance_branches import (
     BalanceRow,
     ReferenceOrbit,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from impact_env.parameters import count, non_negative, positive
+from impact_env.checks import count, non_negative, positive
 from impact_env.periodic.basins import (
     BURN_IN,
     FRACTION_STARTS,

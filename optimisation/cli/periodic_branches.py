@@ -7,9 +7,10 @@ from pathlib import Path
 
 import click
 
+from impact_env.checks import positive, require
 from impact_env.drive import default_rate
 from impact_env.ensemble import Executor
-from impact_env.parameters import CompliantWalls, RigidWalls, positive, require
+from impact_env.parameters import CompliantWalls, RigidWalls
 from impact_env.periodic.harmonic_balance import PAPER_DAMPER, WEIGHT, harmonic_balance
 from impact_env.periodic.overview import (
     Overview,

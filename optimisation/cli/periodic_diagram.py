@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from impact_env.parameters import count
+from impact_env.checks import count
 from impact_env.periodic.diagrams import (
     DIRECTIONS,
     FOLLOWED,

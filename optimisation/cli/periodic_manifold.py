@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from impact_env.parameters import count
+from impact_env.checks import count
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.isolas import truncate_model
 from impact_env.periodic.slow_manifold import (

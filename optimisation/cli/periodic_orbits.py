@@ -9,6 +9,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import count, positive, require
 from impact_env.parameters import (
     Beam,
     CompliantWalls,
@@ -16,9 +17,6 @@ from impact_env.parameters import (
     RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,
-    count,
-    positive,
-    require,
 )
 from impact_env.periodic.basins import DEFAULT_RUNS, find_basins
 from impact_env.periodic.bifurcation_curves import CURVE_KINDS, bifurcation_curves

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from impact_env.parameters import count
+from impact_env.checks import count
 from impact_env.periodic.attractors import settle_runs
 from impact_env.periodic.basins import START_REACH, draw_start
 from optimisation.cli import common

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import click
 
+from impact_env.checks import require
 from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, Evaluation, PolicyScores, evaluate
 from impact_env.extras import DISTRIBUTION
-from impact_env.parameters import require
 from optimisation.cli.common import check_target, check_targets, command, plain_errors
 from optimisation.cli.options import OptionSpec, at_least, option
 from optimisation.files import DOCS, ROOT, fill, markdown, require_markers, write_csv, write_files

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from optimisation.cli.common import check_target, command, name_files, plain_errors
 from optimisation.cli.options import OptionSpec, file_spec, option
 from optimisation.files import replacing, write_json

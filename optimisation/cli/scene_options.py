@@ -14,6 +14,7 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
+from impact_env.checks import positive, require
 from impact_env.drive import default_rate, linear_sweep
 from impact_env.laws import CONCEPTS, make
 from impact_env.loads import Loads, Random, Samples
@@ -26,8 +27,6 @@ from impact_env.parameters import (
     RigidWalls,
     SlidingAbsorber,
     friction_damper,
-    positive,
-    require,
 )
 from impact_env.plain import (
     StructureWarning,

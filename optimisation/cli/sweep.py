@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import click
 import numpy as np
 
+from impact_env.checks import count
 from impact_env.drive import (
     Drive,
     Excitation,
@@ -21,7 +22,7 @@ from impact_env.drive import (
 from impact_env.ensemble import Executor, Lane, draw_members, drives_of, each_lane, run_lanes
 from impact_env.laws import CONCEPTS
 from impact_env.methods import PAPER_STEPS, Exact, Method
-from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber, count
+from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls, TunedAbsorber
 from impact_env.plain import find_force_amplitude
 from impact_env.plain_files import read_plain
 from impact_env.results import MOST_SAMPLES_PER_PERIOD, Record, Response

@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impact_env.checks import require
 from impact_env.curve import CurveCase, Pass, curve_passes
 from impact_env.loads import Loads
 from impact_env.modes import ModalModel, Structure
-from impact_env.parameters import TunedAbsorber, require
+from impact_env.parameters import TunedAbsorber
 from impact_env.scene import Scene
 from impact_env.sweep import IntegrationError, Stop
 from optimisation.absorber_rules import best_friction, scaled_absorber

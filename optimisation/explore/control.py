@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 
 
 @dataclass(frozen=True)

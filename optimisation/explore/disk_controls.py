@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from impact_env.checks import ParameterError
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
-    ParameterError,
     RigidWalls,
     SlidingAbsorber,
     friction_damper,

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from impact_env.parameters import Beam, ParameterError
+from impact_env.checks import ParameterError
+from impact_env.parameters import Beam
 from impact_env.plain import to_structure
 from impact_env.structures.cyclic import BladedDisk, ring_of_masses
 from optimisation.calibration.posterior import Posterior

@@ -18,9 +18,8 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
-from impact_env.checks import describe_error
+from impact_env.checks import ParameterError, describe_error
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError
 from impact_env.plain import Plain
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import IntegrationError, Stopped

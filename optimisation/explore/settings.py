@@ -10,19 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.checks import ParameterError, one_of
 from impact_env.curve import CurveCase
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
     Absorber,
     Beam,
-    ParameterError,
     RigidWalls,
     TunedAbsorber,
     friction_damper,
     impact_absorber,
     impact_absorbers,
-    one_of,
 )
 from impact_env.plain import Plain, from_disk, from_scene
 from impact_env.scene import Scene

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase, Measure, Pass, PerformanceCurve, curve_passes
 from impact_env.ensemble import Lane
 from impact_env.frequency import tip_response
@@ -26,7 +27,6 @@ from impact_env.methods import Exact
 from impact_env.modes import ModalModel, mode_shapes
 from impact_env.parameters import (
     Beam,
-    ParameterError,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,

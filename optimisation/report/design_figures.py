@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from optimisation.bounds import design_gap
 from optimisation.comparison import (
     FRICTION,

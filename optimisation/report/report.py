@@ -22,8 +22,8 @@ from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import LaneProgress
-from impact_env.parameters import ParameterError
 from optimisation.files import markdown, replacing, require_writable, write_files
 
 if TYPE_CHECKING:

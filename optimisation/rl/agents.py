@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, require
 from impact_env.envs import ENVIRONMENTS
-from impact_env.parameters import ParameterError, require
 from impact_env.plain_files import require_readable
 from optimisation.files import replacing, write_csv
 

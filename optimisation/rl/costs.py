@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import count_from, keep_checked, non_negative, positive, require
 from impact_env.envs.evaluation import play
 from impact_env.extras import optional
-from impact_env.parameters import count_from, keep_checked, non_negative, positive, require
 from optimisation.rl.vec_env import make_native
 
 with optional():

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import impact_env  # noqa: F401 - registers the environments
+from impact_env.checks import ParameterError, require
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, require
 from optimisation.files import replacing
 from optimisation.progress import Bar
 from optimisation.rl.agents import Agent

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from optimisation.rl import rules
 from optimisation.rl.agents import Agent
 from optimisation.rl.families import ConstantAction, FamilyPolicy, task_of

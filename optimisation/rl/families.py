@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
+from impact_env.checks import ParameterError, require
 from impact_env.envs.adaptive_task import GapTask, SweepGapTask
 from impact_env.envs.observation import STATE
 from impact_env.envs.settings import check_range
@@ -24,7 +25,6 @@ from impact_env.envs.sweep_task import SweepTask
 from impact_env.envs.task import FREQUENCY_SCALE
 from impact_env.extras import optional
 from impact_env.frequency import receptance
-from impact_env.parameters import ParameterError, require
 from optimisation.bounds import design_force
 
 Array = NDArray[np.float64]

@@ -11,9 +11,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from impact_env.envs import ENVIRONMENTS
-from impact_env.extras import optional
-from impact_env.parameters import (
+from impact_env.checks import (
     Check,
     count,
     count_from,
@@ -26,6 +24,8 @@ from impact_env.parameters import (
     require,
     within,
 )
+from impact_env.envs import ENVIRONMENTS
+from impact_env.extras import optional
 from impact_env.plain_files import require_readable
 
 WIDTHS = "a list of widths, as [64, 64]"

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, Union, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, require
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, require
 from optimisation.files import write_json
 from optimisation.rl.agents import CHECKPOINT_AGENT, Agent, TrainingEvaluation, save_agent
 from optimisation.rl.hyperparameters import (

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from optimisation.rl import families
 from optimisation.rl.families import Array, Family, Observations
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
+from impact_env.checks import require
 from impact_env.envs.evaluation import SEED_SPLITS
 from impact_env.extras import optional
-from impact_env.parameters import require
 from optimisation.rl.agents import actor_of, load_agent, packaged_file
 from optimisation.rl.demonstrations import Demonstrations, dataset_hash, read_demonstrations
 from optimisation.rl.hyperparameters import AGENT, FRESH, RULE, Hyperparameters

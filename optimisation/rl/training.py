@@ -21,11 +21,17 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from impact_env.checks import describe_error
+from impact_env.checks import (
+    ParameterError,
+    count_from,
+    describe_error,
+    keep_checked,
+    kind_of,
+    require,
+)
 from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, count_from, keep_checked, kind_of, require
 from optimisation.executors import Pool, PoolTask
 from optimisation.files import require_writable, write_json
 from optimisation.machine import difference, installed

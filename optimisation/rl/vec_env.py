@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import require
 from impact_env.extras import optional
-from impact_env.parameters import require
 
 with optional():
     import gymnasium

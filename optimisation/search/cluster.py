@@ -21,9 +21,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import find_first_of_each
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError
 from impact_env.sweep import IntegrationError
 from optimisation.machine import difference, source_hash
 

@@ -18,8 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import count, require
 from impact_env.ensemble import Executor
-from impact_env.parameters import count, require
 from optimisation.problem import Problem, measured_chunks
 from optimisation.search.settings import GP, Evaluated
 from optimisation.space import WITH_IMPACTS, Design

@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import count, require
 from impact_env.ensemble import Executor, Members
-from impact_env.parameters import count, require
 from optimisation.absorber_rules import Baselines
 from optimisation.files import number
 from optimisation.insight import Levels, Sensitivity

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from impact_env.parameters import (
+from impact_env.checks import (
     count,
     count_from,
     each_of,

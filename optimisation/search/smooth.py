@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import count, require
 from impact_env.ensemble import Executor
-from impact_env.parameters import count, require
 from optimisation.problem import Problem, evaluate
 from optimisation.search.settings import Evaluated
 from optimisation.space import WITH_IMPACTS, Design

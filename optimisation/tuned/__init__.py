@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, instance, positive, require
 from impact_env.frequency import (
     LinearAbsorber,
     frequency_range,
@@ -21,14 +22,7 @@ from impact_env.frequency import (
     tip_response,
 )
 from impact_env.modes import ModalModel
-from impact_env.parameters import (
-    DEFAULT_MASS_RATIO,
-    ParameterError,
-    TunedAbsorber,
-    instance,
-    positive,
-    require,
-)
+from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
 
 # Tunings of the linear absorber in closed form: one mode, no damping of its own. Start values and
 # tests for the numerical ones.

@@ -33,10 +33,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from impact_env.checks import ParameterError, require
 from impact_env.extras import optional
 from impact_env.frequency import LinearAbsorber, state_space
 from impact_env.modes import ModalModel
-from impact_env.parameters import ParameterError, require
 from optimisation.bounds.relaxation import NotOptimalError, solve
 from optimisation.tuned import HIGH, LOW, highest_amplitude
 

@@ -15,13 +15,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from impact_env.checks import positive
 from impact_env.drive import Excitation
 from impact_env.ensemble import draw_members, drives_of
 from impact_env.frequency import receptance
 from impact_env.loads import BASE_QUANTITY, Loads, Random
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel
-from impact_env.parameters import Absorber, TunedAbsorber, positive
+from impact_env.parameters import Absorber, TunedAbsorber
 from impact_env.scene import Scene
 from impact_env.solvers import check_load
 from optimisation.load_cases import measure_bands, runs_of

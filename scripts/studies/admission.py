@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
+from impact_env.checks import count, require
 from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import bootstrap_interval, play
 from impact_env.envs.task import Mask, Task
 from impact_env.extras import optional
-from impact_env.parameters import count, require
 from optimisation.rl.families import Array, Family, FamilyPolicy, Observations, task_of
 from optimisation.rl.rules import BLIND, CONSTANT, EIGHT, FOUR, TASKS, env_of
 

@@ -29,10 +29,10 @@ from impact_env import (
     performance_curve,
     simulate,
 )
+from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase
 from impact_env.drive import FrequencySchedule, constant_frequency
 from impact_env.ensemble import Lane
-from impact_env.parameters import ParameterError
 from impact_env.plain import to_scene
 from impact_env.plain_loads import to_loads
 from impact_env.sectors import linear_sector_response

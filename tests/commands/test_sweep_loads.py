@@ -25,9 +25,10 @@ from load_cases import (
     cantilever,
 )
 
+from impact_env.checks import ParameterError
 from impact_env.drive import FrequencySchedule, Member
 from impact_env.loads import BASE_QUANTITY, Loads, Samples, ShakenBase, Shock, Tone, Tones
-from impact_env.parameters import ParameterError, RigidWalls, SlidingAbsorber
+from impact_env.parameters import RigidWalls, SlidingAbsorber
 from impact_env.plain_loads import read_loads
 from impact_env.scene import Scene
 from optimisation.cli.scene_options import loads_of

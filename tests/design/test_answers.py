@@ -10,9 +10,10 @@ from commands import FAST, SIZES, done, load
 from load_cases import file_of_one_mode
 
 import optimisation
+from impact_env.checks import ParameterError
 from impact_env.loads import Loads, Shock
 from impact_env.modes import modal_model
-from impact_env.parameters import Beam, ParameterError
+from impact_env.parameters import Beam
 from impact_env.plain import load_structure
 from impact_env.plain_loads import read_loads
 from optimisation.answers.gap import GapAnswer

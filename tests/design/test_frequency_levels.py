@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from impact_env import Beam, Record, Scene, impact_absorber, modal_model, simulate
+from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.ensemble import Threads, draw_members
 from impact_env.level import response_level
-from impact_env.parameters import ParameterError
 from optimisation import frequency_levels
 from optimisation.frequency_levels import (
     find_worst_run,

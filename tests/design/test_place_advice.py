@@ -17,11 +17,11 @@ from design_studies import search_swept
 from places import EXAMPLES
 
 from impact_env import Beam, Drive, ModalModel, Scene, load_structure, modal_model, simulate
+from impact_env.checks import ParameterError
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import draw_members
 from impact_env.level import response_level
 from impact_env.modes import mode_shapes
-from impact_env.parameters import ParameterError
 from impact_env.plain import to_scene
 from impact_env.plain_files import read_plain
 from impact_env.steady_start import find_steady_start

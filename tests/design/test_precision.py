@@ -13,9 +13,9 @@ import pytest
 from commands import call, done, load
 
 from impact_env import Beam, Scene, impact_absorber, modal_model, simulate
+from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase
 from impact_env.ensemble import draw_members
-from impact_env.parameters import ParameterError
 from impact_env.steady_start import find_steady_start
 from optimisation.report.precision_report import tolerance_lines
 from optimisation.sobol import device_box, device_sensitivity, sobol_points, sobol_sensitivity

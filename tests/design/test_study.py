@@ -12,8 +12,8 @@ import pytest
 from design_studies import BATCH, Bowl, Model, problem, settings
 from places import ROOT, fresh
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import Executor
-from impact_env.parameters import ParameterError
 from optimisation.checkpoint import Checkpoint, key_of, open_run_cache
 from optimisation.machine import source_hash
 from optimisation.objectives import Condition

@@ -18,7 +18,7 @@ pytest.importorskip("gymnasium")
 
 import itertools
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from optimisation.cli.rl_export import main
 from optimisation.rl import rules
 from optimisation.rl.agents import Agent, load_agent, save_agent

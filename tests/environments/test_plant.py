@@ -22,9 +22,9 @@ from environment_cases import (
     vector,
 )
 
+from impact_env.checks import ParameterError
 from impact_env.envs.actuator import Actuator
 from impact_env.envs.observation import Sensors
-from impact_env.parameters import ParameterError
 
 DELAY = 2
 DELAYED = [ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES, LIMITED, GAP1, ADAPTIVE]

@@ -11,9 +11,9 @@ gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
 from environment_cases import ADAPTIVE, DELAYED, GAP1, RUBBING, V1
 
+from impact_env.checks import ParameterError
 from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import evaluate, play
-from impact_env.parameters import ParameterError
 from optimisation.cli import rl_evaluate as judge
 from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent, shipped
 from optimisation.rl.demonstrations import (

@@ -16,6 +16,7 @@ from load_cases import PARTICIPATION, cantilever, chirp, record_of
 from numpy.typing import NDArray
 
 from impact_env import solvers
+from impact_env.checks import ParameterError
 from impact_env.drive import Drive, FrequencySchedule, Load, Member
 from impact_env.laws import SceneKind
 from impact_env.loads import (
@@ -35,7 +36,6 @@ from impact_env.parameters import (
     CoulombFriction,
     ElasticCoulombFriction,
     NonlinearSink,
-    ParameterError,
     RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,

@@ -23,7 +23,8 @@ from impact_env import (
     TunedAbsorber,
     beam_scene,
 )
-from impact_env.parameters import Absorber, ParameterError
+from impact_env.checks import ParameterError
+from impact_env.parameters import Absorber
 
 few = settings(
     max_examples=50, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]

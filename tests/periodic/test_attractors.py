@@ -7,8 +7,8 @@ import pytest
 import scipy
 from orbit_cases import high_orbit, one_sided, paper_case, steel
 
+from impact_env.checks import ParameterError
 from impact_env.drive import Drive, constant_frequency
-from impact_env.parameters import ParameterError
 from impact_env.periodic import (
     Case,
     MotionKind,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.orbit_cases import multipliers_by_reference, paper_case
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from impact_env.periodic.basins import Share, distance_to, draw_start, find_basins
 from impact_env.periodic.motion import Motion
 from impact_env.periodic.offspring import all_orbits_over

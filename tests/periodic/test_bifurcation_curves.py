@@ -12,7 +12,7 @@ import pytest
 from support.orbit_cases import high_orbit, model_of, multipliers_by_reference, paper_case, steel
 
 from impact_env import Beam, beam_scene, impact_absorber, modal_model
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from impact_env.periodic.bifurcation_curves import (
     CURVE_KINDS,
     GRAZING_FOLD,

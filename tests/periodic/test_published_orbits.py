@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from orbit_cases import high_orbit, model_of, one_sided, paper_case
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from impact_env.periodic import offspring
 from impact_env.periodic.case import Case
 from impact_env.periodic.folds import shift_from_fold

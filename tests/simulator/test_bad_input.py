@@ -41,12 +41,13 @@ from impact_env import (
     modal_model,
     performance_curve,
 )
+from impact_env.checks import require
 from impact_env.drive import default_rate
 from impact_env.ensemble import Lane, Members, draw_members, run_lanes
 from impact_env.envs.settings import TaskSettings
 from impact_env.frequency import joint_matrices, tip_response
 from impact_env.level import response_level
-from impact_env.parameters import friction_law, require
+from impact_env.parameters import friction_law
 from impact_env.periodic.contact import CompliantContact, RigidContact
 from impact_env.plain import from_drive, from_scene, to_drive, to_method, to_scene
 from impact_env.plain_files import read_plain

@@ -7,6 +7,7 @@ import pytest
 from core import ALL
 
 from impact_env import InitialState, beam_scene, constant_frequency, impact_absorber, simulate
+from impact_env.checks import ParameterError
 from impact_env.drive import Drive
 from impact_env.energy import mechanical_energy, stored_energy
 from impact_env.frequency import (
@@ -19,7 +20,7 @@ from impact_env.frequency import (
     tip_response,
 )
 from impact_env.modes import ModalModel, modal_model
-from impact_env.parameters import Beam, ParameterError, StuckAbsorber, TunedAbsorber
+from impact_env.parameters import Beam, StuckAbsorber, TunedAbsorber
 from impact_env.phase_lag import phase_lag
 from impact_env.results import History
 

@@ -19,6 +19,7 @@ from impact_env import (
     linear_sweep,
     modal_model,
 )
+from impact_env.checks import ParameterError
 from impact_env.controlled import ControlledRuns
 from impact_env.drive import Drive, Excitation, constant_frequency
 from impact_env.kernels.motion.observers import DONE
@@ -32,7 +33,6 @@ from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
     NonlinearSink,
-    ParameterError,
     RigidWalls,
     SlidingAbsorber,
     StuckAbsorber,

@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import constants
 
+from impact_env.checks import ParameterError
 from impact_env.loads import BASE_QUANTITY, FORCE_QUANTITY, Samples
-from impact_env.parameters import ParameterError
 from impact_env.plain_loads import read_loads
 from impact_env.sampling_times import is_even
 

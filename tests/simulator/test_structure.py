@@ -16,10 +16,11 @@ from load_cases import chain
 from places import EXAMPLES
 
 from impact_env import Beam, Section, StructureWarning, beam_scene, modal_model
+from impact_env.checks import ParameterError
 from impact_env.frequency import receptance, tip_response
 from impact_env.loads import BASE_QUANTITY, Loads, Samples
 from impact_env.modes import ModalModel, assemble_matrices
-from impact_env.parameters import ParameterError, impact_absorber
+from impact_env.parameters import impact_absorber
 from impact_env.plain import from_scene, load_structure
 from impact_env.results import Record
 from impact_env.scene import Scene

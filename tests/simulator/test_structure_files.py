@@ -19,9 +19,9 @@ import scipy.sparse
 from load_cases import chain
 
 from impact_env import Beam, StructureWarning, modal_model
+from impact_env.checks import ParameterError
 from impact_env.frequency import receptance
 from impact_env.modes import ModalModel
-from impact_env.parameters import ParameterError
 from impact_env.plain import from_scene, load_structure, to_scene
 from impact_env.scene import Scene
 from impact_env.structures.matrices import lowest_modes

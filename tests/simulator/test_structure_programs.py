@@ -15,8 +15,8 @@ from load_cases import chain
 
 from impact_env import modal_model
 from impact_env.assurance import compare_modes, modal_assurance
+from impact_env.checks import ParameterError
 from impact_env.modes import ModalModel
-from impact_env.parameters import ParameterError
 from impact_env.plain import load_structure
 
 

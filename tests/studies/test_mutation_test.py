@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from studies.cli import mutation_test
 from studies.cli.mutation_test import CAUGHT, EXPECTED, SURVIVES, Fault, judge_fault, read_faults
 

@@ -14,7 +14,7 @@ from commands import call
 from matplotlib.figure import Figure
 from places import loaded
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from optimisation.files import read_json
 from studies.cli import reproduce_paper
 from studies.paper import study

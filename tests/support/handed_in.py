@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from core import ALL
 
+from impact_env.checks import ParameterError
 from impact_env.drive import Drive, FrequencySchedule, constant_frequency
 from impact_env.methods import Exact, Moreau, RungeKutta
 from impact_env.modes import ModalModel
@@ -28,7 +29,6 @@ from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
     ElasticCoulombFriction,
-    ParameterError,
     RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,

@@ -31,6 +31,7 @@ import handed_in
 import numpy as np
 from handed_in import BEAM, SCENE, SEVERAL
 
+from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase, Pass, quantiles
 from impact_env.drive import (
     Drive,
@@ -74,7 +75,6 @@ from impact_env.parameters import (
     CoulombFriction,
     ElasticCoulombFriction,
     NonlinearSink,
-    ParameterError,
     RigidWalls,
     Section,
     SeveralAbsorbers,

@@ -14,9 +14,9 @@ from typing import Any
 import click
 import numpy as np
 
+from impact_env.checks import ParameterError
 from impact_env.envs.evaluation import bootstrap_interval
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError
 from optimisation.cli.common import check_target, command
 from optimisation.files import DOCS, fill, markdown, read_json, require_markers, write_json
 from optimisation.progress import Bar

@@ -19,7 +19,8 @@ import click
 from PIL import Image
 
 from impact_env import CurveCase, Pass, Stop, beam_scene, curve_passes
-from impact_env.parameters import Beam, impact_absorber, require
+from impact_env.checks import require
+from impact_env.parameters import Beam, impact_absorber
 from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import MOST_MEMBERS

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import click
 
+from impact_env.checks import ParameterError
 from impact_env.ensemble import available_cores
-from impact_env.parameters import ParameterError
 from optimisation.cli.common import command
 from optimisation.files import ROOT
 from optimisation.progress import Bar

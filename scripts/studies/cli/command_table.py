@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from impact_env.parameters import require
+from impact_env.checks import require
 from optimisation.cli.common import command, plain_errors
 from optimisation.cli.group import file_of, summary_of
 from optimisation.cli.names import HEADINGS, OLDER_NAMES, list_needs

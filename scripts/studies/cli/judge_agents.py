@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
+from impact_env.checks import ParameterError, require
 from impact_env.envs.evaluation import (
     EPISODES,
     SEED_SPLITS,
@@ -20,7 +21,6 @@ from impact_env.envs.evaluation import (
     evaluate,
     play,
 )
-from impact_env.parameters import ParameterError, require
 from optimisation.cli.common import check_target, command
 from optimisation.files import (
     DOCS,

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from impact_env import Scene
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from impact_env.periodic.case import case_of
 from impact_env.periodic.slow_manifold import manifold_gap
 from optimisation.absorber_rules import scaled_absorber

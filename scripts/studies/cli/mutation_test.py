@@ -18,8 +18,8 @@ from tempfile import TemporaryDirectory
 
 import click
 
+from impact_env.checks import ParameterError
 from impact_env.kernels.compiling.cache import cache_folder
-from impact_env.parameters import ParameterError
 from optimisation.cli.common import check_page, command, fill_page, page_option, plain_errors
 from optimisation.files import ROOT
 from studies.study import format_table

@@ -15,8 +15,8 @@ import click
 import numpy as np
 from matplotlib.axes import Axes
 
+from impact_env.checks import positive, require
 from impact_env.ensemble import Executor
-from impact_env.parameters import positive, require
 from impact_env.periodic.residence import ExitRate, Hazard, Jumps, Range, hazard
 from impact_env.periodic.stationary import ResponseKind
 from optimisation.cli.common import BadInput, cluster_option, command, plain_errors

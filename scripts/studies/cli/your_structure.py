@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from impact_env.parameters import ParameterError
+from impact_env.checks import ParameterError
 from optimisation.cli.common import command, plain_errors
 from optimisation.files import ROOT, fill, has_markers, replacing
 from optimisation.machine import conditions, sources

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from impact_env.checks import ParameterError
 from impact_env.drive import PAPER_LIMITS, PAPER_RATE
 from impact_env.ensemble import Executor, Threads
 from impact_env.extras import optional
-from impact_env.parameters import ParameterError, RigidWalls
+from impact_env.parameters import RigidWalls
 from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
 from optimisation.comparison import WIDE_LIMITS

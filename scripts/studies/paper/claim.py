@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from impact_env.checks import require
 from impact_env.curve import BAND, quantiles
-from impact_env.parameters import require
 from studies.study import Array
 
 # the rule of tolerances: what the words of a statement allow, in numbers, the same for all claims;

@@ -20,12 +20,12 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env import Scene, simulate
+from impact_env.checks import require
 from impact_env.curve import DOWN, CurveCase, PerformanceCurve
 from impact_env.drive import PAPER_LIMITS, Drive, FrequencySchedule, linear_sweep
 from impact_env.ensemble import Lane, draw_members
 from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.methods import Method
-from impact_env.parameters import require
 from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.results import DEFAULT_SAMPLES, Record, ResponseLevel

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from impact_env import ModalModel, Scene, beam_scene
+from impact_env.checks import count, finite, positive, require
 from impact_env.ensemble import Executor, draw_members
-from impact_env.parameters import Beam, count, finite, impact_absorber, positive, require
+from impact_env.parameters import Beam, impact_absorber
 from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, stays
 from impact_env.periodic.stationary import QUANTILES, ResponseKind, classify_members, envelope
 from studies.study import not_none

@@ -19,13 +19,13 @@ from impact_env import (
     constant_frequency,
     simulate,
 )
+from impact_env.checks import ParameterError
 from impact_env.parameters import (
     Absorber,
     Beam,
     CompliantWalls,
     CoulombFriction,
     ElasticCoulombFriction,
-    ParameterError,
     RigidWalls,
     SlidingAbsorber,
     StuckAbsorber,
