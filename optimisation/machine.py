@@ -3,6 +3,7 @@
 import datetime
 import hashlib
 import platform
+import re
 import sys
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -24,6 +25,7 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite")
+UNNAMED = ("kernels", "numpy", "scipy", "llvmlite")  # in the sentence of `sources`
 
 
 def family() -> str:
@@ -72,20 +74,18 @@ def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
 def sources(values: Mapping[str, Any]) -> str:
     """Return a sentence with the origin of a measurement, from its `conditions`.
 
-    The sentence has date, release, machine and versions.
+    The sentence has date, release, processor, cores, and the versions of Python, numba and
+    packages that were compared. Files of numbers have all conditions.
     """
     named = ", ".join(
         f"{'Python' if name == 'python' else name} {number}"
         for name, number in values["versions"].items()
-        if name != "kernels"
+        if name not in UNNAMED
     )
-    date = (
-        f"{values['date']} with version {values['release']}"
-        if "release" in values
-        else values["date"]
-    )
+    release = f"version {values['release']}" if "release" in values else ""
+    name = re.sub(r"\((R|TM)\)| Processor| CPU", "", values["processor"])
     cores = f"{values['cores']} core{'' if values['cores'] == 1 else 's'}"
-    where = (date, values["processor"], cores, values.get("system"))
+    where = (values["date"], release, name, cores)
     return f"Measured on {', '.join(part for part in where if part)}; {named}."
 
 

@@ -158,16 +158,21 @@ def test_a_claim_that_does_not_hold_says_why() -> None:
     claims = [
         Claim("a", "x | y", "3", "1", ClaimVerdict.HOLDS, "one", "hidden"),
         Claim("b", "z", "3", "2", ClaimVerdict.STEP, "one", "The step errs.", reason="step"),
+        Claim("c", "w", "4", "5", ClaimVerdict.SPREAD, "one", "It varies.", reason="range"),
     ]
     assert [from_plain(claim.to_plain()) for claim in claims] == [
         replace(claims[0], why=""),
-        claims[1],
+        *claims[1:],
     ]
     assert format_reasons(claims) == (
         "### The step\n\nAt 20 steps per period of the highest mode impacts and reversals of "
         "slip come late.\n\n"
+        "- *Z* (section 3, [one](paper/one.png), holds only at the paper's step): 2. "
+        "The step errs.\n\n"
         "<details><summary>Within spread (1)</summary>\n\n"
-        "- *Z* (section 3; [one](paper/one.png)): **holds only at the paper's step**. "
-        "Computed: 2. The step errs.\n\n"
+        "Causes are in [claims.csv](paper/claims.csv), column `why`.\n\n"
+        "| statement |                 section | computed |\n"
+        "| --------- | ----------------------: | -------: |\n"
+        "| W         | 4, [one](paper/one.png) |        5 |\n\n"
         "</details>"
     )

@@ -19,6 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_env.kernels.compiling.cache import hash_sources
+from optimisation.files import markdown
 from studies.paper import (
     basics,
     conv,
@@ -99,6 +100,7 @@ CSV_COLUMNS = (
     "least",
     "most",
     "computed",
+    "why",
     "reason",
     "definitional",
     "figure",
@@ -326,35 +328,47 @@ def format_summary(claims: Sequence[Claim], answers: dict[str, str]) -> str:
 
 
 def format_reasons(claims: Sequence[Claim]) -> str:
-    """Return the claims that do not hold, grouped by the kind of cause.
+    """Return the claims that do not hold, by their causes, and those that hold within spread.
 
-    Claims that hold within spread are in folded sections of these groups.
+    The latter are a folded table; their causes are in the file of claims.
     """
-    left = [claim for claim in claims if claim.verdict is not ClaimVerdict.HOLDS]
+    spread = [claim for claim in claims if claim.verdict is ClaimVerdict.SPREAD]
+    kept = (ClaimVerdict.HOLDS, ClaimVerdict.SPREAD)
+    failed = [claim for claim in claims if claim.verdict not in kept]
     blocks = []
     for key, text in REASONS.items():
-        own = sorted(
-            (claim for claim in left if claim.reason == key),
-            key=lambda claim: claim.verdict is not ClaimVerdict.NOT,
-        )
+        own = [claim for claim in failed if claim.reason == key]
         if own:
             name, _, rest = text.partition(". ")
-            lines = [(claim.verdict is ClaimVerdict.NOT, _format_left(claim)) for claim in own]
-            parts = [f"### {name}", rest]
-            if failed := "\n".join(line for does_not, line in lines if does_not):
-                parts.append(failed)
-            if spread := [line for does_not, line in lines if not does_not]:
-                title = f"Within spread ({len(spread)})"
-                parts.append(format_details(title, "\n".join(spread)))
-            blocks.append("\n\n".join(parts))
+            lines = "\n".join(_format_failed(claim) for claim in own)
+            blocks.append(f"### {name}\n\n{rest}\n\n{lines}")
+    if spread:
+        causes = f"Causes are in [{CLAIMED}.csv]({NAME}/{CLAIMED}.csv), column `why`."
+        rows = [
+            (_capitalised(claim), _format_place(claim), claim.computed)
+            for order in REASONS
+            for claim in spread
+            if claim.reason == order
+        ]
+        table = markdown(("statement", "section", "computed"), rows)
+        title = f"Within spread ({len(spread)})"
+        blocks.append(format_details(title, f"{causes}\n\n{table}"))
     return "\n\n".join(blocks)
 
 
-def _format_left(claim: Claim) -> str:
-    """Return a line on a claim: statement, place, verdict, numbers and cause."""
-    place = f"(section {claim.section}; [{claim.figure}]({NAME}/{claim.figure}.png))"
-    head = f"{claim.statement[0].upper()}{claim.statement[1:]}"
-    return f"- *{head}* {place}: **{claim.verdict.value}**. Computed: {claim.computed}. {claim.why}"
+def _capitalised(claim: Claim) -> str:
+    return f"{claim.statement[0].upper()}{claim.statement[1:]}"
+
+
+def _format_place(claim: Claim) -> str:
+    return f"{claim.section}, [{claim.figure}]({NAME}/{claim.figure}.png)"
+
+
+def _format_failed(claim: Claim) -> str:
+    """Return a line on a claim that does not hold: statement, place, numbers and cause."""
+    only = "" if claim.verdict is ClaimVerdict.NOT else f", {claim.verdict.value}"
+    place = f"(section {_format_place(claim)}{only})"
+    return f"- *{_capitalised(claim)}* {place}: {claim.computed}. {claim.why}"
 
 
 STUDY: Study[PaperSettings] = Study(
