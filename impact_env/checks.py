@@ -363,17 +363,3 @@ def row_of(allowed: str, axes: int = 1) -> Check:
 def labelled(label: str, check: Check) -> Check:
     """Return a check whose error calls the parameter by a label."""
     return lambda _name, value: check(label, value)
-
-
-def keep_checked(group: object, /, **checks: Check) -> None:
-    """Replace attributes of a frozen dataclass by the values that their checks return.
-
-    It is called in the dataclass's ``__post_init__``.
-    """
-    for name, check in checks.items():
-        try:
-            value = check(name, getattr(group, name))
-        except ParameterError as error:
-            error.argument = name
-            raise
-        object.__setattr__(group, name, value)

@@ -24,7 +24,6 @@ from impact_env.checks import (
     count_from,
     flag,
     instance,
-    keep_checked,
     kind_of,
     listed,
     numbers,
@@ -55,6 +54,7 @@ from impact_env.ensemble import (
     draw_members,
     run_lanes,
 )
+from impact_env.fields import check_fields
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method
 from impact_env.result_files import SavedResult, TableResult
@@ -112,19 +112,19 @@ class CurveCase:
 
     def __post_init__(self) -> None:
         allowed = "a row of finite forces in N, 0 or above"
-        keep_checked(
+        check_fields(
             self, scene=kind_of(Scene), forces=row_of(allowed), limits=two, steady_start=flag
         )
         ok = self.forces.size > 0 and bool(np.all(self.forces >= 0))
         require(ok, "forces", self.forces.tolist(), allowed)
         model = self.scene.model
-        keep_checked(self, resonance=lambda _name, value: model.check_resonance(value))
+        check_fields(self, resonance=lambda _name, value: model.check_resonance(value))
         require(callable(self.load), "load", self.load, "a function of a force in N and a schedule")
         if self.percent_per_100_periods is None:
             object.__setattr__(
                 self, "percent_per_100_periods", default_rate(model, (self.resonance,))
             )
-        keep_checked(self, percent_per_100_periods=positive)
+        check_fields(self, percent_per_100_periods=positive)
         self.schedules()
 
     def schedules(self) -> tuple[FrequencySchedule, FrequencySchedule]:
@@ -519,8 +519,8 @@ class Pass:
 
     def __post_init__(self) -> None:
         if self.forces is not None:
-            keep_checked(self, forces=count_from(1))
-        keep_checked(self, faster=positive, members=count_from(1, MOST_MEMBERS))
+            check_fields(self, forces=count_from(1))
+        check_fields(self, faster=positive, members=count_from(1, MOST_MEMBERS))
 
 
 LANES_PER_REPORT = 0.05  # s between two partial curves of a pass

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from impact_env.checks import (
     finite,
     instance,
-    keep_checked,
     kind_of,
     labelled,
     listed,
@@ -32,6 +31,7 @@ from impact_env.checks import (
     row_of,
     text,
 )
+from impact_env.fields import check_fields
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.scene import InitialState, Scene
@@ -78,13 +78,13 @@ class FrequencySchedule:
 
     def __post_init__(self) -> None:
         allowed = "two or more finite times in s, strictly rising from 0"
-        keep_checked(self, times=row_of(allowed))
+        check_fields(self, times=row_of(allowed))
         times = self.times
         ok = len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0))
         require(ok, "times", times, allowed)
         allowed = f"a finite frequency in rad/s, 0 or above, for each of the {len(times)} times"
         reference = partial(positive, least=LOWEST_OMEGA, most=HIGHEST_OMEGA)
-        keep_checked(
+        check_fields(
             self,
             omegas=row_of(allowed),
             reference=labelled("reference frequency", reference),
@@ -468,7 +468,7 @@ class Drive(Excitation):
     in_pieces: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             amplitude=labelled("force amplitude", finite),
             phase=finite,

@@ -25,7 +25,6 @@ from impact_env.checks import (
     count_from,
     flag,
     instance,
-    keep_checked,
     kind_of,
     listed,
     one_of,
@@ -33,6 +32,7 @@ from impact_env.checks import (
     row_of,
 )
 from impact_env.drive import Drive, Excitation, FrequencySchedule, Member
+from impact_env.fields import check_fields
 from impact_env.kernels.compiling.parts import abandon_compilations
 from impact_env.loads import Loads
 from impact_env.methods import Exact, Method
@@ -84,7 +84,7 @@ class Threads:
 
     def __post_init__(self) -> None:
         if self.threads is not None:
-            keep_checked(self, threads=count_from(1))
+            check_fields(self, threads=count_from(1))
 
     def each(
         self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]
@@ -137,7 +137,7 @@ class Lane:
     initial: InitialState | None = None
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             scene=kind_of(Scene),
             drive=kind_of(Drive | Loads),
@@ -212,7 +212,7 @@ class Members(SavedResult):
 
     def __post_init__(self) -> None:
         numbers = row_of("a row of finite numbers")
-        keep_checked(self, phases=numbers, factors=numbers)
+        check_fields(self, phases=numbers, factors=numbers)
         require(
             len(self.phases) == len(self.factors),
             "members",

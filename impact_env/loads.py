@@ -21,7 +21,6 @@ from impact_env.checks import (
     count_from,
     each_of,
     finite,
-    keep_checked,
     kind_of,
     labelled,
     non_negative,
@@ -47,6 +46,7 @@ from impact_env.drive import (
     find_schedule,
     schedule_pieces,
 )
+from impact_env.fields import check_fields
 from impact_env.modes import ModalModel
 from impact_env.sampling_times import EVEN_TOL, even_times, find_uneven, is_even
 from impact_env.scene import InitialState, Scene
@@ -72,7 +72,7 @@ GAUSS_RULE = np.polynomial.legendre.leggauss(
 
 def _check_force_place(load: Load) -> None:
     """Check the name of the place of a force; a base that moves has none."""
-    keep_checked(load, force_place=or_none(text))
+    check_fields(load, force_place=or_none(text))
     quantity = getattr(load, "quantity", FORCE_QUANTITY)
     allowed = "left out of a base that moves: its motion acts on the whole structure"
     require(
@@ -118,7 +118,7 @@ class Shock(Load):
 
     def __post_init__(self) -> None:
         _check_force_place(self)
-        keep_checked(
+        check_fields(
             self,
             pulse=word_of(PULSES),
             quantity=word_of(QUANTITIES),
@@ -139,7 +139,7 @@ class Shock(Load):
             "given for a trapezoid, else left out",
         )
         if self.rise is not None:
-            keep_checked(self, rise=partial(non_negative, most=self.width / 2))
+            check_fields(self, rise=partial(non_negative, most=self.width / 2))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
@@ -178,7 +178,7 @@ class Strike(Load):
     sizes: ClassVar[tuple[str, ...]] = ("velocity",)
 
     def __post_init__(self) -> None:
-        keep_checked(self, velocity=finite, length=positive, place=word_of(STRIKE_PLACES))
+        check_fields(self, velocity=finite, length=positive, place=word_of(STRIKE_PLACES))
 
     @property
     def width(self) -> float:
@@ -225,7 +225,7 @@ class Unbalance(Load):
 
     def __post_init__(self) -> None:
         _check_force_place(self)
-        keep_checked(self, unbalance=finite, phase=finite, schedule=kind_of(FrequencySchedule))
+        check_fields(self, unbalance=finite, phase=finite, schedule=kind_of(FrequencySchedule))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
@@ -255,7 +255,7 @@ class ShakenBase(Load):
     sizes: ClassVar[tuple[str, ...]] = ("acceleration", "displacement")
 
     def __post_init__(self) -> None:
-        keep_checked(self, schedule=kind_of(FrequencySchedule))
+        check_fields(self, schedule=kind_of(FrequencySchedule))
         names = [
             name for name in ("acceleration", "displacement") if getattr(self, name) is not None
         ]
@@ -265,7 +265,7 @@ class ShakenBase(Load):
             self.acceleration,
             "given, or a displacement in its place: one of the two",
         )
-        keep_checked(self, **dict.fromkeys((*names, "phase"), finite))
+        check_fields(self, **dict.fromkeys((*names, "phase"), finite))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces.
@@ -316,7 +316,7 @@ class Tone:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(self, amplitude=finite, phase=finite)
+        check_fields(self, amplitude=finite, phase=finite)
         require(
             (self.frequency is None) != (self.order is None),
             "frequency",
@@ -324,7 +324,7 @@ class Tone:
             "given, or an order in its place: one of the two",
         )
         names = "order" if self.frequency is None else "frequency"
-        keep_checked(self, **{names: positive})
+        check_fields(self, **{names: positive})
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,9 +342,9 @@ class Tones(Load):
 
     def __post_init__(self) -> None:
         _check_force_place(self)
-        keep_checked(self, tones=each_of(kind_of(Tone)))
+        check_fields(self, tones=each_of(kind_of(Tone)))
         require(len(self.tones) > 0, "tones", self.tones, "one or more")
-        keep_checked(self, quantity=word_of(QUANTITIES), schedule=kind_of(FrequencySchedule | None))
+        check_fields(self, quantity=word_of(QUANTITIES), schedule=kind_of(FrequencySchedule | None))
         for tone in self.tones:
             require(
                 (tone.order is None) == (self.schedule is None),
@@ -359,7 +359,7 @@ class Tones(Load):
                 self.length,
                 "given, in s, for tones of fixed frequencies",
             )
-            keep_checked(self, length=positive)
+            check_fields(self, length=positive)
         else:
             require(self.length is None, "length", self.length, "left out beside a schedule")
 
@@ -433,7 +433,7 @@ class Samples(Load):
 
     def __post_init__(self) -> None:
         _check_force_place(self)
-        keep_checked(self, quantity=word_of(QUANTITIES))
+        check_fields(self, quantity=word_of(QUANTITIES))
         size = getattr(self.times, "size", None)
         size = len(self.times) if size is None and isinstance(self.times, Sequence) else size
         size = size if isinstance(size, int) else 0
@@ -549,7 +549,7 @@ class Random(Load):
             "two of "
             "one frequency, a step, between others; values above 0"
         )
-        keep_checked(
+        check_fields(
             self,
             quantity=word_of(QUANTITIES),
             length=positive,
@@ -658,7 +658,7 @@ class Loads(Excitation):
     in_pieces: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        keep_checked(self, parts=labelled("loads", each_of(kind_of(Load))))
+        check_fields(self, parts=labelled("loads", each_of(kind_of(Load))))
         require(len(self.parts) > 0, "loads", self.parts, "one or more")
         single = not any(isinstance(part, Loads) for part in self.parts)
         require(single, "loads", self.parts, "single loads: add the parts of Loads one by one")
@@ -675,14 +675,14 @@ class Loads(Excitation):
                 len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule"
             )
             object.__setattr__(self, "reference", known[0].reference)
-        keep_checked(
+        check_fields(
             self,
             reference=labelled(
                 "reference frequency", partial(positive, least=LOWEST_OMEGA, most=HIGHEST_OMEGA)
             ),
         )
         if not isinstance(self.start, InitialState):
-            keep_checked(self, start=word_of(LOAD_STARTS))
+            check_fields(self, start=word_of(LOAD_STARTS))
 
     @property
     def schedule(self) -> FrequencySchedule:

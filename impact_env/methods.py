@@ -4,8 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from impact_env.checks import count_from, keep_checked, require
+from impact_env.checks import (
+    count_from,
+    require,
+)
 from impact_env.drive import Excitation
+from impact_env.fields import check_fields
 from impact_env.laws import list_laws
 from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
@@ -83,7 +87,7 @@ class Moreau:
     steps_per_period: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self, steps_per_period=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD)
         )
 
@@ -115,7 +119,7 @@ class RungeKutta:
     steps_per_contact: int = PAPER_STEPS
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             steps_per_period=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD),
             steps_per_contact=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD),

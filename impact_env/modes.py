@@ -17,7 +17,6 @@ from impact_env.checks import (
     count,
     finite,
     instance,
-    keep_checked,
     kind_of,
     listed,
     number,
@@ -26,6 +25,7 @@ from impact_env.checks import (
     row,
     row_of,
 )
+from impact_env.fields import check_fields
 from impact_env.parameters import MOST_DAMPING, Beam, suspension_frequencies
 
 # Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one
@@ -281,8 +281,8 @@ class ModalModel:
             if getattr(self, name) is not None
         )
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
-        keep_checked(self, **dict.fromkeys(rows, row_of("a row of finite numbers")))
-        keep_checked(self, beam_mass=positive, base_at_absorber=finite, beam=kind_of(Beam | None))
+        check_fields(self, **dict.fromkeys(rows, row_of("a row of finite numbers")))
+        check_fields(self, beam_mass=positive, base_at_absorber=finite, beam=kind_of(Beam | None))
         lengths = {len(getattr(self, name)) for name in rows}
         require(
             len(lengths) == 1 and min(lengths) > 0,
@@ -292,7 +292,7 @@ class ModalModel:
         )
         if self.absorber_shapes is not None:
             allowed = f"a row of {len(self.omega)} finite numbers for each absorber"
-            keep_checked(self, absorber_shapes=row_of(allowed, axes=2))
+            check_fields(self, absorber_shapes=row_of(allowed, axes=2))
             shapes = self.absorber_shapes
             require(shapes.shape[1] == len(self.omega), "absorber_shapes", shapes, allowed)
         self._check_force_places()
@@ -316,7 +316,7 @@ class ModalModel:
         object.__setattr__(self, "force_place_names", names)
         once = all(isinstance(name, str) for name in names) and len(set(names)) == len(names)
         require(once, "force_place_names", names, "different names, one for each of force_places")
-        keep_checked(self, force_places=row_of(allowed, axes=2))
+        check_fields(self, force_places=row_of(allowed, axes=2))
         assert self.force_places is not None
         shape = self.force_places.shape
         require(shape == (len(names), len(self.omega)), "force_places", shape, allowed)

@@ -19,7 +19,6 @@ from impact_env.checks import (
     finite,
     fraction,
     instance,
-    keep_checked,
     kind_of,
     labelled,
     listed,
@@ -32,6 +31,7 @@ from impact_env.checks import (
     within,
     word_of,
 )
+from impact_env.fields import check_fields
 
 # by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would
 # be undetermined
@@ -91,7 +91,7 @@ class Section:
     mass_per_length: float
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             elements=labelled("section's elements", count_from(1, MOST_ELEMENTS)),
             bending_stiffness=positive,
@@ -167,7 +167,7 @@ class Beam:
 
     def __post_init__(self) -> None:
         # the ranges are such that omega is a number whatever they are
-        keep_checked(
+        check_fields(
             self,
             length=partial(positive, least=1e-9, most=1e9),
             bending_stiffness=partial(positive, least=1e-20, most=1e20),
@@ -176,7 +176,7 @@ class Beam:
             ends=word_of(ENDS),
         )
         self._check_parts()
-        keep_checked(
+        check_fields(
             self,
             force_position=self.place,
             absorber_position=self.place,
@@ -203,7 +203,7 @@ class Beam:
         }
 
     def _check_parts(self) -> None:
-        keep_checked(self, tip_mass=non_negative, sections=each_of(kind_of(Section)))
+        check_fields(self, tip_mass=non_negative, sections=each_of(kind_of(Section)))
         require(
             self.tip_mass == 0 or self.ends.endswith("-free"),
             "tip_mass",
@@ -219,7 +219,7 @@ class Beam:
         )
         if self.suspension_frequency is not None or self.rigid_motions:
             require(self.suspension_frequency is not None, "suspension_frequency", None, SUSPENDED)
-            keep_checked(self, suspension_frequency=positive)
+            check_fields(self, suspension_frequency=positive)
             require(
                 self.rigid_motions > 0,
                 "suspension_frequency",
@@ -299,7 +299,7 @@ class RigidWalls:
 
     def __post_init__(self) -> None:
         allowed = "a number in m, 0 or above (infinity: no wall)"
-        keep_checked(
+        check_fields(
             self,
             gap=partial(within, least=0.0, most=math.inf, allowed=allowed),
             restitution=check_restitution,
@@ -342,7 +342,7 @@ class YieldingWalls:
     def __post_init__(self) -> None:
         allowed = "a number in m above 0, and finite, with a yield_velocity"
         most = sys.float_info.max
-        keep_checked(
+        check_fields(
             self,
             yield_velocity=positive,
             gap=partial(within, least=math.ulp(0.0), most=most, allowed=allowed),
@@ -388,7 +388,7 @@ class CompliantWalls:
             f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets "
             "every contact rebound"
         )
-        keep_checked(
+        check_fields(
             self,
             stiffness=labelled("contact stiffness", positive),
             gap=non_negative,
@@ -478,7 +478,7 @@ class CoulombFriction:
     static_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
             static_ratio=check_static_ratio,
@@ -506,7 +506,7 @@ class ElasticCoulombFriction:
     stiffness: float
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
             stiffness=labelled("friction stiffness", positive),
@@ -537,7 +537,7 @@ class StuckAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(self, mass_ratio=positive, gravity=finite)
+        check_fields(self, mass_ratio=positive, gravity=finite)
 
 
 @dataclass(frozen=True)
@@ -569,7 +569,7 @@ class TunedAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             gravity=finite,
             mass_ratio=positive,
@@ -605,7 +605,7 @@ class NonlinearSink:
     damping: float = TunedAbsorber.damping
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             mass_ratio=positive,
             cubic_stiffness=positive,
@@ -655,7 +655,7 @@ class SlidingAbsorber:
     gravity: float = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             mass_ratio=positive,
             gravity=finite,
@@ -713,8 +713,8 @@ class SeveralAbsorbers:
     positions: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        keep_checked(self, absorbers=listed)
-        keep_checked(self, positions=each_of(fraction))
+        check_fields(self, absorbers=listed)
+        check_fields(self, positions=each_of(fraction))
         n = len(self.absorbers)
         require(
             2 <= n <= MOST_ABSORBERS,

@@ -22,7 +22,6 @@ from impact_env.checks import (
     count_from,
     describe_error,
     finite,
-    keep_checked,
     labelled,
     non_negative,
     positive,
@@ -30,6 +29,7 @@ from impact_env.checks import (
     row,
     word_of,
 )
+from impact_env.fields import check_fields
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, Section
 from impact_env.plain_disks import disk_codec_for
@@ -102,7 +102,7 @@ class Profile:
 
     def __post_init__(self) -> None:
         sizes = sorted({key for keys in PROFILES.values() for key in keys})
-        keep_checked(
+        check_fields(
             self,
             kind=word_of(PROFILES),
             **{key: labelled(f"{key}_m", non_negative) for key in sizes},
@@ -256,7 +256,7 @@ class _NodeDirection:
     direction: str
 
     def __post_init__(self) -> None:
-        keep_checked(self, node=count_from(0))
+        check_fields(self, node=count_from(0))
         allowed = f"one of {', '.join(UNIVERSAL_DIRECTIONS)}, with - before it for the other sense"
         require(
             self.direction.lstrip("+-") in UNIVERSAL_DIRECTIONS and len(self.direction) <= 2,
@@ -324,7 +324,7 @@ class PointForce:
     name: str = ""
 
     def __post_init__(self) -> None:
-        keep_checked(self, amplitude=positive, phase=finite)
+        check_fields(self, amplitude=positive, phase=finite)
 
 
 def read_forces(path: str, plain: Any, place_codec: Codec) -> tuple[PointForce, ...]:

@@ -15,11 +15,11 @@ from impact_env.checks import (
     describe_error,
     finite,
     flag,
-    keep_checked,
     labelled,
     require,
 )
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.fields import check_fields
 from impact_env.loads import (
     Loads,
     Random,
@@ -81,7 +81,7 @@ class Window:
     end: float
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             start=labelled("start of the window", finite),
             end=labelled("end of the window", finite),
@@ -167,10 +167,10 @@ class Record:
     reversals: bool = False
 
     def __post_init__(self) -> None:
-        keep_checked(self, samples_per_period=count_from(4, MOST_SAMPLES_PER_PERIOD))
+        check_fields(self, samples_per_period=count_from(4, MOST_SAMPLES_PER_PERIOD))
         if self.envelope is not None:
-            keep_checked(self, envelope=count_from(1, MOST_BINS))
-        keep_checked(
+            check_fields(self, envelope=count_from(1, MOST_BINS))
+        check_fields(
             self,
             level=flag,
             events=flag,

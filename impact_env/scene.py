@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import instance, keep_checked, kind_of, require, row
+from impact_env.checks import (
+    instance,
+    kind_of,
+    require,
+    row,
+)
+from impact_env.fields import check_fields
 from impact_env.laws import SceneKind, describe_absorber, describe_modes, kind
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
@@ -56,7 +62,7 @@ class Scene:
     absorber: Absorber | None = None
 
     def __post_init__(self) -> None:
-        keep_checked(self, model=kind_of(ModalModel), absorber=kind_of(Absorber | None))
+        check_fields(self, model=kind_of(ModalModel), absorber=kind_of(Absorber | None))
         shapes = self.model.absorber_shapes
         several = self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
         if (
@@ -267,7 +273,7 @@ class InitialState:
             "absorber_velocity",
         ):
             if getattr(self, name) is not None or name == "absorber_velocity":
-                keep_checked(self, **{name: _check_state})
+                check_fields(self, **{name: _check_state})
 
     @classmethod
     def from_vector(cls, scene: Scene, vector: NDArray[np.float64]) -> "InitialState":

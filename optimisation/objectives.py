@@ -30,7 +30,6 @@ from impact_env.checks import (
     ParameterError,
     count_from,
     fraction,
-    keep_checked,
     kind_of,
     labelled,
     or_none,
@@ -41,6 +40,7 @@ from impact_env.checks import (
     word_of,
 )
 from impact_env.drive import PAPER_LIMITS
+from impact_env.fields import check_fields
 from impact_env.loads import Loads
 from optimisation.measures import (
     ACCELERATION,
@@ -142,7 +142,7 @@ class Condition:
     loads: Loads | None = None
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             resonance=count_from(1),
             force=usable_force,
@@ -256,13 +256,13 @@ class Objective:
         if _is_own(self.kind):
             function_of(self.kind)
         else:
-            keep_checked(self, kind=labelled("objective", word_of(KINDS)))
-        keep_checked(self, over=word_of((WORST, MEAN)), quantile=fraction)
+            check_fields(self, kind=labelled("objective", word_of(KINDS)))
+        check_fields(self, over=word_of((WORST, MEAN)), quantile=fraction)
         if self.kind == "range":
-            keep_checked(self, limit=labelled("limit of the relative level", positive))
+            check_fields(self, limit=labelled("limit of the relative level", positive))
         else:
             require(self.limit is None, "limit", self.limit, "for the objective range only")
-        keep_checked(self, resonance=or_none(count_from(1)))
+        check_fields(self, resonance=or_none(count_from(1)))
 
     @property
     def maximise(self) -> bool:
@@ -412,8 +412,8 @@ class Constraint:
         if _is_own(self.name):
             function_of(self.name)
         else:
-            keep_checked(self, name=labelled("constraint", word_of(LIMITABLE)))
-        keep_checked(self, limit=labelled(f"limit of {self.name}", positive))
+            check_fields(self, name=labelled("constraint", word_of(LIMITABLE)))
+        check_fields(self, limit=labelled(f"limit of {self.name}", positive))
 
     def value(self, design: Design, measured: dict[str, Array]) -> float:
         """Return the value of the limited quantity for a design."""

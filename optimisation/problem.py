@@ -20,7 +20,6 @@ from impact_env.checks import (
     ParameterError,
     count_from,
     each_of,
-    keep_checked,
     kind_of,
     labelled,
     positive,
@@ -29,6 +28,7 @@ from impact_env.checks import (
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import Member, default_rate, linear_sweep
 from impact_env.ensemble import Executor, Lane, Members, Threads, draw_members
+from impact_env.fields import check_fields
 from impact_env.loads import Loads
 from impact_env.methods import Exact
 from impact_env.modes import ModalModel, Structure
@@ -113,7 +113,7 @@ class Problem:
     uncertain: UncertainInput = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             space=kind_of(DesignSpace),
             conditions=each_of(kind_of(Condition)),

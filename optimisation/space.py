@@ -30,7 +30,6 @@ from impact_env.checks import (
     finite,
     flag,
     instance,
-    keep_checked,
     kind_of,
     labelled,
     listed,
@@ -41,6 +40,7 @@ from impact_env.checks import (
     text,
     two,
 )
+from impact_env.fields import check_fields
 from impact_env.modes import ModalModel, Structure
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -99,7 +99,7 @@ class Variable:
 
     def __post_init__(self) -> None:
         bounds = self.low, self.high
-        keep_checked(
+        check_fields(
             self,
             low=lambda _name, value: number(value),
             high=lambda _name, value: number(value),
@@ -312,7 +312,7 @@ class Units:
     forces: Mapping[int, float]
 
     def __post_init__(self) -> None:
-        keep_checked(self, beam=kind_of(Structure), forces=_check_forces)
+        check_fields(self, beam=kind_of(Structure), forces=_check_forces)
 
     @cached_property
     def _cached(self) -> dict[tuple[str, float, float], float]:
@@ -441,7 +441,7 @@ class Design:
 
     def __post_init__(self) -> None:
         names = _known(self.concept)
-        keep_checked(self, values=table_of(finite))
+        check_fields(self, values=table_of(finite))
         allowed = f"one for each of {', '.join(names)}"
         require(set(self.values) == set(names), "values", dict(self.values), allowed)
 
@@ -511,7 +511,7 @@ class DesignSpace:
 
     def __post_init__(self) -> None:
         known = _known(self.concept)
-        keep_checked(
+        check_fields(
             self,
             free=labelled("free variables", each_of(kind_of(Variable))),
             fixed=table_of(finite),

@@ -12,7 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import keep_checked, non_negative, positive, require
+from impact_env.checks import (
+    non_negative,
+    positive,
+    require,
+)
 from impact_env.controlled import friction_limit
 from impact_env.envs.adaptive_task import (
     FrictionRange,
@@ -36,6 +40,7 @@ from impact_env.envs.observation import (
 from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_pair, check_range
 from impact_env.envs.task import Array, Mask, PooledTask
+from impact_env.fields import check_fields
 from impact_env.kernels.control.episodes import (
     compute_cycle_rewards,
     fill_cycle_features,
@@ -126,7 +131,7 @@ class ActiveSettings:
     damping_error: float | Range = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             friction_error=_check_error,
             damping_error=_check_error,
@@ -394,7 +399,7 @@ class WallActuator(GapRange):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep_checked(self, gap_speed=positive, gap_lag=non_negative)
+        check_fields(self, gap_speed=positive, gap_lag=non_negative)
 
     def motion(self, interval: float) -> tuple[float, float]:
         """Return the two limits of the walls' motion in an interval (pseudo periods).

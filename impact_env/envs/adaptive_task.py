@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import keep_checked, positive, require, word_of
+from impact_env.checks import (
+    positive,
+    require,
+    word_of,
+)
 from impact_env.controlled import friction_limit
 from impact_env.envs.observation import (
     DISTANCE_TO_END,
@@ -27,6 +31,7 @@ from impact_env.envs.reference import mean_power_of_cosine
 from impact_env.envs.settings import Range, TaskSettings, check_pair, check_range
 from impact_env.envs.sweep_task import OneRateSettings, PassageSettings, PassiveTask, SweepTask
 from impact_env.envs.task import Array, Mask, Task
+from impact_env.fields import check_fields
 from impact_env.frequency import receptance
 from impact_env.kernels.control.episodes import order_friction
 from impact_env.kernels.control.interval import interpolate_log
@@ -50,7 +55,7 @@ class GapRange:
     gap_limits: Range = (0.1e-3, 3e-3)
 
     def __post_init__(self) -> None:
-        keep_checked(self, gap_limits=check_pair("half-clearances in m"))
+        check_fields(self, gap_limits=check_pair("half-clearances in m"))
 
 
 def find_log_place(value: float, low: float, high: float) -> float:
@@ -163,7 +168,7 @@ class FrictionRange:
     friction_range: Range = (0.02, 20.0)
 
     def __post_init__(self) -> None:
-        keep_checked(self, friction_range=check_range)
+        check_fields(self, friction_range=check_range)
         low, high = self.friction_range
         ok = WIDEST_GAPS[0] <= low < high <= WIDEST_GAPS[1]
         allowed = f"(low, high) with {WIDEST_GAPS[0]} <= low < high <= {WIDEST_GAPS[1]}"
@@ -291,7 +296,7 @@ class GapControl:
     fatigue_exponent: float = 5.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             objective=word_of(GAP_OBJECTIVES),
             gap_limits=check_pair("half-clearances in m"),

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from impact_env.checks import (
     count_from,
     flag,
-    keep_checked,
     non_negative,
     positive,
     require,
@@ -43,6 +42,7 @@ from impact_env.envs.reference import simulate_passage, stationary_amplitude
 from impact_env.envs.settings import FORCE_BOUNDS, Range, TaskSettings, check_range
 from impact_env.envs.sweep_task import PER_PERIOD, PassageSettings, SweepTask, speeds
 from impact_env.envs.task import Array, Mask, PooledTask
+from impact_env.fields import check_fields
 from impact_env.modes import ModalModel, modal_model
 from impact_env.parameters import Beam, RigidWalls, SlidingAbsorber
 from impact_env.scene import Scene
@@ -98,7 +98,7 @@ class RandomisedSettings:
     fatigue_exponent: float = PassageSettings.fatigue_exponent
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             limits=partial(_span_within, lowest=DIGITS),
             gap_starts=partial(_span_within, lowest=DIGITS),
@@ -116,7 +116,7 @@ class RandomisedSettings:
             self.start_spread,
             f"less than half the width of limits, {half_width:g}",
         )
-        keep_checked(self, sweep_rates=partial(speeds, limits=self.limits))
+        check_fields(self, sweep_rates=partial(speeds, limits=self.limits))
 
     def pool(self, scene: Scene) -> list[Scene]:
         """Return the scenes from which episodes draw.
@@ -399,7 +399,7 @@ class StructurePool:
     observe_structure: bool = True
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             split=word_of(FAMILY_SPLITS),
             structures=count_from(1, 1000),

@@ -18,7 +18,6 @@ from impact_env.checks import (
     finite,
     flag,
     instance,
-    keep_checked,
     listed,
     non_negative,
     one_of,
@@ -28,6 +27,7 @@ from impact_env.checks import (
     word_of,
 )
 from impact_env.envs.observation import FEATURE_LIMIT
+from impact_env.fields import check_fields
 from impact_env.laws import CONCEPTS, make
 from impact_env.loads import Random, Samples
 from impact_env.methods import METHODS, Exact, Method
@@ -273,7 +273,7 @@ class TaskSettings:
     moves_base: bool = False
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             absorber=word_of(CONCEPTS),
             force=_check_force,
@@ -283,7 +283,7 @@ class TaskSettings:
             raw_state=flag,
             moves_base=flag,
         )
-        keep_checked(
+        check_fields(
             self,
             absorber_options=partial(check_word, allowed=set(CONCEPTS[self.absorber])),
             beam=partial(check_word, allowed={f.name for f in fields(Beam)}),
@@ -309,14 +309,14 @@ class TaskSettings:
             )
         find_solver(self.scene, self.integrator)
         model = self.scene.model
-        keep_checked(self, resonance=lambda _name, value: model.check_resonance(value))
+        check_fields(self, resonance=lambda _name, value: model.check_resonance(value))
         low, high = self.forces
         allowed = (
             f"a force in N from {FORCE_BOUNDS[0]:g} to {FORCE_BOUNDS[1]:g}, or a pair (low, high) "
             "of such to draw from"
         )
         require(FORCE_BOUNDS[0] <= low <= high <= FORCE_BOUNDS[1], "force", self.force, allowed)
-        keep_checked(
+        check_fields(
             self, samples_per_period=count_from(8, MOST_SAMPLES_PER_PERIOD), interval=positive
         )
         samples = self.interval * self.samples_per_period
@@ -330,7 +330,7 @@ class TaskSettings:
                 "samples or more"
             ),
         )
-        keep_checked(
+        check_fields(
             self,
             observation_noise=non_negative,
             observation_drift=non_negative,

@@ -13,12 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import keep_checked, non_negative, positive, require, word_of
+from impact_env.checks import (
+    non_negative,
+    positive,
+    require,
+    word_of,
+)
 from impact_env.drive import PAPER_LIMITS, default_rate
 from impact_env.envs.observation import DISTANCE_TO_END, STATE, Feature
 from impact_env.envs.reference import simulate_passage
 from impact_env.envs.settings import SWEEP_OBJECTIVES, Range, TaskSettings, check_range
 from impact_env.envs.task import FREQUENCY_SCALE, Array, Mask, Task
+from impact_env.fields import check_fields
 from impact_env.kernels.control.episodes import (
     advance_frequency,
     compute_damage_rewards,
@@ -101,11 +107,11 @@ class PassageSettings:
     level_unit: str = "reference"
 
     def __post_init__(self) -> None:
-        keep_checked(self, limits=check_range)
+        check_fields(self, limits=check_range)
         low, high = self.limits
         allowed = "(low, high) frequency ratios with 0 < low < high"
         require(0 < low < high, "limits", self.limits, allowed)
-        keep_checked(
+        check_fields(
             self,
             direction=word_of(SWEEP_DIRECTIONS),
             objective=word_of(SWEEP_OBJECTIVES),

@@ -17,9 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import count_from, keep_checked, one_of, require
+from impact_env.checks import (
+    count_from,
+    one_of,
+    require,
+)
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import Lane, LaneProgress, each_lane
+from impact_env.fields import check_fields
 from impact_env.periodic.case import Case, case_of
 from impact_env.periodic.orbit import Orbit
 from impact_env.periodic.quasi_periodic import LEAST_POINTS, RotationNumber, rotation_number
@@ -89,7 +94,7 @@ class SettleOptions:
 
     def __post_init__(self) -> None:
         least = STRETCH_LENGTH * INDEPENDENT_BLOCKS
-        keep_checked(
+        check_fields(
             self,
             periods=count_from(CHUNK),
             window=count_from(least),

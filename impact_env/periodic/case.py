@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from impact_env.checks import (
     finite,
     instance,
-    keep_checked,
     kind_of,
     labelled,
     non_negative,
@@ -20,6 +19,7 @@ from impact_env.checks import (
     require,
 )
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.fields import check_fields
 from impact_env.kernels.periodic.structure import Point, Scale, Structure
 from impact_env.modes import ModalModel, require_one_phase
 from impact_env.parameters import (
@@ -65,7 +65,7 @@ class Case:
     mass_ratio: float = DEFAULT_MASS_RATIO
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             omega=labelled("frequency", positive),
             force=labelled("force amplitude", finite),

@@ -16,7 +16,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy.optimize
 
-from impact_env.checks import keep_checked, non_negative, or_none, positive, require
+from impact_env.checks import (
+    non_negative,
+    or_none,
+    positive,
+    require,
+)
+from impact_env.fields import check_fields
 from impact_env.parameters import CompliantWalls, CoulombFriction, ElasticCoulombFriction
 from impact_env.periodic.trigonometric import (
     TURN,
@@ -214,7 +220,7 @@ class RigidContact:
     friction_weight: float
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             gap=or_none(non_negative),
             friction_limit=or_none(lambda _name, value: CoulombFriction(value).limit),

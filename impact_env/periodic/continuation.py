@@ -14,7 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from impact_env.checks import count_from, finite, keep_checked, positive, require
+from impact_env.checks import (
+    count_from,
+    finite,
+    positive,
+    require,
+)
+from impact_env.fields import check_fields
 from impact_env.periodic.branch import (
     CLOSED,
     INTERRUPTED,
@@ -57,7 +63,7 @@ class Steps:
     iterations: int = 9
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             first=positive,
             least=positive,
@@ -120,7 +126,7 @@ class ContinuationProblem:
     def __post_init__(self) -> None:
         low, high = self.limits
         require(low < high, "limits", self.limits, "two numbers, the lower one first")
-        keep_checked(self, parameter_scale=positive)
+        check_fields(self, parameter_scale=positive)
         require(bool(np.all(np.asarray(self.scale) > 0)), "scale", self.scale, "numbers above 0")
 
     def system(self, n: int, steps: Steps) -> ScaledSystem:

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.checks import keep_checked, require, word_of
+from impact_env.checks import (
+    require,
+    word_of,
+)
+from impact_env.fields import check_fields
 from impact_env.kernels.periodic.green import (
     FORCE,
     GAP,
@@ -201,7 +205,7 @@ class Conditions:
     parameter: str = "omega"
 
     def __post_init__(self) -> None:
-        keep_checked(self, parameter=word_of(ALL_PARAMETERS))
+        check_fields(self, parameter=word_of(ALL_PARAMETERS))
 
     def __call__(self, z: Array, value: float) -> tuple[Array, Array]:
         """Return the conditions (m,) at unknowns (m,), and their derivatives (m, m + 1).

@@ -32,13 +32,13 @@ from impact_env.checks import (
     count_from,
     finite,
     flag,
-    keep_checked,
     kind_of,
     labelled,
     non_negative,
     positive,
     require,
 )
+from impact_env.fields import check_fields
 from impact_env.frequency import receptance, receptance_slope
 from impact_env.modes import ModalModel
 from impact_env.parameters import (
@@ -102,14 +102,14 @@ class JointOfMass:
     multiple: int = 1
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             model=kind_of(ModalModel),
             mass=positive,
             harmonics=count_from(1),
             grounded_damper=non_negative,
         )
-        keep_checked(self, multiple=count_from(1, self.harmonics))
+        check_fields(self, multiple=count_from(1, self.harmonics))
 
     def dynamics(self, omega: float) -> Dynamics:
         """Return the dynamics at the drive's frequency in rad/s.
@@ -214,7 +214,7 @@ class Balance:
     centring: float = 0.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             omega=labelled(OMEGA_PARAMETER, positive),
             force=labelled(FORCE_PARAMETER, finite),

@@ -12,8 +12,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import finite, keep_checked, kind_of, labelled, positive, require
+from impact_env.checks import (
+    finite,
+    kind_of,
+    labelled,
+    positive,
+    require,
+)
 from impact_env.drive import Drive, FrequencySchedule
+from impact_env.fields import check_fields
 from impact_env.modes import require_one_phase
 from impact_env.parameters import (
     CompliantWalls,
@@ -86,7 +93,7 @@ class HybridCase:
     force: float
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             scene=kind_of(Scene),
             omega=labelled("frequency", positive),

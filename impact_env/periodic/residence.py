@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from impact_env.checks import (
     count,
     finite,
-    keep_checked,
     labelled,
     non_negative,
     or_none,
@@ -32,6 +31,7 @@ from impact_env.checks import (
 )
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.ensemble import Executor, Lane, LaneProgress, each_lane
+from impact_env.fields import check_fields
 from impact_env.methods import Exact, Method
 from impact_env.results import Record
 from impact_env.scene import Scene
@@ -62,7 +62,7 @@ class Approach:
     ramp: float = 50.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             reference=labelled("reference frequency", positive),
             ratio=or_none(labelled("approach ratio", non_negative)),
@@ -456,7 +456,7 @@ class Range:
     stop: float
 
     def __post_init__(self) -> None:
-        keep_checked(self, start=finite, first=finite, last=finite, stop=finite)
+        check_fields(self, start=finite, first=finite, last=finite, stop=finite)
         row = np.array([self.start, self.first, self.last, self.stop])
         ok = bool(np.all(np.diff(row) < 0) or np.all(np.diff(row) > 0))
         require(

@@ -16,11 +16,11 @@ from impact_env.checks import (
     count_from,
     each_of,
     flag,
-    keep_checked,
     kind_of,
     listed,
     require,
 )
+from impact_env.fields import check_fields
 from impact_env.kernels.periodic.structure import Order
 
 
@@ -113,7 +113,7 @@ class EventSchedule:
     period_multiple: int = 1
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             events=each_of(kind_of(Event)),
             symmetric=flag,

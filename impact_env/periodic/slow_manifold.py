@@ -33,7 +33,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_env.checks import count, instance, keep_checked, kind_of, positive, require, word_of
+from impact_env.checks import (
+    count,
+    instance,
+    kind_of,
+    positive,
+    require,
+    word_of,
+)
+from impact_env.fields import check_fields
 from impact_env.modes import ModalModel
 from impact_env.parameters import check_restitution
 from impact_env.periodic.case import Case
@@ -134,7 +142,7 @@ class SlowManifold:
     variant: str = "corrected"
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             case=kind_of(Case),
             variant=word_of(VARIANTS),

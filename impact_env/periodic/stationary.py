@@ -21,7 +21,6 @@ from impact_env.checks import (
     count,
     count_from,
     fraction,
-    keep_checked,
     kind_of,
     non_negative,
     or_none,
@@ -30,6 +29,7 @@ from impact_env.checks import (
 from impact_env.drive import Drive, constant_frequency
 from impact_env.energy import mechanical_energy
 from impact_env.ensemble import Executor, Lane, LaneProgress, draw_members, each_lane
+from impact_env.fields import check_fields
 from impact_env.periodic.residence import Approach, drop_unfinished, hold
 from impact_env.results import EnergyAccount, History, Record, Response
 from impact_env.scene import InitialState, Scene
@@ -65,7 +65,7 @@ class Criteria:
     depth: float = 0.5
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self, tolerance=positive, most_multiple=count_from(1), pause=positive, depth=fraction
         )
 
@@ -388,7 +388,7 @@ class StationaryRuns:
     executor: Executor | None = None
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             points=count_from(2),
             members=count_from(1),

@@ -17,7 +17,6 @@ from impact_env.checks import (
     count,
     count_from,
     each_of,
-    keep_checked,
     kind_of,
     listed,
     non_negative,
@@ -26,6 +25,7 @@ from impact_env.checks import (
     positive,
     require,
 )
+from impact_env.fields import check_fields
 from impact_env.modes import ModalModel
 from impact_env.parameters import SeveralAbsorbers, SlidingAbsorber
 from impact_env.scene import Scene
@@ -57,7 +57,7 @@ class Mistuning:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        keep_checked(self, frequency=non_negative, gap=non_negative, seed=count_from(0))
+        check_fields(self, frequency=non_negative, gap=non_negative, seed=count_from(0))
         for name in ("frequency", "gap"):
             allowed = f"at most {MOST_MISTUNING:g}, as a share"
             require(getattr(self, name) <= MOST_MISTUNING, name, getattr(self, name), allowed)
@@ -154,7 +154,7 @@ class CyclicStructure:
         if self.sector_mass is None:
             require(size == 1, "sector_mass", None, "given, in kg, for more than one freedom")
             object.__setattr__(self, "sector_mass", float(mass[0, 0]))
-        keep_checked(
+        check_fields(
             self,
             damping_ratio=non_negative,
             mistuning=kind_of(Mistuning),
@@ -378,10 +378,10 @@ class BladedDisk:
     modes: int | None = None
 
     def __post_init__(self) -> None:
-        keep_checked(self, ring=kind_of(CyclicStructure), amplitude=or_none(positive))
+        check_fields(self, ring=kind_of(CyclicStructure), amplitude=or_none(positive))
         n = self.ring.sectors
         self.ring.model(self.engine_order, self.direction, self.modes)  # raises what is wrong
-        keep_checked(self, engine_order=count_from(0))
+        check_fields(self, engine_order=count_from(0))
         sectors = check_sectors("absorber_sectors", self.absorber_sectors, n)
         object.__setattr__(self, "absorber_sectors", sectors)
         absorbers: Any = self.absorbers

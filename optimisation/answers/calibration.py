@@ -14,8 +14,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import count, count_from, instance, keep_checked, one_of, positive, require
+from impact_env.checks import (
+    count,
+    count_from,
+    instance,
+    one_of,
+    positive,
+    require,
+)
 from impact_env.ensemble import LaneProgress
+from impact_env.fields import check_fields
 from impact_env.kernels.compiling.cache import hash_sources
 from impact_env.laws import values
 from impact_env.modes import Structure
@@ -77,7 +85,7 @@ class CalibrationRuns:
     replicates: int = REPLICATES
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             first=count_from(32),
             each_round=count_from(16),

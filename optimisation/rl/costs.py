@@ -9,9 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.checks import count_from, keep_checked, non_negative, positive, require
+from impact_env.checks import (
+    count_from,
+    non_negative,
+    positive,
+    require,
+)
 from impact_env.envs.evaluation import play
 from impact_env.extras import optional
+from impact_env.fields import check_fields
 from optimisation.rl.vec_env import make_native
 
 with optional():
@@ -135,7 +141,7 @@ class LagrangeMultiplier(BaseCallback):  # type: ignore[misc]
         self.intervals = intervals
         self.rate = rate
         self.rounds = rounds
-        keep_checked(
+        check_fields(
             self,
             limit=positive,
             intervals=count_from(1),

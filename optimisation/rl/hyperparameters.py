@@ -18,7 +18,6 @@ from impact_env.checks import (
     finite,
     flag,
     fraction,
-    keep_checked,
     non_negative,
     positive,
     require,
@@ -26,6 +25,7 @@ from impact_env.checks import (
 )
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
+from impact_env.fields import check_fields
 from impact_env.plain_files import require_readable
 
 WIDTHS = "a list of widths, as [64, 64]"
@@ -122,7 +122,7 @@ class Hyperparameters(ABC):
 
     def __post_init__(self) -> None:
         own = vars(self)
-        keep_checked(self, **{name: check for name, check in CHECKS.items() if name in own})
+        check_fields(self, **{name: check for name, check in CHECKS.items() if name in own})
         require(self.legs <= self.steps, "legs", self.legs, f"not more than steps = {self.steps}")
         require(len(self.hidden) > 0, "hidden", self.hidden, WIDTHS)
 
@@ -183,7 +183,7 @@ class PPOSettings(Hyperparameters):
             self.batch_size,
             f"a divisor of n_steps * lanes = {self.n_steps * self.lanes}, above 1",
         )
-        keep_checked(self, ent_coef=non_negative)
+        check_fields(self, ent_coef=non_negative)
 
     @property
     def round(self) -> int:
@@ -261,7 +261,7 @@ class SACSettings(Hyperparameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep_checked(self, learning_starts=count_from(0))
+        check_fields(self, learning_starts=count_from(0))
         require(
             self.buffer_size >= self.lanes,
             "buffer_size",
@@ -277,7 +277,7 @@ class SACSettings(Hyperparameters):
                 "a number, auto, or auto_ and the value to start from, as auto_0.1",
             )
         else:
-            keep_checked(self, ent_coef=non_negative)
+            check_fields(self, ent_coef=non_negative)
 
     @property
     def round(self) -> int:

@@ -25,13 +25,13 @@ from impact_env.checks import (
     ParameterError,
     count_from,
     describe_error,
-    keep_checked,
     kind_of,
     require,
 )
 from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
+from impact_env.fields import check_fields
 from optimisation.executors import Pool, PoolTask
 from optimisation.files import require_writable, write_json
 from optimisation.machine import difference, installed
@@ -96,7 +96,7 @@ class Job:
     episodes: int = EVALUATION_EPISODES
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             seed=count_from(0),
             hyperparameters=kind_of(Settings),

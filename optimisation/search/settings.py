@@ -20,13 +20,13 @@ from impact_env.checks import (
     each_of,
     flag,
     fraction,
-    keep_checked,
     kind_of,
     labelled,
     positive,
     require,
     word_of,
 )
+from impact_env.fields import check_fields
 from optimisation.objectives import Score
 from optimisation.problem import Problem
 from optimisation.space import TUNED, Design
@@ -80,7 +80,7 @@ class Rung:
     keep: float = 1.0
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             members=labelled("members of a rung", count_from(1)),
             speed=labelled("speed of a rung", positive),
@@ -105,7 +105,7 @@ class SearchSettings:
     from_scratch: bool = False
 
     def __post_init__(self) -> None:
-        keep_checked(
+        check_fields(
             self,
             sampler=word_of(SAMPLERS),
             batch=count_from(2),

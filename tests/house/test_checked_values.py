@@ -80,7 +80,7 @@ def faults(source: str) -> list[str]:
 def test_every_checked_value_is_used() -> None:
     assert {"count", "positive", "instance", "row"} <= CHECKS
     assert {"usable_force", "usable_mass_ratio", "usable_rate"} <= CHECKS
-    assert not {"require", "keep_checked", "usable_gap"} & CHECKS
+    assert not {"require", "check_fields", "usable_gap"} & CHECKS
     files = [
         file
         for package in ("impact_env", "optimisation")
