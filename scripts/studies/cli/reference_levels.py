@@ -177,8 +177,8 @@ def table(levels: Sequence[Json]) -> str:
         "force, N": "{force_n:g}",
         "median, mm": "{mm[0]:.4g}",
         "5 to 95 %, mm": "{mm[1]:.4g} to {mm[2]:.4g}",
-        "earlier, mm": "{earlier_mm}",
-        "median less earlier": "{less}",
+        "other code, mm": "{earlier_mm}",
+        "median less other": "{less}",
         "in band": "{word}",
     }
     rows = []
@@ -199,20 +199,16 @@ def table(levels: Sequence[Json]) -> str:
 def notes(levels: Sequence[Json], members: int) -> str:
     """Return a text on how many levels are in their bands, and how to read the table.
 
-    It also gives the deviations from the earlier numbers.
+    It also gives the deviations from the numbers of the other code.
     """
     inside = sum(level["inside"] for level in levels)
     off = [abs(x) for level in levels if (x := level["deviation_percent"]) is not None]
     return (
-        f"{inside} of {len(levels)} lie in the band. The medians differ from the earlier "
-        f"numbers by {np.median(off):.1f} % as a rule (median), "
-        f"{max(off):.1f} % at most.\n"
-        f"Levels: the larger of a sweep up and a sweep down; exact method, {members} members. "
-        "Earlier: the Moreau scheme, 20 steps per\n"
-        "period of the highest mode, one draw each. A number is in the band to its last "
-        "digit; a span, if the median is in it. Where the\n"
-        "level hardly depends on the phase, the band is narrower than the error of a scheme "
-        "with steps: there the deviation says more."
+        f"{inside} of {len(levels)} lie in the band; medians differ by {np.median(off):.1f} % "
+        f"(median), at most {max(off):.1f} %.\n"
+        f"Levels: the larger of a sweep up and a sweep down; exact method, {members} members; "
+        "the other code: one draw each.\n"
+        "A number is in the band to its last digit, a span if the median is in it."
     )
 
 
@@ -246,7 +242,7 @@ def _summary(measured: Measurement) -> str:
     return "\n\n".join([table(levels), notes(levels, members), plateau_sentence(levels, past)])
 
 
-STUDY = make_table_study(NAME, "levels beside earlier numbers", _measure, _summary)
+STUDY = make_table_study(NAME, "levels beside those of another code", _measure, _summary)
 
 
 @command()
