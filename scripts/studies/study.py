@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import KW_ONLY, dataclass, field
+from functools import wraps
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -500,6 +501,26 @@ def add_sources(summarise: Callable[[Measurement], str]) -> Callable[[Measuremen
     return lambda measured: f"{summarise(measured)}\n\n{sources(measured.conditions)}"
 
 
+def make_rows_study(
+    name: str,
+    title: str,
+    cases: Callable[[S], Mapping[Any, Callable[[], list[Json]]]],
+    key: Callable[[Json], Any],
+    text: Callable[[Measurement], str],
+    *,
+    key_values: Callable[[S], Json] = lambda _: {},
+    stopped_message: str = "with --json the same command goes on from here.",
+    **others: Any,
+) -> Study[S]:
+    """Return a study of one part with rows by case, as of `make_rows_part`.
+
+    Its table ``text`` is printed; the page also has the conditions of the measurement.
+    """
+    usual: Json = {"text": add_sources(text), "summary": text}
+    part = make_rows_part(name, title, cases, key, key_values=key_values, **usual | others)
+    return Study((part,), stopped_message=stopped_message)
+
+
 # Studies of one table: it is printed, its numbers go to a JSON file, and the table itself into a
 # page, each on request.
 
@@ -531,18 +552,46 @@ def format_table(columns: Mapping[str, str], rows: Iterable[Mapping[str, Any]]) 
 def add_table_options(marker: str, page: str) -> Callable[[Command], Command]:
     """Add --json and --page to a command whose table is between markers of ``page``.
 
-    The command receives them as ``target`` and ``page``.
+    The command receives their paths as ``place``. Files that cannot be written are refused before
+    any computation.
     """
     json = json_option("Write the numbers, each repeat where there are any.", "target")
     table = page_option(marker, page)
-    return lambda command: json(table(command))
+
+    def add(command: Command) -> Command:
+        @wraps(command)
+        def called(target: Path | None, page: Path | None, **options: Any) -> Any:
+            check_target("--json", target)
+            check_target("--page", page)
+            return command(**options, place=OutputPaths(json=target, page=page))
+
+        return json(table(called))
+
+    return add
 
 
-def make_table_paths(target: Path | None, page: Path | None) -> OutputPaths:
-    """Return the paths of numbers and table.
+def add_folder_options(page: str, contents: str = "numbers") -> Callable[[Command], Command]:
+    """Add --redraw and --out to a command whose files are in the folder ``page`` beside page.md.
 
-    Raises BadInput before any computation if they cannot be written.
+    The command receives ``redraw`` and the paths as ``place``. ``contents`` says in the help what
+    the folder holds.
     """
-    check_target("--json", target)
-    check_target("--page", page)
-    return OutputPaths(json=target, page=page)
+    redraw = click.option(
+        "--redraw", is_flag=True, help="Write the page again from existing numbers."
+    )
+    out = click.option(
+        "--out",
+        type=click.Path(path_type=Path, file_okay=False),
+        default=DOCS,
+        show_default=False,
+        help=f"Folder of the page {page}.md and of its folder of {contents} (default: docs).",
+    )
+
+    def add(command: Command) -> Command:
+        @wraps(command)
+        def called(out: Path, **options: Any) -> Any:
+            return command(**options, place=paths_next_to_page(out, page, out / page))
+
+        return redraw(out(called))
+
+    return add

@@ -7,7 +7,6 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 
 import click
 import numpy as np
@@ -32,10 +31,10 @@ from studies.study import (
     Array,
     Json,
     Measurement,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_table_paths,
     make_table_study,
     run,
 )
@@ -302,9 +301,7 @@ RECORD_STUDY: Study[TimingSettings] = make_table_study(
     help="Time a sample of a record instead, beside lsim as well; its page is docs/loads.md.",
 )
 @add_table_options(NAME, "docs/methods.md")
-def main(
-    quick: bool, repeats: int | None, record: bool, target: Path | None, page: Path | None
-) -> None:
+def main(quick: bool, repeats: int | None, record: bool, place: OutputPaths) -> None:
     """Time the exact method and the Moreau scheme on the same sweeps, and print a table.
 
     The Moreau scheme has the step of the paper.
@@ -317,7 +314,7 @@ def main(
         run(
             RECORD_STUDY,
             TimingSettings(QUICK_SAMPLES if quick else SAMPLES, times),
-            make_table_paths(target, page),
+            place,
         )
     else:
-        run(STUDY, TimingSettings(QUICK if quick else WHOLE, times), make_table_paths(target, page))
+        run(STUDY, TimingSettings(QUICK if quick else WHOLE, times), place)

@@ -11,14 +11,14 @@ from impact_env import impact_absorber, load_structure, modal_model
 from impact_env.ensemble import available_cores
 from optimisation.answers.calibration import QUICK_RUNS, CalibrationRuns, calibrate
 from optimisation.calibration.measurement import MOVING, Measurement, read_measurements
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import command
 from optimisation.files import DOCS
 from studies.study import (
     Json,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_table_paths,
     make_table_study,
     run,
 )
@@ -83,10 +83,9 @@ STUDY: Study[CalibrationRuns] = make_table_study(
 @command()
 @click.option("--quick", is_flag=True, help="Fewer simulated measurements.")
 @add_table_options(NAME, "docs/calibrate.md")
-def main(quick: bool, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, place: OutputPaths) -> None:
     """Time the calibration of three parameters by a sweep of 12 s, with ten modes.
 
     CPU and wall time are measured without compilation.
     """
-    with plain_errors():
-        run(STUDY, QUICK_RUNS if quick else CalibrationRuns(), make_table_paths(target, page))
+    run(STUDY, QUICK_RUNS if quick else CalibrationRuns(), place)

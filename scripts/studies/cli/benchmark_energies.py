@@ -4,7 +4,6 @@ Times are for one core and one process, without compilation.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import click
@@ -27,10 +26,10 @@ from optimisation.machine import Timed
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_table_paths,
     make_table_study,
     run,
 )
@@ -156,7 +155,7 @@ STUDY: Study[TimingSettings] = make_table_study(
     help=f"Runs of either kind, of which the median counts.  [default: {REPEATS}]",
 )
 @add_table_options(NAME, "docs/method.md")
-def main(quick: bool, repeats: int | None, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, repeats: int | None, place: OutputPaths) -> None:
     """Time scenes of all kinds without and with an account of energies, and print a table.
 
     Run it on an otherwise idle machine. The first call compiles the kernels, up to a quarter of a
@@ -165,4 +164,4 @@ def main(quick: bool, repeats: int | None, target: Path | None, page: Path | Non
     settings = TimingSettings(
         QUICK if quick else WHOLE, repeats or (QUICK_REPEATS if quick else REPEATS)
     )
-    run(STUDY, settings, make_table_paths(target, page))
+    run(STUDY, settings, place)

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -27,9 +26,9 @@ from optimisation.progress import Bar
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     add_table_options,
     format_table,
-    make_table_paths,
     make_table_study,
     run,
 )
@@ -297,13 +296,13 @@ STUDY = make_table_study(NAME, "speed of the environments", _measure, _summary)
     help=f"{QUICK_SECONDS:g} s a repeat instead of {SECONDS:g} s: a look, not a measurement.",
 )
 @add_table_options(NAME, "docs/environments.md")
-def main(quick: bool, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, place: OutputPaths) -> None:
     """Measure environment steps per second and print a table.
 
     Run it on an otherwise idle machine. Kernels that are not compiled yet are compiled first, which
     is not part of the times.
     """
-    run(STUDY, QUICK_SECONDS if quick else SECONDS, make_table_paths(target, page))
+    run(STUDY, QUICK_SECONDS if quick else SECONDS, place)
 
 
 if __name__ == "__main__":

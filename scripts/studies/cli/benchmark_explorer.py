@@ -28,9 +28,9 @@ from optimisation.report.figures import few_colours
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     add_table_options,
     format_table,
-    make_table_paths,
     make_table_study,
     run,
 )
@@ -294,9 +294,7 @@ STUDY = make_table_study(NAME, "explorer", measure, make_summary)
     help="Make a film of the page, .gif, and nothing else.",
 )
 @add_table_options(NAME, "docs/explore.md")
-def main(
-    quick: bool, picture: Path | None, filmed: Path | None, target: Path | None, page: Path | None
-) -> None:
+def main(quick: bool, picture: Path | None, filmed: Path | None, place: OutputPaths) -> None:
     """Move a slider of the page and time the drawing, and the end of outdated computations.
 
     The times are those until the first points, until all forces and until everything is drawn.
@@ -315,5 +313,5 @@ def main(
     run(
         STUDY,
         ExplorerSettings(QUICK_REPEATS if quick else REPEATS),
-        make_table_paths(target, page),
+        place,
     )

@@ -7,7 +7,6 @@ without compilation.
 import statistics
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 import click
@@ -39,7 +38,7 @@ from impact_env.periodic.validation import CHATTER_BAR, RESIDUAL_BAR, iterate_ma
 from optimisation.cli.common import command
 from optimisation.files import markdown
 from optimisation.progress import Bar
-from studies.study import Json, Study, add_table_options, make_table_paths, make_table_study, run
+from studies.study import Json, OutputPaths, Study, add_table_options, make_table_study, run
 from studies.timing import time_call
 
 NAME = "benchmark_periodic"
@@ -404,9 +403,9 @@ STUDY: Study[int] = make_table_study(
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_REPEATS} repeats instead of {REPEATS}.")
 @add_table_options(NAME, "docs/frequency_domain.md")
-def main(quick: bool, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, place: OutputPaths) -> None:
     """Measure speed and accuracy of periodic orbits against their limits.
 
     Values are medians of repeats in one process, without compilation.
     """
-    run(STUDY, QUICK_REPEATS if quick else REPEATS, make_table_paths(target, page))
+    run(STUDY, QUICK_REPEATS if quick else REPEATS, place)

@@ -5,7 +5,6 @@ Compilation is not counted.
 
 import statistics
 import time
-from pathlib import Path
 
 import click
 import numpy as np
@@ -15,7 +14,7 @@ from impact_env.scene import Scene
 from impact_env.structures.cyclic import ring_of_masses
 from optimisation.cli.common import command
 from optimisation.files import markdown
-from studies.study import Json, Study, add_table_options, make_table_paths, make_table_study, run
+from studies.study import Json, OutputPaths, Study, add_table_options, make_table_study, run
 
 NAME = "benchmark_sectors"
 SECTORS = (5, 10, 20, 32, 64)
@@ -117,9 +116,9 @@ STUDY: Study[bool] = make_table_study(
 @command()
 @click.option("--quick", is_flag=True, help="Two sizes and short sweeps.")
 @add_table_options(NAME, "docs/many_absorbers.md")
-def main(quick: bool, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, place: OutputPaths) -> None:
     """Time sweeps of bladed disks with an absorber in every sector.
 
     The table has CPU times as medians of repeats, without compilation.
     """
-    run(STUDY, quick, make_table_paths(target, page))
+    run(STUDY, quick, place)

@@ -25,9 +25,9 @@ from optimisation.progress import Bar
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     add_table_options,
     format_table,
-    make_table_paths,
     make_table_study,
     run,
 )
@@ -206,7 +206,7 @@ STUDY = make_table_study(NAME, "from nothing to the first figure", _measure, _su
     help="The quick comparison and one first call: a look, not a measurement.",
 )
 @add_table_options(NAME, "docs/internals/cost.md")
-def main(quick: bool, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, place: OutputPaths) -> None:
     """Clone the checkout into an empty folder and time set-up, compilation and comparison.
 
     First calls of scenes and outputs that are not compiled beforehand are also timed.
@@ -214,4 +214,4 @@ def main(quick: bool, target: Path | None, page: Path | None) -> None:
     Run it on an otherwise idle machine with a network. It measures what is committed, and leaves
     nothing behind.
     """
-    run(STUDY, quick, make_table_paths(target, page))
+    run(STUDY, quick, place)

@@ -7,7 +7,6 @@ model.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -43,17 +42,16 @@ from optimisation.calibration.measurement import (
 from optimisation.calibration.parameters import Prior, scene_with
 from optimisation.calibration.predictive import check_posterior
 from optimisation.calibration.simulation import Simulator
-from optimisation.cli.common import command, plain_errors
-from optimisation.machine import sources
+from optimisation.cli.common import command
 from studies.study import (
     Array,
     Json,
     Measurement,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_rows_part,
-    make_table_paths,
+    make_rows_study,
     run,
 )
 
@@ -505,27 +503,18 @@ def write_table(measured: Measurement) -> str:
     )
 
 
-STUDY: Study[CalibrationSettings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "posteriors of calibrate beside the truth",
-            cases=list_cases,
-            key=lambda r: (r["rig"], r["kind"], r["number"]),
-            text=write_table,
-            key_values=lambda settings: {
-                "first_runs": settings.first_runs,
-                "round_runs": settings.round_runs,
-                "rounds": settings.rounds,
-                "replicates": settings.replicates,
-            },
-            sections=lambda result: {
-                NAME: f"{write_table(result)}\n\n{sources(result.conditions)}"
-            },
-            summary=write_table,
-        ),
-    ),
-    stopped_message="with --json the same command goes on from here.",
+STUDY: Study[CalibrationSettings] = make_rows_study(
+    NAME,
+    "posteriors of calibrate beside the truth",
+    cases=list_cases,
+    key=lambda r: (r["rig"], r["kind"], r["number"]),
+    text=write_table,
+    key_values=lambda settings: {
+        "first_runs": settings.first_runs,
+        "round_runs": settings.round_runs,
+        "rounds": settings.rounds,
+        "replicates": settings.replicates,
+    },
 )
 QUICK = CalibrationSettings(2, 0, 0, 64, 48, 1, 40)
 
@@ -559,8 +548,7 @@ def main(
     truths: int,
     disturbed: int,
     outside: int,
-    target: Path | None,
-    page: Path | None,
+    place: OutputPaths,
 ) -> None:
     """Print how often the 90 % intervals of calibrate contain the truth.
 
@@ -570,6 +558,5 @@ def main(
     measurements and with absorbers that the model lacks. Ctrl-C prints, and writes, what is
     finished; with --json the same command goes on from there.
     """
-    with plain_errors():
-        settings = QUICK if quick else CalibrationSettings(truths, disturbed, outside)
-        run(STUDY, settings, make_table_paths(target, page))
+    settings = QUICK if quick else CalibrationSettings(truths, disturbed, outside)
+    run(STUDY, settings, place)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -17,24 +16,22 @@ from optimisation.absorber_rules import scaled_absorber
 from optimisation.cli.common import (
     cluster_option,
     command,
-    plain_errors,
     rate_option,
     threads_option,
 )
 from optimisation.executors import workers
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, expected_factor, search_gap
 from optimisation.load_cases import swept_force
-from optimisation.machine import sources
 from studies.structures import CASES, HARD_CASES, StructureCase
 from studies.study import (
     Array,
     Json,
     Measurement,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_rows_part,
-    make_table_paths,
+    make_rows_study,
     not_none,
     run,
 )
@@ -240,28 +237,21 @@ def table(measured: Measurement) -> str:
     return f"{format_table(columns, rows)}\n\n{'; '.join(words)}."
 
 
-STUDY: Study[GapSettings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "the answers of design_gap beside scans by brute force",
-            cases=lambda settings: {
-                (case.name, case.resonance, case.mass_ratio): partial(row, case, settings)
-                for case in settings.cases
-            },
-            key=itemgetter("name", "resonance", "mass_ratio"),
-            text=table,
-            key_values=lambda settings: {
-                "members": settings.members,
-                "step": settings.step,
-                "rate": settings.rate,
-                "judges": settings.judges,
-            },
-            sections=lambda result: {NAME: f"{table(result)}\n\n{sources(result.conditions)}"},
-            summary=table,
-        ),
-    ),
-    stopped_message="with --json the same command goes on from here.",
+STUDY: Study[GapSettings] = make_rows_study(
+    NAME,
+    "the answers of design_gap beside scans by brute force",
+    cases=lambda settings: {
+        (case.name, case.resonance, case.mass_ratio): partial(row, case, settings)
+        for case in settings.cases
+    },
+    key=itemgetter("name", "resonance", "mass_ratio"),
+    text=table,
+    key_values=lambda settings: {
+        "members": settings.members,
+        "step": settings.step,
+        "rate": settings.rate,
+        "judges": settings.judges,
+    },
 )
 
 
@@ -286,9 +276,7 @@ def by_run_time(cases: Sequence[StructureCase]) -> tuple[StructureCase, ...]:
 @threads_option
 @cluster_option
 @add_table_options(NAME, "docs/gap_method.md")
-def main(
-    quick: bool, cluster: str | None, target: Path | None, page: Path | None, **options: Any
-) -> None:
+def main(quick: bool, cluster: str | None, place: OutputPaths, **options: Any) -> None:
     """Print the loss of design_gap's results against a brute-force scan of gaps.
 
     The comparison has thirty structures.
@@ -297,7 +285,7 @@ def main(
     and the answers are judged by fresh runs. Ctrl-C prints, and writes, what is finished; with
     --json the same command goes on from there.
     """
-    with plain_errors(), workers(options["threads"], cluster) as result:
+    with workers(options["threads"], cluster) as result:
         options |= {
             "members": options["members"] or MEMBERS,
             "judges": options["judges"] or (QUICK_JUDGES if quick else JUDGES),
@@ -309,4 +297,4 @@ def main(
             executor=result,
             **options,
         )
-        run(STUDY, settings, make_table_paths(target, page))
+        run(STUDY, settings, place)

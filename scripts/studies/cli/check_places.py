@@ -6,7 +6,6 @@ The scan covers all places and gaps.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -18,13 +17,11 @@ from impact_env.ensemble import Executor, Lane, each_lane
 from optimisation.cli.common import (
     cluster_option,
     command,
-    plain_errors,
     rate_option,
     threads_option,
 )
 from optimisation.executors import workers
 from optimisation.gap_advice import MEMBERS, TOLERANCE
-from optimisation.machine import sources
 from optimisation.place_advice import PlaceAdvice, PlacedDevice, advise_place, expected_gap
 from optimisation.place_map import Places, find_places
 from studies.cli.check_gaps import level_of
@@ -33,11 +30,11 @@ from studies.study import (
     Array,
     Json,
     Measurement,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_rows_part,
-    make_table_paths,
+    make_rows_study,
     run,
 )
 
@@ -287,29 +284,22 @@ def table(measured: Measurement) -> str:
     return f"{format_table(columns, rows)}\n\n{words}"
 
 
-STUDY: Study[PlaceSettings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "the answers of design_place beside scans by brute force",
-            cases=lambda settings: {
-                (case.name, *(r for r, _ in case.forces)): partial(row, case, settings)
-                for case in settings.cases
-            },
-            key=lambda r: (r["name"], *r["resonances"]),
-            text=table,
-            key_values=lambda settings: {
-                "members": settings.members,
-                "step": settings.step,
-                "scanned": settings.scanned,
-                "rate": settings.rate,
-                "judges": settings.judges,
-            },
-            sections=lambda result: {NAME: f"{table(result)}\n\n{sources(result.conditions)}"},
-            summary=table,
-        ),
-    ),
-    stopped_message="with --json the same command goes on from here.",
+STUDY: Study[PlaceSettings] = make_rows_study(
+    NAME,
+    "the answers of design_place beside scans by brute force",
+    cases=lambda settings: {
+        (case.name, *(r for r, _ in case.forces)): partial(row, case, settings)
+        for case in settings.cases
+    },
+    key=lambda r: (r["name"], *r["resonances"]),
+    text=table,
+    key_values=lambda settings: {
+        "members": settings.members,
+        "step": settings.step,
+        "scanned": settings.scanned,
+        "rate": settings.rate,
+        "judges": settings.judges,
+    },
 )
 QUICK_CASES = (5,)
 QUICK_STEP = 0.3
@@ -328,9 +318,7 @@ QUICK_MEMBERS = 1
 @threads_option
 @cluster_option
 @add_table_options(NAME, "docs/which_place.md")
-def main(
-    quick: bool, cluster: str | None, target: Path | None, page: Path | None, **options: Any
-) -> None:
+def main(quick: bool, cluster: str | None, place: OutputPaths, **options: Any) -> None:
     """Print the loss of design_place's result against a brute-force scan.
 
     The comparison has four structures, and the scan covers all places and gaps.
@@ -339,7 +327,7 @@ def main(
     best and the answer are judged by fresh runs. Ctrl-C prints, and writes, what is finished; with
     --json the same command goes on from there.
     """
-    with plain_errors(), workers(options["threads"], cluster) as result:
+    with workers(options["threads"], cluster) as result:
         options["judges"] = options["judges"] or (QUICK_JUDGES if quick else JUDGES)
         if result is not None:
             options["threads"] = None
@@ -350,4 +338,4 @@ def main(
             executor=result,
             **options,
         )
-        run(STUDY, settings, make_table_paths(target, page))
+        run(STUDY, settings, place)

@@ -7,7 +7,6 @@ spaced forces.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -23,7 +22,7 @@ from optimisation.calibration.inference import (
 from optimisation.calibration.measurement import RecordMeasurement
 from optimisation.calibration.plan import MeasurementPlan, plan_measurement
 from optimisation.calibration.posterior import Posterior
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import command
 from optimisation.machine import sources
 from studies.cli.check_calibration import (
     RIGS,
@@ -36,11 +35,11 @@ from studies.cli.check_calibration import (
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_rows_part,
-    make_table_paths,
+    make_rows_study,
     run,
 )
 
@@ -301,28 +300,23 @@ def write_forces(measured: Measurement) -> str:
     return format_table(columns, force_rows(measured.values["rows"]))
 
 
-STUDY: Study[int] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "intervals by the forces of the sweeps",
-            cases=list_cases,
-            key=lambda row: (row["way"] == FROM_LARGEST, row["number"]),
-            text=write_ways,
-            key_values=lambda _: {
-                "first_runs": FIRST_RUNS,
-                "round_runs": ROUND_RUNS,
-                "rounds": ROUNDS,
-            },
-            markers=(NAME, BY_FORCE),
-            sections=lambda result: {
-                NAME: f"{write_ways(result)}\n\n{sources(result.conditions)}",
-                BY_FORCE: write_forces(result),
-            },
-            summary=lambda result: f"{write_ways(result)}\n\n{write_forces(result)}",
-        ),
-    ),
-    stopped_message="with --json the same command goes on from here.",
+STUDY: Study[int] = make_rows_study(
+    NAME,
+    "intervals by the forces of the sweeps",
+    cases=list_cases,
+    key=lambda row: (row["way"] == FROM_LARGEST, row["number"]),
+    text=write_ways,
+    key_values=lambda _: {
+        "first_runs": FIRST_RUNS,
+        "round_runs": ROUND_RUNS,
+        "rounds": ROUNDS,
+    },
+    markers=(NAME, BY_FORCE),
+    sections=lambda result: {
+        NAME: f"{write_ways(result)}\n\n{sources(result.conditions)}",
+        BY_FORCE: write_forces(result),
+    },
+    summary=lambda result: f"{write_ways(result)}\n\n{write_forces(result)}",
 )
 
 
@@ -336,7 +330,7 @@ STUDY: Study[int] = Study(
     help="Truths from the prior.",
 )
 @add_table_options(NAME, "docs/calibrate.md")
-def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, truths: int, place: OutputPaths) -> None:
     """Print the width of calibrate's intervals after sweeps at recommended forces.
 
     The comparison is with sweeps at equally spaced forces.
@@ -345,5 +339,4 @@ def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> No
     displacement sensor. A second table has the widths after one sweep, by its force. Ctrl-C prints,
     and writes, what is finished; with --json the same command goes on.
     """
-    with plain_errors():
-        run(STUDY, 1 if quick else truths, make_table_paths(target, page))
+    run(STUDY, 1 if quick else truths, place)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from impact_env.checks import require
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import command
 from optimisation.cli.group import file_of, summary_of
 from optimisation.cli.names import HEADINGS, OLDER_NAMES, list_needs
 from optimisation.files import DOCS, fill
@@ -44,7 +44,6 @@ def make_tables() -> str:
 )
 def main(page: Path) -> None:
     """Write the tables of the commands into their page."""
-    with plain_errors():
-        require(page.parent.is_dir(), "--page", str(page), "a file in a folder that exists")
-        fill(page, PAGE, {NAME: make_tables()})
-        click.echo(f"written: {page}")
+    require(page.parent.is_dir(), "--page", str(page), "a file in a folder that exists")
+    fill(page, PAGE, {NAME: make_tables()})
+    click.echo(f"written: {page}")

@@ -33,12 +33,13 @@ from studies.blades.chain import (
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Saver,
     Study,
+    add_folder_options,
     add_sources,
     make_rows_part,
     not_none,
-    paths_next_to_page,
     run,
 )
 
@@ -321,7 +322,7 @@ def make_curve_figure(measured: Measurement) -> Saver:
                 ]
                 x = [row["clearance"] for row in own]
                 y = [np.mean(row["amplitude"]) for row in own]
-                (line,) = ax.plot(x, y, "-", lw=1, label=f"coupling {coupling:g}")
+                (line,) = ax.plot(x, y, "-", lw=1, label=f"coupling {coupling:.4g}")
                 for kind, marker in KIND_MARKERS.items():
                     of_kind = [k for k, row in enumerate(own) if kind_of(row) == kind]
                     at = [x[k] for k in of_kind]
@@ -510,18 +511,10 @@ STUDY: Study[Settings] = Study(
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="Folder of CC, which is run by octave-cli: measures the cost of both programs.",
 )
-@click.option("--redraw", is_flag=True, help="Write tables and figures from existing numbers.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=DOCS,
-    show_default=False,
-    help=(
-        "Folder of the page many_absorbers.md and of its folder of numbers and figures (default: "
-        "docs)."
-    ),
-)
-def main(quick: bool, only: tuple[str, ...], peer: Path | None, redraw: bool, out: Path) -> None:
+@add_folder_options(PAGE, "numbers and figures")
+def main(
+    quick: bool, only: tuple[str, ...], peer: Path | None, redraw: bool, place: OutputPaths
+) -> None:
     """Compare levels of the cyclic chain with those of the published code CC.
 
     An interrupted run continues when the command is called again.
@@ -543,4 +536,4 @@ def main(quick: bool, only: tuple[str, ...], peer: Path | None, redraw: bool, ou
         raise click.UsageError(f"--only {COST} needs --peer FOLDER, where the code CC is")
     if not only and peer is None and not redraw:
         only = (NAME, RESPONSES, CURVE)
-    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), only=only, redraw=redraw)
+    run(STUDY, settings, place, only=only, redraw=redraw)

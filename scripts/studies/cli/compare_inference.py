@@ -8,7 +8,6 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -24,8 +23,7 @@ from optimisation.calibration.inference import (
 )
 from optimisation.calibration.likelihood import RegressionStatistics, fit_regression_statistics
 from optimisation.calibration.simulation import Simulator
-from optimisation.cli.common import BadInput, command, plain_errors
-from optimisation.machine import sources
+from optimisation.cli.common import BadInput, command
 from studies.cli.check_calibration import (
     KINDS,
     MODEL,
@@ -40,11 +38,11 @@ from studies.study import (
     Array,
     Json,
     Measurement,
+    OutputPaths,
     Study,
     add_table_options,
     format_table,
-    make_rows_part,
-    make_table_paths,
+    make_rows_study,
     run,
 )
 
@@ -415,26 +413,17 @@ def write_table(measured: Measurement) -> str:
     return format_table(columns, method_rows(measured.values["rows"]))
 
 
-STUDY: Study[ComparisonSettings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "methods of inference beside the truth",
-            cases=list_cases,
-            key=lambda r: (r["method"], r["sweeps"], r["number"]),
-            text=write_table,
-            key_values=lambda _: {
-                "first_runs": FIRST_RUNS,
-                "round_runs": ROUND_RUNS,
-                "rounds": ROUNDS,
-            },
-            sections=lambda result: {
-                NAME: f"{write_table(result)}\n\n{sources(result.conditions)}"
-            },
-            summary=write_table,
-        ),
-    ),
-    stopped_message="with --json the same command goes on from here.",
+STUDY: Study[ComparisonSettings] = make_rows_study(
+    NAME,
+    "methods of inference beside the truth",
+    cases=list_cases,
+    key=lambda r: (r["method"], r["sweeps"], r["number"]),
+    text=write_table,
+    key_values=lambda _: {
+        "first_runs": FIRST_RUNS,
+        "round_runs": ROUND_RUNS,
+        "rounds": ROUNDS,
+    },
 )
 QUICK = ComparisonSettings(1, (Setting(LIKELIHOOD, SWEEPS),))
 
@@ -449,7 +438,7 @@ QUICK = ComparisonSettings(1, (Setting(LIKELIHOOD, SWEEPS),))
     help="Truths from the prior.",
 )
 @add_table_options(NAME, "docs/calibrate.md")
-def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, truths: int, place: OutputPaths) -> None:
     """Print coverage, width and cost of the posteriors of three methods.
 
     All methods use the same simulated measurements.
@@ -458,8 +447,7 @@ def main(quick: bool, truths: int, target: Path | None, page: Path | None) -> No
     ABC-SMC. sbi and pyabc are no part of any extra: pip install sbi pyabc. Ctrl-C prints, and
     writes, what is finished; with --json the same command goes on.
     """
-    with plain_errors():
-        settings = QUICK if quick else ComparisonSettings(truths)
-        for name in () if quick else ("sbi.inference", "pyabc"):
-            import_method(name)
-        run(STUDY, settings, make_table_paths(target, page))
+    settings = QUICK if quick else ComparisonSettings(truths)
+    for name in () if quick else ("sbi.inference", "pyabc"):
+        import_method(name)
+    run(STUDY, settings, place)

@@ -8,20 +8,19 @@ The methods are compared at equal time of one core and at equal numbers of steps
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import click
 
 from optimisation.cli.common import command
-from optimisation.files import DOCS, markdown
+from optimisation.files import markdown
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Study,
-    add_sources,
-    make_rows_part,
-    paths_next_to_page,
+    add_folder_options,
+    make_rows_study,
     run,
 )
 from studies.training_methods import METHODS, SCALES, TrainingEffort
@@ -104,17 +103,13 @@ def describe_settings(settings: Settings) -> Json:
     return {"effort": asdict(settings.effort)}
 
 
-STUDY: Study[Settings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "methods of training at equal time",
-            list_cases,
-            lambda row: (row["task"], row["method"], row["seed"]),
-            add_sources(make_table),
-            key_values=describe_settings,
-        ),
-    ),
+STUDY: Study[Settings] = make_rows_study(
+    NAME,
+    "methods of training at equal time",
+    list_cases,
+    lambda row: (row["task"], row["method"], row["seed"]),
+    make_table,
+    key_values=describe_settings,
     stopped_message="finished trainings are in the file.",
 )
 
@@ -123,7 +118,6 @@ STUDY: Study[Settings] = Study(
 @click.option(
     "--quick", is_flag=True, help=f"{QUICK.seconds:g} s a training, {QUICK.episodes} episodes."
 )
-@click.option("--redraw", is_flag=True, help="Write the table from existing numbers.")
 @click.option(
     "--task",
     "tasks",
@@ -141,20 +135,14 @@ STUDY: Study[Settings] = Study(
 @click.option(
     "--seeds", type=click.IntRange(1), default=1, show_default=True, help="Training seeds."
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=DOCS,
-    show_default=False,
-    help="Folder of the page tasks.md and of its folder of numbers (default: docs).",
-)
+@add_folder_options(PAGE)
 def main(
     quick: bool,
     redraw: bool,
     tasks: tuple[str, ...],
     methods: tuple[str, ...],
     seeds: int,
-    out: Path,
+    place: OutputPaths,
 ) -> None:
     """Train by each method for the same CPU time and compare with the rule of eight.
 
@@ -162,4 +150,4 @@ def main(
     """
     effort = QUICK if quick else TrainingEffort()
     settings = Settings(tasks or tuple(SCALES), methods or tuple(METHODS), seeds, effort)
-    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)
+    run(STUDY, settings, place, redraw=redraw)

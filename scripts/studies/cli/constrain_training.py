@@ -17,7 +17,7 @@ import numpy as np
 from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, bootstrap_interval
 from impact_env.extras import optional
 from optimisation.cli.common import command
-from optimisation.files import DOCS, markdown
+from optimisation.files import markdown
 from optimisation.report.figures import (
     BLACK,
     BLUE,
@@ -31,10 +31,11 @@ from optimisation.rl.rules import EIGHT, env_of, policies
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Study,
+    add_folder_options,
     add_sources,
-    make_rows_part,
-    paths_next_to_page,
+    make_rows_study,
     run,
 )
 
@@ -277,45 +278,35 @@ def describe_settings(settings: Settings) -> Json:
     return {"settings": {"steps": settings.steps, "episodes": settings.episodes}}
 
 
-STUDY: Study[Settings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "agents with a limit of one cost",
-            list_cases,
-            lambda row: (row["task"], row["kind"], row["value"]),
-            make_limit_table,
-            key_values=describe_settings,
-            markers=(NAME, FRONT),
-            sections=lambda measured: {
-                NAME: make_limit_table(measured),
-                FRONT: add_sources(make_front_table)(measured),
-            },
-            figures=lambda measured: {NAME: partial(save_front, measured=measured)},
-        ),
-    ),
+STUDY: Study[Settings] = make_rows_study(
+    NAME,
+    "agents with a limit of one cost",
+    list_cases,
+    lambda row: (row["task"], row["kind"], row["value"]),
+    make_limit_table,
+    key_values=describe_settings,
+    markers=(NAME, FRONT),
+    sections=lambda measured: {
+        NAME: make_limit_table(measured),
+        FRONT: add_sources(make_front_table)(measured),
+    },
+    summary=None,
+    figures=lambda measured: {NAME: partial(save_front, measured=measured)},
     stopped_message="trained agents' scores are in the file.",
 )
 
 
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_STEPS:,} steps an agent, 16 episodes.")
-@click.option("--redraw", is_flag=True, help="Write tables and figure from existing numbers.")
 @click.option(
     "--steps", type=click.IntRange(1), default=STEPS, show_default=True, help="Steps of each agent."
 )
 @click.option("--front", is_flag=True, help="Also the linear rewards; needs MO-Gymnasium.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=DOCS,
-    show_default=False,
-    help="Folder of the page tasks.md and of its folder of numbers (default: docs).",
-)
-def main(quick: bool, redraw: bool, steps: int, front: bool, out: Path) -> None:
+@add_folder_options(PAGE)
+def main(quick: bool, redraw: bool, steps: int, front: bool, place: OutputPaths) -> None:
     """Train agents with limits of a cost and score them on test seeds.
 
     A run that was stopped continues when the command is called again.
     """
     settings = Settings(QUICK_STEPS, 16, front) if quick else Settings(steps, EPISODES, front)
-    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)
+    run(STUDY, settings, place, redraw=redraw)

@@ -5,7 +5,6 @@ The tables give the cost of each part, how often each is needed, and the remaini
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -43,7 +42,7 @@ from optimisation.files import markdown
 from optimisation.machine import Timed
 from optimisation.progress import Bar
 from studies.cli.benchmark import CASES, START, SpeedCase
-from studies.study import Json, Study, add_table_options, make_table_paths, make_table_study, run
+from studies.study import Json, OutputPaths, Study, add_table_options, make_table_study, run
 from studies.timing import make_sweep_up, measure_median_time, time_call
 
 
@@ -223,6 +222,6 @@ STUDY: Study[float] = make_table_study(
     help=f"Runs of {QUICK_PERIODS:g} pseudo periods instead of {PERIODS:g}.",
 )
 @add_table_options(NAME, "docs/internals/cost.md")
-def main(quick: bool, target: Path | None, page: Path | None) -> None:
+def main(quick: bool, place: OutputPaths) -> None:
     """Measure the parts of the exact method's time, on one core."""
-    run(STUDY, QUICK_PERIODS if quick else PERIODS, make_table_paths(target, page))
+    run(STUDY, QUICK_PERIODS if quick else PERIODS, place)

@@ -14,7 +14,7 @@ from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.arguments import Argument, list_arguments, list_own_arguments
 from impact_env.envs.settings import TaskSettings
 from impact_env.extras import optional
-from optimisation.cli.common import command, plain_errors
+from optimisation.cli.common import command
 from optimisation.files import DOCS, fill, markdown, read_json, replacing, write_json
 from optimisation.progress import Bar
 from optimisation.rl.rules import CONSTANT, chosen
@@ -251,15 +251,14 @@ def read_measured() -> dict[str, Any]:
 @click.option("--measure", is_flag=True, help="Simulate again for ranges and printed outputs.")
 def main(measure: bool) -> None:
     """Write the page of each environment and the arguments that all have."""
-    with plain_errors():
-        measured = {} if measure else read_measured()
-        for page in Bar(list(EXAMPLES), desc="environments", unit="page", leave=False):
-            if page not in measured:
-                measured[page] = measure_page(page)
-        FOLDER.mkdir(exist_ok=True)
-        write_json(MEASURED, {page: measured[page] for page in EXAMPLES})
-        for page in EXAMPLES:
-            with replacing(FOLDER / f"{page}.md") as temporary:
-                temporary.write_text(make_page(page, measured[page]), encoding="utf-8")
-        fill(OVERVIEW, OVERVIEW, {ARGUMENTS: make_shared_table()})
-        click.echo(f"written: {FOLDER} and {OVERVIEW}")
+    measured = {} if measure else read_measured()
+    for page in Bar(list(EXAMPLES), desc="environments", unit="page", leave=False):
+        if page not in measured:
+            measured[page] = measure_page(page)
+    FOLDER.mkdir(exist_ok=True)
+    write_json(MEASURED, {page: measured[page] for page in EXAMPLES})
+    for page in EXAMPLES:
+        with replacing(FOLDER / f"{page}.md") as temporary:
+            temporary.write_text(make_page(page, measured[page]), encoding="utf-8")
+    fill(OVERVIEW, OVERVIEW, {ARGUMENTS: make_shared_table()})
+    click.echo(f"written: {FOLDER} and {OVERVIEW}")

@@ -14,7 +14,7 @@ import numpy as np
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
-from optimisation.cli.common import cluster_option, command, plain_errors
+from optimisation.cli.common import cluster_option, command
 from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import executor
 from optimisation.files import markdown, published, require_writable
@@ -452,7 +452,7 @@ def main(
     of the other.
     """
     out = out or (QUICK_OUT if quick else OUT)
-    with plain_errors(), executor(threads, None if redraw else cluster) as where:
+    with executor(threads, None if redraw else cluster) as where:
         options = settings(quick, where, seed, out)
         require_writable("results", options.folder)
         run(STUDY, options, paths_next_to_page(out, NAME, out / NAME), only=parts, redraw=redraw)

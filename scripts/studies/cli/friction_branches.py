@@ -9,7 +9,6 @@ are those of fresh members, relative to no absorber.
 
 from functools import partial
 from operator import itemgetter
-from pathlib import Path
 from typing import NamedTuple
 
 import click
@@ -19,7 +18,7 @@ from impact_env.curve import BAND
 from impact_env.drive import PAPER_DAMPING
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
-from optimisation.cli.common import cluster_option, command, plain_errors
+from optimisation.cli.common import cluster_option, command
 from optimisation.executors import executor
 from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition
@@ -31,12 +30,11 @@ from optimisation.statistics import branches
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Study,
-    add_sources,
     add_table_options,
     format_table,
-    make_rows_part,
-    make_table_paths,
+    make_rows_study,
     run,
 )
 
@@ -127,24 +125,14 @@ def table(measured: Measurement) -> str:
     )
 
 
-STUDY: Study[BranchSettings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "friction and branches",
-            cases=lambda settings: {
-                case: partial(_rows, *case, settings) for case in settings.cases
-            },
-            key=itemgetter("damping_ratio", "gap_over_rule"),
-            text=add_sources(table),
-            key_values=lambda settings: {"members": settings.members},
-            steps=None,
-            summary=table,
-        ),
-    ),
-    stopped_message=(
-        "what was finished is printed, and with --json the same command goes on from there."
-    ),
+STUDY: Study[BranchSettings] = make_rows_study(
+    NAME,
+    "friction and branches",
+    cases=lambda settings: {case: partial(_rows, *case, settings) for case in settings.cases},
+    key=itemgetter("damping_ratio", "gap_over_rule"),
+    text=table,
+    key_values=lambda settings: {"members": settings.members},
+    steps=None,
 )
 
 
@@ -169,8 +157,7 @@ def main(
     members: int,
     threads: int | None,
     cluster: str | None,
-    target: Path | None,
-    page: Path | None,
+    place: OutputPaths,
 ) -> None:
     """Print the table of docs/findings.md on friction.
 
@@ -178,6 +165,6 @@ def main(
 
     Ctrl-C prints, and writes, what is finished; with --json the same command goes on from there.
     """
-    with plain_errors(), executor(threads, cluster) as where:
+    with executor(threads, cluster) as where:
         settings = BranchSettings(members, CASES[:1] if quick else CASES, where)
-        run(STUDY, settings, make_table_paths(target, page))
+        run(STUDY, settings, place)

@@ -15,7 +15,7 @@ from impact_env.checks import ParameterError
 from impact_env.periodic.case import case_of
 from impact_env.periodic.slow_manifold import manifold_gap
 from optimisation.absorber_rules import scaled_absorber
-from optimisation.cli.common import check_page, command, fill_page, page_option, plain_errors
+from optimisation.cli.common import check_page, command, fill_page, page_option
 from optimisation.files import ROOT, markdown
 from optimisation.gap_advice import expected_factor
 from studies.structures import CASES, HARD_CASES
@@ -98,14 +98,11 @@ def main(page: Path | None) -> None:
 
     All are relative to that of the design rule. The structures are those that were scanned.
     """
-    with plain_errors():
-        check_page(page, MARKER)
-        rows = list(rows_of(scanned(SCAN)))
-        header = ("structure", "resonance", "reach", "best gap of the scan", "fit", "manifold")
-        lines = [
-            [row.name, str(row.resonance), *(f"{value:.3g}" for value in row[2:])] for row in rows
-        ]
-        short = summary(rows)
-        click.echo(f"{markdown(header, lines)}\n\n{short}")
-        for file in fill_page(page, MARKER, f"{short}\n\nn = {len(rows)} structures."):
-            click.echo(f"\nwritten: {file}")
+    check_page(page, MARKER)
+    rows = list(rows_of(scanned(SCAN)))
+    header = ("structure", "resonance", "reach", "best gap of the scan", "fit", "manifold")
+    lines = [[row.name, str(row.resonance), *(f"{value:.3g}" for value in row[2:])] for row in rows]
+    short = summary(rows)
+    click.echo(f"{markdown(header, lines)}\n\n{short}")
+    for file in fill_page(page, MARKER, f"{short}\n\nn = {len(rows)} structures."):
+        click.echo(f"\nwritten: {file}")

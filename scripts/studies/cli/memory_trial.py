@@ -7,7 +7,6 @@ PPO is trained on the last observation, on the last eight, and with a recurrent 
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
@@ -22,14 +21,14 @@ from impact_env.envs.evaluation import (
 )
 from impact_env.extras import optional
 from optimisation.cli.common import command
-from optimisation.files import DOCS, markdown
+from optimisation.files import markdown
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Study,
-    add_sources,
-    make_rows_part,
-    paths_next_to_page,
+    add_folder_options,
+    make_rows_study,
     run,
 )
 
@@ -163,24 +162,19 @@ def describe_settings(settings: Settings) -> Json:
     return {"settings": {"steps": settings.steps, "episodes": settings.episodes}}
 
 
-STUDY: Study[Settings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "whether memory pays with accelerometers",
-            list_cases,
-            lambda row: (row["kind"], row["seed"]),
-            add_sources(make_table),
-            key_values=describe_settings,
-        ),
-    ),
+STUDY: Study[Settings] = make_rows_study(
+    NAME,
+    "whether memory pays with accelerometers",
+    list_cases,
+    lambda row: (row["kind"], row["seed"]),
+    make_table,
+    key_values=describe_settings,
     stopped_message="trained agents' scores are in the file.",
 )
 
 
 @command()
 @click.option("--quick", is_flag=True, help=f"One seed of {QUICK_STEPS:,} steps, 16 episodes.")
-@click.option("--redraw", is_flag=True, help="Write the table from existing numbers.")
 @click.option(
     "--seeds", type=click.IntRange(1), default=SEEDS, show_default=True, help="Agents of each kind."
 )
@@ -194,15 +188,9 @@ STUDY: Study[Settings] = Study(
     multiple=True,
     help="Kind of agent; may be repeated (default: all).",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=DOCS,
-    show_default=False,
-    help="Folder of the page real_controller.md and of its folder of numbers (default: docs).",
-)
+@add_folder_options(PAGE)
 def main(
-    quick: bool, redraw: bool, seeds: int, steps: int, kinds: tuple[str, ...], out: Path
+    quick: bool, redraw: bool, seeds: int, steps: int, kinds: tuple[str, ...], place: OutputPaths
 ) -> None:
     """Train agents with and without memory on RawSensors-v0 and score them on test seeds.
 
@@ -212,4 +200,4 @@ def main(
     settings = (
         Settings(1, QUICK_STEPS, 16, chosen) if quick else Settings(seeds, steps, EPISODES, chosen)
     )
-    run(STUDY, settings, paths_next_to_page(out, PAGE, out / PAGE), redraw=redraw)
+    run(STUDY, settings, place, redraw=redraw)

@@ -20,7 +20,7 @@ import click
 
 from impact_env.checks import ParameterError
 from impact_env.kernels.compiling.cache import cache_folder
-from optimisation.cli.common import check_page, command, fill_page, page_option, plain_errors
+from optimisation.cli.common import check_page, command, fill_page, page_option
 from optimisation.files import ROOT
 from studies.study import format_table
 
@@ -178,7 +178,6 @@ def check_unchanged(faults: Iterable[Fault]) -> None:
     "--processes", type=click.IntRange(min=1), default=2, show_default=True, help="At a time."
 )
 @page_option(MARKER, "docs/internals/mutations.md")
-@plain_errors()
 def main(only: str | None, processes: int, page: Path | None) -> None:
     """Plant each fault of tests/mutations.toml in a copy of the sources and run tests.
 

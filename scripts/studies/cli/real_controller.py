@@ -21,17 +21,18 @@ from impact_env.envs.evaluation import (
     difference_of_means,
     play,
 )
-from optimisation.cli.common import command, plain_errors
-from optimisation.files import DOCS, markdown
+from optimisation.cli.common import command
+from optimisation.files import markdown
 from optimisation.rl.agents import Agent, load_agent, shipped
 from optimisation.rl.rules import CONSTANT, EIGHT, env_of, policies
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     Study,
-    add_sources,
-    make_rows_part,
-    paths_next_to_page,
+    add_folder_options,
+    make_rows_study,
+    not_none,
     run,
 )
 
@@ -176,24 +177,19 @@ def describe_settings(settings: Settings) -> Json:
     }
 
 
-STUDY: Study[Settings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "what rules and agents lose on another machine",
-            list_cases,
-            lambda row: (row["task"], row["machine"]),
-            add_sources(make_tables),
-            key_values=describe_settings,
-        ),
-    ),
+STUDY: Study[Settings] = make_rows_study(
+    NAME,
+    "what rules and agents lose on another machine",
+    list_cases,
+    lambda row: (row["task"], row["machine"]),
+    make_tables,
+    key_values=describe_settings,
     stopped_message="finished machines are in the file.",
 )
 
 
 @command()
 @click.option("--quick", is_flag=True, help=f"{QUICK_EPISODES} episodes instead of {EPISODES}.")
-@click.option("--redraw", is_flag=True, help="Write the tables from existing numbers.")
 @click.option(
     "--agent",
     "files",
@@ -201,20 +197,13 @@ STUDY: Study[Settings] = Study(
     multiple=True,
     help="File of a further agent; may be repeated (default: those in the folder of the numbers).",
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=DOCS,
-    show_default=False,
-    help="Folder of the page real_controller.md and of its folder of numbers (default: docs).",
-)
-def main(quick: bool, redraw: bool, files: tuple[Path, ...], out: Path) -> None:
+@add_folder_options(NAME)
+def main(quick: bool, redraw: bool, files: tuple[Path, ...], place: OutputPaths) -> None:
     """Evaluate rules and agents on machines that differ from the model of their control.
 
     They run on test seeds.
     """
-    folder = out / NAME
-    with plain_errors():
-        agents = tuple(load_agent(file) for file in files or sorted(folder.glob("*.npz")))
+    chosen = files or sorted(not_none(place.folder).glob("*.npz"))
+    agents = tuple(load_agent(file) for file in chosen)
     settings = Settings(QUICK_EPISODES if quick else EPISODES, agents)
-    run(STUDY, settings, paths_next_to_page(out, NAME, folder), redraw=redraw)
+    run(STUDY, settings, place, redraw=redraw)

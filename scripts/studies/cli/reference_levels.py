@@ -5,7 +5,6 @@ The levels are near the first and the second resonance.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import click
@@ -26,9 +25,9 @@ from optimisation.progress import sweeps_bar
 from studies.study import (
     Json,
     Measurement,
+    OutputPaths,
     add_table_options,
     format_table,
-    make_table_paths,
     make_table_study,
     run,
 )
@@ -261,9 +260,9 @@ STUDY = make_table_study(NAME, "levels beside those of another code", _measure, 
     help="Seed of the phases and forces.",
 )
 @add_table_options(NAME, "docs/methods.md")
-def main(members: int, seed: int, target: Path | None, page: Path | None) -> None:
+def main(members: int, seed: int, place: OutputPaths) -> None:
     """Compute response levels of the paper's scenes.
 
     They are printed next to numbers computed earlier with the Moreau scheme.
     """
-    run(STUDY, ReferenceSettings(members, seed), make_table_paths(target, page))
+    run(STUDY, ReferenceSettings(members, seed), place)

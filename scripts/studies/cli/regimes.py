@@ -19,7 +19,7 @@ from impact_env.checks import positive, require
 from impact_env.ensemble import Executor
 from impact_env.periodic.residence import ExitRate, Hazard, Jumps, Range, hazard
 from impact_env.periodic.stationary import ResponseKind
-from optimisation.cli.common import BadInput, cluster_option, command, plain_errors
+from optimisation.cli.common import BadInput, cluster_option, command
 from optimisation.cli.scene_options import (
     SLIDING_VALUES,
     SceneOptions,
@@ -700,10 +700,8 @@ def main(**options: Any) -> None:
     figures go to --out. Ctrl-C keeps what is finished.
     """
     small = is_own(options) or options["quick"]
-    with (
-        plain_errors(),
-        workers(options["threads"], None if options["redraw"] else options["cluster"]) as executor,
-    ):
+    cluster = None if options["redraw"] else options["cluster"]
+    with workers(options["threads"], cluster) as executor:
         where = place(options["out"] or (QUICK_OUT if small else OUT), small)
         run(
             STUDY,

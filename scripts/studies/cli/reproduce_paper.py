@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import cluster_option, command, plain_errors
+from optimisation.cli.common import cluster_option, command
 from optimisation.executors import workers
 from studies.paper.frame import PaperSettings
 from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, make_paths
@@ -69,7 +69,7 @@ def main(
     where = make_paths(out or (QUICK_OUT if quick else OUT))
     assert where.folder is not None
     ended = 0
-    with plain_errors(), workers(threads, None if redraw else cluster) as executor:
+    with workers(threads, None if redraw else cluster) as executor:
         settings = PaperSettings(where.folder, quick, seed, threads, executor)
         try:
             run(STUDY, settings, where, only=figures, redraw=redraw, resume=not recompute)

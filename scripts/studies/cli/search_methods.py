@@ -26,7 +26,7 @@ import scipy
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
-from optimisation.cli.common import cluster_option, command, plain_errors
+from optimisation.cli.common import cluster_option, command
 from optimisation.executors import executor
 from optimisation.files import DOCS, published
 from optimisation.machine import sources
@@ -64,7 +64,7 @@ from studies.study import (
     Measurement,
     Study,
     format_table,
-    make_rows_part,
+    make_rows_study,
     paths_next_to_page,
     run,
 )
@@ -449,24 +449,20 @@ def trials(comparison: ComparisonSettings) -> dict[tuple[str, str, int], Callabl
     }
 
 
-STUDY: Study[ComparisonSettings] = Study(
-    (
-        make_rows_part(
-            NAME,
-            "searches at equal cost",
-            cases=trials,
-            key=itemgetter("problem", "method", "seed"),
-            text=table,
-            key_values=lambda comparison: {"settings": comparison.key_values},
-            markers=(SECTION, OVERALL, MACHINE),
-            sections=lambda measured: {
-                SECTION: table(measured),
-                OVERALL: summary(measured),
-                MACHINE: sources(measured.conditions),
-            },
-            summary=lambda measured: f"{table(measured)}\n\n{summary(measured)}",
-        ),
-    ),
+STUDY: Study[ComparisonSettings] = make_rows_study(
+    NAME,
+    "searches at equal cost",
+    cases=trials,
+    key=itemgetter("problem", "method", "seed"),
+    text=table,
+    key_values=lambda comparison: {"settings": comparison.key_values},
+    markers=(SECTION, OVERALL, MACHINE),
+    sections=lambda measured: {
+        SECTION: table(measured),
+        OVERALL: summary(measured),
+        MACHINE: sources(measured.conditions),
+    },
+    summary=lambda measured: f"{table(measured)}\n\n{summary(measured)}",
     stopped_message="the same command goes on from here.",
 )
 
@@ -514,7 +510,7 @@ def main(
     Writes search_methods.json.gz and the page search_methods.md. Ctrl-C keeps what is finished: the
     same command goes on from there.
     """
-    with plain_errors(), executor(threads, None if redraw else cluster) as where:
+    with executor(threads, None if redraw else cluster) as where:
         comparison = ComparisonSettings(
             where, problem or tuple(PROBLEMS), **(QUICK if quick else FULL)
         )

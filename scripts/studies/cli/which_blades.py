@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from optimisation.cli.common import command
-from optimisation.files import DOCS, markdown
+from optimisation.files import markdown
 from studies.blades.mistuned import (
     BARE,
     LAYOUTS,
@@ -29,8 +29,8 @@ from studies.study import (
     Saver,
     Steps,
     Study,
+    add_folder_options,
     add_sources,
-    paths_next_to_page,
     run,
 )
 
@@ -194,18 +194,8 @@ STUDY: Study[Settings] = Study((PART,), stopped_message="finished cases are in t
 
 @command()
 @click.option("--quick", is_flag=True, help="Four disks and two clearances.")
-@click.option("--redraw", is_flag=True, help="Write table and figure from existing numbers.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=DOCS,
-    show_default=False,
-    help=(
-        "Folder of the page which_blades.md and of its folder of numbers and figures (default: "
-        "docs)."
-    ),
-)
-def main(quick: bool, redraw: bool, out: Path) -> None:
+@add_folder_options(NAME, "numbers and figures")
+def main(quick: bool, redraw: bool, place: OutputPaths) -> None:
     """Compare layouts of absorbers on randomly mistuned disks.
 
     An interrupted run continues when the command is called again.
@@ -215,5 +205,4 @@ def main(quick: bool, redraw: bool, out: Path) -> None:
         if quick
         else Settings(DISKS, SCAN_DISKS, CLEARANCES)
     )
-    place: OutputPaths = paths_next_to_page(out, NAME, out / NAME)
     run(STUDY, settings, place, redraw=redraw)
