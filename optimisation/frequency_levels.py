@@ -18,6 +18,7 @@ from impact_env.level import HALF_WINDOW_PERIODS
 from impact_env.results import DEFAULT_SAMPLES, Record, Response, require_recorded
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
+from optimisation.measures import format_number
 
 Array = NDArray[np.float64]
 CURVE_POINTS = 400  # of a curve
@@ -191,8 +192,8 @@ class WorstRun:
         drive = self.response.drive
         assert isinstance(drive, Drive)
         return (
-            f"member {self.member + 1}, sweep {way}, {drive.amplitude:g} N near resonance "
-            f"{self.resonance}"
+            f"member {self.member + 1}, sweep {way}, {format_number(drive.amplitude)} N near "
+            f"resonance {self.resonance}"
         )
 
 

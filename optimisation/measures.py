@@ -47,6 +47,11 @@ STRANGE = 1e6  # a gap over the free motion, or this over it
 START = 1.5  # of the size of the free motion at the absorber: a gap where there is no rule
 
 
+def format_number(value: float) -> str:
+    """Return a number for people, with at most four significant digits, as "2.149" or "12350"."""
+    return f"{float(f'{value:.4g}'):g}"
+
+
 def measure_of(loads: Loads) -> str:
     """Return which measure belongs to loads."""
     if any(find_schedule(part) for part in loads.parts):

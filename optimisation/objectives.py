@@ -53,6 +53,7 @@ from optimisation.measures import (
     STRESS,
     STROKE,
     UNITS,
+    format_number,
     loads_key,
     measure_of,
 )
@@ -184,7 +185,7 @@ class Condition:
     @property
     def words(self) -> str:
         """What acts, in words, and how much."""
-        return f"{self.place}, {self.force:g} {'N' if self.loads is None else 'times'}"
+        return f"{self.place}, {format_number(self.force)} {'N' if self.loads is None else 'times'}"
 
 
 @dataclass(frozen=True)
@@ -288,7 +289,7 @@ class Objective:
     def label(self) -> str:
         """A few words for tables and axes."""
         where = "" if self.resonance is None else f", resonance {self.resonance}"
-        under = "" if self.limit is None else f" of {self.limit:g}"
+        under = "" if self.limit is None else f" of {format_number(self.limit)}"
         unit = f" in {self.of_kind.unit}" if self.of_kind.unit else ""
         return f"{self.of_kind.text}{under}{where}{unit}"
 

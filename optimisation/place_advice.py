@@ -52,6 +52,7 @@ from optimisation.gap_search import (
     search_gaps,
 )
 from optimisation.load_cases import RunOptions, SweptForce, run_swept
+from optimisation.measures import format_number
 from optimisation.place_map import (
     PlaceMap,
     Places,
@@ -656,7 +657,9 @@ def advise_place(
 
 
 def _words(forces: Mapping[int, float]) -> str:
-    return " and ".join(f"{force:g} N near resonance {r}" for r, force in forces.items())
+    return " and ".join(
+        f"{format_number(force)} N near resonance {r}" for r, force in forces.items()
+    )
 
 
 def _require_place(

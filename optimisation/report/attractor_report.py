@@ -26,6 +26,7 @@ from impact_env.periodic.diagrams import (
     Diagram,
     DiagramPoint,
 )
+from optimisation.measures import format_number
 from optimisation.report.figures import (
     BLUE,
     GREEN,
@@ -99,7 +100,7 @@ SECTION_COLUMNS = ("run", "section", "number", "phase_rad", "relative_m", "veloc
 
 def describe_place(case: Case) -> str:
     """Return where a case is, in words."""
-    return f"{case.force:g} N at {case.omega_ratio:.6g} of the first resonance"
+    return f"{format_number(case.force)} N at {case.omega_ratio:.6g} of the first resonance"
 
 
 def make_basin_report(points: Sequence[BasinPoint], complete: bool) -> Report:

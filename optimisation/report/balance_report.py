@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from impact_env.periodic.balance_branches import BALANCE_COLUMNS, BalanceRow, ReferenceOrbit
+from optimisation.measures import format_number
 from optimisation.report.figures import (
     BLUE,
     GREEN,
@@ -103,7 +104,7 @@ def draw_balance(exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: boo
     for (weight, points), colour, marker in zip(
         sorted(series.items()), COLOURS * 9, MARKERS * 9, strict=False
     ):
-        label = f"weight {weight:g}" + (f" (H/{PAPERS})²" if growing else "")
+        label = f"weight {format_number(weight)}" + (f" (H/{PAPERS})²" if growing else "")
         _line(error, points, "tip_max_error", 100, color=colour, marker=marker, label=label)
         _line(error, points, "peak_error", 100, color=colour, marker=marker, mfc="white", ls="--")
         _line(folds, points, "first_fold_ratio", 1, color=colour, marker=marker, label=label)
@@ -117,7 +118,9 @@ def draw_balance(exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: boo
     for ratio, style in zip(located[:1] + located[-1:], ("-", "--"), strict=False):
         folds.axhline(ratio, color="0.4", lw=1.0, ls=style)
     error.set(yscale="log", ylabel="error of the largest tip displacement in %")
-    error.set_title(f"solid: at {exact.case.omega_ratio:g}, dashed: at the peak", fontsize=9)
+    error.set_title(
+        f"solid: at {format_number(exact.case.omega_ratio)}, dashed: at the peak", fontsize=9
+    )
     folds.set(ylabel="frequency of the folds over the first resonance's")
     folds.set_title("solid: first, dashed: last, grey: exact", fontsize=9)
     cost.set(yscale="log", ylabel="processor time of 250 points in s")
@@ -133,8 +136,8 @@ def draw_balance(exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: boo
     error.legend(fontsize=8)
     figure.suptitle(
         (
-            f"{exact.case.scene}, {exact.case.force:g} N\nweights in $m_a\\omega_1^2$; the paper "
-            f"took {PAPERS} harmonics"
+            f"{exact.case.scene}, {format_number(exact.case.force)} N\nweights in "
+            f"$m_a\\omega_1^2$; the paper took {PAPERS} harmonics"
         ),
         fontsize=10,
     )

@@ -24,7 +24,7 @@ from optimisation.comparison import (
     ResonanceComparison,
 )
 from optimisation.insight import Levels, over_force, stationary_limit
-from optimisation.measures import DISPLAY_UNITS, LABELS
+from optimisation.measures import DISPLAY_UNITS, LABELS, format_number
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition
 from optimisation.report import figures
@@ -133,7 +133,11 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
     _mark_optimum(panel, part)
     if part.own_force is not None:
         panel.axvline(
-            part.own_force, color="0.4", lw=1.2, ls=":", label=f"the force, {part.own_force:g} N"
+            part.own_force,
+            color="0.4",
+            lw=1.2,
+            ls=":",
+            label=f"the force, {format_number(part.own_force)} N",
         )
     panel.set_title(
         (
@@ -363,7 +367,9 @@ def draw_robustness(findings: SearchResult) -> Figure:
             100 / levels.without,
         )
         panel.axvline(0, color=figures.GREY, lw=1, ls=":")
-        panel.set_title(f"{_title(own)}, {own.force:g} N" if own.loads is None else _title(own))
+        panel.set_title(
+            f"{_title(own)}, {format_number(own.force)} N" if own.loads is None else _title(own)
+        )
         panel.set_xlabel("shift of the beam's frequencies in %")
         panel.set_ylim(bottom=0)
         figures.draw_grid(panel)

@@ -20,6 +20,7 @@ from optimisation.disk_levels import (
     DiskGapChoice,
 )
 from optimisation.files import numbers
+from optimisation.measures import format_number
 from optimisation.report.disk_report import describe_disk, describe_disk_absorbers
 from optimisation.report.figures import MM, draw_charts
 from optimisation.report.report import Chart, Column, Curve, Group, Json, Report, Row, Table
@@ -43,9 +44,9 @@ def describe_case(case: DiskCase) -> list[str]:
     low, high = case.limits
     omega = case.disk.tuned().model.resonance_omega(case.resonance)
     run = (
-        f"{case.force:g} N on each sector, swept up and down from {low:.4g} to {high:.4g} "
-        f"times resonance {case.resonance} of the tuned "
-        f"disk ({omega / (2 * np.pi):.6g} Hz), at {case.rate:.3g} % per 100 pseudo periods"
+        f"{format_number(case.force)} N on each sector, swept up and down from {low:.4g} to "
+        f"{high:.4g} times resonance {case.resonance} of the tuned disk "
+        f"({omega / (2 * np.pi):.6g} Hz), at {case.rate:.3g} % per 100 pseudo periods"
     )
     return [describe_disk(case.disk), describe_disk_absorbers(case.disk), run]
 
@@ -110,7 +111,7 @@ def make_gap_report(choice: DiskGapChoice) -> Report:
     table = gap_table(choice)
     chart = gap_chart(choice)
     return Report(
-        title=f"Clearance for all sectors, {choice.case.force:g} N on each",
+        title=f"Clearance for all sectors, {format_number(choice.case.force)} N on each",
         verdict=recommended_line(choice),
         text=[gap_lines(choice), [table]],
         numbers=gap_summary(choice) | {"gaps": table.records()} | _case_data(choice.case),
@@ -159,7 +160,7 @@ def gap_chart(choice: DiskGapChoice) -> Chart:
     without = MM * float(np.median(choice.without))
     worst = [MM * choice.samples.worst(step, choice.tolerance) for step in steps]
     known = [k for k, level in enumerate(worst) if np.isfinite(level)]
-    name = f"largest within {100 * choice.tolerance:g} % of the force"
+    name = f"largest within {format_number(100 * choice.tolerance)} % of the force"
     return Chart(
         "Level of the worst sector",
         "clearance to either wall in mm",

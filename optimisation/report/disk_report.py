@@ -11,6 +11,7 @@ from impact_env.drive import Drive, Excitation
 from impact_env.laws import describe_absorber, describe_modes
 from impact_env.sectors import SectorResponse
 from impact_env.structures.cyclic import BladedDisk
+from optimisation.measures import format_number
 from optimisation.report.figures import MM, figure_of
 from optimisation.report.report import Table
 from optimisation.statistics import prediction_interval
@@ -28,7 +29,7 @@ def describe_disk(disk: BladedDisk) -> str:
     words = [f"{ring.sectors} sector{'s' * (ring.sectors != 1)}"]
     words.append(f"engine order {disk.engine_order}, {disk.direction}")
     parts = [
-        f"{name} by {100 * value:g} %"
+        f"{name} by {format_number(100 * value)} %"
         for name, value in (("frequencies", mistuning.frequency), ("gaps", mistuning.gap))
         if value > 0
     ]
@@ -74,7 +75,8 @@ def describe_disk_run(
     )
     where = f"{frequency} times resonance {resonance} of the tuned disk ({hertz})"
     return (
-        f"{drive.amplitude:g} N on each sector {where}, {periods}, from {start}, {modes}, {method}"
+        f"{format_number(drive.amplitude)} N on each sector {where}, {periods}, from {start}, "
+        f"{modes}, {method}"
     )
 
 

@@ -17,6 +17,7 @@ from optimisation.bounds import LARGE_REACH, SMALL_REACH
 from optimisation.contact import estimate, meeting_mass, reaches_beyond
 from optimisation.files import numbers
 from optimisation.gap_advice import Advice, Answer
+from optimisation.measures import format_number
 from optimisation.report.figures import (
     BLUE,
     GREEN,
@@ -133,7 +134,7 @@ def _worst(answer: Answer) -> str:
 def title(advice: Advice) -> str:
     """Return the heading of the card."""
     check = advice.check
-    return f"Impact absorber for {check.force:g} N near resonance {check.resonance}"
+    return f"Impact absorber for {format_number(check.force)} N near resonance {check.resonance}"
 
 
 def answer(advice: Advice) -> list[str]:
@@ -646,7 +647,7 @@ def draw_levels(advice: Advice) -> Figure:
             )
     if advice.recommended is not None and np.isfinite(advice.recommended.worst):
         best = advice.recommended
-        words = f"at most, {100 * advice.tolerance:g} % more or less force"
+        words = f"at most, {format_number(100 * advice.tolerance)} % more or less force"
         axes.plot(MM * best.gap, MM * best.worst, "v", color=GREEN, ms=9, label=words)
     without = MM * float(check.without.median[0])
     stopped = "" if advice.complete else " (stopped early)"
@@ -658,12 +659,12 @@ def draw_levels(advice: Advice) -> Figure:
     axes.set_ylabel("resonant response level in mm (RMS)", fontsize=11)
     draw_grid(axes)
     axes.legend(loc="upper center", ncols=2, fontsize=8.5, framealpha=0.95)
+    percent = format_number(100 * check.absorber.mass_ratio)
     absorber = (
-        f"absorber of {100 * check.absorber.mass_ratio:g} % of the structure's mass; without "
-        f"absorber: {without:.3g} mm"
+        f"absorber of {percent} % of the structure's mass; without absorber: {without:.3g} mm"
     )
+    force = format_number(check.force)
     axes.set_title(
-        f"Gap for {check.force:g} N near resonance {check.resonance}{stopped}\n{absorber}",
-        fontsize=11,
+        f"Gap for {force} N near resonance {check.resonance}{stopped}\n{absorber}", fontsize=11
     )
     return figure

@@ -10,6 +10,7 @@ import numpy as np
 from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaMap
 from impact_env.periodic.orbit_table import ORBIT_COLUMNS, isola_rows
 from impact_env.periodic.symmetric import BIRTH
+from optimisation.measures import format_number
 from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of
 from optimisation.report.report import Report, Table
 
@@ -150,7 +151,7 @@ def _map(axes: Axes, isola_map: IsolaMap, name: str) -> None:
     axes.set_title(
         (
             f"{ALONG[other].removesuffix(' in N')} "
-            f"{fixed:g}{' N' if other == 'friction_limit' else ''}"
+            f"{format_number(fixed)}{' N' if other == 'friction_limit' else ''}"
         ),
         fontsize=9,
     )

@@ -20,6 +20,7 @@ from impact_env.parameters import Beam
 from optimisation.absorber_rules import Baselines
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
+from optimisation.measures import format_number
 from optimisation.place_advice import (
     FLAT,
     LIGHTEST,
@@ -375,7 +376,9 @@ def make_report(
 
     Without ``service`` there is no card. ``curves``: levels over the frequency.
     """
-    where = " and ".join(f"{force:g} N near resonance {r}" for r, force in advice.forces.items())
+    where = " and ".join(
+        f"{format_number(force)} N near resonance {r}" for r, force in advice.forces.items()
+    )
     groups: tuple[Group, ...] = ()
     charts: tuple[Chart, ...] = ()
     own = warnings(advice)

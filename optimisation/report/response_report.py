@@ -20,6 +20,7 @@ from impact_env.periodic.orbit_table import ORBIT_COLUMNS, branch_rows
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, CurvePoint, ResponseCurve
 from impact_env.periodic.stationary import QUANTILES, StationaryPoint
+from optimisation.measures import format_number
 from optimisation.report.figures import (
     BLUE,
     GREEN,
@@ -71,7 +72,7 @@ def make_response_report(overview: Overview) -> Report:
     """Return what `periodic branches` prints and writes."""
     rows = list(branch_rows(curve.to_plain() for curve in overview.curves))
     blocks: list[Block] = [
-        [f"{overview.scene}, {overview.force:g} N"],
+        [f"{overview.scene}, {format_number(overview.force)} N"],
         [curve_table(overview.curves)],
         curve_notes(overview.curves),
     ]
@@ -202,7 +203,7 @@ def draw_response(overview: Overview) -> Figure:
     _draw_marks(axes, overview.curves)
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
     axes.set_ylabel(f"largest displacement {overview.where} in mm")
-    axes.set_title(f"{overview.scene}, {overview.force:g} N", fontsize=10)
+    axes.set_title(f"{overview.scene}, {format_number(overview.force)} N", fontsize=10)
     draw_grid(axes)
     return figure
 

@@ -22,6 +22,7 @@ from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbs
 from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
 from optimisation.calibration.drawn_scenes import LevelBand
+from optimisation.measures import format_number
 from optimisation.report.figures import MM, figure_of
 from optimisation.report.report import Report
 from optimisation.statistics import prediction_interval
@@ -210,8 +211,8 @@ def describe_run(response: Response, resonance: int, start: str = "") -> str:
     )
     where = f"{frequency} times resonance {resonance} ({schedule.reference:.6g} rad/s)"
     return (
-        f"{response.drive.amplitude:g} N {where}, {schedule.periods:g} pseudo periods{start}, "
-        f"{describe_modes(modes)}, {response.method}"
+        f"{format_number(response.drive.amplitude)} N {where}, "
+        f"{schedule.periods:g} pseudo periods{start}, {describe_modes(modes)}, {response.method}"
     )
 
 

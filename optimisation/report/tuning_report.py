@@ -20,6 +20,7 @@ from impact_env.frequency import coupled_receptance, tip_response
 from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
 from optimisation.files import numbers
+from optimisation.measures import format_number
 from optimisation.report.figures import (
     BLACK,
     BLUE,
@@ -344,10 +345,8 @@ def draw_tunings(table: TuningTable) -> Figure:
     draw_grid(axes)
     axes.legend(loc="upper right", fontsize=9.5, framealpha=0.95)
     axes.set_title(
-        (
-            f"Tuned absorber of {100 * table.mass_ratio:g} % of the beam's mass (circles: highest "
-            "peak)"
-        ),
+        f"Tuned absorber of {format_number(100 * table.mass_ratio)} % of the beam's mass "
+        "(circles: highest peak)",
         fontsize=12,
     )
     return figure

@@ -31,6 +31,8 @@ from optimisation.gap_search import (
     search_gaps,
     worst_level,
 )
+from optimisation.measures import format_number
+from optimisation.report.gap_report import draw_levels
 from optimisation.statistics import predict, prediction_band, prediction_interval
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, peaks, smallest_amplitude
@@ -492,6 +494,24 @@ def test_answers_are_runs(advice: Advice) -> None:
         assert tuple(advice.band[:, at]) == (answer.low, answer.high)
     runs = sum(len(curve.members) for curve in (*advice.check.curves, advice.check.without))
     assert 2 * runs == advice.sweeps <= 2 * (1 + PAIRS + CHECK_PAIRS)
+
+
+def test_numbers_of_the_figure_have_four_digits(advice: Advice) -> None:
+    check = advice.check
+    absorber = replace(check.absorber, mass_ratio=0.0214899)
+    case = replace(check.case, force=6.123456)
+    axes = draw_levels(replace(advice, check=replace(check, absorber=absorber, case=case))).axes[0]
+    force, mass = axes.get_title().split("\n")
+    assert force == "Gap for 6.123 N near resonance 1"
+    assert mass.startswith("absorber of 2.149 % of the structure's mass; without")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(2.14899, "2.149"), (12345.6, "12350"), (0.000123456, "0.0001235"), (3.5, "3.5"), (20, "20")],
+)
+def test_numbers_for_people_have_four_digits(value: float, text: str) -> None:
+    assert format_number(value) == text
 
 
 def test_structures_of_the_study_are_those_of_the_books() -> None:
