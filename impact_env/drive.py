@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
@@ -31,7 +30,7 @@ from impact_env.checks import (
     row_of,
     text,
 )
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam
 from impact_env.scene import InitialState, Scene
@@ -50,6 +49,14 @@ LOWEST_OMEGA = 1e-20
 HIGHEST_OMEGA = 1e20
 MOST_RATIO = 1e9
 LEAST_DAMPING = 1e-4  # the sweep of an undamped resonance would never end
+
+
+ALLOWED_TIMES = "two or more finite times in s, strictly rising from 0"
+
+
+def check_reference(_name: str, value: object) -> float:
+    """Return the reference frequency of a pseudo period in rad/s as a float."""
+    return positive("reference frequency", value, LOWEST_OMEGA, HIGHEST_OMEGA)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,23 +79,17 @@ class FrequencySchedule:
         Times do not rise from 0, lengths differ, or a value is out of range.
     """
 
-    times: NDArray[np.float64]
-    omegas: NDArray[np.float64]
-    reference: float
+    times: NDArray[np.float64] = field(metadata=parameter(row_of(ALLOWED_TIMES), unit="s"))
+    omegas: NDArray[np.float64] = field(metadata=parameter(unit="rad/s"))
+    reference: float = field(metadata=parameter(check_reference, unit="rad/s"))
 
     def __post_init__(self) -> None:
-        allowed = "two or more finite times in s, strictly rising from 0"
-        check_fields(self, times=row_of(allowed))
+        check_fields(self)
         times = self.times
         ok = len(times) >= 2 and times[0] == 0 and bool(np.all(np.diff(times) > 0))
-        require(ok, "times", times, allowed)
+        require(ok, "times", times, ALLOWED_TIMES)
         allowed = f"a finite frequency in rad/s, 0 or above, for each of the {len(times)} times"
-        reference = partial(positive, least=LOWEST_OMEGA, most=HIGHEST_OMEGA)
-        check_fields(
-            self,
-            omegas=row_of(allowed),
-            reference=labelled("reference frequency", reference),
-        )
+        check_fields(self, omegas=row_of(allowed))
         ok = self.omegas.shape == times.shape and bool(np.all(self.omegas >= 0))
         require(ok, "omegas", self.omegas, allowed)
         allowed = (
@@ -460,21 +461,15 @@ class Drive(Excitation):
     3.5
     """
 
-    amplitude: float
-    schedule: FrequencySchedule
-    phase: float = 0.0
-    force_place: str | None = None
+    amplitude: float = field(metadata=parameter(labelled("force amplitude", finite), unit="N"))
+    schedule: FrequencySchedule = field(metadata=parameter(kind_of(FrequencySchedule)))
+    phase: float = field(default=0.0, metadata=parameter(finite, unit="rad"))
+    force_place: str | None = field(default=None, metadata=parameter(or_none(text)))
     sizes: ClassVar[tuple[str, ...]] = ("amplitude",)
     in_pieces: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            amplitude=labelled("force amplitude", finite),
-            phase=finite,
-            schedule=kind_of(FrequencySchedule),
-            force_place=or_none(text),
-        )
+        check_fields(self)
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces, as beside other loads."""

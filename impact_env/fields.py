@@ -1,4 +1,4 @@
-"""Fields of dataclasses that declare their check, key, unit and description once.
+"""Fields of dataclasses that declare their check, unit, name and description once.
 
 ::
 
@@ -6,23 +6,25 @@
     class YieldingWalls:
         yield_velocity: float = field(
             metadata=parameter(
-                positive,
-                key="yield_velocity",
-                unit="m/s",
-                description="Impact velocity from which restitution falls",
+                positive, unit="m/s", description="Impact velocity from which restitution falls"
             )
         )
 
         def __post_init__(self) -> None:
             check_fields(self)
 
-All that depends on these facts reads them here: the check by `check_fields`; tables of files,
-options of commands, arguments of environments and design variables by `list_keys`. `parameter` only
-makes the metadata of `dataclasses.field`, and checks run where ``__post_init__`` says so.
+`parameter` only makes the metadata of `dataclasses.field`, and checks run where ``__post_init__``
+says so. All that depends on these facts reads them here:
+
+- `check_fields`: the values that the class accepts;
+- `list_options`: options of commands, arguments of environments and design variables, through
+  `impact_env.laws.CONCEPTS`;
+- `list_file_keys`: keys of the tables of files, through `impact_env.plain_files.dataclass_keys`.
 
 What depends on several fields is checked in ``__post_init__``, after `check_fields`.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import Field, fields
 from typing import Any
@@ -33,8 +35,8 @@ from impact_env.checks import Check, ParameterError
 def parameter(
     check: Check | None = None,
     *,
-    key: str = "",
     unit: str = "",
+    name: str = "",
     description: str = "",
     omit_default: bool = False,
 ) -> Mapping[str, Any]:
@@ -46,12 +48,14 @@ def parameter(
         Check of its value, (name, value) -> the value that is used, such as
         `impact_env.checks.positive`. None: ``__post_init__`` checks it, as the check depends on
         other fields.
-    key : str, optional
-        Its name in files, options and arguments. Default: it has none.
-    unit, description : str, optional
-        Unit, and what it is, in the help of commands.
+    unit : str, optional
+        Unit of its value, such as "N m^2". Default: none.
+    name : str, optional
+        Its name in files and options. Default: that of the field.
+    description : str, optional
+        What it is, in the help of commands. Default: it is no option.
     omit_default : bool, optional
-        Whether the default is left out where values are listed.
+        Whether the default is left out where values of options are listed.
 
     Examples
     --------
@@ -59,11 +63,11 @@ def parameter(
     >>> from impact_env.checks import positive
     >>> @dataclass(frozen=True)
     ... class Spring:
-    ...     stiffness: float = field(metadata=parameter(positive, key="stiffness_n_m"))
+    ...     stiffness: float = field(metadata=parameter(positive, unit="N/m"))
     ...     def __post_init__(self) -> None:
     ...         check_fields(self)
-    >>> list(list_keys(Spring))
-    ['stiffness_n_m']
+    >>> list_file_keys(Spring)
+    {'stiffness_n_m': 'stiffness'}
     >>> Spring(-1.0)
     Traceback (most recent call last):
     ...
@@ -72,19 +76,39 @@ from 1e-30 to 1e+30
     """
     return {
         "check": check,
-        "key": key,
         "unit": unit,
+        "name": name,
         "description": description,
         "omit_default": omit_default,
     }
 
 
-def list_keys(kind: type) -> dict[str, Field[Any]]:
-    """Return the fields of a dataclass that have a key, by their keys.
+def list_options(kind: type) -> dict[str, Field[Any]]:
+    """Return the fields of a dataclass that are options, by their names in options.
 
     The unit of a field is ``field.metadata["unit"]``, and so on: see `parameter`.
     """
-    return {field.metadata["key"]: field for field in fields(kind) if field.metadata.get("key")}
+    return {
+        field.metadata["name"] or field.name: field
+        for field in fields(kind)
+        if field.metadata.get("description")
+    }
+
+
+def list_file_keys(kind: type) -> dict[str, str]:
+    """Return the keys of a dataclass in files, each with the name of its field.
+
+    A key is the name, followed by the unit if there is one: ``amplitude_n`` in N,
+    ``tip_shape_per_sqrt_kg`` in 1/sqrt(kg).
+    """
+    result = {}
+    for field in fields(kind):
+        name = field.metadata.get("name") or field.name
+        unit = field.metadata.get("unit", "").lower()
+        unit = re.sub(r"^1/", "per_", unit).replace("^", "").replace(")", "")
+        suffix = re.sub(r"[ /(]", "_", unit)
+        result[f"{name}_{suffix}" if suffix else name] = field.name
+    return result
 
 
 def check_fields(group: Any, /, **checks: Check) -> None:

@@ -2,14 +2,14 @@
 
 It has one entry for each. Nothing else in the simulator distinguishes between them.
 
-An entry says by which plain names a law is given (options of commands, keys of files, arguments of
-environments and design variables are these names, in SI units), what kind of scene it makes, what
-it stores, and how people are told of it. A law that is not in the table is an error.
-CONTRIBUTING.md says how to add one.
+The fields of a law's class declare the names by which it is given: options of commands, keys of
+files, arguments of environments and design variables, in SI units (`impact_env.fields`). An entry
+adds the kind of scene that the law makes, the energy that it stores, and its description. A law
+that is not in the table is an error. CONTRIBUTING.md says how to add one.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, Field, dataclass, replace
 from enum import Enum
 from typing import Any, get_args
 
@@ -21,6 +21,7 @@ from impact_env.checks import (
     require,
     text,
 )
+from impact_env.fields import list_options
 from impact_env.parameters import (
     Absorber,
     CompliantWalls,
@@ -55,39 +56,41 @@ class SceneKind(Enum):
 
 
 @dataclass(frozen=True)
-class Key:
-    """A plain name of a value.
-
-    Its fields are the attribute that it stands for, a description, the unit, and a value that is
-    omitted when values are listed.
-    """
-
-    attribute: str
-    what: str
-    unit: str = ""
-    usual: float | None = None
-
-
-@dataclass(frozen=True)
 class Law:
     """A law of walls or of friction, or an absorber that has none.
 
-    ``keys``: its plain names. ``mark``: the one that only this law of its group has, None for the
-    group's usual law. ``stored``: its energy in J at a relative displacement in m. ``words``: its
-    values for people.
+    Parameters
+    ----------
+    of : type
+        Its class, whose fields declare its options (`impact_env.fields.parameter`).
+    kind : SceneKind
+        Kind of the scenes that it makes.
+    words : callable
+        Description of a law's values.
+    mark : str, optional
+        The option that only this law of its group has. None: it is the group's usual law.
+    stored : callable, optional
+        Energy in J of a law at a relative displacement in m. Default: 0.
     """
 
     of: type
     kind: SceneKind
-    keys: Mapping[str, Key]
     words: Callable[[Any], str]
     mark: str | None = None
     stored: Callable[[Any, float], float] = lambda _law, _displacement: 0.0
 
+    @property
+    def options(self) -> dict[str, Field[Any]]:
+        """Fields of the law by their names in options."""
+        return list_options(self.of)
+
     def values(self, law: Any) -> dict[str, Any]:
-        """Return a law's values by their plain names."""
-        listed = {name: getattr(law, key.attribute) for name, key in self.keys.items()}
-        return {name: value for name, value in listed.items() if value != self.keys[name].usual}
+        """Return a law's values by their names in options."""
+        return {
+            name: getattr(law, field.name)
+            for name, field in self.options.items()
+            if not field.metadata["omit_default"] or getattr(law, field.name) != field.default
+        }
 
     def make(self, values: Values) -> Any:
         """Return the law made from some values.
@@ -95,47 +98,30 @@ class Law:
         Values that are left out have the class's defaults. Raises ParameterError for a missing
         value without a default.
         """
-        needed = {field.name for field in fields(self.of) if field.default is MISSING}
-        for name, key in self.keys.items():
-            require(
-                name in values or key.attribute not in needed,
-                name,
-                None,
-                "given: it has no default",
-            )
-        with arguments_called({key.attribute: name for name, key in self.keys.items()}):
-            return self.of(
-                **{key.attribute: values[name] for name, key in self.keys.items() if name in values}
-            )
+        arguments = {}
+        for name, field in self.options.items():
+            if name in values:
+                arguments[field.name] = values[name]
+            else:
+                require(field.default is not MISSING, name, None, "given: it has no default")
+        with arguments_called({field.name: name for name, field in self.options.items()}):
+            return self.of(**arguments)
 
 
-GAP_KEY = Key("gap", "Clearance to either wall", "m")
-RESTITUTION_KEY = Key("restitution", "Coefficient of restitution, 0 to 1")
-MASS_KEYS = {"mass_ratio": Key("mass_ratio", "Absorber mass over beam mass")}
-GRAVITY_KEY = (
-    "gravity_m_s2"  # of one that has a weight along its motion: a key of files, not an option
-)
+MASS_OPTION = list_options(SlidingAbsorber)  # mass_ratio
+# of an absorber that has a weight along its motion: a key of files, not an option
+GRAVITY_KEY = "gravity_m_s2"
 HEAVY = ("impact", "friction", "tuned", "stuck")
 
 WALL_LAWS = (
     Law(
         RigidWalls,
         SceneKind.RIGID,
-        {"gap": GAP_KEY, "restitution": RESTITUTION_KEY},
         lambda w: f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g}",
     ),
     Law(
         YieldingWalls,
         SceneKind.RIGID,
-        {
-            "yield_velocity": Key(
-                "yield_velocity",
-                "Impact velocity from which restitution falls, where contact yields",
-                "m/s",
-            ),
-            "gap": GAP_KEY,
-            "restitution": RESTITUTION_KEY,
-        },
         lambda w: (
             f"gap {1e3 * w.gap:g} mm, restitution {w.restitution:g} that falls above "
             f"{w.yield_velocity:g} m/s"
@@ -145,11 +131,6 @@ WALL_LAWS = (
     Law(
         CompliantWalls,
         SceneKind.COMPLIANT,
-        {
-            "contact_stiffness": Key("stiffness", "Stiffness of walls that are springs", "N/m"),
-            "gap": GAP_KEY,
-            "restitution": replace(RESTITUTION_KEY, usual=1.0),
-        },
         lambda w: (
             f"gap {1e3 * w.gap:g} mm, contact stiffness {w.stiffness:g} N/m"
             + (f", restitution {w.restitution:g}" if w.restitution < 1 else "")
@@ -158,15 +139,10 @@ WALL_LAWS = (
         stored=lambda w, y: 0.5 * w.stiffness * max(abs(y) - w.gap, 0.0) ** 2,
     ),
 )
-FRICTION_LIMIT_KEY = Key("limit", "Friction limit, 0 for none", "N")
-STATIC_RATIO_KEY = Key(
-    "static_ratio", "Static friction over sliding friction, 1 or above", usual=1.0
-)
 FRICTION_LAWS = (
     Law(
         CoulombFriction,
         SceneKind.RIGID,
-        {"friction_limit": FRICTION_LIMIT_KEY, "static_friction_ratio": STATIC_RATIO_KEY},
         lambda f: (
             f"friction limit {f.limit:g} N"
             + (f", static {f.static_ratio:g} times that" if f.static_ratio > 1 else "")
@@ -175,39 +151,21 @@ FRICTION_LAWS = (
     Law(
         ElasticCoulombFriction,
         SceneKind.COMPLIANT,
-        {
-            "friction_limit": FRICTION_LIMIT_KEY,
-            "friction_stiffness": Key(
-                "stiffness", "Stiffness of a spring in series with friction", "N/m"
-            ),
-        },
         lambda f: f"friction limit {f.limit:g} N, friction stiffness {f.stiffness:g} N/m",
         mark="friction_stiffness",
     ),
 )
-FRICTION_NAMES = {key.attribute: name for law in FRICTION_LAWS for name, key in law.keys.items()}
-STUCK_LAW = Law(StuckAbsorber, SceneKind.LINEAR, MASS_KEYS, lambda _: "")
+FRICTION_NAMES = {field.name: name for law in FRICTION_LAWS for name, field in law.options.items()}
+STUCK_LAW = Law(StuckAbsorber, SceneKind.LINEAR, lambda _: "")
 TUNED_LAW = Law(
     TunedAbsorber,
     SceneKind.LINEAR,
-    {
-        **MASS_KEYS,
-        "stiffness": Key("stiffness", "Spring of the absorber", "N/m"),
-        "damping": Key("damping", "Damper of the absorber", "N s/m"),
-    },
     lambda a: f"stiffness {a.stiffness:g} N/m, damping {a.damping:g} N s/m",
     stored=lambda a, y: 0.5 * a.stiffness * y**2,
 )
 SINK_LAW = Law(
     NonlinearSink,
     SceneKind.SMOOTH,
-    {
-        **MASS_KEYS,
-        "cubic_stiffness": Key(
-            "cubic_stiffness", "Spring of the absorber, whose force grows with the cube", "N/m^3"
-        ),
-        "damping": Key("damping", "Damper of the absorber", "N s/m"),
-    },
     lambda a: f"cubic stiffness {a.cubic_stiffness:g} N/m^3, damping {a.damping:g} N s/m",
     stored=lambda a, y: 0.25 * a.cubic_stiffness * y**4,
 )
@@ -225,15 +183,16 @@ ABSORBER_NAMES = {
 }
 
 
-def _keys(*laws: Law) -> dict[str, Key]:
-    return {name: key for law in laws for name, key in law.keys.items()}
+def _list_options(laws: Iterable[Law]) -> dict[str, Field[Any]]:
+    """Return the options of several laws by name."""
+    return {name: field for law in laws for name, field in law.options.items()}
 
 
-# the concepts of one absorber, and the plain names that each is given by
-CONCEPTS: dict[str, dict[str, Key]] = {
-    "impact": {**MASS_KEYS, **_keys(*WALL_LAWS), **_keys(*FRICTION_LAWS)},
-    "friction": {**MASS_KEYS, **_keys(*FRICTION_LAWS)},
-    **{name: dict(law.keys) for name, law in WHOLE_ABSORBERS.items()},
+# the concepts of one absorber, each with its options by name
+CONCEPTS: dict[str, dict[str, Field[Any]]] = {
+    "impact": {**MASS_OPTION, **_list_options(WALL_LAWS), **_list_options(FRICTION_LAWS)},
+    "friction": {**MASS_OPTION, **_list_options(FRICTION_LAWS)},
+    **{name: law.options for name, law in WHOLE_ABSORBERS.items()},
     "none": {},
 }
 _ENTRIES = {law.of: law for law in (*WALL_LAWS, *FRICTION_LAWS, *WHOLE_ABSORBERS.values())}
@@ -350,12 +309,12 @@ def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
     """Return the law of a group that the given names belong to."""
     law = next((law for law in laws if law.mark in values), laws[0])
     for name in values:
-        other = name in _keys(*laws) and name not in law.keys
+        other = name in _list_options(laws) and name not in law.options
         require(
             not other,
             name,
             values[name],
-            f"left out with {law.mark}: {law.of.__name__} have {', '.join(law.keys)}",
+            f"left out with {law.mark}: {law.of.__name__} have {', '.join(law.options)}",
         )
     return law
 
@@ -412,7 +371,7 @@ def make(concept: str, values: Values, name: str = "absorber") -> Absorber | Non
             return replace(make(concept, present, name), gravity=gravity)  # type: ignore[type-var]
     if concept in WHOLE_ABSORBERS:
         return WHOLE_ABSORBERS[concept].make(present)
-    mass = {key: present[key] for key in MASS_KEYS if key in present}
+    mass = {name: present[name] for name in MASS_OPTION if name in present}
     if concept == "friction":
         with arguments_called(FRICTION_NAMES):
             return friction_damper(**present)

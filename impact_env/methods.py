@@ -1,6 +1,6 @@
 """The integration methods, and the time steps of those that have one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from impact_env.checks import (
     require,
 )
 from impact_env.drive import Excitation
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 from impact_env.laws import list_laws
 from impact_env.modes import MOST_HEAVINESS, with_link
 from impact_env.parameters import (
@@ -60,6 +60,9 @@ def _highest_frequency(scene: Scene) -> float:
     return highest
 
 
+STEPS = parameter(count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD))
+
+
 @dataclass(frozen=True)
 class Exact:
     """Exact integration from event to event by the modes of each linear regime.
@@ -84,12 +87,10 @@ class Moreau:
         The value is out of range.
     """
 
-    steps_per_period: int = PAPER_STEPS
+    steps_per_period: int = field(default=PAPER_STEPS, metadata=STEPS)
 
     def __post_init__(self) -> None:
-        check_fields(
-            self, steps_per_period=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD)
-        )
+        check_fields(self)
 
     def step(self, scene: Scene) -> float:
         """Return the time step in s."""
@@ -115,15 +116,11 @@ class RungeKutta:
         A value is out of range.
     """
 
-    steps_per_period: int = PAPER_STEPS
-    steps_per_contact: int = PAPER_STEPS
+    steps_per_period: int = field(default=PAPER_STEPS, metadata=STEPS)
+    steps_per_contact: int = field(default=PAPER_STEPS, metadata=STEPS)
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            steps_per_period=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD),
-            steps_per_contact=count_from(LEAST_STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD),
-        )
+        check_fields(self)
 
     def step(self, scene: Scene) -> float:
         """Return the time step in s, the smallest of the two conditions of the paper.

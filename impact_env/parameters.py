@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from impact_env.checks import (
+    Check,
     count,
     count_from,
     each_of,
@@ -31,7 +32,7 @@ from impact_env.checks import (
     within,
     word_of,
 )
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 
 # by this share the next rigid-body motion's frequency is higher: shapes of equal frequencies would
 # be undetermined
@@ -86,17 +87,19 @@ class Section:
         A value is out of range.
     """
 
-    elements: int
-    bending_stiffness: float
-    mass_per_length: float
+    elements: int = field(
+        metadata=parameter(labelled("section's elements", count_from(1, MOST_ELEMENTS)))
+    )
+    bending_stiffness: float = field(metadata=parameter(positive, unit="N m^2"))
+    mass_per_length: float = field(metadata=parameter(positive, unit="kg/m"))
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            elements=labelled("section's elements", count_from(1, MOST_ELEMENTS)),
-            bending_stiffness=positive,
-            mass_per_length=positive,
-        )
+        check_fields(self)
+
+
+# of a beam: with values in these ranges its omega is a number
+LENGTH_OF_BEAM = partial(positive, least=1e-9, most=1e9)
+VALUE_OF_BEAM = partial(positive, least=1e-20, most=1e20)
 
 
 @dataclass(frozen=True)
@@ -150,31 +153,27 @@ class Beam:
     (3,)
     """
 
-    length: float = 0.5  # m
-    bending_stiffness: float = 362.88  # N m^2
-    mass_per_length: float = 1.1275  # kg/m
-    elements: int = 30
+    length: float = field(default=0.5, metadata=parameter(LENGTH_OF_BEAM, unit="m"))
+    bending_stiffness: float = field(
+        default=362.88, metadata=parameter(VALUE_OF_BEAM, unit="N m^2")
+    )
+    mass_per_length: float = field(default=1.1275, metadata=parameter(VALUE_OF_BEAM, unit="kg/m"))
+    elements: int = field(default=30, metadata=parameter(count_from(1, MOST_ELEMENTS)))
     modes: int = 10
     damping_ratio: float | tuple[float, ...] = 0.01
     force_position: float = 0.4
     absorber_position: float = 1.0
     modal_frequency_ratio: Mapping[int, float] = field(default_factory=dict)
-    ends: str = "clamped-free"
-    tip_mass: float = 0.0  # kg
-    sections: tuple[Section, ...] = ()
+    ends: str = field(default="clamped-free", metadata=parameter(word_of(ENDS)))
+    tip_mass: float = field(default=0.0, metadata=parameter(non_negative, unit="kg"))
+    sections: tuple[Section, ...] = field(default=(), metadata=parameter(each_of(kind_of(Section))))
     response_position: float | None = None
-    suspension_frequency: float | None = None  # Hz
+    suspension_frequency: float | None = field(
+        default=None, metadata=parameter(or_none(positive), unit="Hz")
+    )
 
     def __post_init__(self) -> None:
-        # the ranges are such that omega is a number whatever they are
-        check_fields(
-            self,
-            length=partial(positive, least=1e-9, most=1e9),
-            bending_stiffness=partial(positive, least=1e-20, most=1e20),
-            mass_per_length=partial(positive, least=1e-20, most=1e20),
-            elements=count_from(1, MOST_ELEMENTS),
-            ends=word_of(ENDS),
-        )
+        check_fields(self)
         self._check_parts()
         check_fields(
             self,
@@ -203,7 +202,6 @@ class Beam:
         }
 
     def _check_parts(self) -> None:
-        check_fields(self, tip_mass=non_negative, sections=each_of(kind_of(Section)))
         require(
             self.tip_mass == 0 or self.ends.endswith("-free"),
             "tip_mass",
@@ -219,7 +217,6 @@ class Beam:
         )
         if self.suspension_frequency is not None or self.rigid_motions:
             require(self.suspension_frequency is not None, "suspension_frequency", None, SUSPENDED)
-            check_fields(self, suspension_frequency=positive)
             require(
                 self.rigid_motions > 0,
                 "suspension_frequency",
@@ -277,6 +274,30 @@ class Beam:
         return 3 * self.bending_stiffness / self.length**3
 
 
+def _gap(check: Check) -> Mapping[str, Any]:
+    """Return the declaration of a gap with this check."""
+    return parameter(check, unit="m", description="Clearance to either wall")
+
+
+def _restitution(check: Check, omit_default: bool = False) -> Mapping[str, Any]:
+    """Return the declaration of a coefficient of restitution with this check."""
+    return parameter(
+        check,
+        description="Coefficient of restitution, 0 to 1",
+        omit_default=omit_default,
+    )
+
+
+def check_restitution(name: str, value: object) -> float:
+    """Return a coefficient of restitution as a float."""
+    return within(name, value, 0.0, 1.0, "a number from 0 to 1")
+
+
+def check_gap(name: str, value: object) -> float:
+    """Return the gap of rigid walls in m as a float."""
+    return within(name, value, 0.0, math.inf, "a number in m, 0 or above (infinity: no wall)")
+
+
 @dataclass(frozen=True)
 class RigidWalls:
     """Rigid cavity walls with Newton's impact law (paper, Eqs. signorini and impulse).
@@ -294,21 +315,17 @@ class RigidWalls:
         A value is out of range.
     """
 
-    gap: float = 1e-3
-    restitution: float = 1.0
+    gap: float = field(default=1e-3, metadata=_gap(check_gap))
+    restitution: float = field(default=1.0, metadata=_restitution(check_restitution))
 
     def __post_init__(self) -> None:
-        allowed = "a number in m, 0 or above (infinity: no wall)"
-        check_fields(
-            self,
-            gap=partial(within, least=0.0, most=math.inf, allowed=allowed),
-            restitution=check_restitution,
-        )
+        check_fields(self)
 
 
-def check_restitution(name: str, value: object) -> float:
-    """Return a coefficient of restitution as a float."""
-    return within(name, value, 0.0, 1.0, "a number from 0 to 1")
+def check_finite_gap(name: str, value: object) -> float:
+    """Return the gap of walls whose contact yields in m as a float."""
+    allowed = "a number in m above 0, and finite, with a yield_velocity"
+    return within(name, value, math.ulp(0.0), sys.float_info.max, allowed)
 
 
 @dataclass(frozen=True)
@@ -335,25 +352,35 @@ class YieldingWalls:
         A value is out of range.
     """
 
-    yield_velocity: float
-    gap: float = RigidWalls.gap
-    restitution: float = RigidWalls.restitution
+    yield_velocity: float = field(
+        metadata=parameter(
+            positive,
+            unit="m/s",
+            description="Impact velocity from which restitution falls, where contact yields",
+        )
+    )
+    gap: float = field(default=RigidWalls.gap, metadata=_gap(check_finite_gap))
+    restitution: float = field(
+        default=RigidWalls.restitution, metadata=_restitution(check_restitution)
+    )
 
     def __post_init__(self) -> None:
-        allowed = "a number in m above 0, and finite, with a yield_velocity"
-        most = sys.float_info.max
-        check_fields(
-            self,
-            yield_velocity=positive,
-            gap=partial(within, least=math.ulp(0.0), most=most, allowed=allowed),
-            restitution=check_restitution,
-        )
+        check_fields(self)
 
 
 LEAST_RESTITUTION = 1e-6  # of walls that are springs: the damper is almost critical there
 MOST_LOSS_FACTOR = (
     1.95  # the damping ratio is half of it, and its restitution must not be below LEAST_RESTITUTION
 )
+
+
+def check_damped_restitution(name: str, value: object) -> float:
+    """Return the restitution of walls that are springs as a float."""
+    allowed = (
+        f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets every "
+        "contact rebound"
+    )
+    return within(name, value, LEAST_RESTITUTION, 1.0, allowed)
 
 
 @dataclass(frozen=True)
@@ -379,21 +406,21 @@ class CompliantWalls:
         A value is out of range.
     """
 
-    stiffness: float
-    gap: float = RigidWalls.gap
-    restitution: float = 1.0
+    stiffness: float = field(
+        metadata=parameter(
+            labelled("contact stiffness", positive),
+            name="contact_stiffness",
+            unit="N/m",
+            description="Stiffness of walls that are springs",
+        )
+    )
+    gap: float = field(default=RigidWalls.gap, metadata=_gap(non_negative))
+    restitution: float = field(
+        default=1.0, metadata=_restitution(check_damped_restitution, omit_default=True)
+    )
 
     def __post_init__(self) -> None:
-        allowed = (
-            f"a number from {LEAST_RESTITUTION:g} to 1 with a contact stiffness: a damper lets "
-            "every contact rebound"
-        )
-        check_fields(
-            self,
-            stiffness=labelled("contact stiffness", positive),
-            gap=non_negative,
-            restitution=partial(within, least=LEAST_RESTITUTION, most=1.0, allowed=allowed),
-        )
+        check_fields(self)
 
     @classmethod
     def from_loss_factor(
@@ -456,6 +483,14 @@ def check_static_ratio(name: str, value: object) -> float:
     return within(name, value, 1.0, MOST_STATIC_RATIO, allowed)
 
 
+FRICTION_LIMIT = parameter(
+    labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
+    name="friction_limit",
+    unit="N",
+    description="Friction limit, 0 for none",
+)
+
+
 @dataclass(frozen=True)
 class CoulombFriction:
     """Rigid Coulomb friction (paper, Eq. coulomb).
@@ -474,15 +509,19 @@ class CoulombFriction:
         A value is out of range.
     """
 
-    limit: float
-    static_ratio: float = 1.0
+    limit: float = field(metadata=FRICTION_LIMIT)
+    static_ratio: float = field(
+        default=1.0,
+        metadata=parameter(
+            check_static_ratio,
+            name="static_friction_ratio",
+            description="Static friction over sliding friction, 1 or above",
+            omit_default=True,
+        ),
+    )
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
-            static_ratio=check_static_ratio,
-        )
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -502,18 +541,28 @@ class ElasticCoulombFriction:
         A value is out of range.
     """
 
-    limit: float
-    stiffness: float
+    limit: float = field(metadata=FRICTION_LIMIT)
+    stiffness: float = field(
+        metadata=parameter(
+            labelled("friction stiffness", positive),
+            name="friction_stiffness",
+            unit="N/m",
+            description="Stiffness of a spring in series with friction",
+        )
+    )
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            limit=labelled("friction limit", partial(positive, least=LEAST_LIMIT)),
-            stiffness=labelled("friction stiffness", positive),
-        )
+        check_fields(self)
 
 
 DEFAULT_MASS_RATIO = 0.02
+MASS_RATIO = parameter(positive, description="Absorber mass over beam mass")
+GRAVITY = parameter(finite, unit="m/s^2")
+DAMPING = parameter(
+    labelled("absorber damping", non_negative),
+    unit="N s/m",
+    description="Damper of the absorber",
+)
 
 
 @dataclass(frozen=True)
@@ -533,11 +582,11 @@ class StuckAbsorber:
         A value is out of range.
     """
 
-    mass_ratio: float = DEFAULT_MASS_RATIO
-    gravity: float = 0.0
+    mass_ratio: float = field(default=DEFAULT_MASS_RATIO, metadata=MASS_RATIO)
+    gravity: float = field(default=0.0, metadata=GRAVITY)
 
     def __post_init__(self) -> None:
-        check_fields(self, mass_ratio=positive, gravity=finite)
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -563,19 +612,20 @@ class TunedAbsorber:
         A value is out of range.
     """
 
-    mass_ratio: float = DEFAULT_MASS_RATIO
-    stiffness: float = 701.8
-    damping: float = 0.728
-    gravity: float = 0.0
+    mass_ratio: float = field(default=DEFAULT_MASS_RATIO, metadata=MASS_RATIO)
+    stiffness: float = field(
+        default=701.8,
+        metadata=parameter(
+            labelled("absorber stiffness", positive),
+            unit="N/m",
+            description="Spring of the absorber",
+        ),
+    )
+    damping: float = field(default=0.728, metadata=DAMPING)
+    gravity: float = field(default=0.0, metadata=GRAVITY)
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            gravity=finite,
-            mass_ratio=positive,
-            stiffness=labelled("absorber stiffness", positive),
-            damping=labelled("absorber damping", non_negative),
-        )
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -600,17 +650,18 @@ class NonlinearSink:
         A value is out of range.
     """
 
-    cubic_stiffness: float
-    mass_ratio: float = DEFAULT_MASS_RATIO
-    damping: float = TunedAbsorber.damping
+    cubic_stiffness: float = field(
+        metadata=parameter(
+            positive,
+            unit="N/m^3",
+            description="Spring of the absorber, whose force grows with the cube",
+        )
+    )
+    mass_ratio: float = field(default=DEFAULT_MASS_RATIO, metadata=MASS_RATIO)
+    damping: float = field(default=TunedAbsorber.damping, metadata=DAMPING)
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            mass_ratio=positive,
-            cubic_stiffness=positive,
-            damping=labelled("absorber damping", non_negative),
-        )
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -649,19 +700,19 @@ class SlidingAbsorber:
     0.001
     """
 
-    mass_ratio: float = DEFAULT_MASS_RATIO
-    walls: RigidWalls | YieldingWalls | CompliantWalls | None = None
-    friction: CoulombFriction | ElasticCoulombFriction | None = None
-    gravity: float = 0.0
+    mass_ratio: float = field(default=DEFAULT_MASS_RATIO, metadata=MASS_RATIO)
+    walls: RigidWalls | YieldingWalls | CompliantWalls | None = field(
+        default=None,
+        metadata=parameter(kind_of(RigidWalls | YieldingWalls | CompliantWalls | None)),
+    )
+    friction: CoulombFriction | ElasticCoulombFriction | None = field(
+        default=None,
+        metadata=parameter(kind_of(CoulombFriction | ElasticCoulombFriction | None)),
+    )
+    gravity: float = field(default=0.0, metadata=GRAVITY)
 
     def __post_init__(self) -> None:
-        check_fields(
-            self,
-            mass_ratio=positive,
-            gravity=finite,
-            walls=kind_of(RigidWalls | YieldingWalls | CompliantWalls | None),
-            friction=kind_of(CoulombFriction | ElasticCoulombFriction | None),
-        )
+        check_fields(self)
         present = [part for part in (self.walls, self.friction) if part is not None]
         require(
             present != [],
@@ -709,12 +760,11 @@ class SeveralAbsorbers:
     2
     """
 
-    absorbers: tuple[SlidingAbsorber, ...]
-    positions: tuple[float, ...]
+    absorbers: tuple[SlidingAbsorber, ...] = field(metadata=parameter(listed))
+    positions: tuple[float, ...] = field(metadata=parameter(each_of(fraction)))
 
     def __post_init__(self) -> None:
-        check_fields(self, absorbers=listed)
-        check_fields(self, positions=each_of(fraction))
+        check_fields(self)
         n = len(self.absorbers)
         require(
             2 <= n <= MOST_ABSORBERS,

@@ -20,7 +20,7 @@ from typing import Any
 from impact_env.checks import ParameterError, fraction, instance, one_of, require, text
 from impact_env.drive import Drive, FrequencySchedule
 from impact_env.laws import CONCEPTS, GRAVITY_KEY, HEAVY, concept, make, values
-from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
+from impact_env.methods import METHODS, Method
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     DEFAULT_MASS_RATIO,
@@ -33,12 +33,10 @@ from impact_env.parameters import (
 )
 from impact_env.plain_disks import disk_codec_for
 from impact_env.plain_files import (
-    NUMBER_CODEC,
     ROW_CODEC,
-    WHOLE_CODEC,
     Codec,
-    Keys,
     dataclass_codec,
+    dataclass_keys,
     read_plain,
     require_keys,
 )
@@ -256,26 +254,14 @@ ABSORBER_CODEC = Codec(_read_absorber, _write_absorber)
 
 
 SCHEDULE_CODEC = dataclass_codec(
-    FrequencySchedule,
-    {
-        "times_s": ("times", ROW_CODEC),
-        "omegas_rad_s": ("omegas", ROW_CODEC),
-        "reference_rad_s": ("reference", NUMBER_CODEC),
-    },
+    FrequencySchedule, dataclass_keys(FrequencySchedule, times=ROW_CODEC, omegas=ROW_CODEC)
 )
 DRIVE_CODEC = dataclass_codec(
-    Drive,
-    {
-        "amplitude_n": ("amplitude", NUMBER_CODEC),
-        "phase_rad": ("phase", NUMBER_CODEC),
-        "schedule": ("schedule", SCHEDULE_CODEC),
-    },
+    Drive, dataclass_keys(Drive, without=("force_place",), schedule=SCHEDULE_CODEC)
 )
-STEP_KEYS: Keys = {"steps_per_period": ("steps_per_period", WHOLE_CODEC)}
-METHOD_CODECS = {"exact": dataclass_codec(Exact, {}), "moreau": dataclass_codec(Moreau, STEP_KEYS)}
-METHOD_CODECS["runge-kutta"] = dataclass_codec(
-    RungeKutta, {**STEP_KEYS, "steps_per_contact": ("steps_per_contact", WHOLE_CODEC)}
-)
+METHOD_CODECS = {
+    name: dataclass_codec(kind, dataclass_keys(kind)) for name, kind in METHODS.items()
+}
 
 
 def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:

@@ -20,6 +20,7 @@ from impact_env.plain_files import (
     Codec,
     Keys,
     dataclass_codec,
+    dataclass_keys,
 )
 from impact_env.structures.cyclic import (
     DIRECTIONS,
@@ -55,14 +56,7 @@ def _read_sector_list(path: str, plain: Any) -> list[Any]:
 
 MATRIX_OR_NAME = Codec(_read_matrix_or_name, ROWS_CODEC.write)
 SECTORS_CODEC = Codec(_read_sector_list, list)
-MISTUNING_CODEC = dataclass_codec(
-    Mistuning,
-    {
-        "frequency": ("frequency", NUMBER_CODEC),
-        "gap": ("gap", NUMBER_CODEC),
-        "seed": ("seed", WHOLE_CODEC),
-    },
-)
+MISTUNING_CODEC = dataclass_codec(Mistuning, dataclass_keys(Mistuning))
 CYCLIC_KEYS: Keys = {
     "sectors": ("sectors", WHOLE_CODEC),
     "coupling": ("coupling", NUMBER_CODEC),

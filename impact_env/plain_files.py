@@ -12,7 +12,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from impact_env.checks import ParameterError, finite, require
+from impact_env.fields import list_file_keys
 
 BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -179,12 +180,37 @@ def _row(values: Any) -> list[float]:
     return [float(x) for x in values]
 
 
+# a value that its class checks, and converts to a number, a word or a flag of Python
+VALUE_CODEC = Codec(lambda _path, plain: plain, lambda value: value)
 NUMBER_CODEC = Codec(
     lambda _path, plain: plain, float
 )  # the classes check single numbers themselves
 WHOLE_CODEC = Codec(NUMBER_CODEC.read, int)
 ROW_CODEC = Codec(_numbers, _row)
 ROWS_CODEC = Codec(_lists, lambda values: [_row(row) for row in values])
+
+
+def dataclass_keys(kind: type, /, without: Collection[str] = (), **codecs: Codec) -> Keys:
+    """Return the keys that the fields of a dataclass declare.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass (`impact_env.fields`).
+    without : collection of str, optional
+        Fields that are no keys.
+    **codecs : Codec
+        Codecs of fields by name. Default: `VALUE_CODEC`.
+    """
+    keys = list_file_keys(kind)
+    strange = sorted({*codecs, *without} - set(keys.values()))
+    if strange:
+        raise TypeError(f"{kind.__name__} has no fields {', '.join(strange)}")
+    return {
+        key: (name, codecs.get(name, VALUE_CODEC))
+        for key, name in keys.items()
+        if name not in without
+    }
 
 
 def require_keys(

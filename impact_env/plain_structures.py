@@ -9,7 +9,7 @@ relative to the folder of the file.
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,14 +22,13 @@ from impact_env.checks import (
     count_from,
     describe_error,
     finite,
-    labelled,
     non_negative,
     positive,
     require,
     row,
     word_of,
 )
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 from impact_env.modes import ModalModel
 from impact_env.parameters import Beam, Section
 from impact_env.plain_disks import disk_codec_for
@@ -40,6 +39,7 @@ from impact_env.plain_files import (
     Codec,
     Keys,
     dataclass_codec,
+    dataclass_keys,
     list_codec,
     require_readable,
 )
@@ -85,6 +85,9 @@ PROFILES = {
 }
 
 
+LENGTH = parameter(non_negative, unit="m")
+
+
 @dataclass(frozen=True)
 class Profile:
     """A cross section that bends about its horizontal axis.
@@ -92,21 +95,16 @@ class Profile:
     It is a rectangle, a round tube (a rod if ``wall`` is half the diameter) or an I-section.
     """
 
-    kind: str
-    width: float = 0.0
-    height: float = 0.0
-    diameter: float = 0.0
-    wall: float = 0.0
-    flange: float = 0.0
-    web: float = 0.0
+    kind: str = field(metadata=parameter(word_of(PROFILES)))
+    width: float = field(default=0.0, metadata=LENGTH)
+    height: float = field(default=0.0, metadata=LENGTH)
+    diameter: float = field(default=0.0, metadata=LENGTH)
+    wall: float = field(default=0.0, metadata=LENGTH)
+    flange: float = field(default=0.0, metadata=LENGTH)
+    web: float = field(default=0.0, metadata=LENGTH)
 
     def __post_init__(self) -> None:
-        sizes = sorted({key for keys in PROFILES.values() for key in keys})
-        check_fields(
-            self,
-            kind=word_of(PROFILES),
-            **{key: labelled(f"{key}_m", non_negative) for key in sizes},
-        )
+        check_fields(self)
         for name in PROFILES:
             for key in PROFILES[name]:
                 value = getattr(self, key)
@@ -173,44 +171,23 @@ def _ratios(path: str, plain: Any) -> dict[int, float]:
 RATIOS_CODEC = Codec(
     _ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()}
 )
-SECTION_KEYS: Keys = {
-    "elements": ("elements", WHOLE_CODEC),
-    "bending_stiffness_n_m2": ("bending_stiffness", NUMBER_CODEC),
-    "mass_per_length_kg_m": ("mass_per_length", NUMBER_CODEC),
-}
 VECTOR = Codec(
     lambda path, plain: (
         require_text(path, plain) if isinstance(plain, str) else ROW_CODEC.read(path, plain)
     ),
     list,
 )  # or the name of a file
-SECTIONS_CODEC = list_codec(Section, SECTION_KEYS)
-BEAM_KEYS = dataclass_codec(
+BEAM_TABLE = dataclass_codec(
     Beam,
-    {
-        "length_m": ("length", NUMBER_CODEC),
-        "bending_stiffness_n_m2": ("bending_stiffness", NUMBER_CODEC),
-        "mass_per_length_kg_m": ("mass_per_length", NUMBER_CODEC),
-        "elements": ("elements", WHOLE_CODEC),
-        "modes": ("modes", WHOLE_CODEC),
-        "damping_ratio": ("damping_ratio", DAMPING_RATIO),
-        "force_position": ("force_position", NUMBER_CODEC),
-        "absorber_position": ("absorber_position", NUMBER_CODEC),
-        "response_position": ("response_position", NUMBER_CODEC),
-        "modal_frequency_ratio": ("modal_frequency_ratio", RATIOS_CODEC),
-        "ends": ("ends", TEXT_CODEC),
-        "tip_mass_kg": ("tip_mass", NUMBER_CODEC),
-        "sections": ("sections", SECTIONS_CODEC),
-        "suspension_frequency_hz": ("suspension_frequency", NUMBER_CODEC),
-    },
+    dataclass_keys(
+        Beam,
+        damping_ratio=DAMPING_RATIO,
+        modal_frequency_ratio=RATIOS_CODEC,
+        ends=TEXT_CODEC,
+        sections=list_codec(Section, dataclass_keys(Section)),
+    ),
 )
-PROFILE_CODEC = dataclass_codec(
-    Profile,
-    {
-        "kind": ("kind", TEXT_CODEC),
-        **{f"{key}_m": (key, NUMBER_CODEC) for keys in PROFILES.values() for key in keys},
-    },
-)
+PROFILE_CODEC = dataclass_codec(Profile, dataclass_keys(Profile, kind=TEXT_CODEC))
 OF_MATERIAL = ("young_modulus_pa", "density_kg_m3", "section")
 
 
@@ -220,7 +197,7 @@ def _read_beam(path: str, plain: Any) -> Beam:
     Its bending stiffness and mass are given, or follow from material and section.
     """
     if not (isinstance(plain, Mapping) and any(key in plain for key in OF_MATERIAL)):
-        return BEAM_KEYS.read(path, plain)
+        return BEAM_TABLE.read(path, plain)
     result = dict(plain)
     for key in OF_MATERIAL:
         require(
@@ -242,21 +219,21 @@ def _read_beam(path: str, plain: Any) -> Beam:
         "bending_stiffness_n_m2": young * profile.second_moment,
         "mass_per_length_kg_m": density * profile.area,
     }
-    return BEAM_KEYS.read(path, result)
+    return BEAM_TABLE.read(path, result)
 
 
-BEAM_CODEC = Codec(_read_beam, BEAM_KEYS.write)
+BEAM_CODEC = Codec(_read_beam, BEAM_TABLE.write)
 
 
 @dataclass(frozen=True)
 class _NodeDirection:
     """A node of a Universal File and one of its directions."""
 
-    node: int
+    node: int = field(metadata=parameter(count_from(0)))
     direction: str
 
     def __post_init__(self) -> None:
-        check_fields(self, node=count_from(0))
+        check_fields(self)
         allowed = f"one of {', '.join(UNIVERSAL_DIRECTIONS)}, with - before it for the other sense"
         require(
             self.direction.lstrip("+-") in UNIVERSAL_DIRECTIONS and len(self.direction) <= 2,
@@ -266,9 +243,7 @@ class _NodeDirection:
         )
 
 
-PLACE_CODEC = dataclass_codec(
-    _NodeDirection, {"node": ("node", WHOLE_CODEC), "direction": ("direction", TEXT_CODEC)}
-)
+PLACE_CODEC = dataclass_codec(_NodeDirection, dataclass_keys(_NodeDirection, direction=TEXT_CODEC))
 
 
 # a term of a strain: a weight, and the displacement it multiplies, of a node in a direction or of a
@@ -319,21 +294,17 @@ class PointForce:
     """
 
     place: Any
-    amplitude: float
-    phase: float = 0.0
+    amplitude: float = field(metadata=parameter(positive, unit="N"))
+    phase: float = field(default=0.0, metadata=parameter(finite, unit="rad"))
     name: str = ""
 
     def __post_init__(self) -> None:
-        check_fields(self, amplitude=positive, phase=finite)
+        check_fields(self)
 
 
 def read_forces(path: str, plain: Any, place_codec: Codec) -> tuple[PointForce, ...]:
     """Return the forces of a list of tables, each at another place."""
-    keys: Keys = {
-        "place": ("place", place_codec),
-        "amplitude_n": ("amplitude", NUMBER_CODEC),
-        "phase_rad": ("phase", NUMBER_CODEC),
-    }
+    keys = dataclass_keys(PointForce, without=("name",), place=place_codec)
     require(
         isinstance(plain, list | tuple) and len(plain) > 0,
         path,

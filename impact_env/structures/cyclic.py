@@ -5,7 +5,7 @@ mistuning.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +25,7 @@ from impact_env.checks import (
     positive,
     require,
 )
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 from impact_env.modes import ModalModel
 from impact_env.parameters import SeveralAbsorbers, SlidingAbsorber
 from impact_env.scene import Scene
@@ -52,12 +52,12 @@ class Mistuning:
         Seed of the draws; the same seed gives the same disk.
     """
 
-    frequency: float = 0.0
-    gap: float = 0.0
-    seed: int = 0
+    frequency: float = field(default=0.0, metadata=parameter(non_negative))
+    gap: float = field(default=0.0, metadata=parameter(non_negative))
+    seed: int = field(default=0, metadata=parameter(count_from(0)))
 
     def __post_init__(self) -> None:
-        check_fields(self, frequency=non_negative, gap=non_negative, seed=count_from(0))
+        check_fields(self)
         for name in ("frequency", "gap"):
             allowed = f"at most {MOST_MISTUNING:g}, as a share"
             require(getattr(self, name) <= MOST_MISTUNING, name, getattr(self, name), allowed)

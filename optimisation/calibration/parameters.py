@@ -34,7 +34,7 @@ UNITS = {
     DAMPING: "",
     FREQUENCY: "Hz",
     MASS_KG: "kg",
-    **{name: key.unit for name, key in CONCEPTS["impact"].items()},
+    **{name: field.metadata["unit"] for name, field in CONCEPTS["impact"].items()},
 }
 FORM = (
     "two numbers, the lower one first, in SI units; or mean and standard deviation before 'normal'"

@@ -541,12 +541,11 @@ def absorber_specs(*names: str, **default_texts: str) -> dict[str, tuple[str, Op
         if name in TABLE and name == parameter:
             spec = replace(TABLE[name], default=None, more=more)
         else:
-            key = next(iter(keys.values()))
-            what = key.what[:1].upper() + key.what[1:]
+            declared = next(iter(keys.values())).metadata
             spec = OptionSpec(
                 names=(option_name(parameter),),
-                help=what,
-                unit=key.unit,
+                help=declared["description"],
+                unit=declared["unit"],
                 more=more,
                 section="Absorber",
             )

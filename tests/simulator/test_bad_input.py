@@ -294,7 +294,7 @@ def test_what_does_not_fit_is_named_by_its_path(plain: Any, message: str) -> Non
         ({"amplitude_n": "1"}, "drive.amplitude_n = '1'"),
         (
             {"phase": 0},
-            "drive.phase = 0 is not allowed: only the keys amplitude_n, phase_rad, schedule",
+            "drive.phase = 0 is not allowed: only the keys amplitude_n, schedule, phase_rad",
         ),
         (
             {"schedule": {"times_s": [0, 0], "omegas_rad_s": [1, 1], "reference_rad_s": 1}},
