@@ -14,14 +14,23 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import nox
 from nox.command import CommandFailed
 
 ROOT = Path(__file__).parent
 sys.path.insert(0, str(ROOT / "tests" / "support"))
-from choice import LEANING, PARTS, plain_files  # type: ignore[import-not-found]  # noqa: E402
+from choice import (  # type: ignore[import-not-found]  # noqa: E402
+    ARITHMETIC_GROUPS,
+    GROUPS,
+    KERNELS,
+    OTHERS,
+    QUICK_GROUPS,
+    plain_files,
+)
 
 # programs are those beside the Python that runs nox, unless a session has an environment of its own
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
@@ -38,7 +47,9 @@ nox.options.sessions = ["tests"]
 # processes of tests share the cores: more threads for small matrices would only wait for one
 # another
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
-PYTEST = ("python", "-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-q")
+PYTEST = ("python", "-m", "pytest", "-q")
+TWO_WORKERS = ("-n", "2", "--dist", "loadfile")
+PROCESSES = 2  # run groups of tests at a time
 
 # the arithmetic of older processors, in libraries that have several variants
 OLD_LIBRARIES = {
@@ -110,47 +121,47 @@ def docs(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def tests(session: nox.Session) -> None:
-    """Run all tests, in parts; with arguments, what pytest makes of these."""
-    if session.posargs:
-        session.run(*PYTEST, *session.posargs, env=ONE_THREAD)
-        return
-    # each kind of kernel is compiled once; two workers that need one at the same time would both
-    # compile it
-    session.run("python", "tests/support/kinds.py", env=ONE_THREAD)
-    compiled = {"NUMBA_DISABLE_JIT": "0"}
-    failed = run_parts(session, PARTS, compiled, "--kernels=compiled")
-    # to compile these kinds of scenes would take longer than their few events
-    plain = " ".join(f"tests/{name}" for name in plain_files())
-    failed += run_parts(session, [plain], {"NUMBA_DISABLE_JIT": "1"}, "--kernels=plain")
-    if failed:
-        session.error(f"{failed} parts failed")
+    """Run all tests, those of every save with --quick, or what pytest makes of other arguments."""
+    if session.posargs == ["--quick"]:
+        run_groups(session, QUICK_GROUPS, {}, "--quick")
+    elif session.posargs:
+        session.run(*PYTEST, *TWO_WORKERS, *session.posargs, env=ONE_THREAD)
+    else:
+        # each kind of kernel is compiled once; two processes that need one at the same time would
+        # both compile it
+        session.run("python", "tests/support/kinds.py", env=ONE_THREAD)
+        compiled = [(group, {"NUMBA_DISABLE_JIT": "0"}, "--kernels=compiled") for group in GROUPS]
+        # to compile these kinds of scenes would take longer than their few events
+        plain = (" ".join(plain_files()), {"NUMBA_DISABLE_JIT": "1"}, "--kernels=plain")
+        run_jobs(session, [*compiled, plain])
 
 
 @nox.session(venv_backend="none")
 def arithmetic(session: nox.Session) -> None:
     """Run what depends on libraries' arithmetic with that of an old processor."""
-    files = " ".join(f"tests/{name}" for name in LEANING)
-    if run_parts(session, [files], OLD_LIBRARIES, "-m=not wheel and not nightly and not slow"):
-        session.error("tests failed")
+    run_groups(
+        session, ARITHMETIC_GROUPS, OLD_LIBRARIES, "-m=not wheel and not nightly and not slow"
+    )
 
 
 @nox.session(venv_backend="none", tags=["machines"], name="other-rounding")
 def other_rounding(session: nox.Session) -> None:
     """Run with other last bits in every modal model, as another processor has them."""
-    run_machine(session, PARTS[3:], {}, "--rounding=5")
+    run_machine(session, OTHERS, {}, "--rounding=5")
 
 
 @nox.session(venv_backend="none", tags=["machines"], name="old-libraries")
 def old_libraries(session: nox.Session) -> None:
     """Run with libraries' arithmetic for old processors, and every command from the wheel."""
-    run_machine(session, PARTS, OLD_LIBRARIES | OLD_NUMPY, "-m=wheel or not wheel")
+    run_machine(session, GROUPS, OLD_LIBRARIES | OLD_NUMPY, "-m=wheel or not wheel")
 
 
 @nox.session(venv_backend="none", tags=["machines"], name="old-processor")
 def old_processor(session: nox.Session) -> None:
     """Run with kernels that are compiled for no processor in particular."""
     variables = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-    run_machine(session, PARTS[:3], variables | own_cache(session))
+    groups = (*KERNELS, "tests/simulator/test_*.py tests/periodic/test_*.py")
+    run_machine(session, groups, variables | own_cache(session))
 
 
 @nox.session(python="3.11", tags=["machines"], name="oldest-versions")
@@ -159,52 +170,66 @@ def oldest_versions(session: nox.Session) -> None:
     oldest = [one.split(",")[0].replace(">=", "==") for one in varied_ranges()]
     install(session, oldest, (*LAYERS, "rl", "clients"))
     variables = {"MKL_CBWR": "AVX2,STRICT", "OPENBLAS_CORETYPE": "Haswell"}
-    run_machine(session, PARTS, variables | own_cache(session))
+    run_machine(session, GROUPS, variables | own_cache(session))
 
 
 @nox.session(python="3.13", tags=["machines"], name="newest-versions")
 def newest_versions(session: nox.Session) -> None:
     """Run with the newest versions that pyproject.toml allows and another Python, without torch."""
     install(session, varied_ranges(), LAYERS)
-    run_machine(session, PARTS, own_cache(session))
+    run_machine(session, GROUPS, own_cache(session))
 
 
-def run_parts(
-    session: nox.Session, selection: Sequence[str], variables: dict[str, str], *options: str
-) -> int:
-    """Run pytest on one part of the tests after the other, and return how many failed.
+def run_groups(
+    session: nox.Session, groups: Sequence[str], variables: dict[str, str], *options: str
+) -> None:
+    """Run pytest on groups of tests with the same variables and options; see `run_jobs`."""
+    run_jobs(session, [(group, variables, *options) for group in groups])
+
+
+def run_jobs(session: nox.Session, jobs: Sequence[tuple[Any, ...]]) -> None:
+    """Run pytest on groups of tests, each in a process of its own, `PROCESSES` at a time.
+
+    Of a process that fails all that it printed is printed, else its last line. The session fails if
+    a process does.
 
     Parameters
     ----------
     session : nox.Session
         The session.
-    selection : sequence of str
-        Patterns of files, relative to the checkout, separated by spaces: a process of pytest for
-        each. What a process has compiled and imported stays in its memory.
-    variables : dict of str
-        Environment variables.
-    *options : str
-        Options of pytest.
+    jobs : sequence of tuple
+        For each group its patterns of files, relative to the checkout and separated by spaces, its
+        environment variables, and options of pytest.
     """
-    failed = 0
-    for patterns in selection:
+
+    def run_job(job: tuple[Any, ...]) -> bool:
+        patterns, variables, *options = job
         files = [str(path) for one in patterns.split() for path in sorted(ROOT.glob(one))]
+        command = (*PYTEST, *options, *files)
         try:
-            session.run(*PYTEST, *options, *files, env=ONE_THREAD | variables)
+            printed = session.run(*command, env=ONE_THREAD | variables, silent=True, log=False)
         except CommandFailed:
-            failed += 1
-    return failed
+            return False
+        session.log(f"{patterns}: {str(printed).splitlines()[-1]}")
+        return True
+
+    with ThreadPoolExecutor(PROCESSES) as executor:
+        passed = list(executor.map(run_job, jobs))
+    if not all(passed):
+        failed = [job[0] for job, ok in zip(jobs, passed, strict=True) if not ok]
+        session.error(f"{len(failed)} of {len(jobs)} groups failed: {', '.join(failed)}")
 
 
 def run_machine(
-    session: nox.Session, selection: Sequence[str], variables: dict[str, str], *options: str
+    session: nox.Session, groups: Sequence[str], variables: dict[str, str], *options: str
 ) -> None:
-    """Run parts with their nightly tests, or what the session's arguments say."""
+    """Run groups with their nightly tests, or what the session's arguments say."""
     options = ("-m=not wheel", *options)
     if session.posargs:
-        session.run(*PYTEST, *options, *session.posargs, env=ONE_THREAD | variables)
-    elif failed := run_parts(session, selection, variables, *options):
-        session.error(f"{failed} of {len(selection)} parts failed")
+        environment = ONE_THREAD | variables
+        session.run(*PYTEST, *TWO_WORKERS, *options, *session.posargs, env=environment)
+    else:
+        run_groups(session, groups, variables, *options)
 
 
 def own_cache(session: nox.Session) -> dict[str, str]:

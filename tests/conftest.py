@@ -1,21 +1,18 @@
-"""Options --quick and --cpu of the tests, and their order.
+"""Options of the tests.
 
-The options choose the tests to run and record the processor time of each. Some files start first.
+They choose the tests to run and record the processor time of each.
 """
 
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from choice import LONGEST_FIRST, QUICK
+from choice import QUICK, ROOT
 from hypothesis import settings
 from plugins import CPUTimes, round_models
 
 settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
-
-HERE = Path(__file__).parent
-
 
 # their commands write some hundred figures, whose pixels no test counts: most of a figure's time
 # goes by its pixels
@@ -87,11 +84,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     is_selectable = config.getoption("--quick") and collection_path.name.startswith("test_")
-    return (
-        True
-        if is_selectable and collection_path.relative_to(HERE).as_posix() not in QUICK
-        else None
-    )
+    if is_selectable and collection_path.relative_to(ROOT).as_posix() not in QUICK:
+        return True
+    return None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -107,5 +102,3 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             for item in items
             if (item.get_closest_marker("plain") is not None) == (chosen == "plain")
         ]
-    place = {name: k for k, name in enumerate(LONGEST_FIRST)}
-    items.sort(key=lambda item: place.get(item.path.relative_to(HERE).as_posix(), len(place)))

@@ -5,7 +5,7 @@ import tarfile
 from pathlib import Path
 
 import pytest
-from choice import LEANING, LONGEST_FIRST, PARTS, QUICK
+from choice import ARITHMETIC_GROUPS, GROUPS, QUICK_GROUPS
 from kinds import KINDS
 from places import ROOT, SUPPORT
 
@@ -64,12 +64,11 @@ def test_a_source_distribution_is_small_and_brings_no_numbers(tmp_path: Path) ->
 TESTS = SUPPORT.parent
 
 
-@pytest.mark.parametrize(
-    "names", [QUICK, LONGEST_FIRST, LEANING], ids=["quick", "longest first", "leaning"]
-)
-def test_lists_name_existing_files(names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("groups", [QUICK_GROUPS, ARITHMETIC_GROUPS], ids=["quick", "arithmetic"])
+def test_lists_name_existing_files(groups: tuple[str, ...]) -> None:
+    names = " ".join(groups).split()
     assert len(set(names)) == len(names)
-    assert not [name for name in names if not (TESTS / name).is_file()]
+    assert not [name for name in names if not (ROOT / name).is_file()]
 
 
 def test_the_suite_needs_few_kinds_of_kernels() -> None:
@@ -81,11 +80,6 @@ def test_the_suite_needs_few_kinds_of_kernels() -> None:
     assert len(KINDS) <= 31
 
 
-def test_the_parts_have_every_file_of_tests_once() -> None:
-    places = [place for part in PARTS for pattern in part.split() for place in ROOT.glob(pattern)]
-    files = [
-        file
-        for place in places
-        for file in ([place] if place.is_file() else place.rglob("test_*.py"))
-    ]
+def test_the_groups_have_every_file_of_tests_once() -> None:
+    files = [file for group in GROUPS for pattern in group.split() for file in ROOT.glob(pattern)]
     assert sorted(files) == sorted(TESTS.rglob("test_*.py"))

@@ -147,7 +147,7 @@ def test_a_run_writes_numbers_tables_figures_and_page(place: OutputPaths) -> Non
     assert text.count("6 rows. Measured on ") == 2
     assert text.startswith("by hand\n<!-- omega -->\n6 rows.")
     assert "old" not in text
-    assert f" with version {impact_env.__version__}, " in text
+    assert f", version {impact_env.__version__}, " in text
     assert values["conditions"]["versions"]["kernels"] not in text
     assert f"written: {place.folder / 'omega.json.gz'}" in result.output
 
