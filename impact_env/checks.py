@@ -63,11 +63,11 @@ class ParameterError(ValueError):
         return type(self), (str(self), self.name, None, self.allowed, self.argument)
 
     def at_key(self, path: str, keys: Mapping[str, str]) -> "ParameterError":
-        """Return the error of a table of a file at ``path``.
+        """Return this error with the argument's name replaced by its place in a file.
 
-        ``keys`` maps arguments to keys of the table. The key takes the place of the argument's
-        name; an error of several arguments, or of one without a key, has the path before its
-        message.
+        ``path`` is the place of the table in the file ("structure.beam") and ``keys`` maps names of
+        arguments to keys of that table. An error about several arguments, or about an argument
+        without a key, keeps its message and has the path before it.
         """
         key = None if self.name is None or self.argument is None else keys.get(self.argument)
         if key is None:
@@ -82,7 +82,11 @@ class ParameterError(ValueError):
 def describe_error(
     name: str, value: object, allowed: str, argument: str | None = None
 ) -> ParameterError:
-    """Return the error of a value that is not allowed; `require` raises it."""
+    """Return the ParameterError "name = value is not allowed: allowed", without raising it.
+
+    ``argument`` is the name of the caller's argument where ``name`` contains more than this name,
+    such as an index.
+    """
     message = f"{name} = {_written(value)} is not allowed: {allowed}"
     return ParameterError(message, name, value, allowed, argument)
 
@@ -90,8 +94,8 @@ def describe_error(
 def require(ok: bool, name: str, value: object, allowed: str, argument: str | None = None) -> None:
     """Raise ParameterError unless ``ok``.
 
-    ``argument`` is the name of the caller's argument, given where ``name`` contains more than this
-    name.
+    The message is "name = value is not allowed: allowed". ``argument`` is the name of the caller's
+    argument where ``name`` contains more than this name, such as an index.
     """
     if not ok:
         raise describe_error(name, value, allowed, argument)

@@ -75,12 +75,10 @@ PARTS_PER_THREAD = 4  # of a thread, since lanes differ in their number of impac
 
 
 def friction_limit(scene: Scene) -> float:
-    """Return the limit of an absorber's rigid friction in N.
+    """Return the limit of the absorber's rigid friction in N, infinity without such friction.
 
-    It is infinite for an absorber without such friction, for which the limits in the orders are not
-    read.
-
-    The Moreau scheme takes a stuck absorber as one with an infinite limit.
+    The kernels of a scene without rigid friction do not read the limits in the orders. The Moreau
+    scheme computes a stuck absorber as an absorber with an infinite limit.
     """
     friction = scene.absorber.friction if isinstance(scene.absorber, SlidingAbsorber) else None
     return friction.limit if isinstance(friction, CoulombFriction) else math.inf
@@ -144,10 +142,7 @@ class WorkerPool:
         """Compute all parts with ``helpers`` helper threads and return when they are done.
 
         ``parts`` (P, 2) has one range of lanes [low, high) in each row. The calling thread computes
-        parts as well.
-
-        No part waits for a helper: what it has not taken when the caller gets there, the caller
-        does.
+        parts as well, so no part waits for a helper that starts late.
         """
         number = len(parts)
         self._queue.cuts[:number] = parts
@@ -172,7 +167,7 @@ class WorkerPool:
             self._ended = time.perf_counter()
 
     def _call(self, helpers: int) -> None:
-        """Start helpers in the place of those that have left."""
+        """Start the helper threads that have not started or have ended."""
         quick = time.perf_counter() - self._ended < QUICK_S
         if self._pool is None:
             self._pool = ThreadPoolExecutor(helpers)
@@ -193,25 +188,54 @@ class WorkerPool:
 
 
 class ControlledRuns:
-    """Lanes of one scene, each at its own time.
+    """Lanes of one scene, each at its own time, advanced together by one control interval.
 
-    ``orders`` (L,) is what the next `advance` does, ``reports`` (L,) what the last one saw:
-    records, whose fields `kernels.control.interval` names. Lanes in the mask ``idle`` (L,) rest:
-    they cost nothing and keep state and report. ``reference`` is the circular frequency (rad/s)
-    that defines the pseudo period, ``interval`` the longest interval in pseudo periods,
-    ``exponent`` that of the reports' damage (0: not computed) with displacements in ``unit`` (m).
-    The result is the same for any number of ``threads`` (default: all cores). An interval is a
-    whole number of samples, ``samples_per_period`` in a pseudo period; an ordered ``duration`` is
-    at most ``duration`` (s) of the longest one.
+    Parameters
+    ----------
+    scene : Scene
+        Scene of all lanes, with one absorber or none.
+    lanes : int
+        Number L of lanes.
+    reference : float
+        Circular frequency in rad/s that defines the pseudo period.
+    interval : float
+        Longest control interval in pseudo periods, a whole number of samples.
+    method : Exact, Moreau or RungeKutta, optional
+        Integration method (default: `Exact`).
+    samples_per_period : int
+        Samples of the level in a pseudo period.
+    exponent : float, optional
+        Exponent of the damage in the reports; 0: the damage is not computed.
+    unit : float, optional
+        Unit of the displacements in the damage, in m.
+    threads : int, optional
+        Threads (default: all cores). The result does not depend on it.
+    record : Samples, optional
+        Load that acts in addition to the orders' force and repeats: its last value takes the place
+        of its first. The orders' ``place`` is the position in it, in steps, at which an interval
+        begins. Only for the exact method and rigid contact, as in `Loads`.
+    moves_base : bool, optional
+        The orders' force is the acceleration of the base in m/s^2. Only for the exact method and
+        rigid contact.
 
-    ``record`` acts beside the orders' force and repeats, its last value taken for its first; the
-    orders' ``place`` says where in it, in steps, a lane goes on. ``moves_base``: that force is the
-    base's acceleration in m/s^2. Both are for the exact method and rigid contact, as in `Loads`.
+    Attributes
+    ----------
+    orders : structured array, (L,)
+        What the next `advance` does, with the fields of `kernels.control.interval.ORDER`. An
+        ordered duration is at most ``duration``.
+    reports : structured array, (L,)
+        Results of the last `advance`, with the fields of `kernels.control.interval.REPORT`.
+    idle : array of bool, (L,)
+        Lanes that the next `advance` skips; their state and report do not change.
+    duration : float
+        Duration of the longest interval in s.
+    wall_time : float
+        Computing time of the last `advance` in s.
 
-    ``wall_time`` is the time in s that the last `advance` took.
-
-    Raises ParameterError if the method cannot do the scene in intervals, and for orders that its
-    kernels do not read.
+    Raises
+    ------
+    ParameterError
+        A value is out of range, or the method cannot compute the scene in intervals.
     """
 
     def __init__(
@@ -375,7 +399,11 @@ class ControlledRuns:
         self.wall_time = time.perf_counter() - began
 
     def _do(self, parts: NDArray[np.int64], workers: int = 1) -> None:
-        """Advance the lanes of stretches, rows [low, high), with so many threads."""
+        """Advance the lanes of the ranges [low, high) in the rows of ``parts`` (P, 2).
+
+        ``workers`` is the number of threads, with the calling thread. The first call compiles the
+        kernels, in one thread.
+        """
         if self._compiled:
             self._pool.work(parts, workers - 1)
         else:
@@ -403,8 +431,7 @@ class ControlledRuns:
     def _refuse_orders(self) -> None:
         """Raise ParameterError for the first order that the kernels would ignore.
 
-        It is an order of a quantity that the kernels of the scene do not read, with another value
-        than the scene's.
+        Such an order changes a quantity that the kernels of this scene do not read.
         """
         for name, (value, where) in self._unread.items():
             wanted = self.orders[name]
@@ -421,7 +448,7 @@ class ControlledRuns:
     def _check(self) -> None:
         """Raise an error that names the first failed lane, or do nothing if none failed.
 
-        It is a ParameterError for an order that was refused, and an IntegrationError for a run that
+        Raises ParameterError for an order that was refused, and IntegrationError for a run that
         broke down.
         """
         lane = int(find_failed_lane(self.status))
@@ -441,9 +468,9 @@ class ControlledRuns:
             )
 
     def _parts(self, workers: int, rests: bool) -> NDArray[np.int64]:
-        """Return ranges of lanes that are not idle, one [low, high) in each row.
+        """Return ranges of lanes that are not idle, one [low, high) in each row (P, 2).
 
-        ``rests`` says whether any lane is idle.
+        ``rests``: whether any lane is idle. The number P grows with the number of ``workers``.
         """
         if workers not in self._shares:
             number = 1 if workers == 1 else PARTS_PER_THREAD * workers
@@ -458,21 +485,20 @@ class ControlledRuns:
         return finer[~self.idle[finer[:, 0]]]
 
     def snapshot(self) -> list[Array]:
-        """Return copies of all that the next `advance` depends on, for `restore`."""
+        """Return copies of all arrays that the next `advance` depends on, for `restore`."""
         return [values.copy() for values in self._variables()]
 
     def restore(self, snapshot: list[Array]) -> None:
-        """Go on from a snapshot of runs that were made with the same arguments."""
+        """Set the runs back to a snapshot of runs that were made with the same arguments."""
         for values, saved in zip(self._variables(), snapshot, strict=True):
             values[...] = saved
 
     def copy_from(self, source: "ControlledRuns", times: int = 1) -> None:
         """Continue from the runs of another group of lanes.
 
-        Each run is repeated ``times`` times in consecutive lanes.
-
-        Both groups were made with the same arguments but for the number of lanes; raises
-        ParameterError unless that is ``times`` as many as those of ``source``.
+        Each run of ``source`` is copied into ``times`` consecutive lanes. Both groups were made
+        with the same arguments except for the number of lanes. Raises ParameterError unless this
+        group has ``times`` as many lanes as ``source``.
         """
         times = count("times", times, 1)
         allowed = f"{times} times the {source.lanes} lanes of the source"
@@ -502,9 +528,9 @@ def _find_changeable_orders(scene: Scene, has_disturbance: bool) -> set[str]:
 
 
 def count_whole_samples(interval: float, samples_per_period: int) -> int:
-    """Return the number of samples in a control interval (pseudo periods).
+    """Return the number of samples in a control interval, which is given in pseudo periods.
 
-    Raises ParameterError if it is not a whole number.
+    Raises ParameterError if the number is not whole.
     """
     samples = positive("interval", interval) * samples_per_period
     require(
@@ -519,11 +545,9 @@ def count_whole_samples(interval: float, samples_per_period: int) -> int:
 def bind_kernel(kernel: Any) -> Kernel:
     """Return the machine code of a compiled kernel, with the kernel's arguments bound to it.
 
-    Called as usual, numba inspects the types of the arguments at every call, which takes 8 of 12
-    us.
-
-    The machine code trusts the memory that it is given, so its types are compared here, once:
-    raises TypeError where no code is for them.
+    In an ordinary call numba inspects the types of the arguments, which takes 8 of 12 us. The
+    machine code does not check its arguments, so their types are compared here, once: raises
+    TypeError if the kernel has not been compiled for them.
     """
     if not COMPILED:
         return kernel
@@ -545,19 +569,20 @@ def _collect_arrays(values: Any) -> list[NDArray[Any]]:
 
 
 def _pair_cuts(cuts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the stretches (n, 2) between cuts (n + 1,)."""
+    """Return the ranges [low, high) between n + 1 ascending cuts, (n, 2)."""
     return np.column_stack([cuts[:-1], cuts[1:]])
 
 
 class PooledRuns(ControlledRuns):
     """Lanes that run scenes of a pool.
 
-    ``which`` (L,) is the number of each lane's scene and is changed in place.
+    ``which`` (L,) is the index into ``scenes`` of each lane's scene; a caller changes its values in
+    place before `advance`. ``options`` are further arguments of `ControlledRuns`.
 
-    All scenes have as many modes, the same kind of absorber, and one ``reference`` frequency; the
-    runs of one are made when a lane first needs them. What lanes keep lies scene by scene, so that
-    a call of compiled code has all lanes of a scene in a row; orders and reports are those of
-    lanes.
+    All scenes have the same number of modes, the same kind of absorber and the same ``reference``
+    frequency. The kernels of a scene are built when a lane first needs them. The states are stored
+    scene by scene, so that one call of compiled code advances a contiguous range of lanes; orders
+    and reports are in the order of the lanes.
     """
 
     def __init__(
@@ -611,7 +636,7 @@ class PooledRuns(ControlledRuns):
         self._threads = None
 
     def _lay(self, order: NDArray[np.int64]) -> None:
-        """Lay the memory of the lanes in the order (L,) one after the other."""
+        """Sort the memory of the lanes: lane ``order[k]`` gets row k."""
         rows = self._rows[order]
         for values in self._memory:
             values[...] = values[rows]

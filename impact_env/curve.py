@@ -143,9 +143,9 @@ class CurveCase:
         return self.load(amplitude, schedule).member(own)
 
     def amplitudes(self) -> Array:
-        """Return the force amplitudes to run in N.
+        """Return the force amplitudes to run in N, (F,).
 
-        It is a single force of 1 N for a linear scene, because its level is proportional to the
+        A linear scene is run at a single force of 1 N, because its level is proportional to the
         force.
         """
         return np.ones(1) if self.scene.kind is SceneKind.LINEAR else self.forces
@@ -157,8 +157,14 @@ class Optimum:
 
     Bands are the 5 to 95 % intervals over the members.
 
-    force and force_band in N (the band is that of each member's own best force), level and
-    level_band in m, relative and relative_band to the reference.
+    Attributes
+    ----------
+    force, force_band : float and (float, float)
+        The force, and the band of the members' own best forces, in N.
+    level, level_band : float and (float, float)
+        Median and band of the response level at ``force``, in m.
+    relative, relative_band : float and (float, float)
+        Median and band of the level over the reference's.
     """
 
     force: float
@@ -203,7 +209,7 @@ class PerformanceCurve(SavedResult, TableResult):
     def combined(self) -> Array:
         """The larger level of the two sweep directions in m, (F, M), as in the paper's curves.
 
-        It is NaN unless both levels are known.
+        NaN unless both levels are known.
         """
         return np.asarray(np.max(self.level, axis=-1))
 
@@ -218,9 +224,9 @@ class PerformanceCurve(SavedResult, TableResult):
         return quantiles(self.combined, BAND)
 
     def to_columns(self) -> dict[str, NDArray[Any]]:
-        """Return all runs as columns of shape (2 F M,).
+        """Return all runs as columns of shape (2 F M,), by name.
 
-        They are force, member, direction of the sweep, and the results.
+        The columns are force, member, direction of the sweep, and the results of each run.
         """
         shape = self.level.shape
         force, member, direction = np.indices(shape).reshape(3, -1)
@@ -289,7 +295,7 @@ class PerformanceCurve(SavedResult, TableResult):
             return np.asarray(self.combined / reference.combined)
 
     def at(self, k: int, reference: PerformanceCurve) -> Optimum:
-        """Return the level and the relative level at force ``k``.
+        """Return the level and the relative level at the force with index ``k``, with their bands.
 
         The band of the force is that of the members' best forces.
         """
@@ -309,16 +315,16 @@ class PerformanceCurve(SavedResult, TableResult):
         )
 
     def optimum(self, reference: PerformanceCurve) -> Optimum | None:
-        """Return the best force relative to a reference, such as a curve without absorber.
+        """Return the force with the smallest median level relative to a reference curve.
 
-        The result is None if no run is finished yet.
+        The reference is usually the curve without absorber. None if no run is finished yet.
         """
         relative = quantiles(self.relative_to(reference), (0.5,))[0]
         return None if np.isnan(relative).all() else self.at(int(np.nanargmin(relative)), reference)
 
 
 def quantiles(values: ArrayLike, wanted: Sequence[float]) -> Array:
-    """Return quantiles over the last axis, with the quantile as the first axis of the result.
+    """Return the ``wanted`` quantiles (0 to 1) over the last axis, as first axis of the result.
 
     NaN values are ignored. Where no value is left, the result is NaN.
     """
@@ -348,7 +354,8 @@ def performance_curves(
 ) -> list[PerformanceCurve]:
     """Compute several performance curves together, in one pool of threads or by an executor.
 
-    The arguments after ``seed`` and the errors are those of `run_lanes`.
+    ``members`` and ``seed`` define the ensemble of all curves (`draw_members`). The arguments after
+    ``seed`` and the errors are those of `run_lanes`. Returns a curve for each case.
 
     The member is the outermost loop, so an interrupted computation leaves all curves with fewer
     members.
@@ -381,7 +388,11 @@ def performance_curves(
 def _select_case(
     case: CurveCase, levels: LaneLevels, members: int, start: int, stop: int
 ) -> LaneLevels:
-    """Return a case's share of all lanes as (F, M, 2), a linear scene's scaled by the force."""
+    """Return the results of one case, arrays (F, M, 2), from those of all lanes.
+
+    Of the lanes of each member the case has those from ``start`` to ``stop``. Levels of a linear
+    scene, which was run at 1 N, are multiplied by the force.
+    """
     shape = (len(case.forces), members, 2)
     arrays = {}
     for name in (field.name for field in fields(LaneLevels) if field.name != "complete"):
@@ -496,7 +507,9 @@ def performance_curve(
 
 @dataclass(frozen=True)
 class Pass:
-    """Pass over a performance curve, see `curve_passes`.
+    """One pass over a performance curve: how many forces and members, and how fast the sweeps.
+
+    Passes are arguments of `curve_passes`.
 
     Parameters
     ----------
@@ -528,10 +541,10 @@ _Run = tuple[int, int, int]  # force, member, direction
 
 
 class Measure(Protocol):
-    """What is read from a run in the place of its response level."""
+    """Function that runs a lane and measures it, in place of the response level."""
 
     def __call__(self, lane: Lane, stop: Stop) -> tuple[float, ...]:
-        """Run a lane; return the numbers of `LaneLevels`, NaN for what is not known."""
+        """Run a lane; return the six numbers of `LaneLevels`, NaN for unknown ones."""
 
 
 def curve_passes(
@@ -553,7 +566,7 @@ def curve_passes(
     case : CurveCase
         Forces and sweeps.
     passes : sequence of Pass
-        What is computed in turn: ``Pass(4, 5.0)``, then ``Pass()``, then ``Pass(members=8)``, say.
+        Passes in the order of computation, such as ``[Pass(4, 5.0), Pass(), Pass(members=8)]``.
         A run that an earlier pass has made is not made again.
     stop : Stop, optional
         Ends the runs from any other thread, as the iterator's ``close()`` does.
@@ -566,17 +579,18 @@ def curve_passes(
     samples_per_period : int, optional
         Samples of the level in a pseudo period.
     measure : callable, optional
-        ``measure(lane, stop)`` returns the numbers of `LaneLevels` in place of the response
-        level's.
+        ``measure(lane, stop)`` runs a lane and returns the six numbers of `LaneLevels`. Default:
+        the response level of `simulate`.
     both_ways : bool, optional
-        False: the load is the same up and down, as a random one is, and each run stands for both.
+        Run sweeps up and down. False for a load that is the same in both directions, such as a
+        random load: each run then counts for both.
 
     Yields
     ------
     tuple of Pass and PerformanceCurve
         The pass, and the curve so far at the pass's forces, NaN where a run is missing. The last
         curve of a pass has all runs: the numbers of `performance_curve` at that rate. After
-        ``stop`` what was not run stays NaN, and nothing follows.
+        ``stop`` one last curve follows, with NaN for the runs that were not made.
 
     Raises
     ------
@@ -634,9 +648,11 @@ def _run_pass(
 ) -> Iterator[PerformanceCurve]:
     """Compute the missing runs of a pass, and yield the curve repeatedly and at the end.
 
-    Runs whose level is in ``result`` are not computed again. Coarse grids of forces come first.
+    Runs whose level is in ``result`` are not computed again; new ones are added to it. Coarse grids
+    of forces come first.
 
-    ``ways``: the directions whose runs count for up and for down; both `UP` if one run serves both.
+    ``ways``: the directions whose runs count for up and for down; both `UP` if the load is the same
+    in both directions.
     """
     total = len(case.forces)
     linear = case.scene.kind is SceneKind.LINEAR

@@ -2,9 +2,9 @@
 
 A schedule is the frequency over time: constant, a linear sweep, or any piecewise-linear function.
 
-Every load is made of pieces (`Pieces`), which the kernels take (`kernels/motion/loads.py`): between
-two breakpoints it is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), u the time
-since the first of them. A `Drive` alone is given to kernels as what it is.
+Every load consists of pieces (`Pieces`), which the kernels read (`kernels/motion/loads.py`):
+between two breakpoints it is Re((c0 + c1 u + c2 u^2) exp(i (phi + omega u + alpha u^2/2))), with
+the time u since the first of the two. Only a `Drive` alone is not split into pieces.
 """
 
 from __future__ import annotations
@@ -212,11 +212,11 @@ def default_rate(model: ModalModel, resonances: Iterable[int] = (1,)) -> float:
 
     The rate is in % of the resonance per 100 pseudo periods.
 
-    A resonance of damping ratio D builds up in about 1/(D omega), and while the frequency crosses
-    its width 2 D omega at a rate r there are 2 D omega/r for it: what counts is r over (D omega)^2.
-    The paper's rate suits its damping of 1 %, so the default goes with the square of the damping;
-    it is never faster than the paper's, since impacts have times of their own that no damping
-    shortens. Of several resonances the least damped one counts, and a damping ratio below 1e-4
+    A resonance of damping ratio D builds up in about 1/(D omega), and the frequency crosses its
+    width 2 D omega at a rate r in 2 D omega/r; their ratio depends on r/(D omega)^2 alone. The
+    paper's rate suits its damping of 1 %, so the default is proportional to the square of the
+    damping. It is never faster than the paper's, because damping does not shorten the time scales
+    of impacts. Of several resonances the least damped one counts, and a damping ratio below 1e-4
     counts as 1e-4. Raises ParameterError for a resonance that the model lacks.
     """
     model = instance("model", model, ModalModel)
@@ -267,12 +267,22 @@ def constant_frequency(reference: float, ratio: float, periods: float) -> Freque
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """A load between breakpoints ``times`` (K,) in s from 0: ``rows`` (K - 1, 9).
+    """A load as harmonic pieces with polynomial amplitudes, between breakpoints.
 
-    A row has frequency (rad/s), its rate (rad/s^2), phase at the start (rad), then real and
-    imaginary parts of c0, c1 and c2, in N, or in m/s^2 where the load is of the kind that
-    ``moves_base``. ``place``: name of the place of a force that has one of its own
-    (`Load.force_place`); ``channel``: as kernels take it, see `impact_env.force_channels`.
+    Attributes
+    ----------
+    times : array, (K,)
+        Breakpoints in s, from 0.
+    rows : array, (K - 1, 9)
+        Of each piece: circular frequency at its start (rad/s), rate of the frequency (rad/s^2),
+        phase at its start (rad), then real and imaginary parts of c0, c1 and c2 (see the module),
+        with time in s. They are forces in N, or accelerations of the base in m/s^2.
+    moves_base : bool
+        Whether the load is an acceleration of the base.
+    place : str or None
+        Name of the place of a force that acts elsewhere than the structure's (`Load.force_place`).
+    channel : int
+        Number of the kernels' force channel, see `impact_env.force_channels`.
     """
 
     times: Array
@@ -296,8 +306,15 @@ class Pieces:
 class Member:
     """The random part of a member of an ensemble.
 
-    ``number``, 0 for the load itself, draws records and tones' phases; ``phase`` in rad is added to
-    that of a load with a schedule; ``factor`` multiplies the amplitude.
+    Attributes
+    ----------
+    number : int
+        Number of the member, which seeds random records and the phases of tones; 0 stands for the
+        load itself.
+    phase : float
+        Phase in rad, added to that of a load with a schedule.
+    factor : float
+        Factor of the amplitude.
     """
 
     number: int = 0
@@ -306,11 +323,20 @@ class Member:
 
 
 class Load(ABC):
-    """A load, which lasts as long as its ``schedule``, or its ``length`` in s where it has none.
+    """A load on a structure, or a motion of its base, over a time.
 
-    ``sizes``: the attributes to which it is proportional, one of them or all; a ``phase``, where it
-    has one, is that of its schedule. ``force_place``: name of the place of the structure
-    (`ModalModel.with_force_places`) that a force acts at; None: where the structure's force does.
+    Attributes
+    ----------
+    length : float or None
+        Duration in s of a load without a schedule.
+    sizes : tuple of str, class variable
+        Names of the attributes to which the load is proportional. None of them is multiplied by an
+        ensemble's factor if its value is None.
+    phase : float or None
+        Phase in rad at time 0 of a load with a schedule.
+    force_place : str or None
+        Name of the place (`ModalModel.with_force_places`) at which a force acts; None: at the
+        structure's own place of the force.
     """
 
     length: float | None
@@ -320,7 +346,7 @@ class Load(ABC):
 
     @property
     def duration(self) -> float:
-        """Return how long it lasts in s."""
+        """Duration of the load in s: that of its schedule, or else its ``length``."""
         schedule = find_schedule(self)
         if schedule is not None:
             return float(schedule.times[-1])
@@ -329,10 +355,10 @@ class Load(ABC):
 
     @abstractmethod
     def pieces(self) -> list[Pieces]:
-        """Return its pieces, a record for each tone."""
+        """Return the load as pieces, one object for each tone."""
 
     def member(self, other: Member) -> Self:
-        """Return the load of a member of an ensemble."""
+        """Return this load with the phase and the amplitude of a member of an ensemble."""
         changed = {
             name: other.factor * getattr(self, name)
             for name in self.sizes
@@ -345,8 +371,7 @@ class Load(ABC):
     def base_velocity(self) -> float:
         """Return the base's velocity in m/s at time 0 for which its mean velocity is zero.
 
-        It is 0 for a base that does not move, and for a base that is at rest before a pulse moves
-        it.
+        The velocity is 0 for a fixed base, and for a base that is at rest before a pulse.
         """
         return 0.0
 
@@ -357,11 +382,19 @@ def find_schedule(load: Load) -> FrequencySchedule | None:
 
 
 class Excitation(Load):
-    """A load under which a run is made: a `Drive`, or `Loads`.
+    """The complete excitation of a run: a `Drive`, or `Loads`.
 
-    ``schedule``: the frequency over time to which responses refer; it ends with the run, and its
-    reference defines the pseudo period. ``start``: the state at time 0. ``in_pieces``: whether
-    kernels take it as `Pieces`, in place of one force of a schedule.
+    Attributes
+    ----------
+    schedule : FrequencySchedule
+        Frequency over time to which responses refer. It ends with the run, and its reference
+        defines the pseudo period.
+    parts : tuple of Load
+        The loads that act together.
+    start : str or InitialState
+        State at time 0, or the name of a start, see `Loads`.
+    in_pieces : bool, class variable
+        Whether kernels read the load as `Pieces`, instead of as one force with a schedule.
     """
 
     start: str | InitialState = LOAD_STARTS[0]
@@ -396,17 +429,15 @@ class Excitation(Load):
 
     @abstractmethod
     def initial_state(self, scene: Scene, initial: InitialState | None) -> InitialState:
-        """Return the state of a run at time 0.
+        """Return the state of a run at time 0, with the velocities that strikes add.
 
-        It is ``initial``, or the start of the loads where ``initial`` is None, with the velocities
-        that strikes add.
-
-        Raises ParameterError where a start is given twice, or a scene has no such start.
+        The state is ``initial``, or the start of the loads if ``initial`` is None. Raises
+        ParameterError if both are given, or if the scene has no such start.
         """
 
     @abstractmethod
     def describe(self, *, phase: bool = True) -> str:
-        """Return its size for people, with or without the phase."""
+        """Return the load's amplitude as text, with or without the phase."""
 
 
 def schedule_pieces(
@@ -414,7 +445,8 @@ def schedule_pieces(
 ) -> Pieces:
     """Return a load whose frequency is ``order`` times that of a schedule.
 
-    ``coefficients`` (K - 1, 6) are those of `Pieces`.
+    ``phase`` in rad is that at time 0. ``coefficients`` (K - 1, 6) are real and imaginary parts of
+    c0, c1 and c2 of each piece (`Pieces`).
     """
     omegas = order * schedule.omegas
     steps = np.diff(schedule.times)
@@ -446,13 +478,13 @@ class Drive(Excitation):
     phase : float, optional
         Phase in rad at time 0.
     force_place : str, optional
-        Name of the structure's place that it acts at, for a drive that is one of `Loads`. None:
-        where the structure's force does.
+        Name of the place of the structure at which the force acts, for a drive that is one of
+        `Loads`. None: the structure's own place of the force.
 
     Raises
     ------
     ParameterError
-        A value is not finite, or the schedule is none.
+        A value is not finite, or ``schedule`` is not a FrequencySchedule.
 
     Examples
     --------
@@ -472,7 +504,7 @@ class Drive(Excitation):
         check_fields(self)
 
     def pieces(self) -> list[Pieces]:
-        """Return its pieces, as beside other loads."""
+        """Return the force as pieces, for a run with further loads."""
         coefficients = constant_coefficients(self.schedule, self.amplitude)
         return [schedule_pieces(self.schedule, 1.0, self.phase, coefficients, False)]
 
@@ -501,7 +533,7 @@ class Drive(Excitation):
         return InitialState() if initial is None else initial
 
     def describe(self, *, phase: bool = True) -> str:
-        """Return the amplitude, and the phase, for people."""
+        """Return amplitude and phase as text."""
         return f"{self.amplitude:g} N{f', phase {self.phase:g} rad' if phase else ''}"
 
     def between(self, start: float, stop: float) -> Drive:

@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 
 
 def stored_energy(scene: Scene, state: Array) -> float:
-    """Return the energy of a state (2 N_m + 2 n,) in J (paper, Eq. Einst).
+    """Return the energy in J of a state (2 N_m + 2 n,) with n absorbers (paper, Eq. Einst).
 
-    It is the sum over modes, absorbers, springs and weights.
+    The energy is the sum over modes, absorbers, springs and weights.
     """
     n = scene.model.modes
     model = scene.model
@@ -43,7 +43,7 @@ class MechanicalEnergy:
 
     @property
     def total(self) -> Array:
-        """Energy of all modes and the absorber in J, (S,)."""
+        """Energy of all modes and all absorbers in J, (S,)."""
         return np.asarray(np.sum(self.modal, axis=1) + self.absorber)
 
     @property
@@ -54,12 +54,11 @@ class MechanicalEnergy:
 
 
 def mechanical_energy(scene: Scene, history: History) -> MechanicalEnergy:
-    """Return the energy of modes and absorber at the samples of a run (paper, Eq. Einst).
+    """Return the energy of modes and absorbers at the samples of a run (paper, Eq. Einst).
 
-    The absorber's energy is 0 in a scene without absorber.
-
-    As in the paper the absorber has kinetic energy only: the springs of a tuned absorber or of
-    compliant walls are not counted (`laws.compute_spring_energy`).
+    As in the paper only the kinetic energy of absorbers counts, not that of the springs of a tuned
+    absorber or of compliant walls (`laws.compute_spring_energy`). In a scene without absorber their
+    energy is 0.
     """
     modal = 0.5 * (
         (scene.model.omega * history.modal_displacement) ** 2 + history.modal_velocity**2

@@ -1,9 +1,10 @@
 """Response levels of many runs at once, computed on all cores.
 
-A lane is a scene with a drive. The results are the same for any number of threads.
+A lane is a scene with a drive, which `simulate` runs. The results are the same for any number of
+threads.
 
-The kernels release Python's lock, so plain threads share one copy of everything. A lane is one
-`simulate` and writes only its own slot.
+The kernels release Python's global lock, so threads of one process use all cores. Each lane writes
+only its own entry of the result.
 """
 
 from __future__ import annotations
@@ -64,11 +65,11 @@ class Executor(Protocol):
     def each(
         self, function: Callable[[T], R], items: Sequence[T], kinds: Sequence[Hashable]
     ) -> Generator[tuple[int, R], None, None]:
-        """Yield (number of the item, ``function(item)``) in the order of completion.
+        """Yield pairs (index of the item, ``function(item)``) in the order of completion.
 
-        Closing the generator discards the items that have not begun.
-
-        Function and items can be pickled. Items of one of the ``kinds`` need the same kernels.
+        ``function`` and ``items`` must be picklable. ``kinds`` has a key for each item: items with
+        equal keys need the same compiled kernels. Closing the generator discards the items that
+        have not begun.
         """
 
 
@@ -89,10 +90,10 @@ class Threads:
     def each(
         self, function: Callable[[T], R], items: Sequence[T], _kinds: Sequence[Hashable]
     ) -> Generator[tuple[int, R], None, None]:
-        """Yield results as described in `Executor`.
+        """Yield results as described in `Executor`; ``_kinds`` is not used.
 
-        Items under way are finished before the generator is closed. A KeyboardInterrupt does not
-        wait for compilations.
+        Items that have begun are finished before the generator is closed. A KeyboardInterrupt does
+        not wait for compilations.
         """
         pool = ThreadPoolExecutor(self.threads or available_cores())
         try:
@@ -165,10 +166,20 @@ class Lane:
 class LaneLevels(SavedResult):
     """Results of lanes as arrays of one shape, with NaN for lanes that were not run.
 
-    ``complete`` says whether all lanes were run.
-
-    level: response level in m; time (s) and frequency_ratio of the maximum; max_tip: largest
-    ``|q_tip|`` in m; number of impacts; stuck_time: time in joined phases in s.
+    Attributes
+    ----------
+    level : array
+        Response level in m.
+    time, frequency_ratio : array
+        Time in s and frequency over the resonance's at the largest displacement.
+    max_tip : array
+        Largest ``|q_tip|`` in m.
+    impacts : array
+        Number of impacts.
+    stuck_time : array
+        Time in s in which absorber and structure moved as one.
+    complete : bool
+        Whether all lanes were run.
     """
 
     level: Array
@@ -243,23 +254,22 @@ class Members(SavedResult):
 
 
 def drives_of(members: Members, drive: Excitation) -> list[Excitation]:
-    """Return the drive of each member.
+    """Return the excitation of each member, (M,).
 
-    Each has its own phase and factor, and for random loads its own record.
+    Each member has its own phase and factor, and for random loads its own record.
     """
     drawn = zip(members.phases.tolist(), members.factors.tolist(), strict=True)
     return [drive.member(Member(k, phase, factor)) for k, (phase, factor) in enumerate(drawn)]
 
 
 def draw_members(members: int, seed: int, kind: MemberKind = "both") -> Members:
-    """Return the members of an ensemble.
+    """Return ``members`` members of an ensemble.
 
-    Member 0 is the paper's run, with phase 0 and the unchanged force.
-
-    Every other one varies what is not known of a run and is amplified by impacts: the initial
-    phase, uniform in [0, 2 pi), and the force, by a share uniform within `PERTURBATION`, which is
-    far above rounding. ``kind`` "phase" and "force" vary one of them alone. More members with the
-    same seed continue the same lists, and a kind's list does not depend on the other.
+    Member 0 is the paper's run, with phase 0 and the unchanged force. The others have an initial
+    phase uniform in [0, 2 pi) and a factor of the force uniform in 1 +- `PERTURBATION`, which is
+    far above rounding: impacts amplify such differences. ``kind`` "phase" or "force" draws only the
+    phase or only the factor, with the same values as "both". More members with the same seed
+    continue the same lists.
     """
     members = count("members", members, 1, MOST_MEMBERS)
     varied = one_of("kind", kind, get_args(MemberKind))
@@ -312,8 +322,8 @@ def run_lanes(
     most_events : int, optional
         Budget of each run, see `simulate`.
     executor : Executor, optional
-        Runs the lanes elsewhere, such as on a cluster, with the same result; without ``threads``
-        and ``stop``.
+        Runs the lanes elsewhere, such as on a cluster, with the same result. ``threads`` and
+        ``stop`` are then not allowed.
     stop : Stop, optional
         Ends the runs from any other thread.
 
@@ -370,10 +380,7 @@ def run_lanes(
 
 @dataclass(frozen=True, eq=False)
 class LevelOf:
-    """The measurement that `run_lanes` makes of a lane.
-
-    It is plain data, so that another process computes the same numbers from it.
-    """
+    """Function object with which `run_lanes` measures a lane; it can be pickled."""
 
     method: Method
     record: Record
@@ -381,7 +388,7 @@ class LevelOf:
     stop: Stop | None = None
 
     def __call__(self, lane: Lane) -> tuple[float, ...]:
-        """Run a lane; return its numbers in the order of `LaneLevels`."""
+        """Run a lane; return its six numbers in the order of `LaneLevels`."""
         response = simulate(
             lane.scene,
             lane.drive,
@@ -412,12 +419,12 @@ def each_lane(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> list[R | None]:
-    """Return ``measure`` of each lane, or None for lanes that an interruption prevented.
+    """Return ``measure(lane)`` of each lane in order, or None for lanes that were not run.
 
     Threads, executor, interruption and errors are those of `run_lanes`.
 
-    ``measure`` may run its lane with any record and from any start, but with ``method``, whose
-    kernels are compiled in one thread. An ``executor`` needs one that can be pickled.
+    ``measure`` may run its lane with any record and from any start, but must use ``method``, whose
+    kernels are compiled in one thread. With an ``executor`` it must be picklable.
     """
     method = Exact() if method is None else method
     kind = getattr(measure, "func", type(measure))
@@ -455,7 +462,7 @@ def _measured(k: int, lane: Lane, measure: Callable[[Lane], R]) -> R:
 
 
 def _measured_batch(measure: Callable[[Lane], R], batch: tuple[int, Sequence[Lane]]) -> list[R]:
-    """Return the measures of lanes from a number on."""
+    """Return the measures of a batch: the number of its first lane, and its lanes."""
     return [_measured(k, lane, measure) for k, lane in enumerate(batch[1], batch[0])]
 
 
@@ -467,7 +474,7 @@ def _run_elsewhere(
     result: list[R | None],
     progress: LaneProgress | None,
 ) -> None:
-    """Fill ``found`` batch by batch."""
+    """Measure the lanes batch by batch by an executor; write the measures into ``result``."""
     starts = range(0, len(lanes), LANES_A_BATCH)
     done = 0
     batches = [(k, lanes[k : k + LANES_A_BATCH]) for k in starts]
@@ -489,7 +496,7 @@ def _run_elsewhere(
 
 
 def find_first_of_each(keys: Iterable[Hashable]) -> list[int]:
-    """Return the first index of each key: those lanes may need kernels compiled."""
+    """Return the first index of each different key, in ascending order."""
     first: dict[Hashable, int] = {}
     for k, key in enumerate(keys):
         first.setdefault(key, k)
@@ -503,12 +510,10 @@ def _run_all(
     workers: int,
     progress: LaneProgress | None,
 ) -> None:
-    """Call ``run`` for 0 to total - 1, those in ``first`` one after the other.
+    """Call ``run(k)`` for k from 0 to total - 1, the numbers in ``first`` one after the other.
 
-    Threads that need the same kernel would only wait for its compilation.
-
-    Where a kind of scene has run with another record before, threads may wait for it all the same,
-    which costs time only.
+    Lanes in ``first`` may need kernels compiled, and threads that need the same kernel would only
+    wait for its compilation.
     """
     done = 0
 

@@ -41,7 +41,7 @@ def how_to_install(*extras: str) -> str:
 
 @contextmanager
 def optional() -> Iterator[None]:
-    """Translate failing imports of optional packages in this context.
+    """Replace the error of a failed import of an optional package in this context.
 
     Raises MissingExtraError with the command that installs the missing package.
     """

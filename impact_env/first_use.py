@@ -37,7 +37,7 @@ class Compilation:
     Attributes
     ----------
     what : str
-        What the kernel is for.
+        Purpose of the kernel: scene and method.
     state : {"started", "finished"}
         Whether the compilation begins or has ended.
     seconds : float
@@ -55,13 +55,14 @@ _callbacks: list[Callable[[Compilation], object]] = []
 def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
     """Call a function when a kernel begins to be compiled, and when that ends.
 
-    It is called in the thread that compiles, which waits for it. What it raises is logged as a
-    warning and stops nothing. A kernel that is loaded from the cache calls nothing.
+    The function is called in the thread that compiles, which waits for its return. An exception
+    of the function is logged as a warning and otherwise ignored. A kernel that is loaded from the
+    cache causes no call.
 
     Parameters
     ----------
     callback : callable
-        Function of one `Compilation`.
+        Function that takes a `Compilation`. Its result is ignored.
 
     Returns
     -------
@@ -95,10 +96,8 @@ def on_compile(callback: Callable[[Compilation], object]) -> Callable[[], None]:
 def compiling_for(scene: object, method: object, words: str = "") -> Iterator[None]:
     """Announce compilations in this thread as compilations for this scene and method.
 
-    ``words`` is the argument of the command in the announcement's hint.
-
-    Scene and method are turned into text only if there is something to say, since every run passes
-    here.
+    ``words`` are the arguments of ``prepare`` in the announcement's hint. Scene and method are
+    turned into text only for an announcement, because every run passes this context.
     """
     token = _purpose.set((scene, method, words))
     try:
@@ -108,10 +107,9 @@ def compiling_for(scene: object, method: object, words: str = "") -> Iterator[No
 
 
 class _SeldomCollected(event.Listener):
-    """Rarer garbage collection while numba compiles.
+    """Less frequent garbage collection while numba compiles.
 
-    Most objects remain in use, and searching them as often as Python does takes up to a tenth of
-    the time.
+    Most objects remain in use, and the default frequency takes up to a tenth of the time.
     """
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002 - numba's interface
@@ -196,7 +194,7 @@ event.register(COMPILING, _SeldomCollected())
 
 @contextmanager
 def suppress_announcements() -> Iterator[None]:
-    """Announce nothing within it: the caller says what is compiled."""
+    """Print no announcements of compilations in this context; the caller announces them."""
     before = _ANNOUNCER.silent
     _ANNOUNCER.silent = True
     try:

@@ -1,10 +1,10 @@
-"""Forces at several places in the form that the exact kernels take.
+"""Forces at several places in the form that the exact kernels read.
 
 The forces may have their own phases and their own loads.
 
-Kernels have one channel for the structure's force and further ones for bases that move. A force (N)
-on the mode shape p acts as the acceleration of a base with the participation -p, which does not act
-on an absorber apart from the structure; so each further place has such a base.
+Kernels have one channel for the structure's force and further channels for bases that move. A force
+(N) with the modal shape p acts as the acceleration of a base with the participation -p that does
+not accelerate a free absorber, so the force of each further place is computed as such a base.
 
 A force Re(F exp(i phi)) on a complex modal shape p + i q is the sum of a force on the real shape p
 and of one on q that is a quarter period ahead, Re(i F exp(i phi)). A structure whose loads all act
@@ -29,7 +29,7 @@ MOST_SCENES = 64  # whose form for the kernels is cached
 
 @dataclass(frozen=True, eq=False)
 class _ChannelLoads(Load):
-    """Loads whose pieces have the channels of kernels."""
+    """Loads whose pieces have the numbers of the kernels' channels."""
 
     every: tuple[Pieces, ...]
     length: float
@@ -41,10 +41,10 @@ class _ChannelLoads(Load):
 
 @dataclass(frozen=True)
 class _Channels:
-    """The channels of a run.
+    """The channels of a run, in this order.
 
-    The first is the structure's ``own`` force or the first of ``places``, then follow the ``base``
-    if it moves, the quadrature of the own force, and the (other) places.
+    The structure's ``own`` force, or without it the first of ``places``; the ``base`` if it moves;
+    the quadrature of the own force; the (other) places.
     """
 
     own: bool
@@ -54,9 +54,9 @@ class _Channels:
 
 @lru_cache(MOST_SCENES)
 def _with_channels(scene: Scene, channels: _Channels) -> Scene:
-    """Return a scene whose model contains the shapes of the channels after that of the base.
+    """Return a scene whose model has the shapes of the channels after that of the base.
 
-    They are its ``force_places``.
+    The shapes are those of ``force_places`` of the model.
     """
     model = scene.model
     shapes = [model.find_force_place(name) for name in channels.places]
@@ -91,9 +91,9 @@ def _turn_ahead(piece: Pieces) -> Array:
 
 
 def split_forces(scene: Scene, drive: Excitation) -> tuple[Scene, Excitation]:
-    """Return scene and drive in the form that the kernels take.
+    """Return scene and drive in the form that the kernels read.
 
-    They are unchanged, unless the structure's forces differ in phase or loads have their own
+    Both are unchanged, unless the structure's forces differ in phase or loads have their own
     places.
     """
     model = scene.model
@@ -126,8 +126,8 @@ def split_forces(scene: Scene, drive: Excitation) -> tuple[Scene, Excitation]:
 def find_base_shapes(model: ModalModel) -> tuple[Array, Array]:
     """Return the base shapes of a model of `split_forces`.
 
-    They are the participations (C, N_m) of its bases in sqrt(kg), and the displacements (C,) at the
-    places of the absorbers.
+    The first array (C, N_m) has the participations of its C bases in sqrt(kg), the second (C,) the
+    displacement of each base at the place of the absorbers.
     """
     rows = []
     places = []
@@ -141,10 +141,10 @@ def find_base_shapes(model: ModalModel) -> tuple[Array, Array]:
 
 
 def check_places(model: ModalModel, drive: Excitation) -> None:
-    """Raise ParameterError for a load without a place or a phase that it needs.
+    """Raise ParameterError for a load that lacks a place or a phase that it needs.
 
-    A load must not have a place that the structure lacks. It needs a phase if the structure's
-    forces differ in phase.
+    The place of a load must be one of the structure's places. A load needs a phase if the
+    structure's forces differ in phase.
     """
     parts = drive.parts
     places = [part.force_place for part in parts if part.force_place is not None]

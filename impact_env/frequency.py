@@ -1,15 +1,15 @@
 """Linear frequency responses of a modal model, free or with a linear attachment at the tip.
 
-Convention: all quantities vary as the real part of (complex amplitude) * exp(i omega t). A linear
-attachment answers a tip displacement q with a force T(omega) q on the tip, so it changes the free
-receptances by one rank (Sherman-Morrison):
+Convention: all quantities vary as the real part of (complex amplitude) * exp(i omega t). Under a
+tip displacement q a linear attachment exerts a force T(omega) q on the tip, a rank-one change of
+the free receptances (Sherman-Morrison):
 
     H_ab = G_ab + G_at T G_tb / (1 - G_tt T),
     G_ab = sum_i a_i b_i / (omega_i^2 - omega^2 + 2 i D_i omega_i omega).
 
-With b any force and a the tip the two terms join to H_tb = G_tb / (1 - G_tt T), free of
-cancellation; `tip_response` uses that form with numerator and denominator multiplied by the
-smallest modal denominator, so that it is exact at an undamped free resonance too.
+For a displacement at the tip (a = t) this is H_tb = G_tb / (1 - G_tt T), without cancellation.
+`tip_response` uses this form with numerator and denominator multiplied by the smallest modal
+denominator, so that it is exact at an undamped free resonance too.
 """
 
 import numpy as np
@@ -96,14 +96,13 @@ def scaled_receptances(
 
 
 def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
-    """Return the free beam's displacement at ``a`` per force at ``b`` in m/N.
+    """Return the free structure's displacement at ``a`` per force at ``b`` in m/N.
 
-    The result is complex and has omega's shape.
-
-    omega in rad/s; ``a`` and ``b`` are rows (N_m,) of mode shapes in 1/sqrt(kg):
-    ``model.tip_shape`` or ``model.force_shape``. It is the stationary solution of the paper's modal
-    equations (Eq. eqmmod). Raises ParameterError for bad frequencies or rows, and where the
-    response is infinite (an undamped mode at its own frequency).
+    ``omega`` is in rad/s, of any shape; ``a`` and ``b`` are rows (N_m,) of mode shapes in
+    1/sqrt(kg), such as ``model.tip_shape`` and ``model.force_shape``. The result is complex with
+    the shape of omega: the stationary solution of the paper's modal equations (Eq. eqmmod). Raises
+    ParameterError for bad frequencies or rows, and if the response is infinite (an undamped mode at
+    its own frequency).
     """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
@@ -115,7 +114,7 @@ def receptance(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) 
 
 
 def receptance_slope(model: ModalModel, omega: ArrayLike, a: ArrayLike, b: ArrayLike) -> Complex:
-    """Return the derivative of `receptance` by omega in m s/(N rad).
+    """Return the derivative of `receptance` with respect to omega in m s/(N rad).
 
     The result is complex and has omega's shape. Arguments and errors are those of `receptance`.
     """
@@ -155,14 +154,12 @@ def _attachment(
 
 
 def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: ArrayLike) -> Complex:
-    """Return the displacement per newton at the driven point in m/N.
+    """Return the displacement per newton at the place of the response level, in m/N.
 
-    It is the displacement at the place of the response level, by default the tip. The result is
-    complex and has omega's shape.
-
-    omega in rad/s; ``absorber`` a TunedAbsorber (spring and damper between tip and mass), a
-    StuckAbsorber (added mass) or None. Raises ParameterError for bad frequencies, another kind of
-    absorber, and where the response is infinite (no damping anywhere).
+    By default this place is the tip. ``omega`` is in rad/s, of any shape. ``absorber`` is a
+    TunedAbsorber (spring and damper between tip and mass), a StuckAbsorber (added mass) or None.
+    The result is complex with the shape of omega. Raises ParameterError for bad frequencies,
+    another kind of absorber, and if the response is infinite (no damping anywhere).
     """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
@@ -184,12 +181,10 @@ def tip_response(model: ModalModel, absorber: LinearAbsorber | None, omega: Arra
 def coupled_receptance(
     model: ModalModel, absorber: LinearAbsorber, omega: ArrayLike, a: ArrayLike, b: ArrayLike
 ) -> Complex:
-    """Return the displacement at ``a`` per force at ``b`` in m/N with an absorber.
+    """Return the displacement at ``a`` per force at ``b`` in m/N with a linear absorber at the tip.
 
-    The absorber is linear and at the tip. The result is complex and has omega's shape.
-
-    Arguments as in `receptance` and `tip_response`. The general Sherman-Morrison form: it loses
-    digits next to a free resonance that is hardly damped, where `tip_response` does not.
+    Arguments and result are as in `receptance` and `tip_response`. The general Sherman-Morrison
+    form loses digits next to a free resonance that is hardly damped, unlike `tip_response`.
     """
     model = instance("model", model, ModalModel)
     w = _frequencies(omega)
@@ -203,11 +198,10 @@ def coupled_receptance(
 
 
 def joint_matrices(model: ModalModel, absorber: LinearAbsorber | None) -> tuple[Real, Real, Real]:
-    """Return the mass, damping and stiffness matrices of beam and absorber.
+    """Return the mass, damping and stiffness matrices of structure and absorber, (n, n) each.
 
-    They refer to the free beam's modal coordinates.
-
-    Size N_m, or N_m + 1 with a tuned absorber, whose displacement (m) is then the last coordinate.
+    The coordinates are the free structure's N_m modal coordinates, and with a tuned absorber also
+    its displacement (m): n = N_m or N_m + 1.
     """
     model = instance("model", model, ModalModel)
     rate = 2 * model.damping_ratio * model.omega
@@ -241,9 +235,9 @@ def natural_frequencies(model: ModalModel, absorber: LinearAbsorber | None) -> R
 
     Their shape is (N_m,), or (N_m + 1,) with a tuned absorber.
 
-    A stuck mass lowers each: number r lies between omega_{r-1} and omega_r. A tuned absorber splits
-    each: numbers r and r + 1 (from 1) enclose omega_r, because its spring is a rank-one addition to
-    the free beam beside the free mass.
+    A stuck mass lowers each frequency: frequency r lies between omega_{r-1} and omega_r of the free
+    structure. A tuned absorber splits each: frequencies r and r + 1 (from 1) enclose omega_r,
+    because its spring is a rank-one change of the free structure together with the free mass.
     """
     model = instance("model", model, ModalModel)
     mass, _, stiffness = joint_matrices(model, absorber)
@@ -255,11 +249,9 @@ def state_space(
 ) -> tuple[Real, Real, Real]:
     """Return the state space form A (S, S), b (S,), c (S,) of `tip_response`.
 
-    `tip_response` = c (i omega/reference - A)^-1 b in m/N, where time is in units of 1/reference
-    (s).
-
-    The state holds the coordinates of `joint_matrices`, then their rates; ``reference`` is a
-    frequency in rad/s.
+    `tip_response` = c (i omega/reference - A)^-1 b in m/N. ``reference`` is a circular frequency in
+    rad/s, and time is in units of 1/reference. The state consists of the coordinates of
+    `joint_matrices` and their rates.
     """
     model = instance("model", model, ModalModel)
     mass, damping, stiffness = joint_matrices(model, absorber)
@@ -284,10 +276,7 @@ def state_space(
 
 
 def poles(model: ModalModel, absorber: LinearAbsorber | None) -> Complex:
-    """Return the oscillating poles s of beam and absorber in rad/s.
-
-    They are those with positive imaginary part.
-    """
+    """Return the poles s in rad/s of structure and absorber that have a positive imaginary part."""
     model = instance("model", model, ModalModel)
     s = np.linalg.eigvals(state_space(model, absorber, 1.0)[0])
     return np.asarray(s[s.imag > 0], dtype=np.complex128)

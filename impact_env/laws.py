@@ -43,9 +43,9 @@ Values = Mapping[str, Any]
 
 
 class SceneKind(Enum):
-    """A scene's kind, defined by its contact and springs.
+    """A scene's kind, which follows from its contact and springs.
 
-    It decides which methods can simulate the scene and what must be compiled for it.
+    The kind determines which methods can simulate the scene and which kernels are compiled for it.
     """
 
     LINEAR = "one linear regime"
@@ -57,7 +57,7 @@ class SceneKind(Enum):
 
 @dataclass(frozen=True)
 class Law:
-    """A law of walls or of friction, or an absorber that has none.
+    """A law of walls or of friction, or an absorber that has neither.
 
     Parameters
     ----------
@@ -232,13 +232,13 @@ def kind(absorber: Absorber | None) -> SceneKind:
 def compute_spring_energy(absorber: Absorber | None, displacement: float) -> float:
     """Return the energy in J of an absorber's springs at a relative displacement in m.
 
-    It is 0 for several absorbers, whose contact is rigid.
+    The energy is 0 for several absorbers, whose contact is rigid.
     """
     return sum(find_law(law).stored(law, displacement) for law in list_laws(absorber))
 
 
 def concept(absorber: Absorber | None) -> str:
-    """Return which of `CONCEPTS` one absorber is."""
+    """Return the name in `CONCEPTS` of one absorber, or of a scene without absorber."""
     if isinstance(absorber, SlidingAbsorber):
         return "friction" if absorber.walls is None else "impact"
     return (
@@ -249,7 +249,7 @@ def concept(absorber: Absorber | None) -> str:
 
 
 def values(absorber: Absorber | None) -> dict[str, Any]:
-    """Return one absorber's values by their plain names; `make` gives the same absorber back."""
+    """Return one absorber's values by their plain names; `make` is the inverse function."""
     mass = {} if absorber is None else {"mass_ratio": absorber.mass_ratio}
     mass |= (
         {GRAVITY_KEY: find_largest_gravity(absorber)} if find_largest_gravity(absorber) != 0 else {}
@@ -270,7 +270,7 @@ MOST_DESCRIBED = 4  # absorbers that are described one by one
 
 
 def describe_absorber(absorber: Absorber | None) -> str:
-    """Return an absorber's kind and values for people."""
+    """Return an absorber's kind and values as text."""
     if isinstance(absorber, SeveralAbsorbers):
         every = absorber.absorbers
         if len(every) > MOST_DESCRIBED:
@@ -295,7 +295,7 @@ def describe_absorber(absorber: Absorber | None) -> str:
 
 
 def describe(value: Any) -> str:
-    """Return an absorber or a contact law of the table for people; KeyError for anything else."""
+    """Return an absorber or a contact law of the table as text; KeyError for anything else."""
     if isinstance(value, Absorber):
         return describe_absorber(value)
     return f"{type(value).__name__} ({_ENTRIES[type(value)].words(value)})"
@@ -306,7 +306,7 @@ for _kind in (*_ENTRIES, *get_args(Absorber)):
 
 
 def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
-    """Return the law of a group that the given names belong to."""
+    """Return the law of a group to which the given names of values belong."""
     law = next((law for law in laws if law.mark in values), laws[0])
     for name in values:
         other = name in _list_options(laws) and name not in law.options
@@ -322,10 +322,10 @@ def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
 def _make_friction(
     values: Values, walls: object
 ) -> CoulombFriction | ElasticCoulombFriction | None:
-    """Return friction in addition to walls.
+    """Return the friction of an absorber, None without.
 
-    It is elastic if the walls are springs. Its stiffness is that of the walls unless ``values``
-    contains another one.
+    Friction is elastic if ``walls`` are springs. Its stiffness is that of the walls unless
+    ``values`` contains another value.
     """
     limit = values.get("friction_limit")
     stiffness = values.get("friction_stiffness")
@@ -347,11 +347,11 @@ def _make_friction(
 
 
 def make(concept: str, values: Values, name: str = "absorber") -> Absorber | None:
-    """Return an absorber made from values by their plain names.
+    """Return an absorber of a concept, made from values by their plain names.
 
-    Values that are left out or None have the defaults of `impact_env.parameters`.
-
-    Raises ParameterError for an unknown concept or name, which it calls ``name``.
+    Values that are missing or None have the defaults of `impact_env.parameters`. The result is None
+    for the concept "none". Raises ParameterError for an unknown concept or for a name that the
+    concept does not have; the message calls the absorber ``name``.
     """
     name = text("name", name)
     known = set(CONCEPTS[one_of(name, concept, CONCEPTS)]) | (

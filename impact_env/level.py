@@ -1,9 +1,9 @@
 """The paper's resonant response level (paper, Eqs. tmax and barqtip).
 
-It is the windowed RMS of the tip displacement around its maximum.
+The level is the RMS of the tip displacement in a window around its maximum.
 
-It needs four samples a cycle of a force that lasts, or of the motion that a record, shock or strike
-causes.
+It needs four samples in each cycle of a lasting force, or of the motion that a record, shock or
+strike causes.
 """
 
 import numpy as np
@@ -46,7 +46,8 @@ def response_level(
 ) -> tuple[float, float]:
     """Return (response level, largest |q_tip|) in m of equidistant samples.
 
-    There are S >= 2 samples (S,) in m. The window is cut at the ends of the series.
+    ``tip_displacement`` (S,), S >= 2, is in m. The window has ``half_window_periods`` pseudo
+    periods on either side of the maximum, and is cut at the ends of the series.
     """
     values = row("tip_displacement", tip_displacement, "two or more finite samples")
     require(len(values) >= 2, "tip_displacement", values, "two or more finite samples")
@@ -63,9 +64,9 @@ def level_of(
     samples_per_period: int,
     half_window_periods: int = HALF_WINDOW_PERIODS,
 ) -> LevelObserver:
-    """Return the level observer of a run with the samples ``values``.
+    """Return the level observer after a run with the samples ``values`` (S,) in m.
 
-    They are (S,) in m, and the first one is at time 0.
+    The first sample is at time 0.
     """
     level = new_level(samples_per_period, half_window_periods)._replace(
         block=np.ascontiguousarray(values, dtype=np.float64)
@@ -77,7 +78,10 @@ def level_of(
 def read_level(
     level: LevelObserver | None, drive: Excitation, interval: float
 ) -> ResponseLevel | None:
-    """Return the level observer's result, or None."""
+    """Return the level observer's result, None without observer.
+
+    ``interval`` is the time between samples in s.
+    """
     if level is None:
         return None
     value, sample, largest = compute_level(level)
@@ -89,15 +93,14 @@ def read_level(
 def require_sampling(
     scene: Scene, drive: Excitation, samples_per_period: int, start: Array
 ) -> None:
-    """Raise ParameterError if a level or an envelope has too few samples a pseudo period.
+    """Raise ParameterError if a level or an envelope has too few samples in a pseudo period.
 
-    The number of samples that is needed depends on the loads.
-
-    A harmonic force, tones, orders, an unbalance and a shaken base need `LEAST_SAMPLES_PER_CYCLE`
-    samples of their fastest cycle. Under a record, a random load, a shock or a strike at most
-    `SHARE_ABOVE` of the mean square of the displacement where the level is read, of the structure
-    without absorber, may lie above the frequency that has so many samples a cycle. ``start`` (2 N_m
-    + 2 n,): the state at time 0, strikes included.
+    The necessary number depends on the loads. A harmonic force, tones, orders, an unbalance and a
+    shaken base need `LEAST_SAMPLES_PER_CYCLE` samples in a cycle of their highest frequency. Under
+    a record, a random load, a shock or a strike, the displacement at the place of the level of the
+    structure without absorber decides: at most `SHARE_ABOVE` of its mean square may lie above the
+    frequency that has so many samples in a cycle. ``start`` (2 N_m + 2 n,) is the state at time 0,
+    including strikes.
     """
     reference = drive.schedule.reference
     require_samples(samples_per_period, drive.highest_lasting_omega / reference)
@@ -114,7 +117,7 @@ def require_sampling(
 def require_sampled(
     scene: Scene, drive: Excitation, samples_per_period: int, initial: InitialState | None = None
 ) -> None:
-    """Raise ParameterError as `require_sampling` does, for a run from a state.
+    """Raise ParameterError as `require_sampling` does, for a run from ``initial``.
 
     If ``initial`` is None, the run starts as its loads define.
     """
@@ -127,11 +130,9 @@ def require_spectrum(
 ) -> None:
     """Raise ParameterError if a load's displacement has too large a share at high frequencies.
 
-    The displacement is that of the level's place. High frequencies are those with fewer than four
-    samples a cycle.
-
-    ``reference`` (rad/s) defines the pseudo period; ``square`` (L,): parts of the displacement's
-    mean square at ``omega`` (L,) in rad/s, rising.
+    ``omega`` (L,) are ascending frequencies in rad/s and ``square`` (L,) the parts of the mean
+    square of the displacement at the level's place, in any unit. High frequencies have fewer than
+    four of the ``samples_per_period`` in a cycle. ``reference`` (rad/s) defines the pseudo period.
     """
     above = np.cumsum(square[::-1])[::-1]
     if len(above) == 0 or not above[0] > 0:
@@ -149,13 +150,11 @@ def require_spectrum(
 
 
 def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tuple[Array, Array]:
-    """Return frequencies and parts of the mean square of the displacement.
+    """Return frequencies and parts of the mean square of the displacement at the level's place.
 
-    The frequencies (L,) are in rad/s and ascending. The displacement is that of the level's place,
-    and its parts (L,) are in an arbitrary unit.
-
-    The structure is alone. Of a record and a random load it is the stationary response to each
-    line; of a shock the free motion after it.
+    The frequencies (L,) are in rad/s and ascending, the parts (L,) in an arbitrary unit. The
+    structure has no absorber. For a record and a random load the displacement is the stationary
+    response to each spectral line, for a shock it is the free motion after the shock.
     """
     weight = _modal_displacements(model, load)
     if isinstance(load, Shock):
@@ -176,9 +175,9 @@ def response_spectrum(model: ModalModel, load: Samples | Random | Shock) -> tupl
 
 
 def _modal_displacements(model: ModalModel, load: Samples | Random | Shock) -> Array:
-    """Return each mode's part of the displacement of the level's place, (N_m,).
+    """Return each mode's part (N_m,) of the displacement at the level's place per unit of the load.
 
-    It is the part under a unit force or unit base acceleration.
+    The unit of the load is 1 N, or 1 m/s^2 of the base.
     """
     drives: Array | None = None
     if load.force_place is not None:
@@ -191,9 +190,9 @@ def _modal_displacements(model: ModalModel, load: Samples | Random | Shock) -> A
 
 
 def _squared_receptance(model: ModalModel, weight: Array, omega: Array, length: float) -> Array:
-    """Return |displacement/load|^2 (L,).
+    """Return |displacement/load|^2 (L,) at frequencies omega (L,) in rad/s.
 
-    The width of a mode is at least that of a line of a record of ``length`` s.
+    The width of each resonance is at least that of a spectral line of a record of ``length`` s.
     """
     total = np.zeros(len(omega), complex)
     for own, damping, size in zip(model.omega, model.damping_ratio, weight, strict=True):
@@ -203,9 +202,9 @@ def _squared_receptance(model: ModalModel, weight: Array, omega: Array, length: 
 
 
 def _pulse_spectrum(load: Shock, omega: Array) -> Array:
-    """Return the absolute value of the Fourier integral of a pulse of unit peak, in s.
+    """Return the absolute value of the Fourier integral of a pulse of unit peak in s, (L,).
 
-    It is evaluated at frequencies (L,) in rad/s.
+    ``omega`` (L,) is in rad/s.
     """
     if load.pulse == "half-sine":
         own = np.pi / load.width
@@ -219,9 +218,9 @@ def _pulse_spectrum(load: Shock, omega: Array) -> Array:
 
 
 def _free_motion(scene: Scene, start: Array) -> tuple[Array, Array]:
-    """Return frequencies and parts of the mean square of the structure's free motion.
+    """Return frequencies and parts of the mean square of the free motion from a state.
 
-    They are those of `response_spectrum`, for a motion that starts from a state.
+    Both are as in `response_spectrum`. ``start`` (2 N_m + 2 n,) is the state.
     """
     model = scene.model
     n = model.modes

@@ -1,9 +1,7 @@
-"""Loads of machines, and several of them at once.
+"""Loads of machines: unbalance, moving base, tones, records, random spectra, shocks and strikes.
 
-They are unbalance, a base that moves, several tones, records, random spectra, shocks and strikes.
-
-First those given by formulas (shocks, strikes, unbalance, base, tones and orders), then records and
-random loads, then several at once (`Loads`).
+The order is: loads given by formulas (shocks, strikes, unbalance, base, tones and orders), records
+and random loads, then several loads at once (`Loads`).
 """
 
 from __future__ import annotations
@@ -71,7 +69,7 @@ GAUSS_RULE = np.polynomial.legendre.leggauss(
 
 
 def _check_force_place(load: Load) -> None:
-    """Check the name of the place of a force; a base that moves has none."""
+    """Check the name of the place of a force; a load that moves the base must not have a place."""
     check_fields(load, force_place=or_none(text))
     quantity = getattr(load, "quantity", FORCE_QUANTITY)
     allowed = "left out of a base that moves: its motion acts on the whole structure"
@@ -84,9 +82,9 @@ def _check_force_place(load: Load) -> None:
 
 
 def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
-    """Return straight lines between values (K,) at times (K,).
+    """Return the load that is linear between values (K,) at times (K,) in s.
 
-    A time may occur twice, which gives a jump.
+    A time that occurs twice gives a jump.
     """
     steps = np.diff(times)
     rising = steps > 0
@@ -98,13 +96,26 @@ def lines_between(times: Array, values: Array, moves_base: bool) -> Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Shock(Load):
-    """A pulse with a ``peak`` in N or m/s^2, followed by rest.
+    """A pulse of a force or of the base's acceleration, followed by rest.
 
-    It takes ``width`` seconds, and the load is zero from then until ``length``. A trapezoid rises
-    and falls in ``rise`` s.
-
-    A sawtooth has its peak at its end (terminal-peak sawtooth, IEC 60068-2-27): it rises in a
-    straight line over its width and drops to zero at once. A base is at rest before a pulse.
+    Parameters
+    ----------
+    pulse : str
+        Shape of the pulse. A sawtooth has its peak at its end (terminal-peak sawtooth, IEC
+        60068-2-27): it rises linearly over its width and drops to zero.
+    peak : float
+        Largest value in N or m/s^2.
+    width : float
+        Duration of the pulse in s.
+    length : float
+        Duration of the load in s; it is zero after the pulse.
+    rise : float, optional
+        Time in s in which a trapezoid rises, and in which it falls.
+    quantity : str, optional
+        Whether the load is a force or the acceleration of the base, which is at rest before the
+        pulse.
+    force_place : str, optional
+        Name of the place of the force, see `Load`.
     """
 
     pulse: str
@@ -162,14 +173,22 @@ class Shock(Load):
 
 @dataclass(frozen=True)
 class Strike(Load):
-    """A strike on the structure just before time 0.
+    """A strike on the structure just before time 0, then free motion.
 
-    The structure is struck at a ``place``, "force" or "absorber", and then moves freely for
-    ``length`` s.
+    Parameters
+    ----------
+    velocity : float
+        Velocity in m/s of the struck place at time 0.
+    length : float
+        Duration of the free motion in s.
+    place : {"force", "absorber"}, optional
+        The struck place.
 
-    The place then has the ``velocity`` (m/s), and the modes of the bare structure what an impulse
-    of velocity / sum(shape^2) N s there leaves them: the mobility of a place grows with the number
-    of modes kept.
+    Notes
+    -----
+    The modes of the structure without absorber get the velocities after an impulse of
+    velocity / sum(shape^2) N s at the place. The mobility of a place, and with it the impulse,
+    depends on the number of modes kept.
     """
 
     velocity: float
@@ -190,7 +209,7 @@ class Strike(Load):
         return [Pieces(np.array([0.0, self.length]), np.zeros((1, 9)), False)]
 
     def modal_velocity(self, model: ModalModel) -> Array:
-        """Return the velocities (N_m,) in sqrt(kg) m/s that it leaves."""
+        """Return the modal velocities (N_m,) in sqrt(kg) m/s at time 0."""
         shape = model.force_shape if self.place == "force" else model.tip_shape
         size = float(np.sum(shape**2))
         require(size > 0, "place", self.place, "where a mode moves")
@@ -198,7 +217,7 @@ class Strike(Load):
 
 
 def _squared_coefficients(schedule: FrequencySchedule, factor: float) -> Array:
-    """Return the coefficients of ``factor`` omega(t)^2."""
+    """Return the coefficients (K - 1, 6) of an amplitude ``factor`` omega(t)^2, see `Pieces`."""
     coefficients = np.zeros((len(schedule.times) - 1, 6))
     omega = schedule.omegas[:-1]
     rate = np.diff(schedule.omegas) / np.diff(schedule.times)
@@ -210,11 +229,21 @@ def _squared_coefficients(schedule: FrequencySchedule, factor: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Unbalance(Load):
-    """A rotor's unbalance U (kg m) at the force's place, with a run-up or a run-down.
+    """A rotor's unbalance at the force's place, with a run-up or a run-down.
 
-    The force is U omega(t)^2 cos(integral of omega + phase).
+    The force is U omega(t)^2 cos(integral of omega + phase). The tangential part, U times the rate
+    of omega, is neglected: relative to it the rate over omega^2 is small.
 
-    The tangential part, U times the rate of omega, is left out: it is smaller by rate over omega^2.
+    Parameters
+    ----------
+    unbalance : float
+        Unbalance U in kg m.
+    schedule : FrequencySchedule
+        Speed of the rotor omega over time.
+    phase : float, optional
+        Phase in rad at time 0.
+    force_place : str, optional
+        Name of the place of the force, see `Load`.
     """
 
     unbalance: float
@@ -244,8 +273,19 @@ class Unbalance(Load):
 class ShakenBase(Load):
     """A base that moves harmonically.
 
-    Its ``acceleration`` (m/s^2) or ``displacement`` (m) is the amplitude of this name times
-    cos(integral of omega + phase).
+    The acceleration or the displacement, one of both, is its amplitude times cos(integral of omega
+    + phase).
+
+    Parameters
+    ----------
+    schedule : FrequencySchedule
+        Frequency omega over time.
+    acceleration : float, optional
+        Amplitude of the acceleration in m/s^2.
+    displacement : float, optional
+        Amplitude of the displacement in m.
+    phase : float, optional
+        Phase in rad at time 0.
     """
 
     schedule: FrequencySchedule
@@ -304,10 +344,18 @@ class ShakenBase(Load):
 
 @dataclass(frozen=True)
 class Tone:
-    """A tone.
+    """One harmonic part of `Tones`.
 
-    ``amplitude`` is in N or m/s^2, ``phase`` in rad, and the frequency is either ``frequency`` in
-    Hz or the ``order`` of a schedule.
+    Parameters
+    ----------
+    amplitude : float
+        Amplitude in N or m/s^2.
+    frequency : float, optional
+        Fixed frequency in Hz.
+    order : float, optional
+        Frequency over that of the schedule, in place of ``frequency``.
+    phase : float, optional
+        Phase in rad at time 0.
     """
 
     amplitude: float
@@ -331,7 +379,18 @@ class Tone:
 class Tones(Load):
     """Several tones at once.
 
-    They have fixed frequencies for a ``length`` in s, or all of them are orders of a ``schedule``.
+    Parameters
+    ----------
+    tones : sequence of Tone
+        The tones, all with fixed frequencies or all with orders.
+    length : float, optional
+        Duration in s of tones with fixed frequencies.
+    schedule : FrequencySchedule, optional
+        Frequency of order 1 over time.
+    quantity : str, optional
+        Whether the load is a force or the acceleration of the base.
+    force_place : str, optional
+        Name of the place of the force, see `Load`.
     """
 
     tones: tuple[Tone, ...]
@@ -386,7 +445,7 @@ class Tones(Load):
         ), 1.0
 
     def member(self, other: Member) -> Tones:
-        """Return the load of a member of an ensemble: every tone has a phase of its own."""
+        """Return the load of a member of an ensemble: each tone has another random phase."""
         drawn = np.random.default_rng([other.number, len(self.tones)]).uniform(
             0, 2 * np.pi, len(self.tones)
         )
@@ -420,9 +479,18 @@ class Tones(Load):
 
 @dataclass(frozen=True, eq=False)
 class Samples(Load):
-    """A record: ``values`` (K,) in N or m/s^2 at equidistant ``times`` (K,) in s from 0.
+    """A record of a force or of the base's acceleration, linear between its samples.
 
-    The load between them is a straight line.
+    Parameters
+    ----------
+    times : array_like, (K,)
+        Equidistant times in s, from 0.
+    values : array_like, (K,)
+        Values at these times in N or m/s^2.
+    quantity : str, optional
+        Whether the load is a force or the acceleration of the base.
+    force_place : str, optional
+        Name of the place of the force, see `Load`.
     """
 
     times: Array
@@ -470,7 +538,7 @@ class Samples(Load):
 
     @property
     def duration(self) -> float:
-        """Return how long it lasts in s."""
+        """Duration of the record in s."""
         return float(self.times[-1])
 
     def pieces(self) -> list[Pieces]:
@@ -490,11 +558,10 @@ class Samples(Load):
     def drift(self) -> float | None:
         """Return the offset (m/s^2) of a base's record that makes its displacement drift.
 
-        The result is None for a force or a record without such an offset.
-
-        An offset drifts where it changes the velocity by more than `MOST_OFFSET_RATIO` times the
-        root mean square of the velocity without it; an oscillation that is cut anywhere changes it
-        by less than 2.9 times, a pulse by 3.5 times.
+        The result is None for a force, and for a record without such an offset. A record drifts if
+        its offset changes the velocity by more than `MOST_OFFSET_RATIO` times the root mean square
+        of the velocity without offset. An oscillation that is cut anywhere changes it by less than
+        2.9 times, a pulse by 3.5 times.
         """
         if self.quantity == FORCE_QUANTITY:
             return None
@@ -520,18 +587,31 @@ class Samples(Load):
 
 @dataclass(frozen=True, eq=False)
 class Random(Load):
-    """A random record of a one-sided ``spectrum`` (P, 2).
+    """A Gaussian random record with a given one-sided spectrum.
 
-    The columns are Hz, and N^2/Hz or (m/s^2)^2/Hz. The spectrum is a straight line in double
-    logarithmic scale between its points, and zero outside.
+    The record repeats after its length: it consists of spectral lines at whole multiples of
+    1/length with random amplitudes and phases. It is sampled at `RANDOM_SAMPLES` times its highest
+    frequency. Straight lines between samples lower a line of frequency f by sinc(f/rate)^2, so each
+    line is raised by this factor.
 
-    Two points of one frequency are a vertical step; a line at that frequency has their mean
-    density.
-
-    A Gaussian record that repeats after its ``length`` in s: lines at whole multiples of
-    1/length, whose amplitudes and phases are drawn by ``seed`` and ``number`` of the record. It
-    is sampled at `RANDOM_SAMPLES` times its highest frequency; straight lines between samples lower
-    a line of frequency f by sinc(f/rate)^2, by which each is raised.
+    Parameters
+    ----------
+    spectrum : array_like, (P, 2)
+        Frequency in Hz, and density in N^2/Hz or (m/s^2)^2/Hz. The density is linear in double
+        logarithmic scale between the points, and zero outside. Two points of one frequency are a
+        step; a line at this frequency has their mean density.
+    length : float
+        Duration in s.
+    seed : int, optional
+        Seed of the record.
+    quantity : str, optional
+        Whether the load is a force or the acceleration of the base.
+    number : int, optional
+        Number of the record among those of one seed, see `Member`.
+    factor : float, optional
+        Factor of the amplitude.
+    force_place : str, optional
+        Name of the place of the force, see `Load`.
     """
 
     spectrum: Array
@@ -584,14 +664,14 @@ class Random(Load):
 
     @property
     def lines(self) -> NDArray[np.int64]:
-        """Return the numbers of the lines, multiples of 1/duration."""
+        """Numbers (L,) of the spectral lines, their frequencies in multiples of 1/length."""
         low, high = self.spectrum[[0, -1], 0] * self.length
         first = int(np.ceil(low * (1 - LINE_TOL)))
         return np.arange(first, int(np.floor(high * (1 + LINE_TOL))) + 1)
 
     @property
     def density(self) -> Array:
-        """Return the spectrum at each line, in N^2/Hz or (m/s^2)^2/Hz."""
+        """Spectrum (L,) at each line, in N^2/Hz or (m/s^2)^2/Hz."""
         hertz, values = self.spectrum.T
         frequency = np.clip(self.lines / self.length, hertz[0], hertz[-1])
         result = np.exp(np.interp(np.log(frequency), np.log(hertz), np.log(values)))
@@ -602,7 +682,7 @@ class Random(Load):
         return np.asarray(self.factor**2 * result)
 
     def amplitudes(self) -> NDArray[np.complex128]:
-        """Return the complex amplitude of each line."""
+        """Return the complex amplitude (L,) of each line in N or m/s^2."""
         density = self.density
         drawn = np.random.default_rng([self.seed, self.number]).standard_normal((2, len(density)))
         return np.asarray(np.sqrt(density / self.length) * (drawn[0] + 1j * drawn[1]))
@@ -625,7 +705,7 @@ class Random(Load):
         return self.record().pieces()
 
     def share_above(self, frequency: float) -> float:
-        """Return which share of the mean square lies above a frequency in Hz."""
+        """Return the share of the mean square above a frequency in Hz."""
         frequency = non_negative("frequency", frequency)
         sizes = np.abs(self.amplitudes()) ** 2
         return float(np.sum(sizes[self.lines > frequency * self.length]) / np.sum(sizes))
@@ -643,13 +723,18 @@ class Random(Load):
 class Loads(Excitation):
     """Loads that act together and have the same duration.
 
-    ``reference`` in rad/s defines the pseudo period. It is the reference of a schedule if one of
-    the loads has a schedule.
-
-    ``start`` is the state at time 0, in coordinates relative to the base. "middle": all at rest
-    relative to the base, the absorber in the middle of its cavity; "lower-wall": the same, an
-    absorber with rigid walls on its lower one; "base-mean-rest": the base already moves about a
-    mean at rest, and structure and absorber are at rest in space, undeformed.
+    Parameters
+    ----------
+    parts : sequence of Load
+        The loads.
+    reference : float, optional
+        Circular frequency in rad/s that defines the pseudo period. If a load has a schedule, its
+        reference is used.
+    start : str or InitialState, optional
+        State at time 0, in coordinates relative to the base. "middle": structure and absorber at
+        rest relative to the base, the absorber in the middle of its cavity. "lower-wall": the same
+        with the absorber at the lower of its rigid walls. "base-mean-rest": the base moves about a
+        mean at rest, structure and absorber are at rest in space, undeformed.
     """
 
     parts: tuple[Load, ...]
@@ -688,7 +773,8 @@ class Loads(Excitation):
     def schedule(self) -> FrequencySchedule:
         """Frequency over time to which responses refer.
 
-        It is the first schedule, or otherwise the constant reference for the duration of the loads.
+        It is the first schedule of the loads, or otherwise the constant reference for their
+        duration.
         """
         assert self.reference is not None
         for result in map(find_schedule, self.parts):
@@ -709,7 +795,7 @@ class Loads(Excitation):
 
     @property
     def force_places(self) -> tuple[str, ...]:
-        """Names of the places of loads that have one of their own."""
+        """Names of the places (`Load.force_place`) at which loads act."""
         return tuple(dict.fromkeys(part.force_place for part in self.parts if part.force_place))
 
     @cached_property
@@ -735,7 +821,7 @@ class Loads(Excitation):
         )
 
     def describe(self, *, phase: bool = True) -> str:  # noqa: ARG002 - as of a drive
-        """Return the kinds of its loads for people."""
+        """Return the kinds of the loads as text."""
         names = ("Force" if isinstance(part, Drive) else type(part).__name__ for part in self.parts)
         return " and ".join(re.sub(r"\B([A-Z])", r" \1", name).lower() for name in names)
 
@@ -748,11 +834,10 @@ class Loads(Excitation):
         return sum(part.base_velocity() for part in self.parts)
 
     def base_motion(self, times: Array) -> tuple[Array, Array]:
-        """Return velocity (m/s) and displacement (m) of the base, (S,) each.
+        """Return velocity (m/s) and displacement (m) of the base, (S,) each, at ``times`` (S,).
 
-        Both are given at ``times`` (S,) in s, which ascend from 0.
-
-        They are its acceleration integrated from `base_velocity` and from a displacement of 0.
+        The times are in s and ascend from 0. Both are integrals of the acceleration, from
+        `base_velocity` and from a displacement of 0.
         """
         breaks, rows, which, channel = self.on_one_clock()
         even = (
@@ -782,17 +867,15 @@ class Loads(Excitation):
     def initial(self, scene: Scene) -> InitialState:
         """Return the state at time 0 that ``start`` and strikes define.
 
-        Raises ParameterError for a scene that has no such start.
+        Raises ParameterError if the scene cannot start in this way.
         """
         return self.struck(scene, self._start(scene))
 
     def initial_state(self, scene: Scene, initial: InitialState | None) -> InitialState:
-        """Return the state of a run at time 0.
+        """Return the state of a run at time 0, with the velocities that strikes add.
 
-        It is ``initial``, or the start of the loads where ``initial`` is None, with the velocities
-        that strikes add.
-
-        Raises ParameterError where a start is given twice, or a scene has no such start.
+        The state is ``initial``, or the start of the loads if ``initial`` is None. Raises
+        ParameterError if both are given, or if the scene has no such start.
         """
         if initial is None:
             return self.initial(scene)
@@ -845,12 +928,15 @@ class Loads(Excitation):
         )
 
     def on_one_clock(self) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return all pieces of the loads on common breakpoints.
+        """Return the pieces of all loads on common breakpoints.
 
-        The results are breakpoints (K,) in s, all pieces (P, 10), each a time and a row of
-        `Pieces`, the pieces that act (K - 1, n), and the channel (n,) of each load.
-
-        Channels are 0 of a force, 1 of a base that moves, or those of `impact_env.force_channels`.
+        Returns
+        -------
+        tuple of arrays
+            Breakpoints (K,) in s; all pieces (P, 10), each with its start in s and a row of
+            `Pieces`; the index of the piece of each of the n loads in each interval (K - 1, n); and
+            the channel (n,) of each load: 0 of a force, 1 of the base, or those of
+            `impact_env.force_channels`.
         """
         sources = self._pieces
         if len(sources) == 1:
@@ -890,10 +976,10 @@ class Loads(Excitation):
 
 
 def _find_channel(piece: Pieces) -> int:
-    """Return the channel of a load: its own, or that of a base that moves."""
+    """Return the channel of a load: its own, or 1 if it moves the base."""
     return piece.channel or int(piece.moves_base)
 
 
 def Force(drive: Drive) -> Drive:  # noqa: N802 - the name of a class in 1.0.0rc1
-    """Return a drive: the former way to name one beside other loads."""
+    """Return the drive unchanged: a former name of `Drive` among other loads."""
     return drive

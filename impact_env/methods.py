@@ -44,7 +44,7 @@ def _compliance(scene: Scene) -> float:
 def _highest_frequency(scene: Scene) -> float:
     """Return the highest circular frequency (rad/s) that a step must resolve.
 
-    It is that of a mode, or that of the tuned absorber against the tip.
+    It is the highest of the modes' frequencies and the tuned absorber's on the tip.
     """
     highest = float(np.max(scene.model.omega))
     if isinstance(scene.absorber, TunedAbsorber):
@@ -74,12 +74,12 @@ class Exact:
 
 @dataclass(frozen=True)
 class Moreau:
-    """Moreau's time stepping scheme, for rigid contact (paper, section 2.4).
+    """Moreau's time-stepping scheme, for rigid contact (paper, section 2.4).
 
     Parameters
     ----------
     steps_per_period : int, optional
-        Steps in a period of the highest mode.
+        Time steps in a period of the highest mode.
 
     Raises
     ------
@@ -123,11 +123,11 @@ class RungeKutta:
         check_fields(self)
 
     def step(self, scene: Scene) -> float:
-        """Return the time step in s, the smallest of the two conditions of the paper.
+        """Return the time step in s, the smaller of the paper's two conditions.
 
-        The paper's contact duration takes the beam as immovable. Where the tip gives way more
-        easily than the absorber the contact is shorter, and a third condition, 1/sqrt(k (1/m_a +
-        sum tip_shape^2)), keeps the method stable.
+        The paper's duration of a contact assumes an immovable beam. If the tip is more compliant
+        than the absorber, contacts are shorter, and a third condition, 1/sqrt(k (1/m_a + sum
+        tip_shape^2)), keeps the method stable.
         """
         dt = 2 * np.pi / (self.steps_per_period * _highest_frequency(scene))
         springs = [
@@ -155,9 +155,9 @@ METHODS: dict[str, type[Method]] = {
 
 
 def check_mass(scene: Scene) -> None:
-    """Raise ParameterError if a stuck absorber is so heavy that the tip hardly moves.
+    """Raise ParameterError if a stuck absorber is so heavy that rounding hides the tip's motion.
 
-    The tip's motion would be lost in rounding with any method.
+    This holds for any method.
     """
     if not isinstance(scene.absorber, StuckAbsorber) or scene.absorber_mass is None:
         return
@@ -168,13 +168,12 @@ def check_mass(scene: Scene) -> None:
 
 
 def check_step(scene: Scene, drive: Excitation, method: Method) -> None:
-    """Raise ParameterError if a method does not resolve a scene or a drive in time.
+    """Raise ParameterError if the steps of a method are too long for a scene or a drive.
 
-    Its results would be wrong without notice.
-
-    A step that resolves the highest mode's period may still be too long for strong damping: the
-    fast one of an overdamped mode's two rates grows with the damping ratio, and both schemes are
-    explicit. It may also be too long for a force above all modes.
+    Without this check the results would be wrong without notice. A step that resolves the period of
+    the highest mode may still be too long for strong damping, because both schemes are explicit and
+    the faster rate of an overdamped mode grows with its damping ratio. It may also be too long for
+    a force with a frequency above all modes.
     """
     if isinstance(method, Exact):
         return
@@ -199,9 +198,9 @@ def check_step(scene: Scene, drive: Excitation, method: Method) -> None:
 
 
 def _moreau_growth(scene: Scene, dt: float) -> float:
-    """Return the step relative to its limit, or an upper bound of this ratio.
+    """Return the step over the limit of stability, or an upper bound of this ratio.
 
-    The scheme is stable if 4 M - 2 dt C - dt^2 K is not negative.
+    ``dt`` in s. The scheme is stable if 4 M - 2 dt C - dt^2 K is not negative.
     """
     model = scene.model
     rate = 2 * model.damping_ratio * model.omega
@@ -222,8 +221,8 @@ def _moreau_growth(scene: Scene, dt: float) -> float:
 def _runge_kutta_growth(scene: Scene, h: float) -> float:
     """Return the largest ratio of a free mode's |s| h to the limit of stability.
 
-    The limit is the value at which the fourth-order polynomial leaves the unit circle. The result
-    is 0 if it stays inside for all modes.
+    At the limit the amplification polynomial of order four leaves the unit circle. The result is 0
+    if it stays inside for all modes. ``h`` is the step in s.
     """
     model = scene.model
     ratio = model.damping_ratio.astype(complex)

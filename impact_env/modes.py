@@ -1,6 +1,6 @@
-"""Modal model of a beam by finite elements.
+"""Modal model of a structure, and the finite elements of a beam.
 
-It consists of frequencies, damping ratios, and mode shapes at the force and at the absorber.
+The model consists of frequencies, damping ratios, and mode shapes at force and absorber.
 """
 
 from __future__ import annotations
@@ -49,10 +49,9 @@ def with_masses(shapes: Real, masses: Real) -> Real:
 def with_link(own: Real, factor: float, line: Real) -> Real:
     """Return the stiffness or damping matrix (N_m + 1, N_m + 1) of modes and a linked coordinate.
 
-    The additional coordinate has no stiffness or damping of its own.
-
-    ``own`` (N_m,): that of the modes; ``factor``: of the link, whose stretch is ``line`` (N_m + 1,)
-    times the coordinates.
+    ``own`` (N_m,) are the diagonal entries of the modes. The link has the stiffness or damping
+    ``factor``; ``line`` (N_m + 1,) times the coordinates is its stretch. The additional coordinate
+    has no other stiffness or damping.
     """
     return np.asarray(np.diag(np.append(own, 0.0)) + factor * np.outer(line, line))
 
@@ -82,7 +81,7 @@ _MASS = (
 
 
 def _values_by_element(beam: Beam, name: str) -> Real:
-    """Return a value of each element, (N_e,): its section's, or the beam's own."""
+    """Return the value ``name`` of each element (N_e,): that of its section, or else the beam's."""
     values = np.full(beam.elements, getattr(beam, name))
     first = 0
     for section in beam.sections:
@@ -92,9 +91,9 @@ def _values_by_element(beam: Beam, name: str) -> Real:
 
 
 def find_free_freedoms(beam: Beam) -> NDArray[np.int64]:
-    """Return which of the 2 N_e + 2 freedoms of the nodes the ends leave free.
+    """Return the indices of those of the 2 N_e + 2 freedoms of the nodes that the ends leave free.
 
-    The freedoms are deflections and rotations, node by node from the left.
+    The freedoms are deflection and rotation of each node, from the left.
     """
     size = 2 * beam.elements + 2
     left, right = beam.ends.split("-")
@@ -107,13 +106,11 @@ def find_free_freedoms(beam: Beam) -> NDArray[np.int64]:
 
 
 def assemble_matrices(beam: Beam) -> tuple[Real, Real]:
-    """Return the supported beam's mass and stiffness matrices.
+    """Return mass (kg) and stiffness (N/m) matrix of the supported beam.
 
-    They refer to the freedoms of `find_free_freedoms`, which are 2 N_e for a cantilever.
-
-    The freedoms are deflection (m) and rotation (rad) times the element length, node by node from
-    the left, so that all entries of one matrix have one unit: kg and N/m. The scaling keeps the
-    eigenproblem well conditioned.
+    Rows and columns are the freedoms of `find_free_freedoms`, 2 N_e for a cantilever: deflection
+    (m) and rotation (rad) times the element length, node by node from the left, so that all entries
+    of a matrix have the same unit. This scaling keeps the eigenproblem well conditioned.
     """
     mass, stiffness = _assemble_unsupported(beam)
     free = np.ix_(find_free_freedoms(beam), find_free_freedoms(beam))
@@ -123,7 +120,7 @@ def assemble_matrices(beam: Beam) -> tuple[Real, Real]:
 def compute_base_load(beam: Beam) -> Real:
     """Return M r in kg over the freedoms of `find_free_freedoms`.
 
-    r shifts the whole beam with its supports, whose masses are part of M.
+    r is the unit displacement of the whole beam with its supports, whose masses are part of M.
     """
     shift = np.zeros(2 * beam.elements + 2)
     shift[0::2] = 1
@@ -131,7 +128,7 @@ def compute_base_load(beam: Beam) -> Real:
 
 
 def _assemble_unsupported(beam: Beam) -> tuple[Real, Real]:
-    """Return mass and stiffness matrices of the beam that nothing holds."""
+    """Return mass and stiffness matrices of the beam without supports."""
     element = beam.length / beam.elements
     size = 2 * beam.elements + 2
     mass = np.zeros((size, size))
@@ -166,13 +163,12 @@ def rigid_shapes(beam: Beam) -> Real:
 
 
 def strain_energy(beam: Beam, shapes: Real) -> Real:
-    """Return half of v^T K v in J, (S,), with almost all digits.
+    """Return the strain energy v^T K v/2 in J (S,) of displacements ``shapes`` (., S).
 
-    The shapes v (., S) refer to the freedoms of `assemble_matrices`.
-
-    The element's stiffness is 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1).
-    Squares of such differences have nothing to cancel, where in K v the large entries of a fine
-    mesh cancel almost entirely.
+    Rows of the shapes are the freedoms of `assemble_matrices`. The stiffness of an element is
+    proportional to 12 a a^T + b b^T with a = (1, 1/2, -1, 1/2) and b = (0, 1, 0, -1). A sum of
+    squares of such differences keeps almost all digits, while in K v the large entries of a fine
+    mesh almost cancel.
     """
     nodes = np.zeros((2 * beam.elements + 2, shapes.shape[1]))
     nodes[find_free_freedoms(beam)] = shapes
@@ -191,9 +187,9 @@ def strain_energy(beam: Beam, shapes: Real) -> Real:
 
 
 def deflection_row(beam: Beam, position: float) -> Real:
-    """Return the row that gives the deflection at ``position`` (fraction of the length).
+    """Return the row whose product with the freedoms of `assemble_matrices` is a deflection.
 
-    It is multiplied by the freedoms of `assemble_matrices`.
+    ``position`` of the deflection is a fraction of the length.
     """
     scaled = position * beam.elements
     e = min(int(np.floor(scaled + 1e-12)), beam.elements - 1)
@@ -226,23 +222,23 @@ class ModalModel:
     beam_mass : float
         Mass of the structure in kg, to which mass ratios refer.
     absorber_shapes : array_like, (n, N_m), optional
-        Mode shapes at the places of several absorbers, or at those that an absorber may be put on.
+        Mode shapes at the places of several absorbers, or at possible places of one absorber.
     response_shape : array_like, (N_m,), optional
-        Mode shape where the response level is read. None: at the tip.
+        Mode shape at the place of the response level. None: the tip.
     stress_shape : array_like, (N_m,), optional
         Stress, strain or moment per modal displacement, in any unit. None: not known.
     base_participation : array_like, (N_m,), optional
-        shapes^T M r in sqrt(kg), with the rigid displacement r for a unit motion of the base. None:
-        not known.
+        shapes^T M r in sqrt(kg), where r is the rigid displacement of the structure for a unit
+        motion of the base. None: not known.
     base_at_absorber : float, optional
-        r at the absorber's place.
+        The displacement r at the absorber's place.
     beam : Beam, optional
-        The beam whose modes they are, for `mode_shapes` elsewhere along it.
+        The beam whose modes these are, for `mode_shapes` at other positions.
     force_quadrature : array_like, (N_m,), optional
-        Mode shape in 1/sqrt(kg) of the part of the force that is a quarter period ahead, of forces
-        at several places with phases of their own (`with_forces`). None: all have one phase.
+        Mode shape in 1/sqrt(kg) of the part of the force that is a quarter period ahead. It is
+        needed for forces at several places with different phases (`with_forces`). None: one phase.
     force_places : array_like, (P, N_m), optional
-        Mode shapes in 1/sqrt(kg) at places where loads may act that have a ``force_place``.
+        Mode shapes in 1/sqrt(kg) at the places for loads with a ``force_place``.
     force_place_names : sequence of str, (P,)
         Names of these places.
 
@@ -328,7 +324,7 @@ class ModalModel:
 
     @property
     def one_phase_force_shape(self) -> NDArray[np.float64]:
-        """Mode shape (N_m,) of the force, for formulas with one force.
+        """Mode shape (N_m,) at the force, for formulas that hold for a force of one phase.
 
         Raises ParameterError if forces at several places differ in phase.
         """
@@ -340,7 +336,7 @@ class ModalModel:
     def force_pattern(self) -> NDArray[np.complex128]:
         """Complex modal shape (N_m,) of the force.
 
-        A force Re(F exp(i phi)) acts on the modes as Re(F exp(i phi) times this shape).
+        A force Re(F exp(i phi)) acts on the modes as Re(shape F exp(i phi)).
         """
         quadrature = 0.0 if self.force_quadrature is None else self.force_quadrature
         return np.asarray(self.force_shape + 1j * quadrature, dtype=np.complex128)
@@ -432,14 +428,14 @@ class ModalModel:
 
     @property
     def level_shape(self) -> NDArray[np.float64]:
-        """Mode shape (N_m,) of the place where the response level is read."""
+        """Mode shape (N_m,) at the place of the response level."""
         return self.tip_shape if self.response_shape is None else self.response_shape
 
     @property
     def places(self) -> NDArray[np.float64]:
-        """Mode shapes (n, N_m) at the places for absorbers, which are counted from 1.
+        """Mode shapes (n, N_m) at the places for absorbers, which are numbered from 1.
 
-        They are `absorber_shapes`, or the tip's shape alone.
+        They are `absorber_shapes`, or else only the tip's shape.
         """
         return self.tip_shape[None, :] if self.absorber_shapes is None else self.absorber_shapes
 
@@ -477,7 +473,7 @@ class ModalModel:
         )
 
     def detuned(self, share: float) -> ModalModel:
-        """Return the model with all frequencies shifted by a share."""
+        """Return the model with all frequencies multiplied by 1 + ``share``."""
         return replace(self, omega=self.omega * (1 + finite("share", share)))
 
     def pseudo_period(self, resonance: int = 1) -> float:
@@ -503,7 +499,7 @@ class ModalModel:
 def require_one_phase(model: ModalModel, what: str) -> None:
     """Raise ParameterError if forces at several places differ in phase.
 
-    ``what`` is the name of the part that does not model such forces.
+    ``what`` names the computation that needs forces of one phase.
     """
     allowed = f"None for {what}: forces of one phase"
     require(model.force_quadrature is None, "force_quadrature", "given", allowed)
@@ -515,10 +511,9 @@ Structure = Beam | ModalModel  # what a structure is given as
 def modal_model(beam: Structure, positions: Iterable[float] | None = None) -> ModalModel:
     """Return the lowest modes of a beam.
 
-    The inverse problem M v = (1/omega^2) K v is solved because the low modes, the ones that matter,
-    then are the largest eigenvalues and keep more digits than from K v = omega^2 M v. The
-    frequencies follow from the shapes. Modes of a beam on a soft suspension begin with the
-    rigid-body motions.
+    The inverse problem M v = (1/omega^2) K v is solved because the low modes then belong to the
+    largest eigenvalues and keep more digits than from K v = omega^2 M v. The frequencies follow
+    from the shapes. The first modes of a beam on a soft suspension are the rigid-body motions.
 
     Parameters
     ----------
@@ -622,18 +617,18 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
 
 
 def nodal_shapes(beam: Beam) -> Real:
-    """Return the beam's mass-normalised modes (., N_m).
+    """Return the beam's mass-normalised modes (., N_m) over the freedoms of `assemble_matrices`.
 
-    They refer to the freedoms of `assemble_matrices`, and `deflection_row` gives their deflections.
+    `deflection_row` times a mode is its deflection.
     """
     vectors, _ = _orient_upwards(instance("beam", beam, Beam))
     return vectors[:, : beam.modes]
 
 
 def _orient_upwards(beam: Beam) -> tuple[Real, Real]:
-    """Return all shapes as columns, and the squares of their frequencies, ascending.
+    """Return all shapes as columns, and the squares of their frequencies in ascending order.
 
-    The sign of each shape is such that the tip moves up.
+    Each shape has the sign with which the tip moves up.
     """
     mass, stiffness = assemble_matrices(beam)
     vectors, squares = (
@@ -646,10 +641,7 @@ def _orient_upwards(beam: Beam) -> tuple[Real, Real]:
 
 
 def _solve_elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
-    """Return all mass-normalised shapes as columns, and the squares of their frequencies.
-
-    The squares are ascending.
-    """
+    """Return all mass-normalised shapes as columns, and their squared frequencies, ascending."""
     vectors = scipy.linalg.eigh(mass, stiffness)[1][:, ::-1]
     # all modes, of which some are kept at the end: products of other sizes round differently, and a
     # truncation would not be the start of the whole
@@ -660,12 +652,11 @@ def _solve_elastic(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]
 
 
 def _solve_suspended(beam: Beam, mass: Real, stiffness: Real) -> tuple[Real, Real]:
-    """Return shapes and squares as `_solve_elastic` does, for a suspended beam.
+    """Return shapes and squared frequencies as `_solve_elastic` does, for a suspended beam.
 
-    The rigid-body motions have the frequencies of the beam's suspension.
-
-    Springs that only these motions feel make the stiffness regular. They are softer than the first
-    bending mode by far, and are taken out again.
+    The rigid-body motions have the frequencies of the beam's suspension. Springs that resist only
+    these motions make the stiffness regular; they are much softer than the first bending mode, and
+    their effect is subtracted at the end.
     """
     assert beam.suspension_frequency is not None
     rigid = rigid_shapes(beam)

@@ -126,7 +126,8 @@ class Beam:
     force_position, absorber_position : float, optional
         Positions of the force and of the absorber.
     modal_frequency_ratio : mapping of int to float, optional
-        Wanted ratio omega_i/omega_1 of a mode i, 2 or above; the paper varies omega_2 in this way.
+        Ratio omega_i/omega_1 to which mode i (2 or above) is shifted, by i; the paper varies
+        omega_2 in this way.
     ends : str, optional
         Left and right support, one of `impact_env.parameters.ENDS`.
     tip_mass : float, optional
@@ -135,15 +136,15 @@ class Beam:
         Sections from the left with their own stiffness and mass. Elements after them have the
         beam's.
     response_position : float, optional
-        Position where the response level is read. None: the absorber's.
+        Position of the response level. None: the absorber's.
     suspension_frequency : float, optional
-        Frequency in Hz of the rigid-body motions on soft springs, which then are the first modes. A
-        beam whose supports leave it rigid-body motions needs it.
+        Lowest frequency in Hz of the rigid-body motions on soft springs, which are then the first
+        modes. Required for a beam whose supports allow rigid-body motions.
 
     Raises
     ------
     ParameterError
-        A value is out of range, or a support leaves no mode of the kind that is asked for.
+        A value is out of range, or contradicts another one.
 
     Examples
     --------
@@ -396,9 +397,9 @@ class CompliantWalls:
     gap : float, optional
         Clearance to either wall in m, 0 or above.
     restitution : float, optional
-        Velocity after over velocity before a free impact, above 0 to 1. It sets the damper; 1 is
-        the paper's spring without a damper. The damper acts as long as the wall is overlapped, so
-        that it may pull just before the contact ends (Kelvin-Voigt).
+        Velocity after a free impact over velocity before it, above 0 and at most 1. It determines
+        the damper; 1 is the paper's spring without damper. The damper acts as long as the absorber
+        overlaps the wall, so it may pull just before the contact ends (Kelvin-Voigt).
 
     Raises
     ------
@@ -476,7 +477,7 @@ MOST_STATIC_RATIO = 1e6  # far above any pair of materials
 
 
 def check_static_ratio(name: str, value: object) -> float:
-    """Return a ratio of static to sliding friction as a float if it is possible."""
+    """Return a ratio of static to sliding friction as a float if it is in the allowed range."""
     allowed = (
         f"a number from 1 to {MOST_STATIC_RATIO:g}: static friction is never below sliding friction"
     )
@@ -500,8 +501,7 @@ class CoulombFriction:
     limit : float
         Force of sliding friction mu f_N in N, above 0.
     static_ratio : float, optional
-        Force that breaks a sticking absorber loose over that of sliding friction, 1 or above; the
-        paper has 1.
+        Limit of static friction over that of sliding friction, 1 or above; the paper has 1.
 
     Raises
     ------
@@ -682,7 +682,7 @@ class SlidingAbsorber:
         Friction on the structure. None: without.
     gravity : float, optional
         Gravity in m/s^2 along the motion, towards the lower wall. It acts on the absorber alone:
-        the displacement of the structure is measured from where its own weight holds it.
+        the displacement of the structure is measured from its static equilibrium.
 
     Raises
     ------
@@ -815,7 +815,7 @@ class SeveralAbsorbers:
 
     @property
     def mass_ratio(self) -> float:
-        """Mass of all absorbers together, as a share of the beam's."""
+        """Mass of all absorbers together over the mass of the structure."""
         return math.fsum(absorber.mass_ratio for absorber in self.absorbers)
 
 
@@ -823,7 +823,7 @@ Absorber = StuckAbsorber | TunedAbsorber | NonlinearSink | SlidingAbsorber | Sev
 
 
 def find_largest_gravity(absorber: Absorber | None) -> float:
-    """Return the gravity in m/s^2 along the motion of an absorber, of several the largest."""
+    """Return the gravity in m/s^2 along the motion of an absorber, or the largest of several."""
     if isinstance(absorber, SeveralAbsorbers):
         return max((one.gravity for one in absorber.absorbers), key=abs)
     return getattr(absorber, "gravity", 0.0)
@@ -832,7 +832,7 @@ def find_largest_gravity(absorber: Absorber | None) -> float:
 def require_weightless(absorber: Absorber | None, what: str) -> None:
     """Raise ParameterError for an absorber that has a weight along its motion.
 
-    ``what`` is the name of the part that does not model such a weight.
+    ``what`` names the computation that does not include such a weight.
     """
     heavy = find_largest_gravity(absorber)
     require(heavy == 0, "gravity", heavy, f"0 for {what}")
@@ -841,11 +841,10 @@ def require_weightless(absorber: Absorber | None, what: str) -> None:
 def friction_law(
     limit: float | None, stiffness: float | None = None, static_ratio: float = 1.0
 ) -> CoulombFriction | ElasticCoulombFriction | None:
-    """Return friction of a ``limit`` in N, elastic if it has a ``stiffness`` (N/m).
+    """Return friction with a ``limit`` in N, elastic if it has a ``stiffness`` (N/m).
 
-    A limit of 0 or None is no friction.
-
-    ``static_ratio``: as in `CoulombFriction`; elastic friction has none.
+    The result is None for a limit of 0 or None. ``static_ratio`` is as in `CoulombFriction`;
+    elastic friction must have 1.
     """
     stiffness = None if stiffness is None else positive("friction stiffness", stiffness)
     if limit is None or non_negative("friction limit", limit) == 0:
@@ -982,9 +981,9 @@ def tuned_absorber(
 def shared_masses(
     number: int, mass_ratio: float = DEFAULT_MASS_RATIO, shares: Iterable[float] | None = None
 ) -> tuple[float, ...]:
-    """Return the mass ratio of each of several absorbers.
+    """Return the mass ratio of each of ``number`` absorbers.
 
-    ``mass_ratio`` is that of all absorbers together, and ``shares`` are equal by default.
+    ``mass_ratio`` is that of all absorbers together, and ``shares`` of it are equal by default.
     """
     number = count("number", number, 1, MOST_ABSORBERS)
     shares = (

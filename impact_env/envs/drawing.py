@@ -54,7 +54,8 @@ MASS_SIZE = 9.0  # half the side of the absorber in pixels
 def straight_shapes(model: ModalModel) -> Array:
     """Return shapes for a model of which only the modes are known, (POSITIONS + 1, N_m).
 
-    Each is a straight line from the support to the absorber's position.
+    The shape of each mode is a straight line from 0 at the support to the mode's value at the
+    absorber.
     """
     return np.linspace(0, 1, POSITIONS + 1)[:, None] * np.array(model.tip_shape)
 
@@ -62,11 +63,9 @@ def straight_shapes(model: ModalModel) -> Array:
 def relative_amplitudes(shapes: Array, level_shape: Array, resonance: int) -> Array:
     """Return a mode's amplitude at each position relative to that at the level's place.
 
-    The result has the shape (POSITIONS + 1,), ``shapes`` the shape (POSITIONS + 1, N_m). The same
-    mode is used at all positions.
-
-    It is the resonance's mode; where that has a node at the level's place (N_m,), the mode that
-    moves this place most.
+    ``shapes`` (POSITIONS + 1, N_m) are the mode shapes, and ``level_shape`` (N_m,) are their values
+    at the level's place. The mode is that of ``resonance``, or, if this mode has a node at the
+    level's place, the mode that moves the place most. The result is (POSITIONS + 1,).
     """
     moved = np.abs(level_shape)
     mode = resonance - 1
@@ -76,7 +75,7 @@ def relative_amplitudes(shapes: Array, level_shape: Array, resonance: int) -> Ar
 
 
 class Strip:
-    """A quantity over the time of the episode."""
+    """A diagram of one quantity over the time of the episode, between ``low`` and ``high``."""
 
     def __init__(self, label: str, low: float, high: float, colour: str) -> None:
         self.label = label
@@ -87,7 +86,7 @@ class Strip:
         self.values: list[float] = []
 
     def push(self, time: float, value: float) -> None:
-        """Take the next value; a time that does not rise starts afresh."""
+        """Append a value; a time that is not later than the last one empties the diagram first."""
         if self.times and time <= self.times[-1]:
             self.times = []
             self.values = []
@@ -97,7 +96,10 @@ class Strip:
 
 
 class Picture:
-    """Drawing in pixels, FINE times larger."""
+    """An image that is drawn FINE times larger than it is returned, so that lines are smooth.
+
+    Lengths and coordinates are in pixels of the returned image.
+    """
 
     def __init__(self) -> None:
         self.image = Image.new(
@@ -106,7 +108,7 @@ class Picture:
         self.pen = ImageDraw.Draw(self.image)
 
     def line(self, points: Iterable[Point], colour: str, width: float) -> None:
-        """Draw a line through points."""
+        """Draw a line through points (x, y)."""
         self.pen.line(
             [(SUPERSAMPLING * x, SUPERSAMPLING * y) for x, y in points],
             fill=colour,

@@ -38,7 +38,7 @@ def interquartile_mean(scores: Array) -> float:
 
 
 def difference_of_means(scores: Array, others: Array) -> float:
-    """Return how much higher the mean of ``scores`` is than that of the others.
+    """Return how much higher the mean of ``scores`` is than the mean of ``others``.
 
     `bootstrap_interval` resamples the seeds of both together: a paired comparison.
     """
@@ -54,13 +54,14 @@ def bootstrap_interval(
 ) -> Array:
     """Return the bootstrap interval (low, high) of a statistic of one or several score arrays.
 
-    The shape of the result is (2, *shape of the statistic).
+    Each of ``scores`` is an array (R, E) with R training runs, 1 for a policy that is not trained,
+    and E evaluation seeds, the same for all. ``statistic`` is a function of such arrays, and
+    ``covered`` the probability of the interval. The result has the shape (2, *shape of the
+    statistic).
 
-    Scores are arrays (R, E): R training runs (1 for a policy that is not trained), E evaluation
-    seeds, the same for all. Both are resampled, the runs of each policy among themselves and the
-    seeds in common (A. B. Owen 2007, "The pigeonhole bootstrap"), so that neither many episodes of
-    one run nor many runs on one seed pass for independent evidence. Raises ParameterError unless
-    all have the same number of seeds.
+    Training runs are resampled separately for each policy and seeds together (A. B. Owen 2007, "The
+    pigeonhole bootstrap"), because the episodes of one run are not independent, nor are the runs on
+    one seed. Raises ParameterError unless all arrays have the same number of seeds.
     """
     columns = scores[0].shape[1]
     require(
@@ -82,10 +83,20 @@ def bootstrap_interval(
 
 @dataclass(frozen=True)
 class PolicyScores:
-    """The scores of a policy on the seeds.
+    """Scores of a policy on the seeds of an evaluation.
 
-    ``scores`` (E,) has the score of each seed, ``interval`` is the interval (low, high) of their
-    mean, and ``middle`` is the mean of their middle half.
+    Attributes
+    ----------
+    name : str
+        Name of the policy.
+    scores : array, (E,)
+        Score of each seed.
+    mean : float
+        Mean of the scores.
+    interval : (float, float)
+        95 % bootstrap interval of the mean.
+    middle : float
+        Interquartile mean: the mean of the middle half of the scores.
     """
 
     name: str
@@ -109,11 +120,23 @@ class PolicyScores:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What `evaluate` returns; ``str()`` of it is a table.
+    """Result of `evaluate`; ``str()`` of it is a table.
 
-    ``policy``: how it did on the ``seeds`` of the ``split``. ``others`` and ``differences``: by
-    name, what it was compared with, and how much higher its mean score is than theirs, with the
-    interval (mean, low, high) of the differences seed by seed.
+    Attributes
+    ----------
+    env_id : str
+        Registered name of the environment.
+    split : str
+        Name of the range of seeds.
+    seeds : tuple of int, (E,)
+        Seeds of the episodes.
+    policy : PolicyScores
+        Scores of the policy.
+    others : dict of str to PolicyScores
+        Scores of the policies with which it was compared, by name.
+    differences : dict of str to (float, float, float)
+        For each of the others: how much higher the policy's mean score is, and the 95 % interval
+        (low, high) of this difference, paired by seed.
     """
 
     env_id: str
@@ -154,10 +177,10 @@ class Evaluation:
 
 
 class _Player:
-    """Any kind of policy, called in one way.
+    """Adapter that calls any kind of policy in the same way.
 
     A policy is a function, a model of stable-baselines3, an object with ``start`` and ``act``, or a
-    constant action.
+    constant action. ``shape`` is the shape of the actions of all lanes.
     """
 
     def __init__(self, policy: Any, shape: tuple[int, ...]) -> None:
@@ -212,9 +235,8 @@ class _Player:
 class EpisodeScores:
     """Scores and lengths of one episode for each seed.
 
-    ``scores`` (E,) are the sums of the rewards, ``steps`` (E,) the numbers of control intervals.
-
-    With ``vector_reward=True`` the scores are sums of reward vectors (E, costs).
+    ``scores`` (E,) are sums of rewards, or (E, costs) sums of reward vectors with
+    ``vector_reward=True``. ``steps`` (E,) are the numbers of control intervals.
     """
 
     scores: Array
@@ -226,10 +248,11 @@ def play(
 ) -> EpisodeScores:
     """Play one episode for each seed, each in its own lane.
 
-    A lane rests when its episode is over. ``policy`` is any that `evaluate` takes.
+    ``policy`` is of any kind that `evaluate` accepts, and ``arguments`` are those of the
+    environment. Lanes whose episode has ended are not advanced.
 
-    Raises ParameterError for an unknown environment, no seeds, bad ``arguments`` of the
-    environment, or actions of a wrong shape.
+    Raises ParameterError for an unknown environment, no seeds, bad ``arguments``, or actions of a
+    wrong shape.
     """
     require(env_id in ENVIRONMENTS, "env_id", env_id, f"one of {', '.join(ENVIRONMENTS)}")
     require(len(seeds) > 0, "seeds", seeds, "at least one seed")
@@ -274,18 +297,18 @@ def evaluate(
     ----------
     policy : callable, model, agent or action
         Function of observations (L, features) that returns actions (L, A); or a model of
-        stable-baselines3, whose deterministic action is taken; or an agent of `load_agent`; or one
-        constant action.
+        stable-baselines3, whose deterministic action is taken; or an agent of `load_agent`; or a
+        constant action (A,).
     env_id : str
         Registered name, as "ImpactAbsorber/SweepRate-v1".
     split : {"test", "train", "validation"}, optional
-        Seeds. Environments with an argument ``split`` get it too.
+        Name of the range of seeds. Environments with an argument ``split`` get it too.
     against : policy or mapping of str to policy, optional
-        Other policies on the same seeds.
+        Policies to compare with, on the same seeds.
     episodes : int, optional
         Number of episodes, one for each seed, 2 or more.
     arguments : mapping, optional
-        Arguments of the environment. Scores with others than its defaults do not compare with
+        Arguments of the environment. Only scores with the default arguments can be compared with
         published scores.
 
     Returns
@@ -296,7 +319,7 @@ def evaluate(
     Raises
     ------
     ParameterError
-        A value is out of range, or the name is no environment's.
+        A value is out of range, or no environment has this name.
 
     Notes
     -----

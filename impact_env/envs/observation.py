@@ -20,11 +20,18 @@ FEW_IMPACTS = 4.0  # the same of feature 5 in newer tasks, so that chatter stays
 class Feature:
     """One number of an observation.
 
-    A ``measured`` number comes from a sensor and gets noise and delay. The others are known to the
-    machine's control.
-
-    ``what`` it is, and its ``unit`` and scale, are rows of docstrings' tables
-    (`shells.list_features`), where braces stand for arguments.
+    Attributes
+    ----------
+    name : str
+        Name of the feature.
+    measured : bool
+        Whether a sensor measures it, with noise and delay. Other features are known to the
+        machine's control.
+    what : str
+        Description for the tables of the environments (`shells.list_features`), with names of
+        arguments in braces.
+    unit : str
+        Unit and scale for these tables.
     """
 
     name: str
@@ -102,9 +109,10 @@ STATE = (
 class Sensors:
     """Noise, drift and delay of the measured features of a number of lanes.
 
-    ``noise`` is the standard deviation of what is added to each scaled, measured feature; ``drift``
-    that of the change in an interval of a bias, 0 at the start of an episode; ``delay`` a number of
-    intervals, before which the first observation of an episode is seen again.
+    ``noise`` is the standard deviation of the noise of each scaled, measured feature. ``drift`` is
+    the standard deviation of the change of its bias in an interval; the bias is 0 at the start of
+    an episode. ``delay`` is a number of intervals; until they have passed, the first observation
+    of an episode is repeated.
     """
 
     def __init__(
@@ -130,12 +138,11 @@ class Sensors:
         fresh: NDArray[np.bool_] | None = None,
         resting: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.float32]:
-        """Return the observations (L, features) for scaled values (L, features).
+        """Return the observations (L, features) of the scaled values (L, features).
 
-        They are those of all lanes, or those of the ``fresh`` lanes at the start of their episodes.
-
-        Lanes that are ``resting`` draw no random numbers: they are reset before their observation
-        is used.
+        ``fresh`` (L,) marks lanes at the start of an episode: only their observations are then new.
+        Lanes in the mask ``resting`` (L,) draw no random numbers, because they are reset before
+        their observation is used.
         """
         observed = values
         if self.noise > 0 or self.drift > 0:
@@ -158,7 +165,7 @@ class Sensors:
         return limited
 
     def _draw_error(self, lane: int, generator: np.random.Generator, is_start: bool) -> Array:
-        """Return bias and noise of the measured features of a lane."""
+        """Return the sum of bias and noise of each measured feature of a lane."""
         bias = self._bias[lane]
         if is_start:
             bias[:] = 0.0
@@ -182,5 +189,5 @@ class Sensors:
         return self._past.copy(), self._at, self._bias.copy()
 
     def restore(self, snapshot: tuple[Array, int, Array]) -> None:
-        """Go on from a snapshot."""
+        """Set delayed observations and biases to those of a snapshot."""
         self._past[...], self._at, self._bias[...] = snapshot

@@ -21,9 +21,9 @@ PERIODS_PER_CHUNK = 20.0  # pseudo periods at the paper's rate; slower ones have
 
 
 def drive_shape(model: ModalModel, moves_base: bool) -> Array:
-    """Return the modal forces of a unit of the drive.
+    """Return the modal forces (N_m,) of a unit of the drive.
 
-    The unit is a force of 1 N, or an acceleration of the base of 1 m/s^2.
+    The unit is a force of 1 N, or, with ``moves_base``, an acceleration of the base of 1 m/s^2.
     """
     if not moves_base:
         return model.force_shape
@@ -48,12 +48,11 @@ def simulate_passage(
     unit: float,
     moves_base: bool = False,
 ) -> tuple[float, float]:
-    """Return (response level in m, damage) of a beam without absorber in a sweep.
+    """Return (response level in m, damage) of a structure without absorber in a sweep.
 
-    The sweep has the rate that suits the beam's damping, and acts with one unit of `drive_shape`.
-
-    The sweep goes from ``start`` to ``stop`` (ratios of the resonance); the damage is the sum of
-    |q_tip/unit|^exponent over its samples, 0 for an exponent of 0.
+    The drive is one unit of `drive_shape`. The frequency goes from ``start`` to ``stop`` (ratios to
+    the resonance) at the rate that suits the structure's damping. The damage is the sum of
+    |q_tip/unit|^exponent over the samples, with ``unit`` in m; it is 0 for an exponent of 0.
     """
     omega = scene.model.resonance_omega(resonance)
     percent = default_rate(scene.model, (resonance,))
@@ -99,8 +98,8 @@ def stationary_amplitude(model: ModalModel, omega: float, moves_base: bool = Fal
 
     It is the amplitude at the level's place under a unit of `drive_shape`.
 
-    One number at a time and without NumPy, whose calls would cost a reset more than its draws;
-    `impact_env.frequency` has the formula.
+    The formula is that of `impact_env.frequency`, for one frequency and without NumPy, whose calls
+    would take longer than the rest of a reset.
     """
     drive = drive_shape(model, moves_base)
     rows = zip(

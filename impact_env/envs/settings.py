@@ -54,7 +54,10 @@ SCENE_PARTS = (
 
 
 def check_word(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[str, Any]:
-    """Return a mapping as a dict if all its keys are among ``allowed``."""
+    """Return a mapping as a dict.
+
+    Raises ParameterError for a key that is not in ``allowed``.
+    """
     require(isinstance(value, Mapping), name, value, "a mapping of names to values")
     strange = sorted(set(value) - allowed)
     require(
@@ -67,7 +70,7 @@ def check_word(name: str, value: Mapping[str, Any], allowed: set[str]) -> dict[s
 
 
 def check_range(name: str, value: Any) -> Range:
-    """Return (low, high) for a finite number, or for a pair of them with low not above high."""
+    """Return a finite number as (number, number), or a pair (low, high) with low <= high."""
     if isinstance(value, Sequence | np.ndarray) and getattr(value, "ndim", 1) > 0:
         items = listed(name, value)
         require(len(items) == 2, name, value, "a number, or a pair (low, high)")
@@ -84,7 +87,10 @@ def _check_force(name: str, value: Any) -> float | Range:
 
 
 def check_pair(what: str) -> Check:
-    """Return the check of a pair (low, high) of numbers above 0, or of one number for both."""
+    """Return the check of a pair (low, high) of numbers above 0, or of one number for both.
+
+    ``what`` describes the allowed values in the error's message.
+    """
 
     def check(name: str, value: Any) -> Range:
         low, high = check_range(name, value)
@@ -95,7 +101,10 @@ def check_pair(what: str) -> Check:
 
 
 def make_method(name: str, steps_per_period: int | None) -> Method:
-    """Return an integration method by its name."""
+    """Return the integration method "exact", "moreau" or "runge-kutta".
+
+    ``steps_per_period`` is None for "exact". Raises ParameterError for another name.
+    """
     kind: Callable[..., Method] = METHODS[one_of("method", name, METHODS)]
     if steps_per_period is None:
         return kind()
@@ -122,7 +131,7 @@ def _scene(absorber: str, options: str, beam: str) -> tuple[Scene, Beam]:
 
 
 def as_json(name: str, value: Any) -> str:
-    """Return plain values as JSON text; the same text for the same values."""
+    """Return plain values as JSON text; equal values give equal text."""
     try:
         return json.dumps(value, sort_keys=True, default=_plain)
     except (TypeError, ValueError) as error:
@@ -386,7 +395,7 @@ class TaskSettings:
 
     @property
     def record(self) -> Samples | None:
-        """The disturbance beside the force, None without; the same object for the same values."""
+        """The load of ``load``, None without; the same object for the same values."""
         return (
             None
             if instance("load", self.load, Mapping | None) is None
@@ -395,7 +404,7 @@ class TaskSettings:
 
     @property
     def forces(self) -> Range:
-        """Smallest and largest force in N."""
+        """Smallest and largest amplitude of the force in N, or in m/s^2 where it moves the base."""
         return check_range("force", self.force)
 
     @property
@@ -415,9 +424,10 @@ class TaskSettings:
         return RigidWalls.gap if walls is None or walls.gap == 0 else walls.gap
 
     def describe(self) -> dict[str, Any]:
-        """Return the arguments as plain values.
+        """Return the arguments as plain values, by name.
 
-        ``threads`` is left out, as it changes no result, and so is a scene that was not given.
+        ``threads`` is left out, because it changes no result, and so are arguments of the scene
+        that have not been given.
         """
         values = {
             f.name: getattr(self, f.name)

@@ -32,13 +32,18 @@ Observation = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class TaskSpec:
-    """The definition of an environment's task.
+    """Definition of an environment's task.
 
-    ``task`` is called with one object of each of ``groups``, the dataclasses of its arguments, and
-    with the number of lanes.
-
-    ``defaults``: those that differ from the dataclasses'; ``actions`` makes the space of one lane's
-    actions.
+    Attributes
+    ----------
+    task : callable
+        Returns a `Task` of an object of each of ``groups``, and of the number of lanes.
+    groups : tuple of type
+        Dataclasses of the arguments.
+    defaults : mapping
+        Defaults of arguments that differ from those of the dataclasses.
+    actions : callable
+        Returns the action space of one lane.
     """
 
     task: Any  # a class of tasks
@@ -47,7 +52,7 @@ class TaskSpec:
     actions: Callable[[], spaces.Space[Any]]
 
     def make(self, lanes: int, arguments: Mapping[str, Any]) -> Task:
-        """Return the task with these keyword arguments; raises ParameterError for a bad one."""
+        """Return the task with these keyword arguments; raise ParameterError for a bad one."""
         left_out = (
             SCENE_PARTS if arguments.get("whole_scene") is not None else ()
         )  # what describes a scene does not apply beside a whole one
@@ -91,12 +96,12 @@ def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
 
 
 def costs_as_rewards(task: Task, resting: NDArray[np.bool_] | None) -> NDArray[np.float64]:
-    """Return minus the costs of the last interval (L, costs), 0 for lanes that rest."""
+    """Return minus the costs of the last interval (L, costs), 0 for ``resting`` lanes."""
     return np.where(False if resting is None else resting[:, None], 0.0, -task.costs)
 
 
 def one_number_space(numbers: int = 1) -> spaces.Box:
-    """Return the action space of a few numbers from -1 to 1."""
+    """Return the action space of ``numbers`` float32 numbers from -1 to 1."""
     return spaces.Box(-1.0, 1.0, (numbers,), np.float32)
 
 
@@ -158,10 +163,10 @@ def check_seed(seed: Any) -> int | None:
 
 
 def make_screen(env: Any, is_reset: bool, maker: str) -> Any:
-    """Return an environment's screen, which is made for its first picture.
+    """Return an environment's screen; it is created for the first image.
 
-    Without a render mode a warning is issued and the result is None. ``maker`` is the function of
-    gymnasium that takes a render mode.
+    Without a render mode a warning is issued and the result is None. ``maker`` is the name of
+    gymnasium's function in the warning.
     """
     if env.render_mode is None:
         gymnasium.logger.warn(
@@ -178,10 +183,7 @@ def make_screen(env: Any, is_reset: bool, maker: str) -> Any:
 
 
 def list_features(kind: TaskSpec) -> list[tuple[str, str]]:
-    """Return descriptions and units of a task's features.
-
-    They hold for the default values of the task's arguments.
-    """
+    """Return (description, unit) of each feature of a task, with default arguments."""
     values = {field.name: field.default for group in kind.groups for field in fields(group)}
     values |= kind.defaults
     from_middle = values.get("frequency_origin") == "middle"
@@ -201,7 +203,7 @@ def list_features(kind: TaskSpec) -> list[tuple[str, str]]:
 
 
 def add_tables(env: Any) -> None:
-    """Fill the tables into the docstring of an environment.
+    """Insert the tables into the docstring of an environment.
 
     "(features)" is replaced by a table, "(arguments)" by a list.
     """
@@ -220,7 +222,7 @@ def add_tables(env: Any) -> None:
 
 
 class TaskEnv(gymnasium.Env[Observation, Any]):
-    """A single environment around a task of one lane, which ``kind`` makes of the ``arguments``."""
+    """Single environment of a task, which ``kind`` creates with one lane from the ``arguments``."""
 
     metadata: dict[str, Any] = METADATA
     kind: TaskSpec
@@ -240,7 +242,7 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Start an episode at rest.
+        """Start an episode at rest and return its first observation and info.
 
         ``options`` may set quantities that would be drawn, by the names in the task's ``options``.
         """
@@ -253,7 +255,10 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
         return observation, self._info()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
-        """Advance by one control interval."""
+        """Advance by one control interval.
+
+        Returns observation, reward, terminated, truncated and info, as in gymnasium.
+        """
         if self._over is not False:
             raise ResetNeeded(
                 "the episode is over: call reset() before step()"

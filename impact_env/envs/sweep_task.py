@@ -41,10 +41,10 @@ PER_PERIOD = 1e-4  # a rate of 1 % in 100 pseudo periods, as change of the frequ
 
 
 def speeds(name: str, value: Any, limits: Range) -> Range:
-    """Return (slowest, fastest) of the rates.
+    """Return (slowest, fastest) of the rates in % per 100 pseudo periods.
 
-    At the fastest allowed rate the whole range of frequencies takes one pseudo period. Faster rates
-    would leave no response.
+    ``limits`` are the frequency ratios of the passage. Rates are refused that would cross them in
+    less than one pseudo period, which would leave no response.
     """
     slow, fast = check_range(name, value)
     most = (limits[1] - limits[0]) / PER_PERIOD

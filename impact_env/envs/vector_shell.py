@@ -39,7 +39,7 @@ with optional():
 def read_autoreset_mode(mode: Any) -> AutoresetMode:
     """Return gymnasium's autoreset mode.
 
-    ``mode`` is the mode itself, its name ("SAME_STEP") or its value ("SameStep").
+    ``mode`` is a mode, its name ("SAME_STEP") or its value ("SameStep").
     """
     for known in AutoresetMode:
         if mode in (known, known.name, known.value):
@@ -54,12 +54,25 @@ def read_autoreset_mode(mode: Any) -> AutoresetMode:
 class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     """All lanes of a task in one call.
 
-    ``kind`` makes the task from the ``arguments``. Lane i is the single environment with seed + i.
+    Lane i behaves as the single environment with seed + i.
 
-    ``autoreset_mode`` (gymnasium's enum, or its name or value as text) says when a lane that is
-    over starts again: in the same step, in the next one, whose action it ignores, or only by
-    `reset` with a ``reset_mask``. ``max_episode_steps`` cuts episodes off as gymnasium's TimeLimit
-    does around a single environment; None or -1: the task's own budget alone.
+    Parameters
+    ----------
+    num_envs : int
+        Number of lanes.
+    render_mode : str or None
+        As in the single environment.
+    autoreset_mode : AutoresetMode or str
+        When a lane whose episode has ended starts again: in the same step; in the next step, whose
+        action it ignores; or only by `reset` with a ``reset_mask``. As gymnasium's enum, or as its
+        name or value.
+    max_episode_steps : int or None
+        Number of steps after which episodes are truncated, as by gymnasium's TimeLimit around a
+        single environment. None or -1: only the task's own budget.
+    vector_reward : bool
+        Whether rewards are minus the vector of costs.
+    **arguments
+        Arguments of the task, from which ``kind`` creates it.
     """
 
     metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 - as gymnasium declares it
@@ -117,7 +130,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         return tuple(self._seeds)
 
     def _seed(self, seeds: Sequence[int | None], which: NDArray[np.bool_]) -> None:
-        """Set new generators for the lanes of a mask for which a seed is given.
+        """Create new generators for the lanes of a mask for which a seed is given.
 
         If no lane has a generator yet, all lanes get one.
         """
@@ -139,14 +152,12 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, Info]:
-        """Start episodes at rest in all lanes or in those of a mask.
+        """Start episodes at rest in all lanes, or in those of a mask.
 
-        The mask is ``options["reset_mask"]`` (num_envs,), bool.
-
-        Other ``options`` choose what would be drawn, by the names in the task's ``options``: a
-        number for all lanes, or one for each.
-
-        ``seed``: a number from which lane i gets seed + i, or one seed (or None) for each lane.
+        ``seed`` is a number from which lane i gets seed + i, or a sequence of a seed or None for
+        each lane. ``options["reset_mask"]`` (num_envs,) is the mask, of bool. Other ``options`` set
+        quantities that would be drawn, by the names in the task's ``options``: one number for all
+        lanes, or an array of one for each lane. Returns observations (num_envs, features) and info.
         """
         chosen = check_options(options, ("reset_mask", *self.task.options))
         mask = chosen.pop("reset_mask", None)
@@ -192,12 +203,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         return np.asarray(mask)
 
     def rest(self, mask: NDArray[np.bool_]) -> None:
-        """Let the lanes of a mask rest until they are reset, and all others continue.
+        """Exclude the lanes of a mask (num_envs,) of bool until they are reset; include all others.
 
-        The mask has the shape (num_envs,) and is bool.
-
-        A lane that rests costs next to nothing, ignores its action, has a reward of 0, does not
-        end, and shows its last observation again.
+        An excluded lane takes almost no time: it ignores its action, has reward 0, does not end,
+        and repeats its last observation.
         """
         ok = (
             isinstance(mask, np.ndarray)
@@ -218,6 +227,9 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         ``_final_obs``, ``_final_info``. With autoreset in the next step, lanes that ended in the
         last one start again instead of acting, with reward 0. Without autoreset they must have been
         reset: raises ResetNeeded.
+
+        Returns observations (num_envs, features), rewards, terminated and truncated (num_envs,),
+        and info, as in gymnasium.
         """
         if self._observations is None:
             raise ResetNeeded("call reset() before step()")
@@ -268,10 +280,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         return observations.copy(), rewards, terminated, truncated, {**final, **self._masked(info)}
 
     def _masked(self, info: Info, which: NDArray[np.bool_] | None = None) -> Info:
-        """Return info with a mask for each entry, in the form of gymnasium's own vectors.
+        """Return info with a mask for each entry, in the form of gymnasium's vector environments.
 
-        Entries are zero in lanes to which they do not apply. Without ``which``, info applies to all
-        lanes.
+        ``which`` (num_envs,) are the lanes to which info applies, None for all; entries of the
+        others are zero.
         """
         masked = Info()
         mask = self._all.copy() if which is None else which.copy()
@@ -339,10 +351,10 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
 
 def environment(single: type[TaskEnv]) -> type[TaskEnv]:
-    """Complete an environment's class.
+    """Complete an environment's class: class decorator.
 
-    Its features and arguments are written into its docstring, and its native vector environment,
-    named after it, is added to its module.
+    It writes features and arguments into the class's docstring, and adds the native vector
+    environment, with the corresponding name, to the class's module.
     """
     add_tables(single)
     name = single.__name__.replace("Env", "VectorEnv")

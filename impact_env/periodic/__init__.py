@@ -2,7 +2,7 @@
 
 Examples are in docs/periodic_python.md.
 
-The names below are the public interface; a module is imported when one of its names is asked for.
+The names below are the public interface; a module is imported at the first use of one of its names.
 """
 
 from __future__ import annotations

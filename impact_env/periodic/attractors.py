@@ -2,8 +2,8 @@
 
 The module also computes the features by which attractors are compared.
 
-Runs are those of the exact method. They begin at any phase of the force and are compared at phase
-0, once in each period of the force: the stroboscopic section.
+Runs use the exact method. They begin at any phase of the force, and their states are compared once
+in each period of the force, at phase 0: the stroboscopic section.
 """
 
 from __future__ import annotations
@@ -80,12 +80,21 @@ class MotionKind(StrEnum):
 
 @dataclass(frozen=True)
 class SettleOptions:
-    """Lengths of runs.
+    """Lengths of the runs that find attractors.
 
-    A run lasts at most ``periods`` of the force before the ``window`` of a motion that is not
-    periodic. ``most_multiple`` is the longest period sought.
+    Attributes
+    ----------
+    periods : int
+        Periods of the force after which a run is judged at the latest.
+    window : int
+        Further periods from which a motion that is not periodic is judged.
+    most_multiple : int
+        Longest period that is sought, in periods of the force.
 
-    Raises ParameterError for numbers out of range.
+    Raises
+    ------
+    ParameterError
+        A number is out of range.
     """
 
     periods: int = 1000
@@ -107,13 +116,18 @@ class SettleOptions:
 
 @dataclass(frozen=True, eq=False)
 class PoincareSection:
-    """Poincare sections of a motion.
+    """Stroboscopic section of a motion, and its impacts.
 
-    ``states`` (n, 2 N_m + 2) are those at phase 0 of the force, one for each period. The impacts
-    between them are (K,).
-
-    ``impact_phase`` in rad, ``impact_velocity``: relative velocity absorber - structure before an
-    impact in m/s, ``wall`` -1 or 1.
+    Attributes
+    ----------
+    states : array, (n, 2 N_m + 2)
+        States at phase 0 of the force, one for each period.
+    impact_phase : array, (K,)
+        Phase of the force at each impact between these states, in rad.
+    impact_velocity : array, (K,)
+        Relative velocity absorber - structure before each impact in m/s.
+    wall : array of int, (K,)
+        Wall of each impact, -1 or 1.
     """
 
     states: Array
@@ -124,7 +138,7 @@ class PoincareSection:
 
 @dataclass(frozen=True, eq=False)
 class SettledMotion:
-    """What a run ends on, from the last periods of the force.
+    """The motion on which a run ends, described by its last periods of the force.
 
     Attributes
     ----------
@@ -137,7 +151,7 @@ class SettledMotion:
     symmetric : bool
         Whether half of a periodic motion is the mirror image of the other half.
     level : float
-        Root mean square of the displacement where the response is read, in m.
+        Root mean square of the displacement at the place of the response level, in m.
     impacts_per_period : float
         Mean number of impacts in a period of the force.
     offset : float
@@ -146,9 +160,9 @@ class SettledMotion:
     state : (2 N_m + 2,) ndarray
         State at the end, at phase 0 of the force.
     section : PoincareSection
-        Sections over the periods that it was judged by.
+        Section over the periods from which the kind was determined.
     periods : int
-        Periods of the force that the run was observed for.
+        Length of the run in periods of the force.
     captured : int or None
         Periods from the start until the run stays close to the motion, None for a motion that is
         neither periodic nor without impacts.
@@ -196,7 +210,7 @@ class SettledMotion:
         return result if isinstance(result, Orbit) else None
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers and strings; keys with their units."""
+        """Return numbers and strings by name, with units in the names."""
         exponent = self.exponent
         rotation = self.rotation
         return {
@@ -227,7 +241,7 @@ def change_parameter(case: Case, name: str, value: float) -> Case:
 
 
 def parameter_of(case: Case, name: str) -> float:
-    """Return the value of one of `PARAMETERS`; a frequency is over the first resonance's."""
+    """Return the value of one of `PARAMETERS`; a frequency is relative to the first resonance."""
     return case.omega_ratio if name == FREQUENCY else float(getattr(case, PARAMETERS[name]))
 
 
@@ -235,7 +249,8 @@ def parameter_of(case: Case, name: str) -> float:
 class _Stretch:
     """Whole periods of a run from phase 0 on.
 
-    It contains states (n + 1, 2 N_m + 2) at phase 0, samples, and the impacts' times in s.
+    It has the states (n + 1, 2 N_m + 2) at phase 0, samples of displacements, and times (s),
+    velocities (m/s) and impulses (N s) of the impacts.
     """
 
     states: Array
@@ -309,22 +324,23 @@ def settle_motion(
     *,
     with_exponent: bool = True,
 ) -> SettledMotion:
-    """Return what a run ends on.
+    """Return the motion on which a run ends.
 
     Parameters
     ----------
-    case
+    case : Case
         Structure, absorber, force and frequency.
-    state
-        State (2 N_m + 2,) at the start: modal displacements, the absorber's displacement in m, and
-        their velocities. None: rest.
-    phase
+    state : array_like, (2 N_m + 2,), optional
+        State at the start: modal displacements, the absorber's displacement in m, and their
+        velocities. None: rest.
+    phase : float, optional
         Phase of the force at the start, in rad.
-    options
-        How long runs are.
-    with_exponent
-        False: what does not repeat is quasi-periodic if both halves of the window give the same
-        rotation number, and else chaotic; `judge_motion` decides it by the exponent later.
+    options : SettleOptions, optional
+        Lengths of the runs.
+    with_exponent : bool, optional
+        Compute the largest Lyapunov exponent of a motion that does not repeat. False: such a motion
+        is quasi-periodic if both halves of the window give the same rotation number, and else
+        chaotic; `judge_motion` can add the exponent later.
 
     Returns
     -------
@@ -334,13 +350,13 @@ def settle_motion(
         within 1e-3 at the end. Otherwise it is chaotic if the 95 % interval of its largest Lyapunov
         exponent lies above 0, and quasi-periodic if that interval contains 0, is at most 0.02 per
         period wide, both halves of the window give the same rotation number to within 1e-3, and the
-        section keeps its size to within 10 %. What is left undecided has a window of four times the
-        length.
+        section keeps its size to within 10 %. For a motion that remains undecided, a window of four
+        times the length is computed.
 
     Raises
     ------
     ParameterError
-        A state of another length, or numbers out of range.
+        The state has another length, or a number is out of range.
 
     Examples
     --------
@@ -429,11 +445,11 @@ def _find_rotation(
 def _judge_longer(
     case: Case, y: Array, done: int, options: SettleOptions, last_impact: float
 ) -> SettledMotion:
-    """Return the motion that does not repeat, from a state (2 N_m + 2,) on.
+    """Return the motion of a run from a state (2 N_m + 2,) ``y``, if it does not repeat.
 
-    If a window does not decide the kind of motion, a longer window is computed.
-
-    ``last_impact``: periods from the start to the last impact before that state.
+    ``done`` periods precede the state, and ``last_impact`` is the number of periods from the start
+    to the last impact before it. If a window does not decide the kind of motion, a longer window is
+    computed.
     """
     lead = TANGENT_LEAD
     unit = units_of(case)
@@ -465,7 +481,7 @@ def _settled_late(
 ) -> SettledMotion | None:
     """Return the motion on which a run of at least the window has settled.
 
-    It is periodic or without impacts. The result is None if the run has not settled.
+    The motion is periodic or without impacts. The result is None if the run has not settled.
     """
     points = stretch.states / units_of(case)
     last = last_impact
@@ -552,10 +568,11 @@ def _settled(
 
 
 def _find_multiple(states: Array, most: int, near: float) -> int:
-    """Return the least number of periods after which the last of states (n, d) repeat, 0 for none.
+    """Return the least number of periods after which the last states repeat, 0 if they do not.
 
-    It is not yet known where they nearly repeat after a part of these periods: a slow approach that
-    alternates looks like a doubled period.
+    ``states`` (n, d) repeat if their distance is below ``near``. The result is also 0 if they
+    almost repeat after a part of these periods, because a slow alternating approach looks like a
+    doubled period.
     """
     last = states[-COMPARED_PERIODS:]
     misses = [
@@ -579,9 +596,9 @@ def _is_symmetric(samples: Array, multiple: int, near: float) -> bool:
 
 
 def _capture_time(passed: Array, last: Array, multiple: int) -> int:
-    """Return the number of periods before a run stays close to its final periodic motion.
+    """Return the number of periods before a run stays within `CAPTURE_TOL` of its periodic motion.
 
-    It is close if it is within `CAPTURE_TOL` of this motion.
+    ``passed`` (n, d) are the states at phase 0, and ``last`` those of the motion's last periods.
     """
     final = last[-multiple - 1 : -1]  # phase k of the motion at period len(passed) - multiple + k
     places = (np.arange(len(passed)) - len(passed)) % multiple
@@ -590,12 +607,11 @@ def _capture_time(passed: Array, last: Array, multiple: int) -> int:
 
 
 def _twin_exponent(case: Case, states: Array) -> Exponent:
-    """Return the largest exponent per period, computed from neighbouring runs.
+    """Return the largest Lyapunov exponent per period, computed from neighbouring runs.
 
-    They begin close to the states (n, d) of a run at phase 0.
-
-    Each lasts a few periods, and the next one begins at the same small distance in the direction in
-    which the last one ended (Benettin et al., Meccanica 15, 1980).
+    The runs begin close to the states (n, d) of a run at phase 0. Each lasts a few periods, and the
+    next one begins at the same small distance in the direction in which the last one ended
+    (Benettin et al., Meccanica 15, 1980).
     """
     result = exponent_of(_twin_growth(case, states, STRETCH_LENGTH))
     if result.value < FAST_GROWTH:
@@ -604,7 +620,7 @@ def _twin_exponent(case: Case, states: Array) -> Exponent:
 
 
 def _twin_growth(case: Case, states: Array, periods: int) -> Array:
-    """Return the growth per period in neighbouring runs of some ``periods`` each."""
+    """Return the logarithmic growth per period in neighbouring runs of ``periods`` periods each."""
     unit = units_of(case)
     rng = np.random.default_rng(0)
     vector = rng.normal(size=len(unit))
@@ -644,8 +660,9 @@ def settle_runs(
 ) -> list[SettledMotion | None]:
     """Return the motions on which runs end, computed on several threads.
 
-    ``starts`` contains case, state (2 N_m + 2,) and phase (rad) of each run. The result is None for
-    runs that an interrupt prevented.
+    ``starts`` contains case, state (2 N_m + 2,) and phase (rad) of each run. The list has a motion
+    for each start, None for runs that an interrupt prevented. Other arguments are as in
+    `settle_motion` and `run_lanes`.
     """
     options = SettleOptions() if options is None else options
     lanes = [
@@ -668,11 +685,11 @@ CHAOTIC_TOL = 0.2  # of the others, whose means vary from window to window
 
 
 def feature_distance(one: SettledMotion, other: SettledMotion) -> float:
-    """Return the largest difference of two motions' features.
+    """Return the largest difference of two motions' features, a number without unit.
 
-    It is that of the levels over the larger one, of the impacts per period over the larger one or
-    1, and of the offsets' sizes over the gap. Mirror images have distance 0. Without impacts only
-    levels count.
+    The features are: levels, relative to the larger one; impacts per period, relative to the larger
+    one or 1; and absolute offsets (over the gap). Mirror images have distance 0. Without impacts
+    only levels count.
     """
     level = abs(one.level - other.level) / max(one.level, other.level, 1e-300)
     if one.kind is MotionKind.NO_IMPACTS and other.kind is MotionKind.NO_IMPACTS:
@@ -683,10 +700,10 @@ def feature_distance(one: SettledMotion, other: SettledMotion) -> float:
 
 
 def group_motions(motions: Sequence[SettledMotion]) -> Iterator[list[int]]:
-    """Yield the numbers of motions that are one attractor, with its mirror image.
+    """Yield lists of indices of the motions that belong to one attractor or its mirror image.
 
-    They have one kind and period, and features within 0.02 of those of the group's first motion
-    (0.2 for chaotic and undecided motions).
+    They have the same kind and period, and features within 0.02 of those of the group's first
+    motion (0.2 for chaotic and undecided motions).
     """
     groups: list[list[int]] = []
     for k, motion in enumerate(motions):

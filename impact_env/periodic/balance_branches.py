@@ -1,8 +1,6 @@
-"""Branches of harmonic balance over a range of frequencies.
+"""Branches of harmonic balance over a range of frequencies, and their errors.
 
-The module also compares the method with the exact orbit.
-
-The main branches are begun at the ends of the range, isolas at exact orbits.
+The main branches begin at the ends of the range, isolas at exact orbits.
 """
 
 import time
@@ -64,11 +62,10 @@ def frequency_problem(balance: Balance, low: float, high: float) -> Continuation
 
 
 def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
-    """Return the unknowns of an exact symmetric orbit.
+    """Return the unknowns of harmonic balance for an exact symmetric orbit.
 
     ``impulse`` (N s) acts on the absorber at the lower wall, at a ``phase`` of the force in rad.
-
-    Friction, if there is any, is taken as one-signed from impact to impact.
+    Friction is assumed to have one sign between two impacts.
     """
     limit = getattr(balance.law, "friction_limit", None) or 0.0
 
@@ -83,10 +80,10 @@ def start_of_orbit(balance: Balance, impulse: float, phase: float) -> Real:
 
 
 def _starts(balance: Balance, low: float, high: float, seeds: int) -> Iterator[tuple[float, Real]]:
-    """Yield frequency and unknowns of the starts of branches.
+    """Yield frequency (rad/s) and unknowns of starts of branches.
 
-    The first are those of the free absorber at both ends, then follow exact orbits of either branch
-    at frequencies in between.
+    The first starts are those of the free absorber at both ends of the range, then follow exact
+    orbits at ``seeds`` frequencies in between.
     """
     for omega in (low, high):
         yield omega, balance.at(OMEGA_PARAMETER, omega).free()
@@ -119,11 +116,10 @@ def balance_branches(
 ) -> tuple[Branch, ...]:
     """Return the branches between two frequencies in rad/s, those from the ends first.
 
-    After Ctrl-C the branches found so far are returned.
-
-    Isolas are reached where one of ``seeds`` frequencies has an exact symmetric orbit in closed
-    form from which the method converges; what lies on a known branch is not followed again. Raises
-    ParameterError for a bad range, NoConvergenceError if no start leads anywhere.
+    Isolas are found if harmonic balance converges from an exact symmetric orbit in closed form at
+    one of ``seeds`` frequencies; starts on a known branch are left out. After Ctrl-C the branches
+    found so far are returned. Raises ParameterError for a bad range, NoConvergenceError if no start
+    gives a branch.
     """
     require(
         0 < low < high,
@@ -158,7 +154,7 @@ def balance_branches(
 
 
 def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
-    """Return whether a solution at a frequency in rad/s is a point of a branch."""
+    """Return whether a solution ``z`` at a frequency in rad/s is a point of a branch."""
     p = branch.parameters
     size = float(np.linalg.norm(z))
     for k in np.flatnonzero((p[:-1] - omega) * (p[1:] - omega) <= 0):
@@ -177,14 +173,28 @@ def lies_on(balance: Balance, branch: Branch, z: Real, omega: float) -> bool:
 
 @dataclass(frozen=True)
 class BalanceRow:
-    """Errors of harmonic balance relative to the exact orbit.
+    """Errors of harmonic balance relative to the exact orbit, for one setting of the method.
 
-    They are those of the largest tip displacement at the given frequency, and of the peak of the
-    branch.
-
-    ``weight`` in m_a omega_1^2; folds over omega_1; time is that of the processor, so that other
-    work on the machine does not count; ``reason`` says why there is no solution, the other values
-    then are None.
+    Attributes
+    ----------
+    harmonics : int
+        Number of harmonics.
+    weight : float
+        Weight of the contact condition in m_a omega_1^2.
+    tip_max_error : float or None
+        Relative error of the largest tip displacement at the given frequency. None: no solution.
+    closed : bool or None
+        Whether the branch is closed.
+    first_fold_ratio, last_fold_ratio : float or None
+        Frequencies of its first and last fold over omega_1.
+    peak_error : float or None
+        Relative error of the branch's peak.
+    points : int or None
+        Number of points of the branch.
+    cpu_seconds_per_250_points : float or None
+        Processor time in s for 250 points, so that other processes do not count.
+    reason : str
+        Why there is no solution; the other values then are None.
     """
 
     harmonics: int
@@ -208,9 +218,10 @@ BALANCE_COLUMNS = tuple(field.name for field in fields(BalanceRow))
 
 @dataclass(frozen=True, eq=False)
 class ReferenceOrbit:
-    """The exact orbit with the larger impulse.
+    """The exact orbit with the larger impulse, to which harmonic balance is compared.
 
-    It contains the start for harmonic balance, the orbit's motion, and the curve of its branch.
+    ``impulse`` (N s) and ``phase`` (rad) start harmonic balance, ``motion`` is the orbit's motion,
+    and ``curve`` the curve of its branch.
     """
 
     case: Case
@@ -221,7 +232,7 @@ class ReferenceOrbit:
 
 
 def exact_orbit(case: Case, low: float, high: float) -> ReferenceOrbit:
-    """Return the orbit with the larger impulse and its branch between two frequency ratios.
+    """Return the exact orbit with the larger impulse and its branch between two frequency ratios.
 
     Raises ParameterError if no such orbit exists.
     """
@@ -255,9 +266,9 @@ def balance_rows(
     settings: Iterable[tuple[int, float]],
     traced: bool = True,
 ) -> Iterator[BalanceRow]:
-    """Yield a row for each pair of harmonics and weight.
+    """Yield the errors for each pair (harmonics, weight) of ``settings``.
 
-    ``traced`` says whether the branch is followed and timed as well.
+    ``traced``: whether the branch is followed and timed as well.
     """
     for harmonics, weight in settings:
         balance = harmonic_balance(

@@ -1,7 +1,6 @@
-"""Basins of attraction.
+"""Basins of attraction: the motions on which runs from random initial states end, and their shares.
 
-The module finds the motions on which runs from random initial states end, and their shares with
-intervals.
+Shares have 95 % intervals.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -54,10 +53,7 @@ BASIN_CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Share:
-    """The share of ``runs`` that ``ended`` on a motion.
-
-    It has a ``value``, and the limits ``low`` and ``high`` of Wilson's 95 % interval.
-    """
+    """The share of ``runs`` that ``ended`` on a motion, with Wilson's 95 % interval."""
 
     ended: int
     runs: int
@@ -94,9 +90,20 @@ class Basins:
 
     A run ends after ``periods`` of the force, or earlier at a stable orbit.
 
-    ``orbits`` with impacts, all of them stable, and ``ended`` (as many): the runs on each.
-    ``without_impacts``: runs whose impacts had come to an end. ``nothing_periodic``: all others,
-    which are chaotic, quasi-periodic, of a longer period, or still on their way.
+    Attributes
+    ----------
+    orbits : tuple of Orbit
+        Stable orbits with impacts on which runs ended.
+    ended : tuple of int
+        Number of runs that ended on each of these orbits.
+    without_impacts : int
+        Number of runs whose impacts had ceased.
+    nothing_periodic : int
+        Number of all other runs: chaotic, quasi-periodic, of a longer period, or not yet settled.
+    periods : int
+        Length of the runs in periods of the force.
+    seed : int
+        Seed of the initial states.
     """
 
     orbits: tuple[Orbit, ...]
@@ -127,7 +134,7 @@ class Basins:
 
     @property
     def share_of_nothing_periodic(self) -> Share:
-        """The share of the runs that ended on no periodic motion."""
+        """The share of the runs that ended neither on an orbit with impacts nor without impacts."""
         return Share(self.nothing_periodic, self.runs)
 
     def to_plain(self, orbit: Orbit) -> dict[str, Any]:
@@ -145,10 +152,10 @@ class Basins:
 def draw_start(case: Case, reach: float, rng: np.random.Generator) -> tuple[Array, float]:
     """Return a random state (2 N_m + 2,) and phase of the force in rad.
 
-    All are uniform: the phase over a turn, the relative displacement over the clearance, and
-    between both signs of these the relative velocity up to ``reach`` (m) times the force's
-    frequency, each mode's velocity at the tip up to ``reach`` times the first resonance, and its
-    displacement up to that over its own resonance.
+    All are uniform. The phase lies in one turn and the relative displacement within the clearance.
+    The relative velocity lies within +- ``reach`` (m) times the force's frequency. Each mode's
+    velocity at the tip lies within +- ``reach`` times the first resonance's frequency, and its
+    displacement within that limit over its own frequency.
     """
     model = case.model
     largest = float(np.max(np.abs(model.tip_shape))) or 1.0
@@ -186,7 +193,7 @@ def find_basins(
     starts
         Number of runs, each from a state of its own (see `draw_start`).
     periods
-        Periods of the force of each run; it ends before at a stable orbit.
+        Length of each run in periods of the force; a run ends earlier at a stable orbit.
     seed
         Of the random states.
     most_multiple
@@ -249,8 +256,8 @@ def _find_attractor(
 ) -> Orbit | bool:
     """Return the stable orbit with impacts on which a run ends.
 
-    If it is one of the known orbits, this object is returned. Without such an orbit the result says
-    whether the run ends without impacts.
+    If the orbit is one of ``stable``, the object from there is returned. If there is no such orbit,
+    the result is a bool: whether the run ends without impacts.
     """
     done = 0
     silent = False
@@ -280,9 +287,9 @@ def _find_attractor(
 
 
 def _find_orbit_near(case: Case, state: Array, phase: float, most_multiple: int) -> Orbit | None:
-    """Return the stable orbit with impacts next to a state that nearly repeats.
+    """Return the stable orbit with impacts next to a state that almost repeats.
 
-    It is the orbit with the smallest period. The result is None if no such orbit exists.
+    Of several orbits it is the one with the smallest period. None if there is none.
     """
     symmetric, multiple, _ = find_return(case, state, phase, most_multiple)
     if multiple == 0:
@@ -298,7 +305,7 @@ def _find_orbit_near(case: Case, state: Array, phase: float, most_multiple: int)
 def distance_to(orbit: Orbit, state: Array, phase: float) -> float:
     """Return the distance of a state (2 N_m + 2,) at a phase (rad) from an orbit.
 
-    Its units are the gap, and the gap times omega.
+    Displacements are over the gap, velocities over the gap times omega.
     """
     phases = phase + 2 * np.pi * np.arange(orbit.schedule.period_multiple)
     miss = np.abs(orbit.motion.states(phases) - state) / units_of(orbit.case)
@@ -312,20 +319,20 @@ FRACTION_STARTS = 50
 
 @dataclass(frozen=True)
 class Lifetimes:
-    """Lifetimes of a transient regime of impacts, in periods of the force, beyond a ``burn_in``.
+    """Lifetimes of a transient regime of impacts, in periods of the force, after a ``burn_in``.
 
     Attributes
     ----------
     ended : int
-        Runs that were captured by a periodic motion, or by one without impacts, after the burn-in.
+        Runs that ended on a periodic motion or on a motion without impacts, after the burn-in.
     censored : int
-        Runs that were captured by none: they lasted at least as long as they were observed.
+        Runs that did not: their lifetimes are at least as long as their observation.
     rate : ExitRate
-        Maximum-likelihood rate of leaving per period with its 95 % interval.
+        Maximum-likelihood exit rate per period with its 95 % interval.
     constant : float
-        Probability of as uneven a split of the exits between the first and the second half of the
-        time at risk if the rate is constant; NaN without exits. A small value says that lifetimes
-        are not exponential.
+        p-value of a constant rate: probability of a split of the exits between the first and the
+        second half of the time at risk that is at least as uneven; NaN without exits. A small value
+        means that lifetimes are not exponential.
     burn_in : float
         Periods left out at the start of each run.
     """
@@ -348,7 +355,7 @@ class Lifetimes:
         return low, 1 / self.rate.low if self.rate.low > 0 else float("inf")
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers, None for infinite ones."""
+        """Return numbers by name; None stands for infinite ones."""
         values = {
             "rate_per_period": self.rate.rate,
             "rate_low": self.rate.low,
@@ -374,11 +381,11 @@ def fit_lifetimes(
     Parameters
     ----------
     durations
-        Periods (n,) that runs lasted, or that they were observed for.
+        Periods (n,) until each run ended or its observation stopped.
     ended
-        Whether (n,) they ended then; others are censored.
+        Whether (n,) each run ended; the others are censored.
     burn_in
-        Periods at the start that are left out, with the runs that ended in them.
+        Periods at the start of each run that are left out. Runs that ended earlier do not count.
 
     Returns
     -------
@@ -430,13 +437,18 @@ def _constancy(rest: Stays) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Attractor:
-    """An attractor at one point of the parameters.
+    """An attractor at one point of the parameters; a mirror image counts as the same attractor.
 
-    It has a ``label``, which is the same along a parameter, a ``motion`` on it, and its ``share``
-    of the runs.
-
-    A mirror image counts as the same attractor. ``orbit``: the periodic orbit, None for other kinds
-    and where Newton's method finds none.
+    Attributes
+    ----------
+    label : int
+        Number of the attractor, the same along a parameter.
+    motion : SettledMotion
+        A motion on it.
+    share : Share
+        Share of the runs that end on it.
+    orbit : Orbit or None
+        The periodic orbit, None for other kinds and if Newton's method does not converge.
     """
 
     label: int
@@ -445,7 +457,7 @@ class Attractor:
     orbit: Orbit | None = None
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers and strings; keys with their units."""
+        """Return numbers and strings by name, with units in the names."""
         stable = None if self.orbit is None else self.orbit.stability.stable
         return (
             {"attractor": self.label}
@@ -457,11 +469,22 @@ class Attractor:
 
 @dataclass(frozen=True, eq=False)
 class BasinPoint:
-    """Basin fractions at one ``value`` of a ``parameter`` (None: of the case as it is).
+    """Basin fractions at one value of a parameter.
 
-    ``attractors`` by falling share; those with share 0 were reached only from the attractors of the
-    point before. ``lifetimes``: of runs that end on periodic motions or without impacts, with
-    chaotic and undecided runs as censored.
+    Attributes
+    ----------
+    case : Case
+        Structure, absorber, force and frequency.
+    parameter, value : str and float, or None
+        The parameter and its value; None without parameter.
+    attractors : tuple of Attractor
+        Attractors by falling share. Those with share 0 were reached only from attractors at the
+        previous value.
+    lifetimes : Lifetimes
+        Lifetimes of runs that end on periodic motions or without impacts; chaotic and undecided
+        runs are censored.
+    runs : int
+        Number of runs from random initial states.
     """
 
     case: Case
@@ -472,7 +495,7 @@ class BasinPoint:
     runs: int
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers and strings; keys with their units."""
+        """Return numbers and strings by name, with units in the names."""
         return {
             "parameter": self.parameter,
             "value": self.value,
@@ -500,10 +523,11 @@ def basin_fractions(
 
     The shares are computed at one point or along a parameter.
 
-    At each value after the first, further runs begin on the attractors of the value before and say
-    which attractor continues which; they do not count for shares. An attractor has the label of the
-    one that leads to it, or else of the nearest earlier one, if the features of both differ by
-    ``match_tolerance`` at most (see `attractors.feature_distance`).
+    At each value after the first, further runs begin on the attractors of the previous value. They
+    decide which attractor continues which, and do not count for shares. An attractor has the label
+    of the earlier attractor from which a run reaches it. Without such a run it has the label of the
+    nearest earlier attractor, if the features of both differ by ``match_tolerance`` at most (see
+    `attractors.feature_distance`).
 
     Parameters
     ----------
@@ -604,11 +628,10 @@ def basin_fractions(
 
 
 def _judged_groups(motions: list[SettledMotion], options: SettleOptions) -> list[list[int]]:
-    """Return the groups of motions.
+    """Return the groups of motions, as lists of indices.
 
-    The first motion of each group is replaced by the motion for which its exponent was computed.
-
-    Groups whose first motions turn out to be of one kind are one.
+    The first motion of each group is replaced in ``motions`` by the same motion with its exponent.
+    Groups whose first motions then have the same kind are merged.
     """
     groups = list(group_motions(motions))
     for group in groups:
@@ -624,10 +647,11 @@ def _match_groups(
     leads: dict[int, int],
     tolerance: float,
 ) -> list[int]:
-    """Return a label for each group.
+    """Return a label for each group of motions; each label is used once.
 
-    It is that of the earlier attractor whose run ended in the group, or else of the nearest earlier
-    attractor, or else a new one. Each label is used once.
+    ``latest`` has the motion of each known label, and ``leads`` the label from which run k started,
+    by k. A group has the label of the earlier attractor whose run ended in the group, or else of
+    the nearest earlier attractor within ``tolerance``, or else a new label.
     """
     pairs = []
     for number, group in enumerate(groups):
@@ -670,10 +694,16 @@ def _lifetimes_of(motions: Sequence[SettledMotion], burn_in: float) -> Lifetimes
 
 @dataclass(frozen=True, eq=False)
 class AttractorMap:
-    """What one run ends on at each point of two parameters.
+    """The motion on which one run ends at each point of two parameters.
 
-    ``names``: the parameters. ``first`` (n,), ``second`` (m,): their values. ``motions``: n rows of
-    m motions, None where an interrupt came first.
+    Attributes
+    ----------
+    names : (str, str)
+        The parameters.
+    first, second : array, (n,) and (m,)
+        Their values.
+    motions : tuple of tuple of SettledMotion or None
+        n rows of m motions, None for runs that an interrupt prevented.
     """
 
     names: tuple[str, str]
@@ -694,7 +724,7 @@ class AttractorMap:
                     yield float(value), float(other), motion
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers and strings; keys with their units."""
+        """Return numbers and strings by name, with units in the names."""
         names = [name.replace("-", "_") for name in self.names]
         return {
             "parameters": list(self.names),
@@ -717,35 +747,35 @@ def attractor_map(
     threads: int | None = None,
     progress: RunProgress | None = None,
 ) -> AttractorMap:
-    """Return what a run ends on at each point of two parameters.
+    """Return the motion on which a run ends at each point of two parameters.
 
     Parameters
     ----------
-    case
+    case : Case
         Structure, absorber, force and frequency.
-    names
+    names : (str, str)
         Two of the parameters of `basin_fractions`.
-    first, second
-        Their values (n,) and (m,), in SI units.
-    random_start
+    first, second : array_like, (n,) and (m,)
+        Values of both parameters, in SI units.
+    random_start : int, optional
         Seed of the random initial state, the same at all points (see `draw_start`). None: runs
         start from rest.
-    options
-        How long runs are.
-    threads
+    options : SettleOptions, optional
+        Lengths of the runs.
+    threads : int, optional
         Number of threads; the result does not depend on it. None: all cores.
-    progress
-        Called with the number of finished runs and of all runs.
+    progress : callable, optional
+        ``progress(done, total)`` is called with the number of finished runs and of all runs.
 
     Returns
     -------
     AttractorMap
-        A motion for each point; None where Ctrl-C came first.
+        A motion for each point; None for runs that Ctrl-C prevented.
 
     Raises
     ------
     ParameterError
-        For numbers out of range, or a parameter that is named twice.
+        A number is out of range, or both parameters are the same.
     """
     require(names[0] != names[1], "names", names, "two different parameters")
     options = SettleOptions() if options is None else options

@@ -122,7 +122,13 @@ DOUBLE_MULTIPLIER_TOL = (
 
 @dataclass(eq=False)
 class CurveContinuation(OrbitContinuation):
-    """What the continuation of a bifurcation needs to know on its way."""
+    """State of the continuation of a bifurcation curve.
+
+    ``kind`` is the kind of the bifurcation, ``size`` the unit of the parameter, ``limits`` its
+    range and ``frequencies`` the range of the frequency in rad/s, ``start`` the solution at which
+    the curve begins, ``touch`` the place of the touched wall in rad after the first event, ``lost``
+    the number of the vanishing impact.
+    """
 
     kind: str = FOLD
     size: float = 1.0  # of the parameter
@@ -136,7 +142,7 @@ class CurveContinuation(OrbitContinuation):
 
     @property
     def scale(self) -> Array:
-        """Of the unknowns (m + 1,) with the schedule in use."""
+        """Units of the unknowns (m + 1,) with the schedule in use."""
         return np.append(np.ones(self.schedule.unknowns), PARAMETER_SHARE * self.case.omega)
 
     def solution(self, z: Array, value: float) -> Solution:
@@ -213,7 +219,7 @@ class CurveContinuation(OrbitContinuation):
         return self.weakest(z[:-1], value)
 
     def _weakest_other(self, z: Array, _value: float) -> float:
-        """Return the least of the impulses but that which vanishes; 1 where there is no other."""
+        """Return the smallest impulse without the vanishing one; 1 if there is no other."""
         n = len(self.schedule.events)
         wall = self.schedule.order.wall
         impulses = -wall[wall != 0] * z[n : n + self.schedule.impacts]
@@ -274,7 +280,7 @@ class CurveContinuation(OrbitContinuation):
     def _follow_touch(self, motion: Motion) -> bool:
         """Move the place of the wall's contact to its place in a motion.
 
-        Returns whether it has moved so far that a new residual is needed.
+        Returns whether the displacement is so large that a new residual is needed.
         """
         solution = motion.solution
         phases, _ = turns_after_first(solution)
@@ -287,7 +293,7 @@ class CurveContinuation(OrbitContinuation):
         return True
 
     def _same_chart(self, z: Array, along: Array) -> ContinuationChart:
-        """Return the unknowns in use, with a residual that has the new place of touching."""
+        """Return the unknowns in use, with a residual for the new place of the wall's contact."""
         return ContinuationChart(self.residual(), z, along, self.scale, self.monitors())
 
 
@@ -295,9 +301,8 @@ class CurveContinuation(OrbitContinuation):
 class BifurcationCurve(Scheduled):
     """A curve of bifurcations of a ``kind`` over the frequency and another parameter.
 
-    The other parameter is ``branch.parameter``, and its values are ``branch.parameters``.
-
-    A `FOLD` located on it is where the curve turns in the other parameter.
+    The other parameter is ``branch.parameter``, and its values are ``branch.parameters``. A `FOLD`
+    located on the curve is an extremum of the other parameter.
     """
 
     kind: str
@@ -315,7 +320,7 @@ class BifurcationCurve(Scheduled):
 
     @cached_property
     def orbits(self) -> tuple[Orbit | NoOrbit, ...]:
-        """Each point's orbit, or why it is none.
+        """Each point's orbit, or the reason why there is no orbit.
 
         An orbit is confirmed by the exact method and has a multiplier on the unit circle.
         """
@@ -325,9 +330,9 @@ class BifurcationCurve(Scheduled):
 
     @cached_property
     def located(self) -> tuple[tuple[str, Orbit | NoOrbit], ...]:
-        """Kind and orbit, or why it is none, of each place located on the curve.
+        """Kind and orbit, or the reason why there is no orbit, of each special point on the curve.
 
-        Where a wall is touched that is the orbit next to it, clear of the wall.
+        At a point where a wall is touched it is a neighbouring orbit that does not touch the wall.
         """
         orbits = []
         for event, (kind, solution) in zip(self.branch.located, self.places(), strict=True):
@@ -426,7 +431,7 @@ class BifurcationCurve(Scheduled):
 
 
 def _describe_orbit(orbit: Orbit | NoOrbit) -> str:
-    """Return "yes" for an orbit, and why it is none otherwise."""
+    """Return "yes" for an orbit, and otherwise the reason why there is no orbit."""
     return "yes" if isinstance(orbit, Orbit) else orbit.reason
 
 
@@ -443,14 +448,14 @@ def bifurcation_curve(
     steps: Steps = CURVE_STEPS,
     progress: PointProgress | None = None,
 ) -> BifurcationCurve:
-    """Return the curve of bifurcations through one of ``kind`` next to a solution.
+    """Return the curve of bifurcations of one ``kind`` that starts next to a solution.
 
-    The curve extends over the frequency (limits in rad/s) and ``parameter``.
-
-    It is followed to both sides, and ends at its limits, where a wall would have to pull, where a
-    torus's multipliers meet at 1 or -1 (R1, R2), on the curve of broken symmetry or doubled periods
-    that it begins on, or where it is back at its start; Ctrl-C ends it with what is known so far.
-    Raises NoConvergenceError if there is no such bifurcation here, ParameterError for bad input.
+    The curve is followed in both directions over the frequency (``frequencies`` in rad/s) and
+    ``parameter`` (``limits`` in SI units). It ends at these limits; where a wall would have to
+    pull; where a torus's multipliers meet at 1 or -1 (R1, R2); on the curve of broken symmetry or
+    doubled periods on which it begins; or where it returns to its start. Ctrl-C ends it, and the
+    part that is known is returned. Raises NoConvergenceError if there is no such bifurcation near
+    the solution, ParameterError for bad input.
     """
     require(kind in CURVE_KINDS, "kind", kind, f"one of {', '.join(CURVE_KINDS)}")
     require(
@@ -499,9 +504,9 @@ def bifurcation_curve(
 
 
 def _contact_of(solution: Solution, kind: str) -> tuple[float, int]:
-    """Return the place of a solution's closest approach to a wall, and its weakest impact.
+    """Return the place of a solution's closest approach to a wall, and the weakest impact's number.
 
-    The place is given in rad after the first event, the impact by its number.
+    The place is in rad after the first event.
     """
     touch = 0.0
     if kind == GRAZING:
@@ -535,10 +540,9 @@ def _without_false_labels(curve: BifurcationCurve) -> BifurcationCurve:
 def _explain_end(way: Branch, case: Case, schedules: Sequence[EventSchedule]) -> Branch:
     """Return a branch with its end at a bifurcation at which both halves of its orbits agree.
 
-    If the branch ends at such a bifurcation, it is cut there and the reason for its end is the kind
-    of the bifurcation. Otherwise it is unchanged.
-
-    It breaks down there, or passes over to the orbits' mirror images.
+    There the curve either breaks down or passes over to the orbits' mirror images. A branch that
+    reaches such a bifurcation is cut there, and the reason for its end is the bifurcation's kind.
+    Any other branch is unchanged.
     """
     for side, kind in kinds_of_birth(schedules[0]):
         at = {"omega": float(way.points[-1][-1]), way.parameter: float(way.parameters[-1])}
@@ -593,10 +597,9 @@ def bifurcation_curves(
 ) -> Iterator[BifurcationCurve]:
     """Yield the curves of ``kinds`` through bifurcations located on branches in frequency.
 
-    Each curve is yielded once, see `bifurcation_curve`.
-
-    The last one has ended as `INTERRUPTED` after Ctrl-C. A place from which Newton's method does
-    not come to a curve is left out, and so is a curve on which no point is an orbit.
+    Each curve is yielded once; arguments are as in `bifurcation_curve`. Places from which Newton's
+    method does not converge to a curve are left out, and so are curves without any orbit. After
+    Ctrl-C the last curve has ended as `INTERRUPTED`.
     """
     known: list[tuple[BifurcationCurve, Array]] = []
     for branch in branches:

@@ -45,12 +45,10 @@ BIRTH_TOL = 1e-14
 
 
 def critical_multipliers(kind: str, multipliers: Complex, tolerance: float = ON_CIRCLE) -> Complex:
-    """Return the multipliers over the schedule's span that make a bifurcation of a ``kind``.
+    """Return the multipliers over the schedule's span that cause a bifurcation of a ``kind``.
 
-    The result is empty without such a multiplier.
-
-    That is one next to 1 or -1, or for a torus the upper one of a complex pair with a modulus next
-    to 1.
+    These are multipliers next to 1 or -1; for a torus the upper one of a complex pair with a
+    modulus next to 1. The result is empty without such a multiplier.
     """
     values = np.asarray(multipliers, dtype=complex)
     if kind == TORUS:
@@ -69,9 +67,9 @@ def compute_multipliers(motion: AnyMotion) -> Complex | None:
 
 
 def find_objection(kind: str, motion: AnyMotion) -> str | None:
-    """Return why a motion has no bifurcation of a ``kind``.
+    """Return the reason why a motion has no bifurcation of a ``kind``.
 
-    The result is None if it has a multiplier of this bifurcation.
+    The result is None if the motion has a multiplier of this bifurcation.
     """
     multipliers = compute_multipliers(motion)
     if multipliers is None:
@@ -84,7 +82,7 @@ def find_objection(kind: str, motion: AnyMotion) -> str | None:
 
 
 def confirmed_bifurcation(kind: str, motion: AnyMotion) -> Orbit | NoOrbit:
-    """Return the orbit at a bifurcation of a ``kind``, or why none exists.
+    """Return the orbit at a bifurcation of a ``kind``, or the reason why there is none.
 
     The exact method must confirm the orbit, and a multiplier must have the value that the
     bifurcation requires.
@@ -146,9 +144,9 @@ def torus_test(motion: Motion) -> float:
 
     It has no pole. The result is NaN if an impact has zero velocity.
 
-    A slow impact leaves the determinant of M as it is: with one multiplier that grows without
-    bounds another vanishes, their product stays, and an even number of products change their sign.
-    At a reversal the determinant grows too, and an odd number does.
+    At a slow impact the determinant of M stays finite: one multiplier grows without bounds, another
+    vanishes and their product stays, so an even number of products changes its sign. At a reversal
+    the determinant grows too, and an odd number of products changes its sign.
     """
     values = compute_multipliers(motion)
     if values is None:
@@ -182,9 +180,10 @@ def largest_half_difference(solution: Solution, side: float) -> float:
 
 
 def kinds_of_birth(schedule: EventSchedule) -> tuple[tuple[float, str], ...]:
-    """Return the bifurcations from which one of these orbits may emerge.
+    """Return the bifurcations from which orbits with a schedule may emerge.
 
-    Each has the sign that relates the two halves of the orbit, which are equal at the bifurcation.
+    Each is a pair (sign, kind): the second half of the orbit is ``sign`` times the first at the
+    bifurcation.
     """
     if schedule.symmetric:
         return ()
@@ -198,12 +197,10 @@ def find_parent_at_birth(
 ) -> tuple[str, Solution] | None:
     """Return the bifurcation from which the orbits next to a solution emerge.
 
-    The result is the kind of bifurcation and the orbit at it. The orbits have no symmetry or a
-    doubled period.
-
-    The orbit is the one that is left, over half of the span, where its multiplier is -1 in the
-    ``parameter``. None where both halves differ by more than ``apart`` (rad and shares of the
-    largest impulse), or no such orbit is found.
+    It is a bifurcation in ``parameter``, returned as its kind and the orbit at it, whose span is
+    half of the solution's and whose multiplier is -1. The solution has no symmetry or a doubled
+    period. The result is None if both halves of the solution differ by more than ``apart`` (rad and
+    shares of the largest impulse), or if no such orbit is found.
     """
     for side, kind in kinds_of_birth(solution.schedule):
         if not largest_half_difference(solution, side) < apart:

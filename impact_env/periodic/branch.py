@@ -1,12 +1,9 @@
-"""A branch of solutions as data.
+"""A branch of solutions, Newton's method for its points, and special points between two points.
 
-The module contains Newton's method that finds its points, and the location of special points
-between two of them.
-
-X = (z/scale, parameter/parameter scale) has n + 1 entries; arclength is measured in it. Points lie
-in a plane across the branch; folds, branch points and zeros of monitors are found by a root search
-on the branch itself. See Allgower and Georg, Numerical Continuation Methods (1990), chapters 2 and
-6.
+X = (z/scale, parameter/parameter scale) has n + 1 entries; arclength is measured in X. Points are
+computed in planes across the branch; folds, branch points and zeros of monitors are found by a root
+search on the branch itself. See Allgower and Georg, Numerical Continuation Methods (1990), chapters
+2 and 6.
 """
 
 from __future__ import annotations
@@ -38,12 +35,21 @@ KINK = "kink"
 
 @dataclass(frozen=True, eq=False)
 class SpecialPoint:
-    """A special point of the branch.
+    """A special point of a branch.
 
-    ``kind`` is "fold", "branch point", "kink", or that of a monitor.
-
-    It lies behind point number ``after``, or is that point where the root search broke down;
-    ``tangent`` (n + 1,) is in the units of the branch's scaled arclength.
+    Attributes
+    ----------
+    kind : str
+        "fold", "branch point", "kink", or the kind of a monitor.
+    after : int
+        Index of the branch's point before it. If the root search failed, the special point is this
+        point.
+    point : array, (n,)
+        Unknowns z.
+    parameter : float
+        Value of the parameter.
+    tangent : array, (n + 1,)
+        Unit tangent of the branch in scaled unknowns X.
     """
 
     kind: str
@@ -55,11 +61,22 @@ class SpecialPoint:
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """Solutions z of residual(z, parameter) = 0 in the order of arclength, m of them.
+    """Solutions z of residual(z, parameter) = 0, m points in the order of arclength.
 
-    ``points`` m rows (n,), whose length changes where the caller changes its unknowns;
-    ``parameters`` (m,); ``ended`` one of the reasons above or the kind of a monitor, and
-    ``message`` the same in words.
+    Attributes
+    ----------
+    parameter : str
+        Name of the parameter.
+    points : tuple of array, m rows (n,)
+        Unknowns. Their number n changes with the event order, for example.
+    parameters : array, (m,)
+        Values of the parameter.
+    located : tuple of SpecialPoint
+        Special points on the branch.
+    ended : str
+        Reason for the end: a constant of this module, or the kind of a monitor.
+    message : str
+        Reason for the end as text.
     """
 
     parameter: str
@@ -85,7 +102,7 @@ class Branch:
         return tuple(event for event in self.located if event.kind == kind)
 
     def joined(self, backward: Branch) -> Branch:
-        """Return one branch made of this one and one in the other direction.
+        """Return one branch of this branch and one in the other direction.
 
         ``backward`` starts at the same point. It is reversed and put before this branch.
         """
@@ -109,15 +126,15 @@ class Branch:
 
 
 class NoConvergenceError(RuntimeError):
-    """Newton's method found no point, or one elsewhere; the message says which."""
+    """Newton's method found no point, or a point elsewhere; the message says which."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScaledSystem:
-    """A residual in scaled unknowns.
+    """A residual in scaled unknowns X.
 
-    ``scale`` (n + 1,) ends with that of the parameter. Points are found to ``tolerance`` times 1 +
-    |X|.
+    ``scale`` (n + 1,) has the units of z and of the parameter. Newton's method stops at steps of
+    ``tolerance`` times 1 + |X|, and fails after ``iterations`` steps.
     """
 
     residual: Residual
@@ -126,16 +143,16 @@ class ScaledSystem:
     iterations: int
 
     def scaled(self, z: Real, parameter: float) -> Real:
-        """Return X."""
+        """Return the scaled unknowns X (n + 1,) of z (n,) and a parameter."""
         return np.append(z, parameter) / self.scale
 
     def plain(self, x: Real) -> tuple[Real, float]:
-        """Return z and the parameter."""
+        """Return z (n,) and the parameter of scaled unknowns X (n + 1,)."""
         values = x * self.scale
         return values[:-1], float(values[-1])
 
     def __call__(self, x: Real) -> tuple[Real, Real]:
-        """Return the residual (n,) and its Jacobian (n, n + 1) by X.
+        """Return the residual (n,) and its Jacobian (n, n + 1) with respect to X.
 
         Raises NoConvergenceError if they are not finite.
         """
@@ -164,12 +181,11 @@ def _solve_bordered(matrix: Real, right: Real) -> Real:
 def correct_point(
     system: ScaledSystem, guess: Real, normal: Real, offset: float | None = None
 ) -> tuple[Real, Real, int]:
-    """Return the branch's point X in a plane, its Jacobian by X, and the number of steps.
+    """Return the branch's point X in a plane, its Jacobian, and the number of Newton steps.
 
-    The plane is normal . X = ``offset`` (None: the plane through the guess).
-
-    The step's size decides, and the residual need not have a scale: once a step is below the root
-    of the tolerance the next one, quadratically smaller, is the last. Raises NoConvergenceError.
+    The plane is normal . X = ``offset`` (None: the plane through ``guess``). Convergence is judged
+    by the size of the steps, so the residual needs no scale: after a step below the root of the
+    tolerance, the next step, quadratically smaller, is the last. Raises NoConvergenceError.
     """
     x = guess.copy()
     offset = float(normal @ guess) if offset is None else offset
@@ -212,10 +228,9 @@ def compute_tangent(jacobian: Real, along: Real) -> Real:
 
 @dataclass(frozen=True)
 class Monitor:
-    """A function of (z, parameter) whose zeros are located and called ``kind``.
+    """A function ``value(z, parameter)`` with zeros that are located as points of a ``kind``.
 
-    If ``ends``, the branch ends at the first zero. NaN means that the value is not known at a
-    point.
+    If ``ends``, the branch ends at the first zero. NaN means that the value is unknown at a point.
     """
 
     kind: str
@@ -227,9 +242,8 @@ class Monitor:
 class BranchState:
     """A point X (n + 1,) of the branch with its tangent and Jacobian.
 
-    It contains the unit tangent t, the Jacobian J (n, n + 1), and sign and logarithm of det [J; t].
-
-    That determinant is zero only where branches cross.
+    It has the unit tangent t (n + 1,), the Jacobian J (n, n + 1) with respect to X, and sign and
+    logarithm of det [J; t]. The determinant is zero only where branches cross.
     """
 
     x: Real
@@ -239,7 +253,7 @@ class BranchState:
 
 
 def make_state(x: Real, jacobian: Real, along: Real) -> BranchState:
-    """Return the place at a point of the branch, its tangent in the direction of ``along``."""
+    """Return the state at a point of the branch, with the tangent in the direction of ``along``."""
     direction = compute_tangent(jacobian, along)
     sign, logarithm = np.linalg.slogdet(np.vstack([jacobian, direction]))
     return BranchState(x, direction, jacobian, (float(sign), float(logarithm)))
@@ -249,8 +263,8 @@ def make_state(x: Real, jacobian: Real, along: Real) -> BranchState:
 class ReturnGate:
     """A point of the branch that closes it when the branch passes it again.
 
-    It is the first point of the branch, or the first one in each set of unknowns, because those of
-    the start may not return.
+    It is the first point of the branch, or the first point in another set of unknowns, because the
+    unknowns of the start may not occur again. ``index`` is its index in the branch.
     """
 
     index: int
@@ -311,7 +325,7 @@ class _Between:
 def _locate_zero(
     between: _Between, value: Callable[[BranchState], float], kind: str, after: int
 ) -> tuple[float, SpecialPoint]:
-    """Return the share of the way at which ``value`` changes sign, and what is there."""
+    """Return the share of the chord at which ``value`` changes sign, and the point there."""
     known: dict[float, BranchState] = {0.0: between.begin, 1.0: between.end}
 
     def at(s: float) -> float:
@@ -339,7 +353,10 @@ def _locate_zero(
 
 
 def _locate_crossing(between: _Between, after: int) -> tuple[float, SpecialPoint]:
-    """Return the branch point, or the kink at which the determinant jumps over zero."""
+    """Return share of the chord and special point where the bordered determinant changes its sign.
+
+    The point is a branch point, or a kink if the determinant jumps.
+    """
     logarithm = max(between.begin.determinant[1], between.end.determinant[1])
 
     def scaled(place: BranchState) -> float:
@@ -365,10 +382,8 @@ def locate_zeros(
 ) -> tuple[SpecialPoint, ...]:
     """Return the zeros of monitors between two points, in the order of the branch.
 
-    The points are number ``after`` and the next one.
-
-    Two zeros of one function in one step cancel and are missed: the continuation's limit on the
-    tangent's turn is there to keep steps short of that.
+    ``after`` is the index of the first point, ``begin``. Two zeros of a function in one step are
+    missed; the continuation limits the turn of the tangent so that this is rare.
     """
     between = _Between(system, begin, end)
     result = []

@@ -49,11 +49,29 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A modal model with an impact absorber under ``force`` cos(omega t).
+    """A structure with an impact absorber under a harmonic force: one point of all parameters.
 
-    The force is in N, omega in rad/s, ``gap`` in m and ``friction_limit`` in N (0: none).
+    Parameters
+    ----------
+    model : ModalModel
+        Modes of the structure.
+    omega : float
+        Frequency of the force in rad/s.
+    force : float
+        Amplitude of the force in N.
+    gap : float, optional
+        Clearance to either wall in m.
+    restitution : float, optional
+        Coefficient of restitution, 0 to 1.
+    friction_limit : float, optional
+        Force of sliding friction in N, 0 without friction.
+    mass_ratio : float, optional
+        Mass of the absorber over the mass of the structure.
 
-    Raises ParameterError for values out of range.
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
     """
 
     model: ModalModel
@@ -79,19 +97,19 @@ class Case:
 
     @property
     def scene(self) -> Scene:
-        """The scene that the exact method runs."""
+        """The scene for simulations."""
         return make_scene(
             self.model, self.gap, self.restitution, self.friction_limit, self.mass_ratio
         )
 
     @property
     def structure(self) -> Structure:
-        """Structure and absorber as exponentials, for the kernels."""
+        """Structure and absorber as exponentials, for the kernels of orbits."""
         return make_structure(self.model, self.mass_ratio)
 
     @property
     def point(self) -> Point:
-        """The parameters that an orbit is continued in, for the kernels."""
+        """Force, frequency and contact parameters, for the kernels of orbits."""
         return Point(self.omega, self.force, self.gap, self.restitution, self.friction_limit)
 
     @property
@@ -128,11 +146,11 @@ class Case:
         return position_of(self.model)
 
     def changed(self, **values: float) -> Case:
-        """Return the case with other parameters.
+        """Return the case with other values of parameters, by name.
 
-        Beside its own, ``damping_ratio`` is that of the first mode, to which all others keep their
-        ratio, and ``absorber_position`` a share of the beam's length; the response level is read
-        where it was.
+        Besides the fields, ``damping_ratio`` is that of the first mode (the ratios of all modes
+        keep their proportions) and ``absorber_position`` is a fraction of the beam's length; the
+        place of the response level does not change.
         """
         model = self.model
         if DAMPING_RATIO in values:
@@ -142,7 +160,7 @@ class Case:
         return replace(self, model=model, **values)
 
     def drive(self, duration: float, phase: float) -> Drive:
-        """Return the force from a ``phase`` (rad) on for ``duration`` s."""
+        """Return the force for ``duration`` s, starting with ``phase`` (rad)."""
         return Drive(
             self.force,
             FrequencySchedule(
@@ -196,8 +214,8 @@ def make_scene(
 def make_structure(model: ModalModel, mass_ratio: float) -> Structure:
     """Return the exponentials of a model's modes, and the absorber's share.
 
-    A mode has one complex exponential, two real ones above critical damping, and near it the three
-    complex ones of `secular.raise_off_axis`, as the exact method's regimes have.
+    A mode has one complex exponential, above critical damping two real ones, and near critical
+    damping the three complex ones of `secular.raise_off_axis`, as in the exact method's regimes.
     """
     omega = np.array(model.omega)
     damping = np.array(model.damping_ratio)

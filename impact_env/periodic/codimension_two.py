@@ -3,9 +3,9 @@
 The curves are those of folds, doubled periods (broken symmetry) and tori.
 
 Names and conditions are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), chapter
-9. All of them are zeros of a `Monitor`: of products over the multipliers that are not critical, of
-the angle between left and right critical vectors, or of a normal form's coefficient. A coefficient
-has poles where another condition is met, so it is multiplied by what vanishes there.
+9. Each condition is a zero of a `Monitor`: of a product over the multipliers that are not critical,
+of the angle between left and right critical vectors, or of a normal form's coefficient. A
+coefficient has poles at other special points, so it is multiplied by a factor that vanishes there.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ UPPER_TOL = 1e-6  # least imaginary part of a complex multiplier
 
 
 def bound(value: float) -> float:
-    """Return a function of a value that has its zeros and lies between -1 and 1.
+    """Return a function of ``value`` from -1 to 1 that has the same zeros.
 
     Values below rounding, as in systems without losses, give zero.
     """
@@ -66,8 +66,8 @@ def bound(value: float) -> float:
 class CriticalPoint:
     """A fixed point of a map at a bifurcation of a ``kind``.
 
-    It has ``forms`` (see `MapForms`) and a ``reference`` vector, to which its critical vector q is
-    not opposite.
+    ``forms`` are the derivatives of the map (see `MapForms`). The critical vector q has the sign
+    with which its product with ``reference`` is not negative.
     """
 
     kind: str
@@ -81,7 +81,7 @@ class CriticalPoint:
 
     @cached_property
     def critical(self) -> NDArray[np.int64]:
-        """Places of the critical multiplier, or of the pair (2,) whose product is next to 1."""
+        """Indices of the critical multiplier, or of the pair (2,) whose product is next to 1."""
         values = self.multipliers
         if self.kind != TORUS:
             return np.array([np.argmin(np.abs(values - self.side))])
@@ -96,7 +96,7 @@ class CriticalPoint:
 
     @property
     def others(self) -> Complex:
-        """All multipliers but the critical ones."""
+        """All multipliers except the critical ones."""
         return np.delete(self.multipliers, self.critical)
 
     @property
@@ -144,9 +144,9 @@ class CriticalPoint:
 
     @property
     def criticality(self) -> str | None:
-        """Whether the bifurcation is supercritical or subcritical.
+        """Whether the bifurcation is "supercritical" or "subcritical".
 
-        The result is None at a fold, or if it is not known.
+        None at a fold, or if it is not known.
         """
         if self.kind == FOLD or not np.isfinite(self.coefficient):
             return None
@@ -179,7 +179,7 @@ class CriticalPoint:
         return abs(others[first[k]].imag) > UPPER_TOL
 
     def test(self, label: str) -> float:
-        """Return the bounded test function of a special point.
+        """Return the bounded test function of the special point called ``label``.
 
         The result is NaN if the map has no derivative.
         """
@@ -189,9 +189,9 @@ class CriticalPoint:
 
 
 def _test_flip(point: CriticalPoint) -> float:
-    """Return the cubic coefficient, multiplied such that it has no poles.
+    """Return the cubic coefficient times factors that remove its poles.
 
-    It has poles where a second multiplier is -1, or where one is 1.
+    The coefficient has poles where a second multiplier is -1, or where a multiplier is 1.
     """
     return bound(point.coefficient * point.vectors.angle * point.distance(1.0))
 

@@ -2,12 +2,12 @@
 
 They give the force on the absorber for a relative displacement, both as trigonometric polynomials.
 
-Rigid laws by the dynamic Lagrangian method (Nacivet, Pierre, Thouverez and Jezequel, Journal of
-Sound and Vibration 265, 2003): the force that the motion asks for is corrected by ``weight`` times
-the violation of the law, and the corrected one is projected onto what is allowed. Elastic Coulomb
-friction (paper, Eq. elCoulomb) is a spring in series with a slider, from turning point to turning
-point. The intervals of contact, stick and slip are exact roots, the coefficients are in closed
-form.
+Rigid laws use the dynamic Lagrangian method (Nacivet, Pierre, Thouverez and Jezequel, Journal of
+Sound and Vibration 265, 2003): the force that the equations of motion require is corrected by
+``weight`` times the violation of the law, and projected onto the allowed forces. Elastic Coulomb
+friction (paper, Eq. elCoulomb) is a spring in series with a slider, computed from turning point to
+turning point. The ends of intervals of contact, stick and slip are computed as roots, and the
+coefficients in closed form.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ from impact_env.periodic.trigonometric import (
 class Hysteresis(NamedTuple):
     """Polynomial (n,) of the force on the absorber in N, with its derivatives.
 
-    The derivatives are those by motion (n, n), limit (n,) and stiffness (n,).
+    The derivatives are with respect to motion (n, n), limit (n,) and stiffness (n,).
     """
 
     force: Real
@@ -59,7 +59,7 @@ class _State(NamedTuple):
 
 
 class _Stick(NamedTuple):
-    """A stretch [begin, end] with the force ``constant`` - k r."""
+    """Interval [begin, end] (rad) in which the force is ``constant`` - k r."""
 
     begin: float
     end: float
@@ -67,7 +67,7 @@ class _Stick(NamedTuple):
 
 
 class _Slip(NamedTuple):
-    """A stretch with the force ``sign`` times the limit."""
+    """Interval [begin, end] (rad) in which the force is ``sign`` times the limit."""
 
     begin: float
     end: float
@@ -77,10 +77,9 @@ class _Slip(NamedTuple):
 def elastic_coulomb_force(motion: Real, limit: float, stiffness: float) -> Hysteresis:
     """Return the periodic force for a relative displacement ``motion`` (2H + 1,) in m.
 
-    ``limit`` is in N, ``stiffness`` in N/m.
-
-    The stretches' ends are roots of r' and of r less a constant, so nothing is sampled. If nothing
-    slips, the force is -k r without its mean: where the spring is at rest is free then.
+    ``limit`` is in N, ``stiffness`` in N/m. The ends of the intervals of stick and slip are roots
+    of r' and of r less a constant, so nothing is sampled. If nothing slips, the force is -k r
+    without its mean, because the rest position of the spring is then undetermined.
     """
     h = harmonics_of(motion)
     turns = find_roots(derivative(motion)[None])[0]
@@ -178,10 +177,9 @@ def _sum_stretches(
 class ContactForce(NamedTuple):
     """Force on the absorber (n,) in N with its derivatives.
 
-    They are those by relative displacement and by dynamic force (n, n), and by frequency and the
-    parameter (n,).
-
-    ``by_rate`` (n, n): by the relative velocity (m/s), whose harmonics ``by_motion`` has in it.
+    The derivatives are with respect to relative displacement and dynamic force (n, n), and to
+    frequency and a parameter (n,). ``by_rate`` (n, n) is with respect to the relative velocity
+    (m/s); ``by_motion`` includes this dependence through the harmonics of the velocity.
     """
 
     force: Real
@@ -193,15 +191,14 @@ class ContactForce(NamedTuple):
 
 
 class ContactForceLaw(Protocol):
-    """What harmonic balance asks of a contact law."""
+    """Interface of a contact law of harmonic balance."""
 
     def contact(self, motion: Real, dynamic: Real, omega: float, parameter: str) -> ContactForce:
         """Return the force for relative displacement (n,) in m and dynamic force (n,) in N.
 
-        ``omega`` is the fundamental frequency in rad/s.
-
-        ``parameter`` names the field to derive by; another name is none of the law's and has the
-        derivative zero.
+        ``omega`` is the fundamental frequency in rad/s. ``parameter`` is the name of the field with
+        respect to which the force is differentiated; the derivative is zero for a name that the law
+        does not have.
         """
 
 
@@ -209,9 +206,9 @@ class ContactForceLaw(Protocol):
 class RigidContact:
     """Signorini's and Coulomb's laws (paper, Eqs. signorini and coulomb); absent parts are None.
 
-    ``gap`` in m, ``friction_limit`` in N; ``weight`` in N/m and ``friction_weight`` in N s/m are
-    the method's own: they change the result as long as the harmonics are too few. Impacts have no
-    restitution here: what is approached is conservative contact.
+    ``gap`` is in m, ``friction_limit`` in N. ``weight`` in N/m and ``friction_weight`` in N s/m are
+    parameters of the method, which influence the result if the number of harmonics is too small.
+    Contact is conservative: there is no restitution.
     """
 
     gap: float | None
@@ -254,8 +251,8 @@ class RigidContact:
     ) -> ContactForce:
         """Add friction to the force of the walls.
 
-        It is the dynamic force less that of the walls and less the weighted velocity, clipped to
-        the limit.
+        Friction is the dynamic force less the walls' force and less the weighted velocity, clipped
+        to the limit.
         """
         h = harmonics_of(motion)
         limit = float(self.friction_limit or 0.0)
@@ -290,10 +287,8 @@ class RigidContact:
 class CompliantContact:
     """Unilateral springs and elastic Coulomb friction (paper, Eqs. elSignorini and elCoulomb).
 
-    Parts that the absorber lacks are None.
-
-    ``gap`` in m with ``stiffness`` in N/m, ``friction_limit`` in N with ``friction_stiffness`` in
-    N/m. There is no weight: these laws give a force by themselves.
+    Absent parts are None. ``gap`` is in m with ``stiffness`` in N/m, ``friction_limit`` in N with
+    ``friction_stiffness`` in N/m. These laws need no weight.
     """
 
     gap: float | None
@@ -344,10 +339,9 @@ class _Walls(NamedTuple):
 
 
 def _walls(free: Real, weight: float, gap: float | None, parameter: str) -> _Walls:
-    """Return the force of both walls, their window and the derivative by the gap.
+    """Return the force of both walls, its Jacobian and its derivative with respect to the gap.
 
-    The force is min(0, free + weight gap) + max(0, free - weight gap). The window is that of both
-    contacts.
+    The force is min(0, free + weight gap) + max(0, free - weight gap).
     """
     n = len(free)
     h = harmonics_of(free)

@@ -1,12 +1,12 @@
 """Pseudo-arclength continuation.
 
-The same code serves exact orbits and harmonic balance, and any parameter.
+It is used for exact orbits and for harmonic balance, with any parameter.
 
-Tangent predictor, Newton corrector across the tangent, a step that follows Newton's effort and the
-branch's bend (Allgower and Georg, Numerical Continuation Methods, 1990; Seydel, Practical
-Bifurcation and Stability Analysis, 2010). Located on the way: folds (the tangent's share of the
-parameter changes sign), branch points (the bordered determinant does), and the zeros of the
-caller's monitors.
+It has a tangent predictor, a Newton corrector in the plane across the tangent, and a step length
+that depends on the number of Newton steps and on the curvature (Allgower and Georg, Numerical
+Continuation Methods, 1990; Seydel, Practical Bifurcation and Stability Analysis, 2010). It locates
+folds (the tangent's component of the parameter changes sign), branch points (the bordered
+determinant changes sign), and zeros of the caller's monitors.
 """
 
 from collections.abc import Callable
@@ -50,8 +50,18 @@ PointProgress = Callable[[int, float], None]  # number of points, parameter
 class Steps:
     """Options of the continuation of a branch.
 
-    They are steps of arclength (first, smallest, largest), the largest ``turn`` of the tangent in a
-    step (rad), and limits of Newton's method.
+    Attributes
+    ----------
+    first, least, most : float
+        First, smallest and largest step of arclength, in scaled unknowns.
+    points : int
+        Largest number of points.
+    turn : float
+        Largest angle in rad between the tangents at both ends of a step.
+    tolerance : float
+        Tolerance of Newton's method, relative to 1 + |X|.
+    iterations : int
+        Largest number of Newton steps for a point.
     """
 
     first: float = 0.01
@@ -83,11 +93,11 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class ContinuationChart:
-    """The same branch in other unknowns, as after a change of the event order.
+    """The same branch in other unknowns, such as those after a change of the event order.
 
-    ``tangent`` (n + 1,) in plain units is the direction in which the branch continues.
-
-    ``monitors`` are those of the new unknowns.
+    ``point`` (n,) are the new unknowns, ``scale`` their units, and ``residual`` and ``monitors``
+    functions of them. ``tangent`` (n + 1,) in plain units is the direction in which the branch
+    continues.
     """
 
     residual: Residual
@@ -106,12 +116,26 @@ Recentre = Callable[
 class ContinuationProblem:
     """A problem for continuation.
 
-    ``scale`` (n,) or one number is the size of the unknowns. ``parameter_scale`` is the change of
-    the parameter that has the same weight.
-
-    ``limits`` of the parameter; ``monitors`` whose zeros are located; ``recentre`` is asked after
-    every point whether the unknowns change, and ``closes`` after every step, with both its points,
-    whether it goes over the first point where that has other unknowns.
+    Attributes
+    ----------
+    residual : callable
+        ``residual(z, parameter)`` returns the residual (n,) and its Jacobian (n, n + 1).
+    parameter : str
+        Name of the parameter.
+    scale : float or array, (n,)
+        Size of the unknowns z.
+    parameter_scale : float
+        Change of the parameter that counts as much as a change of the unknowns by ``scale``.
+    limits : (float, float)
+        Range of the parameter.
+    monitors : tuple of Monitor
+        Functions whose zeros are located.
+    recentre : callable, optional
+        ``recentre(z, parameter, tangent)`` is called after every point and returns new unknowns, or
+        None to keep the present ones.
+    closes : callable, optional
+        ``closes(z, parameter, new_z, new_parameter)`` is called after every step. It returns
+        whether the step passes the first point, where this point has other unknowns.
     """
 
     residual: Residual
@@ -144,13 +168,11 @@ def start_branch(
     direction: float | Real = 1.0,
     steps: Steps | None = None,
 ) -> tuple[ScaledSystem, BranchState]:
-    """Return the branch's point at a parameter next to ``z``, and its tangent.
+    """Return the branch's point at a parameter next to ``z`` (n,), and its state with the tangent.
 
-    The direction of the tangent is given by the sign of the parameter's change, or by a vector (n +
-    1,).
-
-    A direction (n + 1,) in plain units also is the normal of the plane in which the point is
-    sought. Raises NoConvergenceError.
+    ``direction`` is the sign of the parameter's change along the tangent, or a vector (n + 1,) in
+    plain units. With a vector the point is sought in the plane normal to it. Raises
+    NoConvergenceError.
     """
     steps = Steps() if steps is None else steps
     z = np.asarray(z, dtype=np.float64)
@@ -189,10 +211,9 @@ def follow_branch(
 ) -> Branch:
     """Return the branch in one direction through the point next to ``z`` (n,) at a parameter.
 
-    See `start_branch` and `Branch`.
-
-    Ctrl-C ends it with what is known so far. Raises NoConvergenceError only if there is no point to
-    start from, ParameterError for bad input.
+    ``direction`` is as in `start_branch`. ``progress`` is called with the number of points and the
+    parameter. After Ctrl-C the branch ends at the last point. Raises NoConvergenceError only if
+    there is no point to start from, ParameterError for bad input.
     """
     steps = Steps() if steps is None else steps
     way: list[tuple[Real, float]] = []
@@ -338,7 +359,7 @@ def _take_step(
 def _stop_at_limit(
     problem: ContinuationProblem, system: ScaledSystem, state: BranchState, next_state: BranchState
 ) -> BranchState | None:
-    """Return the place at the parameter's limit if the step goes over it."""
+    """Return the branch's state at the parameter's limit if the step passes it, else None."""
     before = system.plain(state.x)[1]
     after = system.plain(next_state.x)[1]
     limit = (
@@ -368,7 +389,8 @@ def follow_both_ways(
 ) -> Branch:
     """Return the branch through a point in both directions.
 
-    It is followed first towards larger parameters. A closed branch is followed once.
+    It is followed first towards larger parameters. A closed branch is followed once. Arguments are
+    as in `follow_branch`.
     """
     forward = follow_branch(problem, z, parameter, 1.0, steps, progress)
     if forward.closed or forward.ended == INTERRUPTED:
@@ -384,11 +406,10 @@ def switch_at_branch_point(
 ) -> tuple[tuple[Real, float, Real], ...]:
     """Return starts (z, parameter, direction) of the other branch through a branch point.
 
-    They lie on both sides if the other branch has two sides.
-
-    The kernel of the Jacobian is a plane there; the start is sought ``size`` of arclength away,
-    across the known tangent. ``direction`` is what `follow_branch` takes. Raises NoConvergenceError
-    if neither side has a point.
+    There are two starts, one on either side, if the other branch has two sides. The kernel of the
+    Jacobian at the branch point is a plane; a start is sought at ``size`` of arclength from the
+    point, across the known tangent. ``direction`` is an argument of `follow_branch`. Raises
+    NoConvergenceError if neither side has a point.
     """
     steps = Steps() if steps is None else steps
     system = problem.system(len(event.point), steps)

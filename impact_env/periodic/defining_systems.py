@@ -1,11 +1,11 @@
 """The conditions of a bifurcation over two parameters: those of an orbit's events, and one more.
 
 With the derivative M of the return map, of half a period for a symmetric orbit, a matrix A(M) is
-singular. It is M - I at a fold, M + I where the symmetry breaks or the period doubles, and at a
-torus the second compound of M, whose eigenvalues are the products of two multipliers, less I
-(Kuznetsov, Elements of Applied Bifurcation Theory, 2004, chapter 10). The condition is A's smallest
-singular value with the sign of its determinant: smooth where it vanishes, and finite where an
-impact gets as slow as a graze and M grows without bounds.
+singular. A is M - I at a fold and M + I where the symmetry breaks or the period doubles. At a torus
+A is the second compound of M, whose eigenvalues are the products of two multipliers, less I
+(Kuznetsov, Elements of Applied Bifurcation Theory, 2004, chapter 10). The condition is the smallest
+singular value of A with the sign of its determinant. It is smooth where it vanishes, and finite
+where an impact velocity tends to zero and M grows without bounds.
 
 At grazing the additional condition is the distance from a wall where the relative velocity turns.
 At a loss of contact it is an impulse. Where friction begins to hold, it is the acceleration at a
@@ -46,7 +46,9 @@ def second_compound(matrix: Array) -> Array:
 class DefiningSystem:
     """The conditions of a bifurcation as a residual(y, value) over a parameter.
 
-    The unknowns y (m + 1,) are those of the orbit, and omega in rad/s.
+    The unknowns y (m + 1,) are those of the orbit, and omega in rad/s. Calling the object returns
+    the residual (m + 1,) and its derivatives (m + 1, m + 2). ``scale`` (m + 1,) are the units of y,
+    and ``limits`` the range of the parameter.
     """
 
     case: Case
@@ -57,10 +59,10 @@ class DefiningSystem:
     limits: tuple[float, float]
 
     def solution(self, x: Array) -> Solution:
-        """Return the solution at all unknowns and the parameter (m + 2,).
+        """Return the solution for all unknowns and the parameter (m + 2,).
 
-        Beyond its limits the parameter may have no meaning, as a restitution above 1: the solution
-        is that at the limit.
+        Beyond its limits the parameter may have no meaning, such as a restitution above 1; the
+        solution is then that at the limit.
         """
         return solution_in(
             self.case,
@@ -70,9 +72,9 @@ class DefiningSystem:
         )
 
     def matrix(self, x: Array) -> Array:
-        """Return A at all unknowns and the parameter (m + 2,).
+        """Return A (see the module) for all unknowns and the parameter (m + 2,).
 
-        It is in units of the gap, and of the gap times the frequency of the start.
+        States are in units of the gap, and of the gap times the frequency of the start.
         """
         if not x[-2] > 0:
             return np.full((1, 1), np.nan)
@@ -94,9 +96,9 @@ class DefiningSystem:
         return np.append(residual, last), np.vstack([jacobian, gradient])
 
     def last_condition(self, x: Array) -> tuple[float, Array]:
-        """Return the bifurcation's own condition and its derivatives (m + 2,).
+        """Return the condition of the bifurcation and its derivatives (m + 2,).
 
-        They are NaN if the map has no derivative.
+        Both are NaN if the map has no derivative.
         """
         matrix = self.matrix(x)
         if not np.all(np.isfinite(matrix)):
@@ -156,7 +158,7 @@ class GrazingSystem(DefiningSystem):
 class LossSystem(DefiningSystem):
     """The conditions of an orbit with an impact of zero velocity.
 
-    It is impact ``number``, counted from 0.
+    ``number`` is the number of this impact, counted from 0.
     """
 
     number: int = 0
@@ -170,9 +172,10 @@ class LossSystem(DefiningSystem):
 
 
 def turns_after_first(solution: Solution) -> tuple[Array, Array]:
-    """Return where the relative velocity turns between impacts.
+    """Return phases and distances from a wall where the relative velocity reverses.
 
-    That is phases (K,) in rad after the first event, and distances (K,) from a wall over the gap.
+    Only reversals between impacts are included. Phases (K,) are in rad after the first event,
+    distances (K,) are over the gap.
     """
     motion = motion_of(solution)
     if len(motion.turns) == 0:
@@ -185,9 +188,9 @@ def turns_after_first(solution: Solution) -> tuple[Array, Array]:
 
 
 def nearest_turn(phases: Array, touch: float, span: float) -> int:
-    """Return which of the phases (K,) is nearest to ``touch``.
+    """Return the index of the phase (K,) that is nearest to ``touch``.
 
-    Phases repeat after a span (rad).
+    Phases repeat after ``span`` (rad).
     """
     late = np.abs(phases - touch) % span
     return int(np.argmin(np.minimum(late, span - late)))

@@ -70,7 +70,7 @@ PointProgress = Callable[[int, int], None]
 class DiagramPoint:
     """The motion on which a run ended at one value of the parameter.
 
-    The direction is "up" or "down" along the parameter, or "random" for a run from a random state.
+    ``direction`` is "up" or "down" along the parameter, or "random" for a run from a random state.
     """
 
     direction: str
@@ -78,12 +78,11 @@ class DiagramPoint:
     motion: SettledMotion
 
     def quantities(self) -> dict[str, Array]:
-        """Return the quantities of diagrams.
+        """Return the quantities of diagrams by name, each an array of values.
 
         They are the relative displacement over the gap and the tip displacement (m) at phase 0, the
-        impact phases (rad), and the level (m).
-
-        A periodic motion has its points once, and others those of the last periods.
+        impact phases (rad), and the level (m). A periodic motion has the points of one period,
+        other motions those of the last periods.
         """
         motion = self.motion
         case = motion.case
@@ -103,7 +102,7 @@ class DiagramPoint:
         }
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers and strings; keys with their units."""
+        """Return numbers and strings by name, with units in the names."""
         quantities = self.quantities()
         return {
             "direction": self.direction,
@@ -140,12 +139,24 @@ class DiagramPoint:
 
 @dataclass(frozen=True, eq=False)
 class BranchPoints:
-    """An exact branch in the form that a diagram shows.
+    """An exact branch as points of a diagram.
 
-    It has ``values`` (n,) of the parameter, ``stable`` (n,), and the quantities of `DiagramPoint`.
-
-    ``relative`` and ``displacement`` are (n, multiple), ``impact_phase`` is a tuple of rows, since
-    the number of impacts may change; points without an orbit are NaN.
+    Attributes
+    ----------
+    multiple : int
+        Period in periods of the force.
+    symmetric : bool
+        Whether the orbits are symmetric.
+    values : array, (n,)
+        Values of the parameter.
+    stable : array of bool, (n,)
+        Whether each orbit is stable.
+    relative, displacement : array, (n, multiple)
+        Relative displacement over the gap, and tip displacement in m, at phase 0 of each period.
+    impact_phase : tuple of n arrays
+        Phases of the impacts in rad; their number may change along the branch.
+    level : array, (n,)
+        Level in m. Points without an orbit are NaN.
     """
 
     multiple: int
@@ -158,7 +169,7 @@ class BranchPoints:
     level: Array
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers, None for NaN; keys with their units."""
+        """Return numbers by name, with units in the names; None stands for NaN."""
         rows = {
             "relative_over_gap": self.relative,
             "displacement_m": self.displacement,
@@ -194,7 +205,7 @@ class Diagram:
     branches: tuple[BranchPoints, ...] = ()
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers and strings; keys with their units."""
+        """Return numbers and strings by name, with units in the names."""
         return {
             "scene": from_scene(self.case.scene),
             "force_N": self.case.force,
@@ -326,39 +337,36 @@ def diagram_branches(
 ) -> Iterator[BranchPoints]:
     """Yield exact branches over a parameter.
 
-    They are the symmetric orbits with two impacts a period, the branches that emerge from them, and
-    those through the orbits of runs.
-
-    Over the frequency these are all symmetric ones between the limits, and branches that leave them
-    where the symmetry breaks or the period doubles. Over another parameter they are those through
-    the orbits at the case's own value. Branches through orbits on which runs ended are added,
-    unless they lie on a known branch.
+    Over the frequency these are all symmetric orbits with two impacts a period between the limits,
+    and branches that emerge from them where the symmetry breaks or the period doubles. Over another
+    parameter they are the branches through the orbits at the case's own value. Branches through
+    orbits on which runs of ``points`` ended are added, unless they lie on a known branch.
 
     Parameters
     ----------
-    case
+    case : Case
         Structure, absorber, force and frequency.
-    parameter
+    parameter : str
         One of "frequency" (over the first resonance), "force", "gap", "restitution" and
         "friction-limit".
-    limits
-        Least and largest value of the parameter.
-    points
+    limits : (float, float)
+        Least and largest value of the parameter, in SI units.
+    points : sequence of DiagramPoint, optional
         Points of a diagram.
-    longest
+    longest : int, optional
         The longest period, in periods of the force.
-    progress
+    progress : callable, optional
         Called with the number of points of the branch that is followed.
 
     Yields
     ------
     BranchPoints
-        Branch by branch.
+        The points of one branch.
 
     Raises
     ------
     ParameterError
-        For a parameter that branches are not followed over, or limits that do not rise.
+        The parameter is not one of these, or the limits do not ascend.
     """
     require(parameter in FOLLOWED, "parameter", parameter, f"one of {', '.join(FOLLOWED)}")
     require(limits[0] < limits[1], "limits", limits, "two rising numbers")
@@ -401,7 +409,7 @@ def diagram_branches(
 
 
 def _middles_of_stretches(points: Sequence[DiagramPoint]) -> Iterator[DiagramPoint]:
-    """Yield the middle point of each stretch of neighbouring points with one kind of motion."""
+    """Yield the middle point of each series of neighbouring points with one kind of motion."""
     start = 0
     for k in range(1, len(points) + 1):
         ended = k == len(points) or (
@@ -414,7 +422,10 @@ def _middles_of_stretches(points: Sequence[DiagramPoint]) -> Iterator[DiagramPoi
 
 
 def _points_of(branch: OrbitBranch, factor: float) -> Iterator[BranchPoints]:
-    """Yield a branch as a diagram shows it, and its mirror image where it has another one."""
+    """Yield the points of a branch, and of its mirror image if it is another branch.
+
+    ``factor`` converts values of the branch's parameter to those of the diagram.
+    """
     orbits = list(branch.orbits())
     values = np.asarray(branch.branch.parameters) / factor
     yield _section_points(orbits, values, branch, mirrored=False)

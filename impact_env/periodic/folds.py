@@ -3,9 +3,9 @@
 Folds are located by Newton's method on the fold's own conditions. Births and mergers are folds
 whose force has zero slope over the frequency.
 
-A fold is where the Jacobian F_z of the conditions has a null vector v (Moore and Spence): F = 0,
-F_z v = 0, |v| = 1. With the left null vector w the fold moves by df/domega = -(w F_omega)/(w F_f),
-so a valley or ridge of the fold force over the frequency is a zero of w F_omega.
+At a fold the Jacobian F_z of the conditions has a null vector v (Moore and Spence): F = 0, F_z v =
+0, |v| = 1. With the left null vector w the force f of the fold has the slope df/domega = -(w
+F_omega)/(w F_f), so its minima and maxima over the frequency are zeros of w F_omega.
 """
 
 from dataclasses import dataclass
@@ -48,33 +48,27 @@ LEVEL_FOLD_TOL = 1e-11  # rad/s of the frequency, relative
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """A fold in one parameter.
-
-    It has a motion, and the ``slope`` df/domega of the force of the fold (N s).
-    """
+    """A fold in one parameter: the motion at it, and the ``slope`` df/domega of its force (N s)."""
 
     motion: Motion
     slope: float
 
     @property
     def case(self) -> Case:
-        """Where it is."""
+        """Structure, absorber, force and frequency at the fold."""
         return self.motion.solution.case
 
 
 def _null_vectors(jacobian: Array) -> tuple[Array, Array]:
-    """Return the left and the right singular vector (m,) of a square matrix.
-
-    They belong to its smallest singular value.
-    """
+    """Return the left and the right singular vector (m,) of a matrix's smallest singular value."""
     left, _, right = np.linalg.svd(jacobian)
     return left[:, -1], right[-1]
 
 
 def find_fold(solution: Solution, parameter: str = "omega") -> Fold | NoOrbit:
-    """Return the fold next to a solution with the same events, or why none was found.
+    """Return the fold next to a solution with the same events, or the reason why there is none.
 
-    It is a fold in a parameter of `PARAMETERS`.
+    The fold is in ``parameter``, one of `PARAMETERS`.
     """
     case = solution.case
     schedule = solution.schedule
@@ -146,9 +140,8 @@ def _fold_from_solution(solution: Solution) -> Fold | NoOrbit:
 def shift_from_fold(case: Case, schedule: EventSchedule, z: Array, share: float) -> Array:
     """Return approximate unknowns (m,) of one of the two orbits that emerge from a fold.
 
-    ``z`` (m,) are the unknowns at the fold. The orbit is at ``share`` times the force of the fold.
-
-    To second order z moves along the null vector v by s with (w D_v F_z v) s^2/2 + w F_f df = 0.
+    ``z`` (m,) are the unknowns at the fold. The orbit has ``share`` times the force of the fold. To
+    second order z moves along the null vector v by s with (w D_v F_z v) s^2/2 + w F_f df = 0.
     """
     conditions = Conditions(case, schedule, "force")
     m = len(z)
@@ -165,13 +158,11 @@ def shift_from_fold(case: Case, schedule: EventSchedule, z: Array, share: float)
 def find_reordered_fold(
     case: Case, schedule: EventSchedule, start: Array, parameter: str = "omega"
 ) -> Fold | NoOrbit:
-    """Return the fold near ``case`` and ``start`` with consistent reversals, or why none exists.
+    """Return the fold near ``case`` and ``start`` with consistent reversals, or why there is none.
 
-    ``start`` contains unknowns. The reversals in the fold's schedule are those that occur in its
-    motion.
-
-    Newton's method for orbits fails at a fold, so the order of events is first sought at a slightly
-    larger force.
+    ``start`` (m,) are unknowns. The reversals in the fold's schedule are those of its motion.
+    Newton's method for orbits fails at a fold, so the order of events is first determined at a
+    slightly larger force.
     """
     motion = _find_reordered_orbit(case, schedule, start)
     for _ in range(MOST_FOLD_REORDERINGS):

@@ -1,9 +1,8 @@
-"""Confirmation of orbits that touch a wall without impact, or by an impact without speed.
+"""Confirmation of orbits that touch a wall without impact, or by an impact of zero velocity.
 
-Whether the exact method finds an impact at a touch is decided by the last bits of the motion, and
-the return map has no derivative there. The orbit is therefore confirmed next to it: at a force at
-which the absorber stays clear of the wall by a tiny share of the gap, or at which the impact has a
-small impulse.
+At a touch, rounding decides whether the exact method finds an impact, and the return map has no
+derivative. A neighbouring orbit is therefore confirmed: at a force at which the absorber misses the
+wall by a tiny share of the gap, or at which the impact has a small impulse.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +30,7 @@ def confirm_grazing(motion: Motion) -> Orbit | NoOrbit:
 
 
 def confirm_loss(motion: Motion) -> Orbit | NoOrbit:
-    """Return the orbit next to one that has an impact without speed, or why there is none."""
+    """Return the orbit next to one that has an impact of zero velocity, or why there is none."""
     return _confirm_nearby(motion, _weakest_impulse, SMALL_IMPULSES)
 
 

@@ -55,10 +55,22 @@ ALL_PARAMETERS = (*PARAMETERS, *MODEL_PARAMETERS)  # in which orbits and curves 
 class Solution:
     """Events of an orbit that satisfy the conditions.
 
-    ``phases`` (n,) are in rad of the force, and ``impulses`` (n,) on the absorber in N s (0 at
-    reversals).
-
-    ``error``: largest scaled residual of the conditions, ``steps`` of Newton's method.
+    Attributes
+    ----------
+    case : Case
+        Structure, absorber, force and frequency.
+    schedule : EventSchedule
+        Kinds and order of the events.
+    phases : array, (n,)
+        Phase of the force at each event in rad.
+    impulses : array, (n,)
+        Impulse on the absorber at each event in N s, 0 at reversals.
+    offset : float
+        Mean relative displacement in m.
+    error : float
+        Largest scaled residual of the conditions.
+    steps : int
+        Number of Newton steps.
     """
 
     case: Case
@@ -86,7 +98,8 @@ class NoOrbit:
 def read_unknowns(solution: Solution) -> Array:
     """Return a solution's unknowns (m,).
 
-    They are phases in rad, scaled impulses and, for a whole period, the scaled mean distance.
+    The unknowns are phases in rad, scaled impulses and, for a whole period, the scaled mean
+    relative displacement.
     """
     case = solution.case
     schedule = solution.schedule
@@ -114,7 +127,7 @@ def make_solution(
 
 
 def new_system(m: int) -> OrbitEquations:
-    """Return room for m conditions and their derivatives."""
+    """Return arrays for m conditions and their derivatives."""
     return OrbitEquations(np.zeros(m), np.zeros((m, m + len(PARAMETERS))))
 
 
@@ -123,7 +136,7 @@ def residual_and_jacobian(
 ) -> tuple[Array, Array]:
     """Return the scaled conditions (m,) and their derivatives (m, m + 5).
 
-    The derivatives are those by the unknowns, then by `PARAMETERS` in SI units.
+    The derivatives are with respect to the unknowns, then to `PARAMETERS` in SI units.
     """
     order = schedule.order
     structure = case.structure
@@ -145,10 +158,10 @@ def residual_and_jacobian(
 
 
 def linear_states(case: Case, schedule: EventSchedule, phases: ArrayLike) -> Array:
-    """Return all unknowns (m,) for given phases (n,).
+    """Return all unknowns (m,) for given phases (n,) in rad.
 
-    Impulses and mean distance are the least-squares solution of the conditions, which are linear in
-    them.
+    Impulses and mean relative displacement are the least-squares solution of the conditions, which
+    are linear in them.
     """
     start = np.zeros(schedule.unknowns)
     n = len(schedule.events)
@@ -159,14 +172,12 @@ def linear_states(case: Case, schedule: EventSchedule, phases: ArrayLike) -> Arr
 
 
 def solve(case: Case, schedule: EventSchedule, start: ArrayLike) -> Solution | NoOrbit:
-    """Return the orbit near ``start``.
+    """Return the solution near ``start``, or the reason why there is none.
 
     ``start`` contains the unknowns (m,), or only the phases (n,) in rad, from which the other
-    unknowns follow.
-
-    Newton's method with an analytic Jacobian. What comes back fulfils the conditions at the events;
-    whether nothing happens between them is for `impact_env.periodic.orbit` to say. Raises
-    ParameterError for a schedule with joined segments.
+    unknowns follow. Newton's method has an analytic Jacobian. A solution satisfies the conditions
+    at the events; `impact_env.periodic.orbit` checks the motion between them. Raises ParameterError
+    for a schedule with joined segments.
     """
     unknowns = np.array(start, dtype=float)
     z = (
@@ -215,10 +226,10 @@ class Conditions:
         return self.over(z, {self.parameter: value})
 
     def over(self, z: Array, values: dict[str, float]) -> tuple[Array, Array]:
-        """Return the same with several parameters: one more column (m,) for each.
+        """Return conditions and derivatives with several parameters: one more column (m,) for each.
 
-        The derivatives by parameters of the modal model are differences of fourth order. Beyond
-        their domains the conditions go on along their tangent.
+        Derivatives with respect to parameters of the modal model are differences of fourth order.
+        Outside the domains of parameters the conditions are extrapolated along their tangent.
         """
         z = np.ascontiguousarray(z, dtype=float)
         point = self.case.point._replace(

@@ -2,19 +2,18 @@
 
 The equations are condensed to the relative displacement.
 
-The unknowns are the harmonics of r = absorber less tip: 2H + 1 of them whatever the number of
-modes, or those of odd order for orbits that repeat themselves with the other sign after half a
-period. The residual is the force that the motion asks for less the contact law's, harmonic by
-harmonic; its Jacobian is analytic.
+The unknowns are the harmonics of r = absorber less tip: 2H + 1 for any number of modes, or only
+those of odd order for symmetric orbits. The residual is the force that the equations of motion
+require less that of the contact law, harmonic by harmonic; its Jacobian is analytic.
 
-How stable a solution is, is told by Hill's method (G. W. Hill, Acta Mathematica 8, 1886; as a
-matrix: A. Lazarus, O. Thomas, 2010). A disturbance is harmonics, as many as the solution has, times
-exp(mu t): of modes and absorber, velocities, and the force between them, which follows the contact
-law linearised along the solution. Most eigenvalues mu are copies of others, moved by multiples of
-the frequency and cut off, so that those count whose harmonics are the lowest. The contact comes
-again after half a period of a symmetric solution, and after one of any other, so that harmonics of
-even and of odd order of that span do not meet: one kind has the sign of exp(mu t) after it, the
-other kind the opposite one.
+Stability is computed by Hill's method (G. W. Hill, Acta Mathematica 8, 1886; as a matrix: A.
+Lazarus, O. Thomas, 2010). A disturbance is exp(mu t) times a polynomial with the harmonics of the
+solution, for the modes, the absorber, their velocities, and the contact force, which follows the
+contact law linearised along the solution. Most eigenvalues mu are copies of others, shifted by
+multiples of the frequency and truncated, so only the eigenvalues whose eigenvectors have the lowest
+harmonics count. The linearised contact repeats after half a period of a symmetric solution and
+after a period of any other. Harmonics of even and of odd order of this span are therefore not
+coupled: after the span one kind is multiplied by exp(mu t), the other by minus this factor.
 """
 
 from __future__ import annotations
@@ -72,10 +71,10 @@ CENTRING = 1e-9  # of the weight: a spring that chooses the mean of r where no w
 
 
 class Dynamics(NamedTuple):
-    """Dynamics of the harmonics 0 to H, complex (H + 1,).
+    """Linear dynamics at the harmonics 0 to H, complex (H + 1,) each.
 
-    They are the force per relative displacement (N/m), the force per newton of the drive, and the
-    derivatives of both by omega.
+    ``stiffness`` is the force per relative displacement (N/m) and ``drive`` the force per newton of
+    the drive; the slopes are their derivatives with respect to omega.
     """
 
     stiffness: Complex
@@ -88,11 +87,9 @@ class Dynamics(NamedTuple):
 class JointOfMass:
     """A mass in kg at a beam's tip, with the relative displacement r = absorber less tip.
 
-    The force on the absorber is lambda = (r + G_tf f)/(G_a + G_tt).
-
-    G_a = 1/(-m w^2 + i c w) with a damper c (N s/m) between absorber and ground; w are the
-    multiples of omega/``multiple``. The mean of the force is zero: the absorber hangs on nothing
-    else.
+    The force on the absorber is lambda = (r + G_tf f)/(G_a + G_tt) with G_a = 1/(-m w^2 + i c w),
+    where w are the multiples of omega/``multiple`` and c is a damper (N s/m) between absorber and
+    ground. The mean of the force is zero, because nothing else acts on the absorber.
     """
 
     model: ModalModel
@@ -167,9 +164,10 @@ def real_row(values: Complex) -> Real:
 
 @dataclass(frozen=True)
 class HarmonicResponse:
-    """A solution as harmonics (H + 1,), with x = Re sum X_k exp(i k angle).
+    """A solution as harmonics X (H + 1,), with x = Re sum X_k exp(i k angle).
 
-    They are those of relative displacement, tip displacement (m) and force on the absorber (N).
+    They are the harmonics of relative displacement (m), tip displacement (m) and force on the
+    absorber (N).
     """
 
     relative: NDArray[np.complex128]
@@ -198,12 +196,11 @@ class HarmonicResponse:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A structure, a contact law, and the drive's frequency (rad/s) and force (N).
+    """The equations of harmonic balance at one frequency (rad/s) and force (N).
 
-    The unknowns are not included.
-
-    ``symmetric`` keeps odd harmonics only. ``centring`` (N/m) is a spring on the mean of r, which
-    has no influence on a symmetric orbit.
+    ``linear`` is the structure with the mass, ``law`` the contact law. The solution's unknowns z
+    are arguments of the methods. ``symmetric`` keeps only odd harmonics. ``centring`` (N/m) is a
+    spring on the mean of r, which has no influence on a symmetric orbit.
     """
 
     linear: JointOfMass
@@ -224,13 +221,13 @@ class Balance:
 
     @property
     def indices(self) -> NDArray[np.intp]:
-        """Places of the unknowns z in a polynomial (2H + 1,)."""
+        """Indices of the unknowns z in a polynomial (2H + 1,)."""
         h = self.linear.harmonics
         odd = np.arange(1, h + 1, 2)
         return np.concatenate([odd, odd + h]) if self.symmetric else np.arange(2 * h + 1)
 
     def polynomial(self, z: Real) -> Real:
-        """Return the relative displacement (2H + 1,) in m of unknowns z."""
+        """Return the relative displacement (2H + 1,) in m for unknowns z."""
         row = np.zeros(2 * self.linear.harmonics + 1)
         row[self.indices] = z
         return row
@@ -253,7 +250,10 @@ class Balance:
         return replace(self, law=replace(law, **{parameter: value}))
 
     def evaluated(self, z: Real, parameter: str) -> tuple[Real, Real]:
-        """Return the residual (n,) in N and its Jacobian (n, n + 1) by z and the parameter."""
+        """Return the residual (n,) in N and its Jacobian (n, n + 1).
+
+        The derivatives are with respect to z and the parameter called ``parameter``.
+        """
         motion = self.polynomial(z)
         d = self.linear.dynamics(self.omega)
         dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
@@ -276,7 +276,7 @@ class Balance:
         )
 
     def residual(self, parameter: str) -> Residual:
-        """Return the function of z and the parameter that `follow_branch` takes."""
+        """Return the residual as a function of z and the parameter, for `follow_branch`."""
 
         def at(z: Real, value: float) -> tuple[Real, Real]:
             return self.at(parameter, value).evaluated(z, parameter)
@@ -284,7 +284,7 @@ class Balance:
         return at
 
     def response(self, z: Real) -> HarmonicResponse:
-        """Return the solution that the unknowns z stand for."""
+        """Return the displacements and the force of a solution z."""
         motion = self.polynomial(z)
         d = self.linear.dynamics(self.omega)
         dynamic = _applied(d.stiffness, motion) + self.force * real_row(d.drive)
@@ -295,10 +295,7 @@ class Balance:
         )
 
     def free(self) -> Real:
-        """Return z of an absorber that the beam does not influence.
-
-        The force on it is zero. This z is a start for motions without contact.
-        """
+        """Return z of an absorber without contact force, a start for motions without contact."""
         d = self.linear.dynamics(self.omega)
         relative = np.zeros_like(d.stiffness)
         relative[1:] = -self.force * d.drive[1:] / d.stiffness[1:]
@@ -307,8 +304,8 @@ class Balance:
     def solved(self, z: Real) -> Real:
         """Return the solution next to z at this frequency and force; raises NoConvergenceError.
 
-        Levenberg and Marquardt's method first, since Newton's own needs a start that an exact
-        orbit's harmonics are not; then Newton's.
+        Levenberg and Marquardt's method comes first, because the harmonics of an exact orbit are
+        too far from a solution for Newton's method, which follows.
         """
         scale = max(float(np.linalg.norm(z)), np.finfo(float).tiny)
 
@@ -336,10 +333,9 @@ class Balance:
     ) -> Real:
         """Return z of an orbit with impulses on the absorber (N s) at angles (rad).
 
-        The angles are those of the fundamental. This z is a start from an exact orbit.
-
-        ``friction`` maps the orders k (H,) to the harmonics of the friction force in N, complex
-        (H,); None: there is none.
+        Angles are those of the fundamental. This z is a start from an exact orbit. ``friction``
+        maps the orders k (H,) to the harmonics of the friction force in N, complex (H,); None: no
+        friction.
         """
         d = self.linear.dynamics(self.omega)
         order = np.arange(1.0, len(d.stiffness))
@@ -425,16 +421,41 @@ def harmonic_balance(
 ) -> Balance:
     """Return the harmonic balance of a scene with one sliding absorber.
 
-    The frequency is in rad/s, the force in N.
+    Parameters
+    ----------
+    scene : Scene
+        Structure with one sliding absorber.
+    omega : float
+        Frequency of the force in rad/s.
+    force : float
+        Amplitude of the force in N.
+    harmonics : int, optional
+        Highest order H.
+    weight : float, optional
+        Weight of rigid walls in m_a omega_1^2.
+    friction_weight : float, optional
+        Weight of rigid friction in m_a omega_1.
+    grounded_damper : float, optional
+        Damper between absorber and ground in N s/m; the paper has `PAPER_DAMPER`.
+    symmetric : bool, optional
+        Keep only odd harmonics.
+    multiple : int, optional
+        Period in periods of the force.
 
-    ``weight`` of the rigid contact in m_a omega_1^2, ``friction_weight`` in m_a omega_1;
-    ``grounded_damper`` in N s/m (`PAPER_DAMPER`); the period is ``multiple`` times the force's.
-    ``symmetric`` keeps odd harmonics alone; without it there are the mean and even ones too.
-    Friction subtracts the wall's force as the harmonics have it, cut off: 2e-4 of the largest
-    displacement with 20. `hill_multipliers` says how stable a solution is.
+    Returns
+    -------
+    Balance
+        The equations. `Balance.solved` solves them and `hill_multipliers` gives the stability.
 
-    Raises ParameterError for another absorber, restitution below 1, an even multiple of a symmetric
-    orbit.
+    Raises
+    ------
+    ParameterError
+        Another absorber, a restitution below 1, or an even multiple for a symmetric orbit.
+
+    Notes
+    -----
+    Friction depends on the walls' force with truncated harmonics. With 20 harmonics the error is
+    2e-4 of the largest displacement.
     """
     absorber = scene.absorber
     require(
@@ -469,11 +490,10 @@ def harmonic_balance(
 def hill_multipliers(balance: Balance, z: Real) -> Complex:
     """Return the 2 N_m + 2 Floquet multipliers of a solution z, the largest first.
 
-    For a symmetric balance they are those over half a period with the mirror image.
-
-    At compliant walls they converge; at rigid ones a fast pair's size does not
-    (docs/harmonic_balance.md): `Orbit.stability` has those. Raises ParameterError for elastic
-    friction, whose force depends on the motion's past.
+    For a symmetric balance they are those over half a period with the mirror image. They converge
+    with the number of harmonics at compliant walls. At rigid walls the size of a fast pair does not
+    converge (docs/harmonic_balance.md); use `Orbit.stability` there. Raises ParameterError for
+    elastic friction, whose force depends on the motion's past.
     """
     linear = balance.linear
     law = balance.law

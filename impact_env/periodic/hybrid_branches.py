@@ -1,10 +1,10 @@
 """Branches of orbits with any contact over the frequency or the force.
 
-Pseudo-arclength continuation of the condition that the state comes back.
+Pseudo-arclength continuation of the condition that the state returns to its start.
 
-The section moves along where an event comes near it. The order of events is free: where a reversal
-comes or goes the map has a kink, and where an impact grazes a wall its derivative has no bound, so
-that branches end there.
+The section is moved if an event comes near it. The order of events may change: where a reversal
+appears or disappears the map has a kink, and where an impact grazes a wall its derivative is
+unbounded, so that branches end there.
 """
 
 from __future__ import annotations
@@ -91,10 +91,7 @@ COINCIDENT_IMPACTS = "impacts at one instant"
 
 @dataclass(frozen=True, eq=False)
 class LocatedOrbit:
-    """A place located on a branch.
-
-    Its ``kind``, the ``orbit`` and its ``multipliers`` on the unit circle.
-    """
+    """A special point of a branch: ``kind``, ``orbit``, and multipliers on the unit circle."""
 
     kind: str
     orbit: HybridOrbit
@@ -112,12 +109,12 @@ class HybridBranch:
     branch : Branch
         Points, in the units of the continuation.
     conditions : tuple of ReturnCondition
-        What each point fulfils: its section.
+        Condition of each point, with its section.
     located : tuple of LocatedOrbit
         Folds and bifurcations, each confirmed by the exact method and a multiplier on the unit
         circle.
     unconfirmed : tuple of (str, str)
-        Kind and reason of places that are none.
+        Kind of each special point that was not confirmed, and the reason.
     """
 
     case: HybridCase
@@ -132,11 +129,11 @@ class HybridBranch:
         return self.branch.parameters
 
     def of(self, kind: str) -> tuple[LocatedOrbit, ...]:
-        """Return the located places of a kind, such as ``fold``."""
+        """Return the special points of a kind, such as ``fold``."""
         return tuple(place for place in self.located if place.kind == kind)
 
     def orbits(self) -> Iterator[HybridOrbit | NoHybridOrbit]:
-        """Yield the orbit of each point, or why it is none."""
+        """Yield the orbit of each point, or the reason why there is none."""
         for condition, point, value in zip(
             self.conditions, self.branch.points, self.parameters, strict=True
         ):
@@ -145,7 +142,7 @@ class HybridBranch:
     def curve(self, reference: float = 1.0) -> ResponseCurve:
         """Return the branch as a response curve with its parameter over ``reference``.
 
-        What tables, figures and files are made of.
+        Tables, figures and files of the branch are made from this curve.
         """
         orbits = list(self.orbits())
         good = [orbit if isinstance(orbit, HybridOrbit) else None for orbit in orbits]
@@ -195,10 +192,7 @@ def orbit_at(
 
 @dataclass(eq=False)
 class _HybridContinuation:
-    """A continuation on its way.
-
-    The condition in use, those of the points passed, and the last trajectory.
-    """
+    """State of a continuation: present condition, conditions of the points passed, trajectory."""
 
     condition: ReturnCondition
     parameter: str
@@ -208,7 +202,7 @@ class _HybridContinuation:
     first: ReturnCondition | None = None
 
     def trajectory(self, z: Array, value: float) -> HybridTrajectory:
-        """Return the trajectory at a point; residual and monitors ask for the same one.
+        """Return the trajectory at a point; the last one is stored for residual and monitors.
 
         Raises NoConvergenceError.
         """
@@ -256,7 +250,7 @@ class _HybridContinuation:
     def set_gate(
         self, z: Array, value: float, steps: Steps, scale: float, direction: float
     ) -> None:
-        """Remember the first point of the branch, in the unknowns of its section."""
+        """Store the first point of the branch, in the unknowns of its section."""
         problem = ContinuationProblem(self.residual, self.parameter, 1.0, scale)
         system, state = start_branch(problem, z, value, direction, steps)
         start = _HybridContinuation(self.condition, self.parameter)
@@ -266,7 +260,7 @@ class _HybridContinuation:
     def closes(self, z: Array, value: float, new: Array, new_value: float) -> bool:
         """Return whether a step between two points passes the first point of the branch.
 
-        The present section may be any section.
+        The points may be at another section than the first point.
         """
         if self.gate is None or self.condition.free_phase:
             return False
@@ -291,15 +285,15 @@ class _HybridContinuation:
         return mirror * state[: len(self.first.units)] / self.first.units
 
     def conditions(self, first: ReturnCondition, number: int) -> list[ReturnCondition]:
-        """Return those of the points.
+        """Return the condition of each of ``number`` points.
 
-        Point k > 0 was found with the one that was in use before the section was moved.
+        Point k > 0 was computed with the condition before the section was moved at this point.
         """
         passed = [first, *self.passed]
         return [*passed, *[self.condition] * (number - len(passed))][:number]
 
     def recentre(self, z: Array, value: float, along: Array) -> ContinuationChart | None:
-        """Return the unknowns at another section where an event is near the present one."""
+        """Return the unknowns at another section if an event is near the present one, else None."""
         self.passed.append(self.condition)
         trajectory = self.trajectory(z, value)
         if self.condition.free_phase or not is_section_near_event(trajectory):
@@ -330,7 +324,7 @@ class _HybridContinuation:
 
 
 def is_section_near_event(trajectory: HybridTrajectory) -> bool:
-    """Return whether an event lies so near to the section that it should be moved."""
+    """Return whether an event is so near to the section that the section should be moved."""
     if not trajectory.events:
         return False
     first = trajectory.events[0].time
@@ -366,9 +360,9 @@ def hybrid_branch(
     Returns
     -------
     HybridBranch
-        It ends at its limits, where no step is possible (mostly because an impact grazes a wall;
-        its message says so), or where it is back at its start. Ctrl-C ends it with what is known so
-        far.
+        The branch ends at its limits, where no step is possible (mostly because an impact grazes a
+        wall; its message says so), or where it returns to its start. After Ctrl-C it ends at the
+        last point.
 
     Raises
     ------
@@ -437,9 +431,9 @@ def _follow_one_way(
 
 
 def _explain_end(branch: Branch, trajectory: HybridTrajectory) -> Branch:
-    """Return a branch that no step continues, with the reason for its end.
+    """Return a branch with the reason for its end, if the motion at its end shows one.
 
-    The reason is set if the motion at the end of the branch shows one.
+    ``branch`` has ended because no step was possible.
     """
     at = f"{branch.parameter} = {branch.parameters[-1]:.6g}"
     if compute_graze(trajectory) < GRAZING_SHARE:
@@ -462,9 +456,9 @@ def compute_coincidence(trajectory: HybridTrajectory) -> float:
 
 
 def is_same_place(one: LocatedOrbit, other: LocatedOrbit, parameter: str) -> bool:
-    """Return whether two located places are the same one.
+    """Return whether two special points are the same point.
 
-    A place is located twice if it is at the begin of a closed branch and again at its end.
+    A point is located twice if it is at the beginning of a closed branch and again at its end.
     """
     values = [float(getattr(place.orbit.case, parameter)) for place in (one, other)]
     return (
@@ -477,7 +471,7 @@ def is_same_place(one: LocatedOrbit, other: LocatedOrbit, parameter: str) -> boo
 def _confirm_place(
     condition: ReturnCondition, parameter: str, event: SpecialPoint
 ) -> LocatedOrbit | str:
-    """Return a located place if it is confirmed, or why it is not.
+    """Return a special point if it is confirmed, or else the reason why it is not.
 
     It must be an orbit with a multiplier on the unit circle.
     """
@@ -497,10 +491,10 @@ def _confirm_place(
 
 
 def compute_graze(trajectory: HybridTrajectory) -> float:
-    """Return how near a motion is to a graze.
+    """Return how near a motion is to a graze, 0 at a graze.
 
-    The least of impact velocities over their unit, and of missed walls' distances over the
-    clearance.
+    The result is the smallest of the impact velocities over their unit, and of the distances from
+    missed walls over the clearance.
     """
     case = trajectory.case
     displacement, speed = relative_rows(case)

@@ -38,12 +38,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ContactLaws:
-    """Contact laws of n absorbers as numbers, (n,) each: ``mass`` in kg, ``gap`` in m (infinite.
+    """Masses and contact laws of n absorbers.
 
-    No walls), ``restitution``, ``limit`` in N.
-
-    Rigid contact has no ``wall_stiffness``, ``wall_damper`` (N/m, N s/m) and ``slider_stiffness``
-    (N/m): they are 0. Otherwise n is 1.
+    Attributes
+    ----------
+    mass : array, (n,)
+        Masses in kg.
+    gap : array, (n,)
+        Clearances in m, infinite without walls.
+    restitution : array, (n,)
+        Coefficients of restitution.
+    limit : array, (n,)
+        Friction limits in N.
+    compliant : bool
+        Whether contact is by springs; n is then 1.
+    wall_stiffness, wall_damper, slider_stiffness : float
+        Spring (N/m) and damper (N s/m) of a wall, and spring of the friction (N/m), 0 where absent.
     """
 
     mass: Array
@@ -57,7 +67,7 @@ class ContactLaws:
 
     @property
     def has_slider(self) -> bool:
-        """Whether friction acts by a spring, whose slider has a place of its own."""
+        """Whether friction acts by a spring, whose slider has a position of its own."""
         return self.slider_stiffness > 0
 
 
@@ -106,7 +116,7 @@ class HybridCase:
 
     @property
     def absorbers(self) -> tuple[SlidingAbsorber, ...]:
-        """The absorbers; raises ParameterError where there is none of the kind that slides."""
+        """The absorbers; raises ParameterError if there are none that slide."""
         absorber = self.scene.absorber
         if isinstance(absorber, SeveralAbsorbers):
             return absorber.absorbers
@@ -144,9 +154,9 @@ class HybridCase:
 
     @cached_property
     def compliance(self) -> Array:
-        """Relative acceleration (n, n) of each absorber in 1/kg.
+        """Relative acceleration (n, n) of each absorber in 1/kg per unit force at each absorber.
 
-        It is that under a unit force between each absorber and the structure.
+        The force acts between the absorber and the structure.
         """
         shapes = self.scene.absorber_shapes
         return np.asarray(shapes @ shapes.T + np.diag(1 / self.laws.mass))
@@ -155,7 +165,8 @@ class HybridCase:
     def length(self) -> float:
         """Unit of displacements in m.
 
-        The least clearance, or without walls how far the force moves the absorbers.
+        It is the least clearance, or without walls the amplitude to which the force moves the
+        absorbers.
         """
         least = float(np.min(self.laws.gap))
         if math.isfinite(least):
@@ -166,7 +177,7 @@ class HybridCase:
     def units(self) -> Array:
         """Unit of each entry of a state, (2 N_m + 2 n,).
 
-        `length`, and `length` times the force's frequency.
+        It is `length` for displacements, and `length` times the force's frequency for velocities.
         """
         half = self.scene.model.modes + self.scene.places
         return np.repeat([self.length, self.length * self.omega], half)
@@ -186,7 +197,7 @@ class HybridCase:
         return replace(self, **values)  # type: ignore[arg-type]
 
     def drive(self, duration: float, phase: float) -> Drive:
-        """Return the force from a ``phase`` (rad) on for ``duration`` s."""
+        """Return the force for ``duration`` s, starting with ``phase`` (rad)."""
         schedule = FrequencySchedule(
             np.array([0.0, duration]),
             np.full(2, self.omega),

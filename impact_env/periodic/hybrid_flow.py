@@ -3,9 +3,9 @@
 The propagator of a state, and its derivatives by force and frequency, in closed form.
 
 A state (S,) is that of `InitialState.vector`, 2 N_m + 2 n numbers: displacements of modes and
-absorbers, then their velocities. With elastic friction the slider's place follows as one more.
-Absorbers that are joined to the structure, or on springs, are parts of coupled modes; a free one
-moves under a constant force.
+absorbers, then their velocities. With elastic friction the slider's position is a further entry.
+Absorbers that are joined to the structure, or on springs, are parts of coupled modes; a free
+absorber moves under a constant force.
 """
 
 from __future__ import annotations
@@ -27,9 +27,18 @@ Complex = NDArray[np.complex128]
 
 
 class ContactRegime(NamedTuple):
-    """What each of n absorbers does: ``joined`` to the structure, slip direction ``sign`` (0.
+    """The contact state of each of n absorbers between two events.
 
-    None), ``wall`` touched by a spring; ``sticks``: a slider.
+    Attributes
+    ----------
+    joined : tuple of bool
+        Whether each absorber moves with the structure.
+    sign : tuple of int
+        Slip direction of each absorber, 0 without slip.
+    wall : int
+        Wall whose spring an absorber touches, -1 or 1; 0 for none.
+    sticks : bool
+        Whether the slider of elastic friction sticks.
     """
 
     joined: tuple[bool, ...]
@@ -42,12 +51,22 @@ class ContactRegime(NamedTuple):
 class RegimeModel:
     """Exponentials of a regime.
 
-    ``values`` (J,), their columns ``out`` (2 N_m + 2 n, J) in a state, and rows ``into`` (J, 2 N_m
-    + 2 n) from it.
-
-    ``drive`` (J,): response of the amplitudes to the force; ``pushes`` (J, n): to a force between
-    each absorber and the structure. ``free``, ``joined``: absorbers that move by themselves or
-    with the structure. ``stiffness`` (N/m), ``damper`` (N s/m): of the springs that act.
+    Attributes
+    ----------
+    values : array, (J,)
+        Exponents in 1/s.
+    out : array, (2 N_m + 2 n, J)
+        State per unit of each amplitude.
+    into : array, (J, 2 N_m + 2 n)
+        Amplitudes per unit of each entry of a state.
+    drive : array, (J,)
+        Response of the amplitudes to the force.
+    pushes : array, (J, n)
+        Response of the amplitudes to a force between each absorber and the structure.
+    free, joined : tuple of int
+        Absorbers that move by themselves, and with the structure.
+    stiffness, damper : float
+        Springs (N/m) and dampers (N s/m) that act.
     """
 
     values: Complex
@@ -123,9 +142,9 @@ def regime_model(case: HybridCase, regime: ContactRegime) -> RegimeModel:
 
 @dataclass(frozen=True, eq=False)
 class LinearPiece:
-    """The motion in one regime from ``time`` (s after the section) on.
+    """The motion in one regime, from ``time`` (s after the section).
 
-    At this time the force has ``phase`` (rad) and the state is ``begin`` (S,).
+    At this time the force has the ``phase`` (rad) and the state is ``begin`` (S,).
     """
 
     case: HybridCase
@@ -143,7 +162,7 @@ class LinearPiece:
     def constant_forces(self) -> Array:
         """Constant part (n,) of the forces on the absorbers in N.
 
-        Sliding friction, and what springs have at zero relative displacement.
+        It consists of sliding friction, and of the springs' forces at zero relative displacement.
         """
         laws = self.case.laws
         force = -np.array(self.regime.sign) * laws.limit
@@ -158,8 +177,8 @@ class LinearPiece:
     def _amplitudes(self) -> tuple[Complex, Complex, Complex]:
         """Modal amplitudes (J,) of the forced motion at phase 0.
 
-        They are those that rotate with the force and against it, per newton, and those of the
-        constant forces.
+        The three arrays are the parts that rotate with the force and against it, per newton, and
+        the part of the constant forces.
         """
         model = self.model
         omega = self.case.omega
@@ -197,7 +216,10 @@ class LinearPiece:
         return self._with_absorbers(states, dts)
 
     def _with_absorbers(self, states: Array, dts: Array) -> Array:
-        """Return states (K, S) of which the coupled modes are known, with what else moves."""
+        """Return states (K, S) with the motion of free absorbers and the slider added.
+
+        ``states`` has the motion of the coupled modes at ``dts`` (K,) in s.
+        """
         case = self.case
         n = case.scene.model.modes
         half = n + case.scene.places
@@ -256,10 +278,8 @@ class LinearPiece:
     def parameter_columns(self, dt: float) -> Array:
         """Return the derivatives (S, 2) of the state after ``dt`` (s), for a given initial state.
 
-        They are those by the force (N) and by its frequency (rad/s).
-
-        By the frequency at a given time: the force has the phase that it had at the section, plus
-        the frequency times the time.
+        They are with respect to the force (N) and to its frequency (rad/s) at fixed time: the phase
+        of the force is that at the section plus frequency times time.
         """
         case = self.case
         model = self.model
@@ -357,9 +377,9 @@ def _relative_rows(scene: Scene, slider: bool) -> tuple[Array, Array]:
 
 
 def relative_rows(case: HybridCase) -> tuple[Array, Array]:
-    """Return the rows (n, S) that give relative motion when multiplied by a state.
+    """Return the rows (n, S) of relative displacement (m) and of relative velocity (m/s).
 
-    They give relative displacements (m) and velocities (m/s), absorber minus structure.
+    The product of a row with a state is the absorber's motion minus the structure's.
     """
     return _relative_rows(case.scene, case.laws.has_slider)
 

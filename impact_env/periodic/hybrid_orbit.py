@@ -1,10 +1,11 @@
 """Periodic orbits with any contact.
 
-Shooting on the exact map, validation, and stability by multipliers.
+Orbits are found by shooting with the exact map, confirmed, and their stability is given by Floquet
+multipliers.
 
-The unknown is the state at a section, a phase of the force at which no absorber touches a wall.
-With elastic friction the section is where the slider's spring has no force, since runs start so;
-its phase is one more unknown.
+The unknown is the state at a section: a phase of the force at which no absorber touches a wall.
+With elastic friction the slider's spring has no force at the section, as at the start of runs, and
+the section's phase is a further unknown.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ SLIDER_PERIODS = 40  # of the force: after them nothing is left of a disturbance
 
 @dataclass(frozen=True, eq=False)
 class NoHybridOrbit:
-    """Why there is no orbit: the ``reason`` at a ``case``."""
+    """The ``reason`` why there is no orbit at a ``case``."""
 
     case: HybridCase
     reason: str
@@ -80,8 +81,8 @@ class HybridOrbit:
     trajectory : HybridTrajectory
         Motion over the period, or over half of one if ``symmetric``.
     residual : float
-        Largest difference to the start after an exact run over that time: displacements over the
-        least clearance, velocities over that times the force's frequency.
+        Largest difference to the start after an exact run over the trajectory's time:
+        displacements over `HybridCase.length`, velocities over that times the force's frequency.
     """
 
     case: HybridCase
@@ -101,9 +102,8 @@ class HybridOrbit:
     def multipliers(self) -> Complex:
         """Floquet multipliers over the trajectory, the largest first.
 
-        Of half a period with the mirror image if the orbit is symmetric.
-
-        With elastic friction the slider's place adds one.
+        If the orbit is symmetric they are those of half a period with the mirror image. With
+        elastic friction the slider's position adds one multiplier.
         """
         values = np.linalg.eigvals(self.mirror * self.trajectory.derivative).astype(complex)
         return values[np.argsort(-np.abs(values), kind="stable")]
@@ -115,7 +115,7 @@ class HybridOrbit:
 
     @property
     def stable(self) -> bool:
-        """Whether every small disturbance dies out."""
+        """Whether all multipliers lie inside the unit circle, so that small disturbances decay."""
         return bool(np.max(np.abs(self.multipliers)) < 1)
 
     @cached_property
@@ -135,29 +135,29 @@ class HybridOrbit:
 
     @property
     def impacts(self) -> tuple[HybridEvent, ...]:
-        """Impacts of a period; with walls that are springs the beginnings of wall contacts."""
+        """Impacts of a period; with compliant walls the beginnings of wall contacts."""
         return tuple(event for event in self.events if event.kind in (IMPACT, CONTACT))
 
     @cached_property
     def level(self) -> tuple[float, float]:
-        """Largest displacement and root of its mean square in m where the response is read."""
+        """Largest |displacement| and its RMS in m at the place of the response level."""
         return compute_level(self.trajectory)
 
     @property
     def tip_max(self) -> float:
-        """Largest displacement in m where the response is read."""
+        """Largest |displacement| in m at the place of the response level."""
         return self.level[0]
 
     @property
     def tip_rms(self) -> float:
-        """Root of the mean square of the displacement in m where the response is read."""
+        """RMS of the displacement in m at the place of the response level."""
         return self.level[1]
 
     def states(self, phases: ArrayLike) -> Array:
         """Return the states (K, S) at phases (K,) of the force in rad.
 
-        The phases may be any number of periods ahead or back. The last entry of a state is the
-        slider's position, if there is a slider.
+        The phases may be outside of one period. The last entry of a state is the slider's position,
+        if there is a slider.
         """
         angles = np.asarray(phases, dtype=float)
         require(
@@ -173,7 +173,7 @@ class HybridOrbit:
 
 
 def compute_level(trajectory: HybridTrajectory) -> tuple[float, float]:
-    """Return the largest |displacement| and the RMS (m) where the response is read."""
+    """Return the largest |displacement| and the RMS in m at the place of the response level."""
     case = trajectory.case
     shape = case.scene.model.level_shape
     n = len(shape)
@@ -197,7 +197,7 @@ def compute_level(trajectory: HybridTrajectory) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class ReturnCondition:
-    """Condition that a state comes back: the residual and its derivatives, in the units of a case.
+    """Condition that a state returns: the residual and its derivatives, in the units of a case.
 
     Unknowns (m,) are the state at the section over ``units``, and with elastic friction the
     section's phase in rad.
@@ -211,12 +211,12 @@ class ReturnCondition:
 
     @property
     def turn(self) -> float:
-        """Phase of the force in rad after which the state must be back."""
+        """Phase of the force in rad after which the state must return."""
         return count_turns(self.symmetric, self.period_multiple)
 
     @property
     def mirror(self) -> float:
-        """-1 where the state comes back mirrored, else 1."""
+        """-1 if the mirror image of the state returns, else 1."""
         return -1.0 if self.symmetric else 1.0
 
     @property
@@ -256,7 +256,7 @@ class ReturnCondition:
     def jacobian(self, trajectory: HybridTrajectory) -> Array:
         """Return the derivatives (m, m + 2) of the residual.
 
-        They are those by the unknowns, the force (N) and the frequency (rad/s).
+        They are with respect to the unknowns, the force (N) and the frequency (rad/s).
         """
         case = trajectory.case
         core = len(self.units)
@@ -288,9 +288,7 @@ def shoot_hybrid(
     symmetric: bool = False,
     period_multiple: int = 1,
 ) -> HybridOrbit | NoHybridOrbit:
-    """Return the orbit whose state at a phase of the force is near a given one.
-
-    If no orbit is found, the reason is returned.
+    """Return the orbit whose state at a phase of the force is near a given state.
 
     Parameters
     ----------
@@ -308,7 +306,7 @@ def shoot_hybrid(
     Returns
     -------
     HybridOrbit or NoHybridOrbit
-        The orbit, confirmed by the exact method.
+        The orbit, confirmed by the exact method, or the reason why none was found.
 
     Raises
     ------
@@ -407,12 +405,11 @@ def _damped_step(
 
 
 def find_section(trajectory: HybridTrajectory) -> float:
-    """Return the time (s) in a trajectory that suits a section best.
+    """Return the best time (s) in a trajectory for a section.
 
-    In the middle of the longest piece with the fewest absorbers joined or at a wall.
-
-    With elastic friction: where the slider's spring has no force, as late as can be; raises
-    `TrajectoryError` where it always has one.
+    It is the middle of the longest piece with the fewest absorbers joined or at a wall. With
+    elastic friction it is the last time at which the slider's spring has no force; raises
+    `TrajectoryError` if there is no such time.
     """
     if trajectory.case.laws.has_slider:
         return _find_unloaded_slider(trajectory)
@@ -455,14 +452,14 @@ def hybrid_orbit_of_simulation(
     initial: InitialState | None = None,
     phase: float = 0.0,
 ) -> HybridOrbit | NoHybridOrbit:
-    """Return the orbit that a run comes to, or why there is none.
+    """Return the orbit to which a run converges, or the reason why there is none.
 
     Parameters
     ----------
     case : HybridCase
         Scene, force and frequency.
     settle : int, optional
-        Periods of the force before the run is taken to have settled.
+        Periods of the force after which the run is examined.
     most_multiple : int, optional
         Longest period, in periods of the force.
     initial : InitialState, optional
@@ -473,7 +470,7 @@ def hybrid_orbit_of_simulation(
     Returns
     -------
     HybridOrbit or NoHybridOrbit
-        The orbit with the smallest period after which the run comes back; only an attracting one is
+        The orbit with the smallest period after which the state returns. Only a stable orbit is
         found.
     """
     settle = count("settle", settle, 1)
@@ -495,8 +492,8 @@ def _settled_section(
 ) -> tuple[float, Array]:
     """Return phase (rad) and state (2 N_m + 2 n,) of a run at a section after ``settle`` periods.
 
-    A run that is continued has its slider without force. That disturbs it once; from then on it is
-    continued at sections, where the slider has none.
+    A run that is continued starts with zero force in the slider's spring. This disturbs the run
+    once; later it is continued only at sections, where the spring has no force.
     """
     run = simulate(
         case.scene,
@@ -562,9 +559,9 @@ def _find_return(
 
 
 def mirror_hybrid(orbit: HybridOrbit) -> HybridOrbit | NoHybridOrbit:
-    """Return the mirror image of an orbit: every sign turned, half a period of the force later.
+    """Return the mirror image of an orbit: all signs reversed, half a period of the force later.
 
-    A symmetric orbit is its own.
+    The mirror image of a symmetric orbit is the orbit itself.
     """
     if orbit.symmetric:
         return orbit
@@ -572,9 +569,9 @@ def mirror_hybrid(orbit: HybridOrbit) -> HybridOrbit | NoHybridOrbit:
 
 
 def is_same_hybrid(one: HybridOrbit, other: HybridOrbit) -> bool:
-    """Return whether two orbits of one case are the same, whatever their sections.
+    """Return whether two orbits of one case are the same, for any sections.
 
-    Same period and level, and the states at the same phases.
+    They have the same period and level, and the same states at the same phases.
     """
     if (one.symmetric, one.period_multiple) != (other.symmetric, other.period_multiple):
         return False
@@ -595,8 +592,8 @@ def find_hybrid_orbits(
     The runs start from rest and from random initial states. For runs that do not converge to an
     orbit the reason is yielded.
 
-    The states are uniform up to 1.5 times `HybridCase.length`: displacements of the absorbers in
-    their cavities, velocities of the first mode and of the absorbers.
+    Random states are uniform: displacements of the absorbers in their cavities, and velocities of
+    the first mode and of the absorbers up to 1.5 times `HybridCase.length` times the frequency.
     """
     starts = count("starts", starts, 0)
     rng = np.random.default_rng(count("seed", seed, 0))
@@ -645,7 +642,7 @@ def count_events(orbit: HybridOrbit, kind: str) -> int:
 def plain_hybrid_orbit(orbit: HybridOrbit) -> dict[str, Any]:
     """Return an orbit as plain values with the keys of `orbit.plain_orbit`.
 
-    Events and impacts also say which absorber they are of.
+    Events and impacts have the number of their absorber, too.
     """
     case = orbit.case
     n = case.scene.model.modes
@@ -698,9 +695,9 @@ def plain_hybrid_orbit(orbit: HybridOrbit) -> dict[str, Any]:
 
 
 def hybrid_orbit_of(plain: dict[str, Any]) -> HybridOrbit | NoHybridOrbit:
-    """Return the orbit of a JSON file's entry, found again by shooting from its start.
+    """Return the orbit of a JSON file's entry, computed again by shooting from its start.
 
-    KeyError or ParameterError if it is something else.
+    Raises KeyError or ParameterError for another entry.
     """
     case = HybridCase(to_scene(plain["scene"]), plain["omega_rad_s"], plain["force_N"])
     start = plain["start"]

@@ -1,8 +1,9 @@
-"""A motion with any contact from a section of the force's phase on.
+"""A motion with any contact from a section at a phase of the force, and its derivatives.
 
-It has derivatives by state, force and frequency.
+The derivatives are with respect to state, force and frequency.
 
-The exact method says when events are. Between them the motion is in closed form (`hybrid_flow`);
+The exact method gives the times of events. Between them the motion is in closed form
+(`hybrid_flow`);
 at each event the derivative is multiplied by the saltation matrix DR + (f+ - DR f-) h'/(h' f-)
 with the guard h, the jump R, and the time derivatives f before and after (di Bernardo and others,
 Piecewise-smooth Dynamical Systems, 2008, chapter 2).
@@ -44,10 +45,10 @@ AT_REST_TOL = (
 
 
 class HybridEvent(NamedTuple):
-    """An event.
+    """An event of a motion.
 
-    ``time`` in s after the section, ``kind`` of `EVENT_KINDS`, ``absorber``, ``wall`` (-1, 0, 1),
-    ``impulse`` on the absorber in N s.
+    ``time`` is in s after the section, ``kind`` one of `EVENT_KINDS`, ``absorber`` its number from
+    0, ``wall`` -1, 1 or 0 (none), and ``impulse`` acts on the absorber in N s.
     """
 
     time: float
@@ -70,11 +71,20 @@ EVENT_KINDS = (IMPACT, REVERSAL, STICK, SLIP, CONTACT, SEPARATION)
 class HybridTrajectory:
     """A motion over ``span`` (s) from a section at ``phase`` (rad).
 
-    Pieces, events, and the ``end`` (S,).
-
-    ``derivative`` (S, S) of the end by the state at the section; ``columns`` (S, 2) by force (N)
-    and frequency (rad/s) at the time of the end. ``exact_end`` (2 N_m + 2 n,): where the exact
-    method ends.
+    Attributes
+    ----------
+    pieces : list of LinearPiece
+        Motion between events.
+    events : list of HybridEvent
+        Events in the order of time.
+    end : array, (S,)
+        State at the end.
+    derivative : array, (S, S)
+        Derivative of the end with respect to the state at the section.
+    columns : array, (S, 2)
+        Derivatives of the end with respect to force (N) and frequency (rad/s), at a fixed time.
+    exact_end : array, (2 N_m + 2 n,)
+        State at the end of the exact method's run.
     """
 
     case: HybridCase
@@ -89,7 +99,7 @@ class HybridTrajectory:
 
     @property
     def times(self) -> Array:
-        """When each piece begins and the last one ends, (p + 1,) in s."""
+        """Times (p + 1,) in s at which the p pieces begin, and the end of the last one."""
         return np.array([*(piece.time for piece in self.pieces), self.span])
 
     def states(self, times: Array) -> Array:
@@ -114,17 +124,15 @@ class HybridTrajectory:
 
 
 def record_of(case: HybridCase) -> Record:
-    """Return what runs of a case record: springs have no instants of rest of their own."""
+    """Return the record of runs of a case: impacts, and with rigid contact also times of rest."""
     return COMPLIANT_RECORD if case.laws.compliant else RECORD
 
 
 def follow_hybrid(case: HybridCase, phase: float, state: Array, span: float) -> HybridTrajectory:
     """Return the motion from a ``state`` (2 N_m + 2 n,) at a ``phase`` (rad) over a ``span`` (s).
 
-    An elastic slider starts without force.
-
-    A state that rounding or Newton's method put beyond a rigid wall is put on it. Raises
-    `TrajectoryError` where the motion has no derivative.
+    An elastic slider starts without force. A state beyond a rigid wall, by rounding or by a Newton
+    step, is moved onto the wall. Raises `TrajectoryError` if the motion has no derivative.
     """
     if not np.all(np.isfinite(state)):
         raise TrajectoryError("the state is not finite")
@@ -151,7 +159,7 @@ def follow_hybrid(case: HybridCase, phase: float, state: Array, span: float) -> 
 
 
 class _Builder:
-    """A trajectory on its way through the events of a run of the exact method."""
+    """Builder of a trajectory from the events of a run of the exact method."""
 
     def __init__(self, case: HybridCase, phase: float, span: float, run: Response) -> None:
         self.case = case
@@ -165,11 +173,11 @@ class _Builder:
         self.impulses = impulse_columns(case)
 
     def follow(self, begin: Array) -> HybridTrajectory:
-        """Go through all events from a state (2 N_m + 2 n,)."""
+        """Return the trajectory from a state (2 N_m + 2 n,) through all events."""
         raise NotImplementedError
 
     def go_on(self, regime: ContactRegime, time: float, state: Array) -> LinearPiece:
-        """Begin a piece."""
+        """Begin a piece in a regime at a time (s) and return it."""
         trajectory = self.trajectory
         piece = LinearPiece(
             self.case, regime, time, trajectory.phase + self.case.omega * time, state
@@ -178,9 +186,9 @@ class _Builder:
         return piece
 
     def advance(self, time: float) -> tuple[LinearPiece, Array, float]:
-        """Take the derivatives to a time (s).
+        """Advance the derivatives to a time (s).
 
-        Return the piece, the state (S,) then, and the time since the piece began.
+        Returns the present piece, the state (S,) at this time, and the time since the piece began.
         """
         trajectory = self.trajectory
         piece = trajectory.pieces[-1]
@@ -193,7 +201,8 @@ class _Builder:
     def jump(self, guard: Array, before: Array, after: Array, matrix: Array | None = None) -> None:
         """Multiply the derivatives by a saltation matrix.
 
-        Guard's row (S,), time derivatives (S,), and the jump's own matrix (S, S; None: no jump).
+        ``guard`` (S,) is the row of the guard function, ``before`` and ``after`` (S,) are the time
+        derivatives of the state, and ``matrix`` (S, S) is the jump of the state; None: no jump.
         """
         crossing = float(guard @ before)
         if crossing == 0.0:
@@ -270,9 +279,9 @@ class _RigidBuilder(_Builder):
         return int(np.sign(rate)) or otherwise
 
     def _groups(self) -> Iterator[list[HybridEvent]]:
-        """Yield the marks of the run that are one event, in the order of time.
+        """Yield lists of events of the run that happen at the same instant, in the order of time.
 
-        An impact of the same absorber is always another event.
+        Two impacts of the same absorber are always separate.
         """
         impacts = self.run.recorded.impacts
         reversals = self.run.recorded.reversals
@@ -306,7 +315,7 @@ class _RigidBuilder(_Builder):
             yield group
 
     def _handle(self, marks: list[HybridEvent]) -> None:
-        """Apply the event that some marks are."""
+        """Apply the events of one instant."""
         impacts = [mark for mark in marks if mark.kind == IMPACT]
         stops = {mark.absorber for mark in marks if mark.kind in (REVERSAL, STICK)}
         if impacts:
@@ -369,10 +378,9 @@ class _RigidBuilder(_Builder):
     def _impact(self, marks: list[HybridEvent]) -> None:
         """Apply an impact.
 
-        The impact law, what it tears loose, and the slip directions of all other absorbers.
-
-        Further ``marks`` are absorbers that a wall held, and that the impact drives against it:
-        they bounce at once.
+        The impact law is applied, joined absorbers that it tears loose are released, and the slip
+        directions of all other absorbers are updated. Further ``marks`` are absorbers in wall
+        contact that the impact drives against their wall: they rebound at once.
         """
         laws = self.case.laws
         time = marks[0].time
@@ -416,10 +424,8 @@ class _RigidBuilder(_Builder):
     def _apply_law(self, mark: HybridEvent, rate: float) -> tuple[float, float]:
         """Return impulse over relative velocity (N s^2/m), and the impulse (N s) of an impact.
 
-        The impact has the relative velocity ``rate`` (m/s).
-
-        The last bounce of a chatter takes all of the relative velocity with it, whatever the
-        restitution.
+        ``rate`` (m/s) is the relative velocity before the impact. The last impact of a chatter
+        leaves no relative velocity, for any restitution.
         """
         compliance = float(self.case.compliance[mark.absorber, mark.absorber])
         recorded = -mark.impulse * compliance / rate - 1.0 if rate != 0.0 else 0.0
@@ -430,7 +436,7 @@ class _RigidBuilder(_Builder):
 
 
 class _CompliantBuilder(_Builder):
-    """Walls that are springs, friction by an elastic slider: one absorber."""
+    """Builder for one absorber with compliant walls and elastic friction."""
 
     def follow(self, begin: Array) -> HybridTrajectory:
         """See `_Builder`."""
