@@ -86,7 +86,8 @@ def sources(values: Mapping[str, Any]) -> str:
     name = re.sub(r"\((R|TM)\)| Processor| CPU", "", values["processor"])
     cores = f"{values['cores']} core{'' if values['cores'] == 1 else 's'}"
     where = (values["date"], release, name, cores)
-    return f"Measured on {', '.join(part for part in where if part)}; {named}."
+    text = ", ".join(part for part in where if part)
+    return f"Measured on {text}; {named}." if named else f"Measured on {text}."
 
 
 if sys.platform == "win32":

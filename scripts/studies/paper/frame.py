@@ -159,7 +159,8 @@ class PaperFigure:
 
     def _sections(self, measured: Measurement) -> dict[str, str]:
         made = (
-            f"{describe_amounts(measured.conditions)}{sources(measured.conditions)} "
+            f"{describe_amounts(measured.conditions)}"
+            f"{sources(measured.conditions | {'versions': {}})} "
             f"{measured.conditions['wall_s']:g} s."
         )
         if not measured.complete:
@@ -212,11 +213,11 @@ def describe_amounts(conditions: Json) -> str:
         if isinstance(row, list) and len(row) > POINTS and name.endswith("s")
     }
     points = [
-        f"{name.replace('_', ' ')} {len(row)}"
+        f"{len(row)} {name.replace('_', ' ')}"
         for name, row in lists.items()
         if all(isinstance(x, int | float) for x in row)
     ]
-    text = "; ".join([*members, *([f"number of points: {', '.join(points)}"] if points else [])])
+    text = ", ".join([*members, *points])
     return f"{text[0].upper()}{text[1:]}. " if text else ""
 
 
