@@ -2,10 +2,10 @@
 
 The module also follows them over restitution, friction and number of modes.
 
-They are found on the fold force's map over frequency, then with all reversals of friction. With
-many modes the order of events changes so close to a fold that Newton's method on its conditions
-runs from one order to the other. The branch over the force takes each change where it comes; the
-smallest force on it is what the closed form's fold force stands for (`find_lowest_fold`).
+They are found on the curve of the fold's force over the frequency, then with all reversals of
+friction. With many modes the order of events changes so close to a fold that Newton's method on the
+fold's conditions alternates between two orders. Continuation over the force passes each change of
+order; the smallest force on the branch is that of the fold (`find_lowest_fold`).
 """
 
 from __future__ import annotations
@@ -74,10 +74,10 @@ MOST_JUMP = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class Threshold:
-    """A fold with its ``orbit``, or the reason why it is none.
+    """A fold, or a birth or merger of isolas, with its ``orbit`` or the reason why there is none.
 
-    ``kind`` says whether isolas are born at it (a valley of the fold force), merge (a ridge), or
-    neither.
+    ``kind`` is a birth of isolas (minimum of the fold's force over the frequency), a merger
+    (maximum), or a fold. ``force`` is in N, ``omega_ratio`` relative to the first resonance.
     """
 
     kind: str
@@ -91,14 +91,13 @@ def find_folds(
 ) -> tuple[Threshold, ...]:
     """Return the folds of symmetric two-impact orbits at the case's force.
 
-    They lie between two frequency ratios, and include those that are no orbits.
+    They lie between two frequency ratios. Folds that are not confirmed as orbits are included.
 
-    They are those of the closed form, where friction is taken as one-signed. With friction each of
-    them is found again with its reversals, and the branches beside it are followed: where reversals
-    come and go a branch may fold more than once, and as the order of events changes at a point of
-    the branch, how finely it is followed decides which of these are met. So it is done with steps
-    of two sizes. ``branches``: those of `orbit_branches` where they are known; None: they are
-    followed here. Ctrl-C breaks it off.
+    They are the folds of the closed form, in which friction has one sign between impacts. With
+    friction each of them is computed again with its reversals, and the branches next to it are
+    followed: where reversals appear and disappear a branch may have several folds, and the step
+    size decides which of them are met. Steps of two sizes are therefore used. ``branches``: result
+    of `orbit_branches` if known; None: computed here. Ctrl-C raises KeyboardInterrupt.
     """
     result = []
     reach = (low * float(case.model.omega[0]), high * float(case.model.omega[0]))
@@ -129,10 +128,10 @@ def find_folds(
 
 
 def _find_both_folds(case: Case, parameter: str) -> list[Fold | NoOrbit]:
-    """Return the closed form's fold and the fold with consistent reversals.
+    """Return the closed form's fold and the fold with consistent reversals, at least one of them.
 
-    The former is left out if its motion has reversals. The latter has the reversals that its
-    neighbours show. At least one fold is returned.
+    The closed form's fold is left out if its motion has reversals. The other has the reversals of
+    the motions next to it.
     """
     schedule = symmetric_schedule(case.friction_limit > 0)
     line = compute_line(case.structure, case.point)
@@ -167,11 +166,11 @@ def _same(one: Threshold, other: Threshold) -> bool:
 def find_thresholds(case: Case, low: float, high: float) -> tuple[Threshold, ...]:
     """Return births and mergers of isolas of symmetric two-impact orbits.
 
-    They lie between two frequency ratios, and include those that are no orbits.
+    They lie between two frequency ratios. Thresholds that are not confirmed as orbits are included.
 
-    They are valleys and ridges of the closed form's fold force, found again with all reversals
-    where something turns: by Newton's method on the fold's own conditions, and along branches over
-    the force where that does not settle. Ctrl-C breaks it off.
+    They are minima and maxima of the closed form's fold force over the frequency. If the motion has
+    reversals, they are computed again: by Newton's method on the fold's conditions, or, if it does
+    not converge, along branches over the force. Ctrl-C raises KeyboardInterrupt.
     """
     result = []
     for kind, force, omega in find_level_places(case, low, high):
@@ -197,9 +196,9 @@ def _orbit_of(fold: Fold | NoOrbit) -> Orbit | NoOrbit:
 
 @dataclass(frozen=True)
 class LevelPoint:
-    """A birth or a merger (``kind``) at a force in N and a frequency ratio.
+    """A birth or a merger of isolas (``kind``) at a force in N and a frequency ratio.
 
-    ``refused`` is the reason why it is no orbit, or empty.
+    ``refused`` is the reason why there is no orbit, or empty.
     """
 
     kind: str
@@ -210,7 +209,7 @@ class LevelPoint:
 
 @dataclass(frozen=True, eq=False)
 class IsolaCell:
-    """Births and mergers at one cell of the map, in the order of frequency.
+    """Births and mergers of isolas at one cell of the map, in the order of frequency.
 
     A cell is a number of modes, a restitution and a friction limit in N.
     """
@@ -222,12 +221,10 @@ class IsolaCell:
 
     @property
     def pair(self) -> tuple[LevelPoint | None, LevelPoint | None]:
-        """Birth and merger of the isola next to the resonance.
+        """Birth and merger of the isola next to the resonance, None if absent.
 
-        They are the last merger below the resonance, and the last birth before this merger. Each is
-        None if it does not exist.
-
-        Without a merger below the resonance it is the last one of the range.
+        They are the last merger below the resonance (or, without any, the last merger of the
+        range), and the last birth before this merger.
         """
         mergers = [t for t in self.found if t.kind == MERGER]
         mergers = [t for t in mergers if t.omega_ratio < 1] or mergers
@@ -255,7 +252,7 @@ class IsolaCell:
 
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> IsolaCell:
-        """Return the cell of `to_plain`."""
+        """Return the cell of the plain values of `to_plain`."""
         levels = tuple(LevelPoint(**level) for level in plain["found"])
         return IsolaCell(
             int(plain["modes"]), float(plain["restitution"]), float(plain["friction_limit"]), levels
@@ -275,9 +272,20 @@ def make_cell(case: Case, low: float, high: float) -> IsolaCell:
 
 @dataclass(frozen=True, eq=False)
 class IsolaMap:
-    """Fold force (m,) in N over ``omega_ratio`` (m,) of one case, and the cells of the map.
+    """Fold force of one case over the frequency, and births and mergers of isolas over parameters.
 
-    ``complete`` is False after Ctrl-C.
+    Attributes
+    ----------
+    case : Case
+        The case.
+    omega_ratio, fold_force : array, (m,)
+        Frequency ratios, and the fold's force in N at each.
+    own : IsolaCell
+        Births and mergers of the case itself.
+    cells : tuple of IsolaCell
+        Those of other numbers of modes, restitutions and friction limits.
+    complete : bool
+        False after Ctrl-C.
     """
 
     case: Case
@@ -328,14 +336,13 @@ def isola_map(
     limits: Sequence[float] = (),
     keep: ComputeOrLoad = compute_uncached,
 ) -> IsolaMap:
-    """Return a case's fold force and thresholds, and those of a map.
+    """Return a case's fold force and thresholds, and thresholds for other parameters.
 
-    The frequencies lie between two ratios of the case's first resonance.
-
-    The map is over numbers of modes, restitutions and friction ``limits`` in N (none: the case's
-    own). The case's own model has the largest number of modes that is asked for. ``keep`` takes
-    finished cells and gives them back. Ctrl-C ends it with what is known so far. Raises
-    ParameterError.
+    The frequencies lie between two ratios, ``low`` and ``high``, of the case's first resonance. The
+    cells have all combinations of the numbers of ``modes``, ``restitutions`` and friction
+    ``limits`` in N (none: the case's own limit). The case's own model has the largest number of
+    modes. ``keep`` stores and reads finished cells. After Ctrl-C the finished cells are returned.
+    Raises ParameterError for bad values.
     """
     require(
         0 < low < high,
@@ -412,7 +419,7 @@ def find_lowest_fold(case: Case) -> Fold | NoOrbit:
 
 
 def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]:
-    """Return the folds that are orbits on the branch over the force (N) through a solution.
+    """Return the confirmed folds on the branch over the force (N) through a solution.
 
     Raises NoConvergenceError if the solution has no branch.
     """
@@ -428,12 +435,11 @@ def _folds_over_force(solution: Solution, low: float, high: float) -> list[Fold]
 
 
 def find_lowest_level(case: Case, kind: str, reach: float) -> Fold | NoOrbit:
-    """Return the fold at which the smallest force has a minimum over the frequency.
+    """Return the fold at which the smallest force of orbits has a minimum over the frequency.
 
-    The minimum is sought within ``reach`` (rad/s) of the case's frequency. For a merger (``kind``)
-    it is a maximum.
-
-    The level place itself, or the corner where two orders of events meet. Ctrl-C breaks it off.
+    For a merger (``kind``) it is a maximum. The frequency is sought within ``reach`` (rad/s) of the
+    case's. The result is the extremum itself, or the corner where two orders of events meet. Ctrl-C
+    raises KeyboardInterrupt.
     """
     sign = 1.0 if kind == BIRTH else -1.0
     known = dict[float, Fold]()

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 
 class Plain(Protocol):
-    """A piece that can be written."""
+    """A result that has plain values, which can be written to a file."""
 
     def to_plain(self) -> dict[str, Any]:
         """Return plain values."""
@@ -18,7 +18,7 @@ PlainResult = TypeVar("PlainResult", bound=Plain)
 
 
 class ComputeOrLoad(Protocol):
-    """Finished pieces by name."""
+    """Function that computes finished pieces or reads them from an earlier call."""
 
     def __call__(
         self,
@@ -29,8 +29,8 @@ class ComputeOrLoad(Protocol):
     ) -> Iterator[PlainResult]:
         """Yield the results of ``make``, or the stored results of an earlier call.
 
-        Results are stored if an earlier call with the same ``name`` was completed. They are made
-        from their `to_plain` by ``read``.
+        ``name`` identifies the computation by plain values. Results are stored if an earlier call
+        with the same ``name`` was completed; ``read`` builds them from their `to_plain`.
         """
 
 
@@ -40,5 +40,5 @@ def compute_uncached(
     _read: Callable[[dict[str, Any]], PlainResult],
     /,
 ) -> Iterator[PlainResult]:
-    """Keep nothing: make each piece."""
+    """Yield the results of ``make``; nothing is stored."""
     return make()

@@ -137,11 +137,9 @@ def domain_of(model: ModalModel, name: str) -> tuple[float, float]:
 def difference_rule(value: float, domain: tuple[float, float], size: float) -> tuple[Array, Array]:
     """Return points (K,) and weights (K,) of a difference rule for a derivative.
 
-    The derivative by a parameter at ``value`` is the sum of weights times values. The points lie
-    within a domain.
-
-    Five points, of fourth order: around the value, or on one side of it next to an end of its
-    domain.
+    The derivative at ``value`` is the sum of weights times function values at the points, which lie
+    within ``domain``. The rule has five points and is of fourth order: around ``value``, or on one
+    side of it next to an end of the domain. ``size`` is the unit of the parameter.
     """
     step = DIFFERENCE_SHARE * size
     low, high = domain

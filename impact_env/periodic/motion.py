@@ -3,8 +3,8 @@
 The module computes states at any time, the tip's extremes, events that the schedule does not list,
 and the stability.
 
-Floquet multipliers are the eigenvalues of the return map's derivative: what becomes of a small
-disturbance in a period, or in half of one and its mirror image.
+Floquet multipliers are the eigenvalues of the return map's derivative, by which a small disturbance
+is multiplied in a period, or in half a period with the mirror image.
 """
 
 from abc import abstractmethod
@@ -48,7 +48,7 @@ TINY = np.finfo(float).tiny
 
 @dataclass(frozen=True, eq=False)
 class Periodic:
-    """A motion that repeats.
+    """A periodic motion.
 
     It is the common base of orbits whose absorber is never joined (`Motion`) and of those found by
     shooting (`ShotMotion`).
@@ -59,15 +59,15 @@ class Periodic:
     @property
     @abstractmethod
     def derivative(self) -> Array:
-        """Derivative (2 N_m + 2,)^2 of the map over the schedule's span.
+        """Derivative (2 N_m + 2, 2 N_m + 2) of the map over the schedule's span.
 
-        If the span is half a period, the derivative is mirrored back.
+        If the span is half a period, the end is mirrored.
         """
 
     @property
     @abstractmethod
     def begin(self) -> float:
-        """Phase (rad) from which `within` counts."""
+        """Phase of the force in rad from which the times of `within` count."""
 
     @abstractmethod
     def within(self, times: Array) -> Array:
@@ -76,19 +76,19 @@ class Periodic:
     @property
     @abstractmethod
     def level(self) -> tuple[float, float]:
-        """Largest displacement and root mean square, in m, at the place of the response.
+        """Largest |displacement| and RMS in m at the place of the response level.
 
         This place is the tip unless the model defines another one.
         """
 
     @property
     def tip_max(self) -> float:
-        """Largest displacement of `level` in m."""
+        """Largest |displacement| in m at the place of the response level."""
         return self.level[0]
 
     @property
     def tip_rms(self) -> float:
-        """Root of the mean square of `level` in m."""
+        """RMS of the displacement in m at the place of the response level."""
         return self.level[1]
 
     @abstractmethod
@@ -98,7 +98,7 @@ class Periodic:
     def states(self, phases: ArrayLike) -> Array:
         """Return states (S, 2 N_m + 2), as `InitialState.vector`, at phases (S,) of the force.
 
-        The phases are in rad, any number of periods ahead or back.
+        The phases are in rad and may be outside of one period.
         """
         angles = np.asarray(phases, dtype=float)
         schedule = self.solution.schedule
@@ -133,11 +133,21 @@ class Periodic:
 class Motion(Periodic):
     """The motion of a solution whose absorber is free or slides.
 
-    ``distance_max`` is the largest relative displacement in m.
-
-    ``at_absorber``: what `level` is there. ``turns`` (K,): phases (rad) of the force at which the
-    relative velocity changes its sign between impacts, whatever the schedule says. ``fits``:
-    whether the signs so found lead from impact to impact.
+    Attributes
+    ----------
+    solution : Solution
+        Events of the motion.
+    flights : Flights
+        Motion between events, for the kernels.
+    at_absorber : (float, float)
+        Largest |displacement| and RMS in m at the place of the absorber.
+    distance_max : float
+        Largest relative displacement in m.
+    turns : array, (K,)
+        Phases (rad) of the force at which the relative velocity changes its sign between impacts,
+        whether the schedule has a reversal there or not.
+    fits : bool
+        Whether the signs of the relative velocity are consistent with the impacts.
     """
 
     flights: Flights
@@ -148,16 +158,15 @@ class Motion(Periodic):
 
     @property
     def penetration(self) -> float:
-        """How far a wall is passed, in m; 0 where none is."""
+        """Largest distance in m by which the absorber passes a wall, 0 if it does not."""
         deep = max(self.distance_max - self.solution.case.gap, -self.clearance)
         return deep if deep > PENETRATION * self.solution.case.gap else 0.0
 
     @cached_property
     def clearance(self) -> float:
-        """Smallest distance from a wall, in m, at reversals of the relative velocity.
+        """Smallest distance from a wall in m at reversals of the relative velocity between impacts.
 
-        The reversals are those between impacts. A distance of 0 is grazing, and below 0 a wall is
-        passed.
+        It is 0 if the absorber grazes a wall, and negative if it passes a wall.
         """
         gap = self.solution.case.gap
         n = self.solution.case.model.modes
@@ -206,18 +215,15 @@ class Motion(Periodic):
 
     @property
     def derivative(self) -> Array:
-        """From just after the first event on."""
+        """Derivative of the map that begins just after the first event."""
         return self._monodromy[0]
 
     @property
     def turning(self) -> Array:
-        """The effect of each event on the absorber, (n,).
+        """Relative acceleration before each reversal over its change by friction, (n,).
 
-        It is the relative acceleration before a reversal, divided by the change of it that friction
-        causes.
-
-        -1 or below where the absorber slides on the other way, in between friction would hold it,
-        above 0 it never got there; -inf at impacts.
+        At -1 or below the absorber slides on in the other direction; between -1 and 0 friction
+        would hold it; above 0 the relative velocity does not reach zero. It is -inf at impacts.
         """
         return self._monodromy[1]
 
@@ -243,9 +249,9 @@ def _monodromy_of(solution: Solution, flights: Flights) -> tuple[Array, Array]:
 
 
 def derivative_of(solution: Solution) -> Array:
-    """Return `Motion.derivative` without a check of the motion between its events.
+    """Return `Motion.derivative` without a check of the motion between events.
 
-    This also works next to a solution.
+    The unknowns of ``solution`` need not satisfy the conditions exactly.
     """
     case = solution.case
     order = solution.schedule.order
@@ -308,7 +314,7 @@ class ShotMotion(Periodic):
 
     @property
     def derivative(self) -> Array:
-        """From the section on."""
+        """Derivative of the map that begins at the section."""
         return (-1.0 if self.solution.schedule.symmetric else 1.0) * self.passage.derivative
 
     @cached_property
@@ -326,10 +332,9 @@ AnyMotion = Motion | ShotMotion
 
 
 def level_of(case: Case, pieces: Sequence[tuple[States, float]]) -> tuple[float, float]:
-    """Return the largest |displacement| and the RMS (m) at the place of the response.
+    """Return the largest |displacement| and the RMS in m at the place of the response level.
 
-    They are computed over pieces. Each piece is given by its states as a function of time, and its
-    length in s.
+    ``pieces`` are pairs of a function that returns states at times (s), and a duration in s.
     """
     shape = case.model.level_shape
     n = case.model.modes
@@ -349,12 +354,10 @@ def level_of(case: Case, pieces: Sequence[tuple[States, float]]) -> tuple[float,
 
 
 def piece_extremes(response: Response, length: float, fastest: float) -> tuple[float, float]:
-    """Return the largest |displacement| (m) and the integral of its square (m^2 s).
+    """Return the largest |displacement| (m) and the integral of its square (m^2 s) over a piece.
 
-    They are those of a piece of a ``length`` in s.
-
-    ``response``: displacement (m) and velocity (m/s) by times (K,) in s; ``fastest`` (1/s): of the
-    exponentials in it.
+    ``response`` returns displacement (m) and velocity (m/s) at times (K,) in s, ``length`` is the
+    duration in s, and ``fastest`` the largest exponent (1/s) of the motion.
     """
     panels = max(1, int(np.ceil(length * fastest / PANEL)))
     step = length / panels
@@ -370,9 +373,9 @@ def piece_extremes(response: Response, length: float, fastest: float) -> tuple[f
 
 
 def _peak(response: Response, low: float, high: float) -> float:
-    """Return |displacement| (m) where the velocity reverses between two times (s).
+    """Return |displacement| (m) at a reversal of the velocity between two times (s).
 
-    The time is found by the secant method.
+    The time is computed by the secant method.
     """
     ends = [low, high]
     rates = [float(response(np.array([dt]))[1][0]) for dt in ends]
@@ -389,12 +392,16 @@ def _peak(response: Response, low: float, high: float) -> float:
 class Stability:
     """The stability of an orbit.
 
-    ``multipliers`` (2 N_m + 2,) are those over the schedule's span, the largest first. ``half``
-    says that the span is half a period, with the mirror image.
-
-    Half-period multipliers of a symmetric orbit: +1 is a fold, -1 breaks the symmetry. ``slow``:
-    the places (2,) of the pair whose disturbances lie most in the resonant mode and die out as
-    slowly as that mode's own vibration; all others are fast.
+    Attributes
+    ----------
+    multipliers : array, (2 N_m + 2,)
+        Multipliers over the schedule's span, the largest first.
+    half : bool
+        Whether the span is half a period with the mirror image. Then +1 is a fold, and -1 breaks
+        the symmetry.
+    slow : array of int, (2,)
+        Indices of the slow pair: its disturbances lie mostly in the resonant mode and decay as
+        slowly as this mode's own vibration. All others are fast.
     """
 
     multipliers: Complex
@@ -403,7 +410,7 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """Whether every small disturbance dies out."""
+        """Whether all multipliers lie inside the unit circle, so that small disturbances decay."""
         return bool(np.max(np.abs(self.multipliers)) < 1)
 
     @property
@@ -413,14 +420,14 @@ class Stability:
 
     @property
     def fast_multipliers(self) -> Complex:
-        """All others, the largest first."""
+        """All multipliers except the slow pair, the largest first."""
         return np.asarray(np.delete(self.multipliers, self.slow))
 
     @property
     def slowly_stable(self) -> bool:
         """Whether the disturbances of the slow pair decay.
 
-        In this case a regime may exist around an orbit that is unstable by a fast pair.
+        A regime may then exist around an orbit that is unstable by a fast pair.
         """
         return bool(np.max(np.abs(self.slow_multipliers)) < 1)
 
@@ -442,12 +449,11 @@ def stability_of(motion: AnyMotion) -> Stability:
 
 
 def _slow_pair(motion: AnyMotion, values: Complex, vectors: Complex) -> NDArray[np.int64]:
-    """Return the indices of the pair of multipliers that belongs to the beam's own vibration.
+    """Return the indices (2,) of the multipliers that belong to the beam's own vibration.
 
-    The pair belongs to the vibration in the mode nearest to the force's frequency.
-
-    Its disturbances lie in that mode (share of energy), and decay as the mode alone would over the
-    span. A pair is a complex multiplier and its conjugate, or two real ones.
+    It is the vibration in the mode nearest to the force's frequency: the disturbances have their
+    energy in this mode, and decay as the mode alone would over the span. A pair is a complex
+    multiplier and its conjugate, or two real ones.
     """
     case = motion.solution.case
     model = case.model

@@ -1,6 +1,6 @@
 """Normal forms of maps at a multiplier on the unit circle.
 
-They decide on which side of a bifurcation its new orbits lie.
+Their coefficients determine on which side of a bifurcation the new orbits lie.
 
 The coefficients are those of Kuznetsov, Elements of Applied Bifurcation Theory (2004), sections 5.4
 and 9.7: of a fold b = <p, B(q, q)>/2, of a doubled period (or, of a map over half a period, of
@@ -33,10 +33,9 @@ def euclidean(vector: Vector) -> float:
 class MapForms:
     """Derivatives of a map of R^n at its fixed point.
 
-    They are ``matrix`` A (n, n) and its multilinear forms.
-
-    ``second(u, v)`` returns B(u, v) (n,), ``third(u, v, w)`` returns C(u, v, w) (n,), of vectors
-    (n,) that may be complex. ``norm(u)`` is the size of a vector in which coefficients are given.
+    ``matrix`` is A (n, n); ``second(u, v)`` returns B(u, v) (n,) and ``third(u, v, w)`` returns
+    C(u, v, w) (n,) of vectors (n,) that may be complex. ``norm(u)`` is the norm in which critical
+    vectors have the length 1.
     """
 
     matrix: Array
@@ -49,12 +48,16 @@ class MapForms:
 class CriticalVectors:
     """Critical eigenvectors of a map.
 
-    They are the unit right eigenvector ``right`` q (n,), the left one ``left`` p (n,) with <p, q> =
-    1, and ``angle`` = det(U V) <u, v>.
-
-    The angle is between the unit vectors u and v of the smallest singular value of A - mu I, with
-    the sign of the determinants of all of them. It is real for a real multiplier, continuous, and
-    zero where the multiplier is a double one.
+    Attributes
+    ----------
+    right : array, (n,)
+        Unit right eigenvector q.
+    left : array, (n,)
+        Left eigenvector p with <p, q> = 1.
+    angle : float
+        det(U V) <u, v> with the singular value decomposition U S V^T of A - mu I, and the unit
+        vectors u and v of its smallest singular value. It is real for a real multiplier,
+        continuous, and zero where the multiplier is double.
     """
 
     right: Vector
@@ -63,7 +66,10 @@ class CriticalVectors:
 
 
 def find_critical_vectors(matrix: Array, multiplier: complex) -> CriticalVectors:
-    """Return the eigenvectors of a multiplier (real ones of a real multiplier)."""
+    """Return the eigenvectors of a ``multiplier`` of a matrix (n, n).
+
+    They are real for a real multiplier.
+    """
     value = multiplier.real if multiplier.imag == 0 else multiplier
     left, _, right = np.linalg.svd(matrix - value * np.eye(len(matrix)))
     u = left[:, -1]

@@ -1,13 +1,13 @@
 """Orbits beyond the symmetric ones over a range of frequencies.
 
-They are pairs without symmetry, orbits with doubled periods, and orbits to which runs settle.
+They are pairs without symmetry, orbits with doubled periods, and orbits on which runs end.
 
-Each comes from a branch known before, at a place where a multiplier is -1. Over half a period of a
-symmetric orbit it breaks the symmetry, and leads to the pair without it; over the period of an
-orbit without symmetry it doubles the period. A symmetric orbit does not double its period in one
-parameter: that would take a pair of half-period multipliers at +i and -i, and their modulus and
-angle are two conditions (Swift and Wiesenfeld, Phys. Rev. Lett. 52, 1984). What no such way leads
-to, as a period of three, comes from runs of the exact method.
+A branch of the first two kinds emerges from another branch where a multiplier is -1. A multiplier
+-1 over half a period of a symmetric orbit breaks the symmetry; over the period of an orbit without
+symmetry it doubles the period. A symmetric orbit does not double its period in one parameter: that
+needs a pair of half-period multipliers at +i and -i, and their modulus and angle are two conditions
+(Swift and Wiesenfeld, Phys. Rev. Lett. 52, 1984). Other orbits, such as those with three periods,
+are found by runs of the exact method.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -72,11 +72,10 @@ RANGE_MARGIN = 0.02
 
 
 def switch_branch(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
-    """Yield solutions on the branches that emerge from a branch.
+    """Yield solutions on the branches that emerge from a branch at bifurcations of a ``kind``.
 
-    They emerge where the symmetry breaks or the period doubles (``kind``).
-
-    A place from which no such solution is found is left out.
+    The kind is broken symmetry or a doubled period. Bifurcations from which no such solution is
+    found are left out.
     """
     require(
         kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING),
@@ -103,7 +102,7 @@ def switch_branch(orbits: OrbitBranch, kind: str) -> Iterator[Solution]:
 def _start_next_to_fold(solution: Solution, side: float, parameter: str) -> Solution | None:
     """Return an orbit of the branch that emerges at a solution, or None if none is found.
 
-    The second half of the solution is its first half, times ``side``.
+    At ``solution`` the second half of the events is the first half times ``side``.
     """
     conditions = Conditions(solution.case, solution.schedule, parameter)
     value = getattr(solution.case, parameter)
@@ -131,9 +130,9 @@ def _start_next_to_fold(solution: Solution, side: float, parameter: str) -> Solu
 
 
 def _is_tangent_alike(jacobian: Array, solution: Solution, side: float) -> Array:
-    """Return the unit tangent of the original branch (m + 1,).
+    """Return the unit tangent (m + 1,) of the branch from which another one emerges.
 
-    It is the direction of the Jacobian's kernel in which both halves of the orbit move in the same
+    It is the direction in the Jacobian's kernel in which both halves of the orbit move in the same
     way.
     """
     n = len(solution.schedule.events)
@@ -160,12 +159,11 @@ def descendants(
 ) -> Iterator[OrbitBranch | NoOrbit]:
     """Yield the branches in frequency that emerge from ``branches``, and their descendants.
 
-    They emerge by broken symmetry or doubled periods. The limits are in rad/s.
-
-    ``longest``: the largest multiple of the force's period. Of two branches that mirror each other
-    one is followed, and none with more than `MOST_EVENTS_OF_BRANCH`, nor more than ``most`` in all:
-    in their place comes the reason, a `NoOrbit`. The last one has ended as `INTERRUPTED` after
-    Ctrl-C. ``most_wrong`` as of `orbit_branch`.
+    They emerge by broken symmetry or doubled periods. ``limits`` are in rad/s, ``longest`` is the
+    largest multiple of the force's period, and ``most_wrong`` is as in `orbit_branch`. Of two
+    mirrored branches one is followed. For a branch with more than `MOST_EVENTS_OF_BRANCH` events,
+    and for those beyond ``most`` branches, a `NoOrbit` with the reason is yielded. After Ctrl-C the
+    last branch has ended as `INTERRUPTED`.
     """
     queue = list(branches)
     known: list[tuple[OrbitBranch, Array]] = []
@@ -206,10 +204,10 @@ def follow_descendants(
     side: float | None = None,
     most_wrong: int | None = None,
 ) -> OrbitBranch | NoOrbit:
-    """Return the branch in frequency through a solution, or why it is not followed.
+    """Return the branch in frequency through a solution, or the reason why it is not followed.
 
-    ``side``: it leaves a branch whose orbits' second half is the first one times that, and ends
-    where it comes back to it.
+    ``side``: the branch emerges from another branch, on which the second half of the events is the
+    first half times ``side``. It ends where it returns to the other branch.
     """
     events = len(solution.schedule.events)
     if events > MOST_EVENTS_OF_BRANCH:
@@ -234,10 +232,10 @@ def follow_descendants(
 
 
 def _cut_at_return(orbits: OrbitBranch, side: float) -> OrbitBranch:
-    """Return a branch without those ends that lie on the branch from which it emerged.
+    """Return a branch without ends that lie on the branch from which it emerged.
 
-    Orbits on these ends are repetitions of those of the other branch. A step may lead onto it where
-    both branches meet.
+    Orbits on these ends repeat those of the other branch. A step may lead onto it where both
+    branches meet.
     """
     apart = np.flatnonzero(
         [
@@ -283,13 +281,14 @@ def all_orbits_over(
 ) -> Iterator[OrbitSearch]:
     """Yield the orbits of a case at each of ascending frequency ratios (M,).
 
-    They are symmetric, without symmetry, and of up to ``longest`` periods of the force.
+    They are symmetric orbits, orbits without symmetry, and orbits of up to ``longest`` periods of
+    the force.
 
-    ``settle``: runs from ``starts`` random initial states at each ratio (`find_basins`, with a
-    ``seed``) add the stable orbits that no branch leads to, and `Found.basins` has the shares of
-    all. Where no orbit is stable one run from rest and one from beside each orbit come before.
-    Orbits with impacts count, and their branches are followed. Ctrl-C yields what is known so far
-    and goes on to the caller. Raises ParameterError for ratios that do not rise.
+    If ``settle``, runs from ``starts`` random initial states at each ratio (`find_basins` with
+    ``seed``) add the stable orbits that are on no known branch, and their branches;
+    `OrbitSearch.basins` then has the shares of all stable orbits. Before, at ratios without a
+    stable orbit, one run starts from rest and one next to each orbit. Ctrl-C yields the orbits
+    found so far and is raised again. Raises ParameterError for ratios that do not ascend.
     """
     search = _DescendantSearch(case, ratios, longest, progress)
     try:
@@ -306,10 +305,7 @@ def all_orbits_over(
 
 @dataclass(eq=False)
 class _DescendantSearch:
-    """The results of a search so far.
-
-    They are a group of orbits for each frequency, and the branches on which these lie.
-    """
+    """State of a search: a group of orbits for each frequency, and the branches found."""
 
     case: Case
     ratios: Array
@@ -331,7 +327,7 @@ class _DescendantSearch:
             self.progress(what, done, total)
 
     def symmetric(self) -> None:
-        """Find the symmetric orbits and their branches."""
+        """Compute the symmetric orbits and their branches."""
         self.groups += closed_form_over(
             self.case,
             self.ratios,
@@ -391,7 +387,7 @@ class _DescendantSearch:
                     self._add(k, result)
 
     def draw(self, starts: int, seed: int) -> None:
-        """Run from random initial states at each frequency, and follow what is found."""
+        """Make runs from random initial states at each frequency, and follow the orbits found."""
         for k in range(len(self.groups)):
             self._report_progress("random starts", k, len(self.groups))
             group = self.groups[k]

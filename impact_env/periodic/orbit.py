@@ -1,7 +1,7 @@
-"""A validated orbit and its computation.
+"""An orbit that the exact method has confirmed, and its computation.
 
-The steps are to solve, to check the motion between events, to reorder events, to propagate exactly,
-and to judge stability.
+The steps are: solve the conditions at the events, check the motion between events, reorder events,
+propagate with the exact method, and compute the stability.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,7 +45,8 @@ NEIGHBOUR = 0.05
 class Impact:
     """One impact.
 
-    ``phase`` of the force is in rad, ``impulse`` on the absorber in N s, and ``wall`` is -1 or 1.
+    ``phase`` is that of the force in rad, ``impulse`` acts on the absorber in N s, ``wall`` is -1
+    or 1.
     """
 
     phase: float
@@ -57,10 +58,17 @@ class Impact:
 class Orbit:
     """A periodic orbit that the exact method has confirmed.
 
-    ``residual`` is that of its propagation (see `validation.Validation`).
-
-    ``recorded``: the impacts of that propagation where a chatter comes to its end, so that there
-    are as many as rounding lets there be; else None.
+    Attributes
+    ----------
+    motion : Motion or ShotMotion
+        The motion over a period, or over half a period of a symmetric orbit.
+    stability : Stability
+        Its Floquet multipliers.
+    residual : float
+        Largest scaled difference to the start after a run of the exact method, see
+        `validation.Validation`.
+    recorded : tuple of Impact or None
+        Impacts of this run if a chatter is complete, whose number depends on rounding; else None.
     """
 
     motion: AnyMotion
@@ -70,28 +78,26 @@ class Orbit:
 
     @property
     def solution(self) -> Solution:
-        """Its events."""
+        """The events of the orbit."""
         return self.motion.solution
 
     @property
     def case(self) -> Case:
-        """Where it is."""
+        """Structure, absorber, force and frequency."""
         return self.motion.solution.case
 
     @property
     def schedule(self) -> EventSchedule:
-        """The order of its events."""
+        """Kinds and order of the events."""
         return self.motion.solution.schedule
 
     @property
     def impacts(self) -> tuple[Impact, ...]:
-        """All impacts of a whole period, in ascending order of the phase from 0 on.
+        """All impacts of a whole period, in ascending order of the phase from 0.
 
-        The mirrored half of a symmetric orbit is included.
-
-        A complete chatter has those of the exact method's run: it ends with the bounce behind which
-        the heights of all others add up to less than the rounding of the distance, and which takes
-        the rest of the relative velocity with it.
+        The mirrored half of a symmetric orbit is included. A complete chatter has the impacts of
+        the exact method's run. It ends with an impact without rebound, after which the heights of
+        all further bounces would add up to less than the rounding of the distance.
         """
         schedule = self.schedule
         solution = self.solution
@@ -115,7 +121,7 @@ class Orbit:
 
 
 def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
-    """Return the orbit of a motion if the exact method confirms it, or why it is none."""
+    """Return the orbit of a motion if the exact method confirms it, or the reason why not."""
     solution = motion.solution
     reason = find_physical_objection(motion) if isinstance(motion, Motion) else None
     if reason is None:
@@ -129,7 +135,7 @@ def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
 
 
 def _is_chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...] | None:
-    """Return the impacts of a validation's run if a wall holds the absorber on it, else None."""
+    """Return the impacts of a validation's run if a chatter ends in wall contact, else None."""
     impacts = None if validation.response is None else validation.response.impacts
     if (
         impacts is None
@@ -147,22 +153,21 @@ def _is_chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...]
 def shot_orbit(
     case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1
 ) -> Orbit | NoOrbit:
-    """Return the confirmed orbit found by shooting, or why none exists.
+    """Return the confirmed orbit found by shooting, or the reason why there is none.
 
     Shooting starts from a ``state`` (2 N_m + 2,) at a ``phase`` (rad) at which the absorber is not
-    joined.
+    joined. The other arguments are as in `EventSchedule`.
     """
     result = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
     return result if isinstance(result, NoOrbit) else confirmed(result)
 
 
 def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
-    """Return the orbit next to a motion in which friction would hold the absorber for a while.
+    """Return the orbit next to a motion in which friction would hold the absorber briefly.
 
-    If the motion has another fault, or no orbit is found, the reason is returned.
-
-    Between two numbers of reversals lie orbits with a short joined phase: shooting finds them from
-    the motion that leaves it out.
+    Between two numbers of reversals lie orbits with a short joined phase. Shooting finds them from
+    the motion without this phase. If the motion has another fault, or no orbit is found, the reason
+    is returned.
     """
     result = confirmed(motion)
     case = motion.solution.case
@@ -211,10 +216,10 @@ def mirror_orbit(orbit: Orbit) -> Orbit | NoOrbit:
 
 
 def find_physical_objection(motion: Motion) -> str | None:
-    """Return why a motion is no orbit, or None.
+    """Return the reason why a motion is not an orbit, None if there is none.
 
-    The motion is not propagated. Reasons are an impulse that pulls, a wall that is passed, or
-    friction in the wrong direction.
+    Reasons are an impulse that pulls, a wall that is passed, or friction in the wrong direction.
+    The motion is not propagated by the exact method.
     """
     solution = motion.solution
     schedule = motion.solution.schedule
@@ -235,9 +240,9 @@ def find_orbit_at(
 ) -> Orbit | NoOrbit:
     """Return the confirmed orbit near ``start`` (unknowns, or phases in rad), or why there is none.
 
-    ``reorder``: with friction the reversals of the schedule may be wrong at the start; they are
-    replaced by those that the motion shows, until both agree, and where friction would hold the
-    absorber shooting goes on from there. Raises ParameterError for a schedule with joined segments.
+    If ``reorder``, the reversals of the schedule may be wrong at the start: they are replaced by
+    those of the motion until both agree, and if friction would hold the absorber, shooting
+    continues from there. Raises ParameterError for a schedule with joined segments.
     """
     result = (
         reorder_events(case, schedule, start) if reorder else settle_order(case, schedule, start)
@@ -248,17 +253,17 @@ def find_orbit_at(
 
 
 def settle_order(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
-    """Return the motion of the solution near ``start``, whatever it does between its events."""
+    """Return the motion of the solution near ``start``, without a check between events."""
     solution = solve(case, schedule, start)
     return solution if isinstance(solution, NoOrbit) else motion_of(solution)
 
 
 def reorder_events(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
-    """Return the motion near ``start`` whose schedule has the reversals that it shows.
+    """Return the motion near ``start`` whose schedule has the reversals of the motion.
 
-    Two reversals that change places are left out. Where friction holds the absorber for a moment no
-    order of reversals is right: then what comes back is a motion without those that it would hold
-    at, or none; `confirmed` says so.
+    Two reversals that exchange their order are left out. If friction would hold the absorber
+    briefly, no order of reversals is consistent; the result is then a motion without the reversals
+    concerned, which `confirmed` refuses, or a `NoOrbit`.
     """
     start = np.asarray(start, dtype=float)
     motion = settle_order(case, schedule, start)
@@ -291,7 +296,7 @@ def has_held_phase(motion: Motion) -> bool:
 
 
 def is_consistent(motion: Motion) -> bool:
-    """Return whether the turns seen lie between the same impacts as the schedule's reversals."""
+    """Return whether the motion's reversals lie between the same impacts as the schedule's."""
     solution = motion.solution
     if not motion.fits or len(motion.turns) != solution.schedule.reversals:
         return False
@@ -337,10 +342,9 @@ def drop_closest(schedule: EventSchedule, phases: Array) -> tuple[EventSchedule,
 
 
 def drop_held(motion: Motion) -> tuple[EventSchedule, Array]:
-    """Return the schedule and phases (n,) of a motion without some reversals.
+    """Return the schedule and phases (n,) of a motion without reversals that friction would hold.
 
-    The reversals at which friction would hold the absorber are left out, together with their
-    partners.
+    The next reversal after or before each of them is left out, too, so that signs stay consistent.
     """
     solution = motion.solution
     old = motion.solution.schedule
@@ -373,7 +377,7 @@ def _sorted(
 
 
 def plain_orbit(orbit: Orbit) -> dict[str, Any]:
-    """The contract of the JSON file: these names do not change."""
+    """Return an orbit as plain values by name, as in JSON files; the names do not change."""
     schedule = orbit.schedule
     motion = orbit.motion
     case = orbit.case
@@ -421,10 +425,9 @@ def plain_orbit(orbit: Orbit) -> dict[str, Any]:
 def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
     """Return the orbit of a JSON file's entry, confirmed again.
 
-    Raises KeyError or ParameterError for any other entry.
-
-    It is found from its ``events``, or where the absorber is held by shooting from its ``start``,
-    which over many periods would lose an unstable one.
+    It is computed from its ``events``, or, if the absorber is joined for a time, by shooting from
+    its ``start``. (A run over many periods would leave an unstable orbit.) Raises KeyError or
+    ParameterError for any other entry.
     """
     case = case_of(to_scene(plain["scene"]), plain["force_N"], plain["omega_rad_s"])
     start = plain["start"]
@@ -460,7 +463,7 @@ def packed(orbits: Sequence[Orbit | NoOrbit]) -> dict[str, Any]:
 
 
 def packed_plain(plain: Sequence[dict[str, Any] | None]) -> dict[str, Any]:
-    """Return orbits as plain values, None where there is none, as `packed` does."""
+    """Return orbits as plain values, None for points without an orbit, in the form of `packed`."""
     known = [one for one in plain if one is not None]
     common = {
         name: value

@@ -2,7 +2,8 @@
 
 The module also finds all branches of symmetric two-impact orbits over a range of frequencies.
 
-The events' conditions are the residual, in another order of events where the motion shows one.
+The residual consists of the conditions at the events. The order of events is changed where the
+motion has another order.
 """
 
 import math
@@ -96,7 +97,8 @@ KNOWN_BRANCH_DISTANCE = 0.01
 class Scheduled:
     """A branch with the schedule of each of its points.
 
-    ``schedules`` has one for each point, and ``located_schedules`` one for each located place.
+    ``schedules`` has the schedule of each point, and ``located_schedules`` that of each special
+    point.
     """
 
     case: Case
@@ -105,7 +107,7 @@ class Scheduled:
     located_schedules: tuple[EventSchedule, ...]
 
     def at(self, schedule: EventSchedule, z: Array, value: float) -> Solution:
-        """Return the solution of a point (m,) at a value of the parameter."""
+        """Return the solution with unknowns z (m,) at a value of the parameter."""
         return solution_in(self.case, schedule, z, {self.branch.parameter: value})
 
     def solution(self, k: int) -> Solution:
@@ -113,17 +115,14 @@ class Scheduled:
         return self.at(self.schedules[k], self.branch.points[k], float(self.branch.parameters[k]))
 
     def places(self) -> Iterator[tuple[str, Solution]]:
-        """Yield kind and solution of each place located."""
+        """Yield kind and solution of each special point."""
         for event, schedule in zip(self.branch.located, self.located_schedules, strict=True):
             yield event.kind, self.at(schedule, event.point, event.parameter)
 
 
 @dataclass(frozen=True, eq=False)
 class Unconfirmed:
-    """A place located on a branch that is no bifurcation of an orbit.
-
-    It has its ``kind``, the ``solution`` at this place, and the ``reason``.
-    """
+    """A special point of a branch that is no bifurcation of an orbit, with the ``reason``."""
 
     kind: str
     solution: Solution
@@ -134,19 +133,19 @@ class Unconfirmed:
 class OrbitBranch(Scheduled):
     """A branch of orbits in one parameter.
 
-    Points are solutions of the events' conditions; where friction would hold the absorber for a
-    moment they only bridge the way, and `orbits` has the orbits with a joined phase that shooting
+    Points are solutions of the conditions at the events. Where friction would hold the absorber
+    briefly they are not orbits; `orbits` then has the orbits with a joined phase that shooting
     finds next to them. Folds, broken symmetry, doubled periods and tori in ``branch.located`` are
     confirmed by the exact method and by a multiplier on the unit circle; ``unconfirmed`` has the
-    others. Where a branch without symmetry, or of a doubled period, is born, the kind is the
-    bifurcation of the orbit that it leaves, and the solution located is that orbit, over half of
-    the span.
+    others. If the branch emerges from another branch by broken symmetry or a doubled period, the
+    special point has the kind of this bifurcation, and its solution is the orbit of the other
+    branch, over half of the span.
     """
 
     unconfirmed: tuple[Unconfirmed, ...] = ()
 
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
-        """Yield each point's orbit, confirmed by the exact method, or why it is none."""
+        """Yield each point's orbit, confirmed by the exact method, or why there is none."""
         for k in range(len(self.schedules)):
             yield shoot_held_orbit(motion_of(self.solution(k)))
 
@@ -164,9 +163,9 @@ class OrbitBranch(Scheduled):
         )
 
     def of(self, kind: str) -> tuple[Motion, ...]:
-        """Return the motions at the located places of a kind, such as `GRAZING`.
+        """Return the motions at the special points of a kind, such as `GRAZING`.
 
-        Births on the branch of another orbit are not included.
+        Bifurcations of another branch, from which this branch emerges, are not included.
         """
         return tuple(
             motion_of(solution)
@@ -175,10 +174,10 @@ class OrbitBranch(Scheduled):
         )
 
     def starts(self, kind: str) -> tuple[Solution, ...]:
-        """Return the solutions from which what leaves a bifurcation of a kind is followed.
+        """Return the solutions at bifurcations of a kind from which other branches are followed.
 
-        Those which the exact method refuses, but with a multiplier in its place, are among them:
-        what leaves there may be an orbit farther on.
+        Solutions that the exact method refuses, but which have the multiplier of the bifurcation,
+        are included: the branches that emerge there may have orbits farther on.
         """
         return (
             *(motion.solution for motion in self.of(kind)),
@@ -192,20 +191,19 @@ class OrbitBranch(Scheduled):
         )
 
     def is_birth(self, solution: Solution) -> bool:
-        """Return whether a solution located is the orbit that this branch leaves."""
+        """Return whether a special point's solution is the orbit from which this branch emerges."""
         own = self.schedules[0]
         other = solution.schedule
         return (own.symmetric, own.period_multiple) != (other.symmetric, other.period_multiple)
 
 
 def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
-    """Return a branch whose located places are confirmed.
+    """Return a branch with confirmed special points.
 
-    They are bifurcations of orbits, where births have their own kind. All other places are listed
-    as unconfirmed.
-
-    At a birth the determinant of the conditions vanishes too: a branch point or kink on the same
-    step of the branch is that birth again.
+    They are bifurcations of orbits; the points at which this branch emerges from another one have
+    the kind of that bifurcation. All other points are listed as unconfirmed. At an emergence the
+    determinant of the conditions vanishes, too: a branch point or kink in the same step is left
+    out.
     """
     good: list[tuple[SpecialPoint, EventSchedule]] = []
     refused: list[Unconfirmed] = []
@@ -245,7 +243,7 @@ def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
 
 
 def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
-    """Return why the branch is no orbit next to its end at a wall, or None if it is one.
+    """Return the reason why there is no orbit next to the branch's end at a wall, else None.
 
     The end is at a ``value`` of the parameter.
     """
@@ -271,9 +269,9 @@ def _objection_to_end(orbits: OrbitBranch, value: float) -> str | None:
 def _birth(
     orbits: OrbitBranch, event: SpecialPoint, schedule: EventSchedule
 ) -> tuple[SpecialPoint, EventSchedule] | None:
-    """Return the located place of a birth and its schedule, or None if it is not confirmed.
+    """Return special point and schedule where the branch emerges, or None if not confirmed.
 
-    The place contains the original orbit in the units of the branch's own case.
+    The point has the orbit of the other branch, in the units of this branch's case.
     """
     if event.kind not in (FOLD, BRANCH_POINT):
         return None
@@ -292,9 +290,9 @@ def _birth(
 def solution_in(
     units: Case, schedule: EventSchedule, z: Array, values: dict[str, float]
 ) -> Solution:
-    """Return the solution with unknowns (m,) at values of a branch's parameters.
+    """Return the solution with unknowns z (m,) at ``values`` of parameters.
 
-    The unknowns are in the units of the branch's own case.
+    The unknowns are in the units of the case ``units``.
     """
     case = units.changed(**values)
     return make_solution(case, schedule, in_units(case, schedule, z, units), 0.0)
@@ -314,9 +312,9 @@ def in_units(new: Case, schedule: EventSchedule, z: Array, old: Case) -> Array:
 
 @dataclass(eq=False)
 class OrbitContinuation:
-    """The state of a continuation of orbits.
+    """State of a continuation of orbits.
 
-    It includes the present schedule and those of the points passed.
+    It has the present schedule, those of the points passed, and the last motion.
     """
 
     case: Case
@@ -333,7 +331,7 @@ class OrbitContinuation:
     )
 
     def motion(self, z: Array, value: float) -> Motion:
-        """Return the motion at a point; monitors and `recentre` ask for the same one."""
+        """Return the motion at a point; the last one is stored for monitors and `recentre`."""
         key = (self.schedule, value, z.tobytes())
         if self.last is None or self.last[0] != key:
             self.last = (key, motion_of(self.solution(z, value)))
@@ -344,7 +342,7 @@ class OrbitContinuation:
         return solution_in(self.case, self.schedule, z, {self.parameter: value})
 
     def residual(self) -> Residual:
-        """Return the residual that is continued, with the schedule in use."""
+        """Return the residual for the continuation, with the schedule in use."""
         return Conditions(self.case, self.schedule, self.parameter)
 
     def clearance(self, z: Array, value: float) -> float:
@@ -388,22 +386,21 @@ class OrbitContinuation:
         )
 
     def weakest(self, z: Array, _value: float) -> float:
-        """Return the least of the impulses, above 0 where all walls push."""
+        """Return the least of the impulses, which is positive if no wall pulls."""
         order = self.schedule.order
         n = len(self.schedule.events)
         return float(np.min(-order.wall[order.wall != 0] * z[n : n + self.schedule.impacts]))
 
     def schedules(self, first: EventSchedule, number: int) -> list[EventSchedule]:
-        """Return the schedules of the points passed.
+        """Return the schedules of ``number`` points, the first of which has the schedule ``first``.
 
-        Point k > 0 was found with the schedule that was in use before a change of the schedule was
-        considered.
+        Point k > 0 was computed with the schedule before it was possibly changed at this point.
         """
         passed = [first, *self.passed]
         return [*passed, *[self.schedule] * (number - len(passed))][:number]
 
     def recentre(self, z: Array, value: float, along: Array) -> ContinuationChart | None:
-        """Return the unknowns of another order of events, if the motion shows one.
+        """Return the unknowns of another order of events if the motion has another order.
 
         Otherwise the result is None.
         """
@@ -446,11 +443,9 @@ class OrbitContinuation:
     ) -> ContinuationChart:
         """Return the unknowns of a solution for the continuation of the branch.
 
-        The first event's phase is counted on from ``first`` (rad). The direction is that at the
-        last orbit passed.
-
-        Where two reversals meet the unknowns have a fold of their own, behind which the old tangent
-        leads back. ``more`` unknowns come behind those of the solution.
+        The first event's phase is shifted by whole turns to the one nearest to ``first`` (rad).
+        ``more`` unknowns are appended. The direction is that at the last orbit passed, because the
+        unknowns have a fold where two reversals meet, after which the last tangent leads back.
         """
         new = solution.schedule.order.wall != 0
         direction = np.zeros(solution.schedule.unknowns + len(more) + 1)
@@ -469,10 +464,7 @@ class OrbitContinuation:
 
 
 def shows_schedule(motion: Motion) -> bool:
-    """Return whether a motion has the reversals of its schedule.
-
-    Friction must not hold the absorber at any of them.
-    """
+    """Return whether a motion has the reversals of its schedule, and friction holds at none."""
     return is_consistent(motion) and not has_held_phase(motion)
 
 
@@ -501,11 +493,7 @@ def _follow_one_way(
 
 
 def compute_size(parameter: str, value: float, limits: tuple[float, float]) -> float:
-    """Return the scale of a parameter, to which its changes are related.
-
-    It is the value itself for the frequency, and the largest absolute value within the limits for
-    all other parameters.
-    """
+    """Return the unit of a parameter: its value for the frequency, else the largest |limit|."""
     if parameter == "omega":
         return abs(value)
     return max((abs(x) for x in (value, *limits) if math.isfinite(x)), default=0.0) or 1.0
@@ -519,15 +507,13 @@ def orbit_branch(
     progress: PointProgress | None = None,
     most_wrong: int | None = None,
 ) -> OrbitBranch:
-    """Return the branch in both directions through a solution.
+    """Return the branch in both directions through a solution, in a parameter of `PARAMETERS`.
 
-    It is a branch in a parameter of `PARAMETERS` (SI units) within ``limits``.
-
-    It ends at its limits, where the absorber grazes a wall or a wall would have to pull, or where
-    it is back at its start; Ctrl-C ends it with what is known so far. Bifurcations are located on
-    the way, and confirmed in the end. ``most_wrong``: with friction it ends behind so many points
-    in a row whose motion has other reversals than its events, or is held, and no bifurcation is
-    sought at those.
+    ``limits`` are in SI units. The branch ends at its limits, where the absorber grazes a wall or a
+    wall would have to pull, or where it returns to its start; after Ctrl-C it ends at the last
+    point. Bifurcations are located on the way, and confirmed at the end. ``most_wrong``: with
+    friction it ends after so many consecutive points whose motion is held or has other reversals
+    than its events; no bifurcation is sought at such points.
     """
     result = OrbitBranch(
         solution.case,
@@ -541,12 +527,12 @@ def orbit_branch(
 def follow_to_both_sides(
     one_way: Callable[[float], tuple[Branch, list[Kind]]],
 ) -> tuple[Branch, tuple[Kind, ...], tuple[Kind, ...]]:
-    """Return the branch from what is found towards larger values (1) and smaller ones (-1).
+    """Return a branch from its parts towards larger values (1) and smaller ones (-1).
 
-    With it the kind of unknowns (such as a schedule) of each of its points, and of what is located.
-
-    A branch that closes, or is stopped, on its way to larger values is not followed to the other
-    side.
+    ``one_way(direction)`` returns one part with the kind of unknowns (such as a schedule) of each
+    of its points. The other results are the kinds of all points and of all special points. A branch
+    that closes or is interrupted on its way to larger values is not followed in the other
+    direction.
     """
     forward, schedules = one_way(1.0)
     if forward.ended in (CLOSED, INTERRUPTED):
@@ -560,7 +546,7 @@ def follow_to_both_sides(
 
 
 def located_schedules(located: tuple[SpecialPoint, ...], schedules: list[Kind]) -> tuple[Kind, ...]:
-    """Return the schedule of each place located, from those of the points."""
+    """Return the schedule of each special point, from those of the points."""
     return tuple(schedules[min(event.after + 1, len(schedules) - 1)] for event in located)
 
 
@@ -575,13 +561,12 @@ def orbit_branches(
 ) -> Iterator[OrbitBranch]:
     """Yield the branches of symmetric two-impact orbits between two frequencies in rad/s.
 
-    They start from the closed form's orbits at frequencies in between.
-
-    They are begun at `SEED_FREQUENCIES` frequencies, beside the closed form's folds, and at
-    frequencies given ``also``; what lies on a known branch is not followed again. ``steps``:
-    `COARSE_STEPS` where only the orbits at some frequencies are wanted. ``progress`` is told what
-    is followed, points, and frequency. The last one has ended as `INTERRUPTED` after Ctrl-C.
-    ``most_wrong`` as of `orbit_branch`. Raises ParameterError for a bad range.
+    They start from the closed form's orbits at `SEED_FREQUENCIES` frequencies, next to the closed
+    form's folds, and at the frequencies ``also``; orbits on a known branch are not followed again.
+    ``steps`` is `COARSE_STEPS` if only the orbits at some frequencies are wanted. ``progress`` is
+    called with a text, the number of points, and the frequency. ``most_wrong`` is as in
+    `orbit_branch`. After Ctrl-C the last branch has ended as `INTERRUPTED`. Raises ParameterError
+    for a bad range.
     """
     require(
         0 < low < high,
@@ -619,7 +604,7 @@ def orbit_branches(
 
 
 def make_place(solution: Solution) -> Array:
-    """Return phase, impulse and frequency of the first impact, (3,).
+    """Return phase, impulse and frequency (3,) of the first impact.
 
     They are in the units of the continuation.
     """
@@ -637,17 +622,17 @@ def list_places(branch: OrbitBranch) -> Array:
 def lies_on(places: Array, solution: Solution) -> bool:
     """Return whether a solution lies close to a branch.
 
-    The branch is given by the polyline through the places (m, 3) of its points.
+    ``places`` (m, 3) are those of the branch's points, which are connected by straight lines.
     """
     return is_near(places, make_place(solution))
 
 
 def mirror_places(places: Array, solution: Solution, *more: float) -> bool:
-    """Return whether a solution or its mirror image lies close to a polyline.
+    """Return whether a solution or its mirror image lies close to a branch.
 
-    The polyline passes through places (m, 3). Any impact of the solution may be the first one.
-
-    ``more``: what places have behind their three numbers.
+    ``places`` (m, 3 + k) are those of the branch's points, which are connected by straight lines;
+    the k numbers ``more`` of the solution are compared with their last columns. Any impact of the
+    solution may be the first one.
     """
     ratio = math.log(solution.case.omega) / PARAMETER_SHARE
     hits = solution.schedule.order.wall != 0
@@ -662,14 +647,14 @@ def mirror_places(places: Array, solution: Solution, *more: float) -> bool:
 
 
 def is_near(places: Array, point: Array) -> bool:
-    """Return whether a place (3,) lies next to the polyline through others (m, 3)."""
+    """Return whether a place (3,) lies close to the polyline through ``places`` (m, 3)."""
     return compute_distance(places, point) <= KNOWN_BRANCH_DISTANCE
 
 
 def compute_distance(places: Array, point: Array) -> float:
-    """Return the distance of a place (3,) from the polyline through others (m, 3).
+    """Return the distance of a place (3,) from the polyline through ``places`` (m, 3).
 
-    Whole turns of the phase are ignored. The distance is infinite without a line.
+    Whole turns of the phase are ignored. The distance is infinite for fewer than two places.
     """
     points = places - point
     points[:, 0] = (points[:, 0] + np.pi) % (2 * np.pi) - np.pi

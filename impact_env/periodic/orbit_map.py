@@ -36,7 +36,7 @@ def multiply(a: Polynomial, b: Polynomial) -> Polynomial:
 
 
 def powers_of(shift: Polynomial) -> Polynomial:
-    """Return 1, t, t^2/2, t^3/6 (4, 8) of a small number t (8,), one without a constant."""
+    """Return 1, t, t^2/2, t^3/6 (4, 8) of a polynomial t (8,) without constant."""
     square = multiply(shift, shift)
     one = np.zeros(8, complex)
     one[0] = 1.0
@@ -44,7 +44,7 @@ def powers_of(shift: Polynomial) -> Polynomial:
 
 
 def _real_if(result: Vector, *directions: Vector) -> Vector:
-    """Return the real part of a result of real directions."""
+    """Return the real part of a result if all directions are real, else the result."""
     return result if any(np.iscomplexobj(each) for each in directions) else result.real
 
 
@@ -161,9 +161,10 @@ class OrbitMap:
         return end, shift
 
     def _rate(self, state: NDArray[np.float64], time: float, friction: float, wall: float) -> float:
-        """Return the time derivative of an event's condition.
+        """Return the time derivative of an event's condition: of the relative position or velocity.
 
-        It is the relative velocity at a wall, and the acceleration at a reversal.
+        It is the relative velocity in m/s at a wall, and the relative acceleration in m/s^2 at a
+        reversal.
         """
         n = self.modes
         tip = self.structure.tip
@@ -177,7 +178,7 @@ class OrbitMap:
         return float(friction / self.structure.mass - tip @ modal)
 
     def _bounce(self, state: Polynomial) -> Polynomial:
-        """Return the state behind an impact."""
+        """Return the state after an impact."""
         n = self.modes
         structure = self.structure
         approach = state[2 * n + 1] - structure.tip @ state[n + 1 : 2 * n + 1]

@@ -1,8 +1,7 @@
 """One table for all results of periodic motions, in SI units.
 
 It has a row for each orbit, branch, fold, birth and merger of isolas, and curve of bifurcations.
-
-Rows are made of plain forms, as JSON files have them, so that both say the same.
+Rows are made from the plain values that JSON files contain, so that both agree.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ Row = tuple[object, ...]
 
 
 def make_row(known: Mapping[str, object]) -> Row:
-    """Return a row of `ORBIT_COLUMNS`, empty where nothing is known."""
+    """Return a row of `ORBIT_COLUMNS`, with empty entries for unknown values."""
     return tuple(known.get(name, "") for name in ORBIT_COLUMNS)
 
 
@@ -117,7 +116,7 @@ def _orbits_of(curve: Plain, points: int) -> list[dict[str, Any] | None]:
 
 
 def _shared(orbits: list[dict[str, Any] | None], key: str) -> dict[str, object]:
-    """Return what a row holds of all orbits of a curve but its parameter."""
+    """Return the entries of a row that all orbits of a curve share, except the parameter."""
     first = next((one for one in orbits if one is not None), None)
     if first is None:
         return {}
@@ -139,9 +138,8 @@ def _shared(orbits: list[dict[str, Any] | None], key: str) -> dict[str, object]:
 def branch_rows(curves: Iterable[Plain], key: str = "omega_ratio") -> Iterator[Row]:
     """Yield a row for each point of branches in their plain forms.
 
-    After the points of each branch follow its located places.
-
-    ``key``: column of their parameter. Points without a solution are left out.
+    The special points of each branch follow its points. ``key`` is the column of the branches'
+    parameter. Points without a solution are left out.
     """
     for number, curve in enumerate(curves, 1):
         values = curve[key]
@@ -180,9 +178,8 @@ def branch_rows(curves: Iterable[Plain], key: str = "omega_ratio") -> Iterator[R
 def bifurcation_rows(curves: Iterable[Plain], key: str) -> Iterator[Row]:
     """Yield a row for each point of curves of bifurcations in their plain forms.
 
-    After the points of each curve follow its located places.
-
-    ``key``: column of the second parameter.
+    The special points of each curve follow its points. ``key`` is the column of the second
+    parameter.
     """
     for number, curve in enumerate(curves, 1):
         orbits = _orbits_of(curve, len(curve["value"]))

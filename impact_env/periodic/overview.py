@@ -50,9 +50,9 @@ LINEAR_POINTS = 801
 
 @dataclass(frozen=True, eq=False)
 class LinearCurves:
-    """Amplitudes of the tip (m,) in m over ``omega_ratio`` (m,).
+    """Amplitudes of the tip in m over ``omega_ratio``, (m,) each.
 
-    They are those of the beam alone and of the beam with a stuck absorber.
+    ``alone`` is that of the beam without absorber, ``stuck`` that with a stuck absorber.
     """
 
     omega_ratio: Real
@@ -62,16 +62,16 @@ class LinearCurves:
 
 @dataclass(frozen=True, eq=False)
 class SweepEnvelope:
-    """Largest displacement of the tip (m,) in m in each pseudo period of a sweep.
+    """Largest displacement of the tip in m in each pseudo period of a sweep.
 
-    It is given over the frequency (m,) of the sweep.
+    ``tip_max`` (m,) is given over the frequency ratio ``omega_ratio`` (m,).
     """
 
     omega_ratio: Real
     tip_max: Real
 
     def to_plain(self) -> dict[str, Any]:
-        """Return lists; keys with their units."""
+        """Return lists by name, with units in the names."""
         return {"omega_ratio": self.omega_ratio.tolist(), "tip_max_m": self.tip_max.tolist()}
 
     @staticmethod
@@ -102,7 +102,7 @@ class Overview:
 
     @property
     def where(self) -> str:
-        """Where all responses are read."""
+        """The place at which all responses are measured, as text."""
         return (
             "of the tip"
             if self.scene.model.response_shape is None
@@ -174,11 +174,10 @@ def sweep_envelope(
 ) -> SweepEnvelope:
     """Return the envelope of a sweep from rest.
 
-    The sweep goes from one ratio of ``reference`` (rad/s) to another. ``method`` and errors are
-    those of `simulate`.
-
-    ``percent_per_100_periods``: None is what suits the damping of the resonance nearest to
-    ``reference``; ``phase``: the force's initial one in rad.
+    The sweep goes from one ratio of ``reference`` (rad/s) to another at a rate of
+    ``percent_per_100_periods`` (None: the rate that suits the damping of the resonance nearest to
+    ``reference``). ``phase`` is the force's initial phase in rad. ``method`` and errors are as in
+    `simulate`.
     """
     if percent_per_100_periods is None:
         percent_per_100_periods = _rate(scene, reference)
@@ -205,12 +204,11 @@ def exact_curves(
     pairs: bool = False,
     progress: OverviewProgress | None = None,
 ) -> Iterator[ResponseCurve]:
-    """Yield the curves of symmetric orbits with one impact a wall between two ratios.
+    """Yield the curves of symmetric orbits with one impact at each wall between two ratios.
 
-    Nothing is yielded for an absorber without rigid walls.
-
-    Their folds are those of `isolas.find_folds`. ``pairs``: with the orbits without symmetry that
-    leave them, and those of doubled periods.
+    Nothing is yielded for an absorber without rigid walls. Their folds are those of
+    `isolas.find_folds`. ``pairs``: include the orbits without symmetry, and those of doubled
+    periods, that emerge from them.
     """
     if not isinstance(require_sliding(scene).walls, RigidWalls):
         return
@@ -238,7 +236,7 @@ def exact_curves(
 def _by_branch(
     branches: tuple[OrbitBranch, ...], result: tuple[Threshold, ...]
 ) -> list[list[Motion]]:
-    """Return the folds that are orbits, each with the branch that it lies next to."""
+    """Return the folds that are orbits, in a list for each branch."""
     places = [list_places(branch) for branch in branches]
     groups = list[list[Motion]]([] for _ in branches)
     for fold in result:
@@ -267,12 +265,24 @@ def balance_curves(
 
 @dataclass(frozen=True, eq=False)
 class OverviewOptions:
-    """What is shown beside the linear responses; a part that is absent is None, False or empty.
+    """Parts of an overview in addition to the linear responses.
 
-    ``exact``: exact orbits, ``pairs``: also those without symmetry. ``balance``: harmonic balance,
-    with ``hill`` its stability. ``sweeps``: pairs of ratios, from and to, swept at a rate in % per
-    100 pseudo periods (None: what suits the damping). ``runs``: the stationary responses of many
-    runs.
+    Attributes
+    ----------
+    exact : bool
+        Exact orbits.
+    pairs : bool
+        Also exact orbits without symmetry.
+    balance : Balance or None
+        Harmonic balance.
+    sweeps : tuple of (float, float)
+        First and last frequency ratio of each sweep.
+    percent_per_100_periods : float or None
+        Rate of the sweeps. None: the rate that suits the damping.
+    runs : StationaryRuns or None
+        Stationary responses of many runs.
+    hill : bool
+        Stability of harmonic balance.
     """
 
     exact: bool = False
@@ -296,11 +306,9 @@ def compute_overview(
 ) -> Overview:
     """Return the frequency response of a scene between two ratios of ``reference`` (rad/s).
 
-    The force is in N. The response contains the linear curves and the parts that ``options``
-    selects.
-
-    ``keep`` takes finished pieces and gives them back. Ctrl-C ends it with what is known so far.
-    Raises ParameterError for bad values.
+    ``force`` is in N. The response contains the linear curves and the parts that ``options``
+    selects. ``keep`` stores and reads finished pieces. After Ctrl-C the finished pieces are
+    returned. Raises ParameterError for bad values.
     """
     force = finite("force", force)
     require(

@@ -1,9 +1,7 @@
-"""A motion from a section of the force's phase on, with its derivative.
+"""A motion from a section at a phase of the force, with the derivative of its end.
 
-The events are those of the exact method. Flights and saltation matrices connect them.
-
-The exact method says when impacts, reversals and joined phases are. The pieces between are in
-closed form, in the free (or sliding) regime or the joined one.
+The times of impacts, reversals and joined phases are those of the exact method. The pieces between
+them are in closed form, and saltation matrices connect their derivatives.
 """
 
 from dataclasses import dataclass, field
@@ -51,9 +49,10 @@ class OrbitEvent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """One regime of a case: its exponentials, and the constant answer to the force.
+    """One regime of a case: its exponentials, and the forced response.
 
-    ``up``, ``down`` (J,): slots of the forced motion that turn with the force and against it.
+    ``up`` and ``down`` (J,) are the modal amplitudes of the forced response that rotate with the
+    force and against it.
     """
 
     case: Case
@@ -63,13 +62,13 @@ class Flow:
     down: Complex
 
     def forced(self, phase: float) -> Complex:
-        """Return the slots (J,) of the forced motion at a phase of the force in rad."""
+        """Return the modal amplitudes (J,) of the forced response at a phase (rad) of the force."""
         return np.asarray(self.up * np.exp(1j * phase) + self.down * np.exp(-1j * phase))
 
     def derivative(self, dt: float) -> Array:
-        """Return the derivative (2 N_m + 2,)^2 of the state after ``dt`` (s).
+        """Return the derivative of the state after ``dt`` (s) with respect to the state before.
 
-        It is the derivative by the state before.
+        It has the shape (2 N_m + 2, 2 N_m + 2).
         """
         n = self.case.model.modes
         modes = self.modes
@@ -111,13 +110,24 @@ def _flow(case: Case, joined: bool) -> Flow:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The motion from ``time`` (s after the section) on.
+    """The motion in one regime, from ``time`` (s after the section).
 
-    At this time the force has ``phase`` (rad). ``force`` (N) is the constant force on a sliding
-    absorber.
-
-    ``begin`` (2 N_m + 2,): the state there. ``sign`` of the relative velocity, ``wall`` that holds
-    a joined absorber (0: friction does).
+    Attributes
+    ----------
+    flow : Flow
+        The regime.
+    time : float
+        Start of the piece in s.
+    phase : float
+        Phase of the force at the start in rad.
+    force : float
+        Constant friction force on a sliding absorber in N.
+    begin : array, (2 N_m + 2,)
+        State at the start.
+    sign : int
+        Sign of the relative velocity.
+    wall : int
+        Wall that holds a joined absorber, 0 for friction.
     """
 
     flow: Flow
@@ -130,13 +140,13 @@ class Piece:
 
     @cached_property
     def rest(self) -> Complex:
-        """Slots (J,) of the constant force."""
+        """Modal amplitudes (J,) of the response to the constant force."""
         modes = self.flow.modes
         return np.asarray(-modes.relative * self.force / modes.values)
 
     @cached_property
     def free(self) -> Complex:
-        """Slots (J,) without forced and constant part."""
+        """Modal amplitudes (J,) at the start without forced and constant parts."""
         return np.asarray(
             self.flow.modes.into @ self.begin - self.flow.forced(self.phase) - self.rest
         )
@@ -165,9 +175,9 @@ class Piece:
         return np.asarray(states)
 
     def bend(self, dt: float, state: Array) -> float:
-        """Return the relative acceleration (m/s^2) at ``dt`` (s) under the constant force alone.
+        """Return the relative acceleration (m/s^2) at ``dt`` (s), for a ``state`` at this time.
 
-        ``state`` is the state at this time.
+        The constant force of the piece acts.
         """
         structure = self.flow.case.structure
         n = self.flow.case.model.modes
@@ -194,13 +204,11 @@ class Piece:
 
 @dataclass(eq=False)
 class OrbitTrajectory:
-    """A motion over ``span`` (s).
+    """A motion over ``span`` (s) from a section at ``phase`` (rad).
 
-    It contains its pieces, its events, the ``end`` state (2 N_m + 2,), and the ``derivative`` of
-    this state by the state at the start.
-
-    The derivative (2 N_m + 2,)^2 loses rank by one where friction takes hold of the absorber, and
-    by two where a chatter ends on a wall.
+    ``end`` is its last state (2 N_m + 2,), and ``derivative`` (2 N_m + 2, 2 N_m + 2) the derivative
+    of the end with respect to the state at the start. It loses one rank where friction begins to
+    hold the absorber, and two where a chatter ends in wall contact.
     """
 
     case: Case
@@ -213,10 +221,9 @@ class OrbitTrajectory:
 
     @property
     def flights(self) -> tuple[Array, Array]:
-        """Times of the pieces (p + 1,) in s, and the durations of flight (p,) in s.
+        """Times (p + 1,) of the pieces in s, and durations of flight (p,) in s.
 
-        The times are the begins of all pieces and the end of the last one. The durations are those
-        of flight within each piece.
+        The times are the starts of all p pieces and the end of the last one.
         """
         times = np.array([piece.time for piece in self.pieces] + [self.span])
         return times, np.diff(times) * [not piece.flow.joined for piece in self.pieces]
@@ -236,9 +243,8 @@ class OrbitTrajectory:
 def follow_trajectory(case: Case, phase: float, state: Array, span: float) -> OrbitTrajectory:
     """Return the motion from a ``state`` (2 N_m + 2,) over a ``span`` (s).
 
-    The state is that at a ``phase`` (rad) of the force. Raises TrajectoryError.
-
-    A state that rounding or Newton's method put beyond a wall is put on it.
+    The state is that at a ``phase`` (rad) of the force. A state beyond a wall, by rounding or by a
+    Newton step, is moved onto the wall. Raises TrajectoryError if the motion has no derivative.
     """
     if not np.all(np.isfinite(state)):
         raise TrajectoryError("the state is not finite")
@@ -259,7 +265,7 @@ def follow_trajectory(case: Case, phase: float, state: Array, span: float) -> Or
 
 
 class _MarkKind(IntEnum):
-    """In the order in which they happen at the same time."""
+    """Kinds of events of a run, in the order in which simultaneous events are applied."""
 
     IMPACT = 0
     REVERSAL = 1
@@ -331,7 +337,7 @@ def _list_marks(case: Case, run: Response) -> list[_Mark]:
 
 
 class _TrajectoryBuilder:
-    """A passage on its way."""
+    """Builder of a trajectory from the events of a run."""
 
     def __init__(self, case: Case, phase: float, span: float) -> None:
         n = case.model.modes
@@ -377,7 +383,7 @@ class _TrajectoryBuilder:
         return piece, state, 0.0 if piece.flow.joined else piece.bend(dt, state)
 
     def _at_rest(self, state: Array) -> Array:
-        """Return a state without what rounding left of the relative velocity."""
+        """Return a state with zero relative velocity, without the errors of rounding."""
         return np.asarray(
             state - self.push * float(self.speed @ state) / self.case.structure.compliance
         )
@@ -416,7 +422,7 @@ class _TrajectoryBuilder:
         )
 
     def _turn(self, piece: Piece, time: float, state: Array, bend: float) -> None:
-        """The relative velocity is zero, and the absorber slides on the other way."""
+        """Apply a slip reversal: the absorber continues to slide in the other direction."""
         if piece.sign * bend >= 0:
             raise TrajectoryError("the relative velocity only touches zero at a reversal")
         self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
@@ -437,7 +443,7 @@ class _TrajectoryBuilder:
         self._go_on(self.free, time, state, sign)
 
     def _hold(self, piece: Piece, mark: _Mark, state: Array, bend: float) -> None:
-        """The relative velocity is zero, and friction or a wall holds the absorber from now on."""
+        """Apply the start of stick or wall contact: the relative velocity stays zero."""
         now = self._go_on(self.joined, mark.time, self._at_rest(state), 0, mark.wall)
         if mark.time > 0:  # else it is held from the start
             self._leap(0, 0.0, 0.0, now.force_on - piece.force, 0.0, bend)

@@ -3,8 +3,9 @@
 The points of a quasi-periodic motion, one for each period of the force, lie on a closed curve and
 move along it by a constant share of a turn on average: the rotation number. The mean of the angles'
 increments with the weight exp(-1/(t (1 - t))) converges faster than any power of the number of
-points (Das, Saiki, Sander, Yorke, Nonlinearity 30, 2017), on a chaotic motion only as its square
-root: how far both halves of the points agree tells the two apart.
+points (Das, Saiki, Sander, Yorke, Nonlinearity 30, 2017). On a chaotic motion its error only falls
+with the square root of the number of points, so the difference between both halves of the points
+distinguishes the two kinds of motion.
 """
 
 from __future__ import annotations
@@ -52,10 +53,10 @@ def rotation_number(points: Array, most_circles: int = MOST_CIRCLES) -> Rotation
 
     Parameters
     ----------
-    points
-        States (n, d), one for each period of the force, in comparable units.
-    most_circles
-        Largest number of circles that the points may lie on.
+    points : array_like, (n, d)
+        States, one for each period of the force, in comparable units.
+    most_circles : int, optional
+        Largest number of circles on which the points may lie.
 
     Returns
     -------
@@ -127,12 +128,10 @@ def _rotation_on_circle(points: Array) -> tuple[float, float] | None:
 
 
 def _lifted_increments(angles: Array) -> Array | None:
-    """Return the increments (n - 1,) of angles without jumps of a turn.
+    """Return the increments (n - 1,) of angles (n,) in rad, continuous across whole turns.
 
-    The result is None if the increments fill the whole turn.
-
-    On a curve that surrounds its centre they vary by less than a turn: the widest gap between them
-    is where a turn may be added.
+    On a curve that surrounds its centre the increments vary by less than a turn, so the widest gap
+    between them is where a turn is added. The result is None if the increments fill the whole turn.
     """
     increments = np.diff(angles) % (2 * np.pi)
     ordered = np.sort(increments)

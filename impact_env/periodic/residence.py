@@ -2,11 +2,12 @@
 
 The module computes the escape rate of runs, and from it the probability that a sweep jumps.
 
-Rates of leaving are measured at constant frequencies; their integral over a sweep's time gives P =
-exp(-N value). That leaves out that the frequency moves: it carries runs over the border of the
-regime, or away from it, which costs exits for each percent, not for each period, so that P = A
-exp(-N value) with an A that does not depend on N. It is read off sweeps (`Hazard.with_sweeps`);
-sweeps the other way have its inverse.
+Escape rates are measured at constant frequencies. Their integral over a sweep with N pseudo periods
+per percent gives the probability P = exp(-N value) of passing without escape. A moving frequency
+also carries runs over the border of the regime, or away from it; this effect is proportional to the
+range of frequencies, not to time, so that P = A exp(-N value) with a factor A that does not depend
+on N. A is estimated from sweeps (`Hazard.with_sweeps`); sweeps in the other direction have its
+inverse.
 """
 
 from __future__ import annotations
@@ -47,13 +48,19 @@ SILENT_PERIODS = 100.0
 
 @dataclass(frozen=True)
 class Approach:
-    """The approach to a regime of impacts.
+    """The approach to a regime of impacts: a frequency at which impacts begin, then a ramp.
 
-    It starts from rest with ``periods`` at ``ratio``, where runs begin to have impacts without
-    further action, followed by a ``ramp`` to the wanted frequency.
-
-    The ratio is of the ``reference`` (rad/s), times are in pseudo periods of it. A ``ratio`` of
-    None: from rest at the frequency wanted, at once.
+    Parameters
+    ----------
+    reference : float
+        Circular frequency in rad/s to which ratios and pseudo periods refer.
+    ratio : float, optional
+        Frequency ratio at which runs from rest begin to have impacts. None: runs start from rest at
+        the wanted frequency.
+    periods : float, optional
+        Pseudo periods at this ratio.
+    ramp : float, optional
+        Pseudo periods from this ratio to the wanted one.
     """
 
     reference: float
@@ -72,16 +79,14 @@ class Approach:
 
     @property
     def lead(self) -> float:
-        """Pseudo periods before the frequency wanted is reached."""
+        """Pseudo periods until the wanted frequency is reached."""
         return 0.0 if self.ratio is None else self.periods + self.ramp
 
     def to(self, *points: tuple[float, float]) -> FrequencySchedule:
-        """Return the schedule through ``points`` after the approach.
+        """Return the schedule of the approach, followed by linear changes through ``points``.
 
-        Each point is a pair of a time in pseudo periods and the ratio at its end. The first one
-        begins after the lead.
-
-        The first point's ratio is also where the approach ends.
+        Each point is a pair (duration in pseudo periods, frequency ratio at its end). The approach
+        ends at the first point's ratio.
         """
         first = points[0][1]
         before = [] if self.ratio is None else [(self.periods, self.ratio), (self.ramp, first)]
@@ -94,9 +99,9 @@ class Approach:
 def hold(
     approach: Approach, force: float, ratio: float, periods: float, phase: float = 0.0
 ) -> Drive:
-    """Return the drive that approaches ``ratio`` and stays at it.
+    """Return the drive that approaches ``ratio`` and stays at it for ``periods`` pseudo periods.
 
-    It stays for a number of pseudo ``periods``. The force is in N, the initial phase in rad.
+    The force is in N, the initial phase in rad.
     """
     return Drive(force, approach.to((positive("periods", periods), ratio)), phase)
 
@@ -109,9 +114,10 @@ def passage_schedule(
     periods_per_percent: float,
     phase: float = 0.0,
 ) -> Drive:
-    """Return the drive that sweeps from one ratio to another at a constant rate.
+    """Return the drive that sweeps from the ratio ``start`` to ``stop`` after the approach.
 
-    The rate is given in pseudo periods for each percent of the reference frequency.
+    The rate is given in pseudo periods for each percent of the reference frequency. The force is in
+    N, the initial phase in rad.
     """
     span = abs(stop - start) * 100 * positive("periods_per_percent", periods_per_percent)
     settle = approach.ramp  # at the start, so that the sweep begins as stays do
@@ -122,7 +128,7 @@ def passage_schedule(
 class ImpactFreeInterval:
     """The first interval of a run without impacts.
 
-    ``began`` is its begin (None: no such interval), and ``returned`` says whether impacts occurred
+    ``began`` is its start (None: no such interval), and ``returned`` says whether impacts occurred
     after it.
     """
 
@@ -133,11 +139,10 @@ class ImpactFreeInterval:
 def find_impact_free_interval(
     impacts: Array, begin: float, end: float, length: float
 ) -> ImpactFreeInterval:
-    """Return the first interval of at least ``length`` without impacts.
+    """Return the first interval without impacts of at least ``length``.
 
-    It is sought between ``begin`` and ``end``. All times have the same unit.
-
-    A stretch before the first impact counts, and one that goes on to the end.
+    It is sought between ``begin`` and ``end``. ``impacts`` (K,) are the times of impacts; all times
+    have the same unit. The intervals before the first impact and after the last one count, too.
     """
     inside = impacts[(impacts >= begin) & (impacts <= end)]
     edges = np.concatenate([[begin], inside, [end]])
@@ -149,14 +154,21 @@ def find_impact_free_interval(
 
 @dataclass(frozen=True, eq=False)
 class Stays:
-    """Residence times of lanes in the regime of impacts, (n,) each.
+    """Residence times of lanes in the regime of impacts.
 
-    ``durations`` are in pseudo periods, and ``ended`` says whether a stay ended.
-
-    What has not ended is censored: it lasted at least as long. ``absent``: lanes that had left
-    before their stay began. ``returned``: lanes whose impacts came back after the silence that
-    ended their stay; a silence long enough leaves none. ``longest_pauses`` (n,): longest time
-    without impact before the stay's end, which a silence must exceed.
+    Attributes
+    ----------
+    durations : array, (n,)
+        Residence times in pseudo periods; lower limits if not ended (censored).
+    ended : array of bool, (n,)
+        Whether the run left the regime.
+    absent : int
+        Number of lanes that had left the regime before the observation began.
+    returned : int
+        Number of lanes with impacts after the silence by which they left. With a silence that is
+        long enough there are none.
+    longest_pauses : array, (n,), optional
+        Longest time without impact before the end of each stay. A silence must be longer.
     """
 
     durations: Array
@@ -166,7 +178,7 @@ class Stays:
     longest_pauses: Array | None = None
 
     def after(self, time: float) -> Stays:
-        """Return the rest, after ``time``, of the stays that last longer."""
+        """Return the stays longer than ``time``, with ``time`` subtracted."""
         left = self.durations > time
         return Stays(self.durations[left] - time, self.ended[left])
 
@@ -174,14 +186,12 @@ class Stays:
 def read_duration(
     impacts: Array, begin: float, end: float, silence: float
 ) -> tuple[float, bool, bool, float] | None:
-    """Return a run's stay from ``begin`` on, or None if it had left the regime before.
+    """Return a run's stay from ``begin`` on, None if it had left the regime before.
 
     The results are the duration, whether the stay ended, whether impacts returned, and the longest
-    pause before the end.
-
-    It had left if the silence began before ``begin``, whose last ``silence`` is looked at too. A
-    run is observed until ``end`` less the ``silence``: what happens later could not be told from a
-    pause, and is left out.
+    pause before the end. A run leaves the regime when a time without impacts of at least
+    ``silence`` begins; the last ``silence`` before ``begin`` is included. Runs are observed until
+    ``end`` less ``silence``, because later silences cannot be distinguished from pauses.
     """
     last = end - silence
     result = find_impact_free_interval(impacts, begin - silence, end, silence)
@@ -196,10 +206,7 @@ def read_duration(
 def _simulate_stay(
     period: float, begin: float, end: float, silence: float, lane: Lane
 ) -> tuple[float, bool, bool, float] | tuple[()]:
-    """Return a lane's stay as in `stays`, empty if it had left the regime before.
-
-    Another process computes the same numbers.
-    """
+    """Return a lane's stay as `read_duration` does, an empty tuple if it had left before."""
     response = simulate(lane.scene, lane.drive, record=Record(events=True))
     assert response.impacts is not None
     return read_duration(response.impacts.time / period, begin, end, silence) or ()
@@ -220,12 +227,10 @@ def stays(
 ) -> Stays:
     """Return the stays at one frequency ratio, with a lane for each initial phase (rad).
 
-    The phases are those of the force. A stay is observed over at most ``periods`` pseudo periods.
-
-    Each lane comes from the state of impacts as ``approach`` says. A KeyboardInterrupt is raised
-    again once the lanes under way are finished; an ``executor`` makes the runs elsewhere, as for
-    `ensemble.run_lanes`. Raises ParameterError for a bad value, IntegrationError if a lane breaks
-    down.
+    The phases are those of the force. Each lane starts with ``approach`` and is observed over at
+    most ``periods`` pseudo periods. An ``executor`` makes the runs elsewhere, as in
+    `ensemble.run_lanes`. A KeyboardInterrupt is raised again after the lanes under way are
+    finished. Raises ParameterError for a bad value, IntegrationError if a lane breaks down.
     """
     periods = positive("periods", periods)
     require(
@@ -254,7 +259,7 @@ def stays(
 
 
 def drop_unfinished(result: Sequence[T | None]) -> list[T]:
-    """Return the results of lanes; raises KeyboardInterrupt if one is missing."""
+    """Return the results of lanes; raise KeyboardInterrupt if one is missing."""
     whole = [value for value in result if value is not None]
     if len(whole) < len(result):
         raise KeyboardInterrupt
@@ -278,11 +283,10 @@ class ExitRate:
 def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = EXIT_CONFIDENCE) -> ExitRate:
     """Return the maximum-likelihood escape rate of a constant hazard.
 
-    It is the number of exits over the time at risk. Stays that have not ended count as censored.
-
-    ``burn_in``: pseudo periods at a stay's start that are left out, with what ended in them. The
-    interval is Garwood's for a Poisson count (F. Garwood, Biometrika 28, 1936). Without any time at
-    risk rate and interval are NaN.
+    It is the number of exits over the time at risk; stays that have not ended are censored.
+    ``burn_in``: pseudo periods at the start of stays that are left out; stays that end earlier do
+    not count. The interval with probability ``level`` is Garwood's for a Poisson count (F. Garwood,
+    Biometrika 28, 1936). Rate and interval are NaN without time at risk.
     """
     burn_in = non_negative("burn_in", burn_in)
     require(0 < level < 1, "level", level, "a number between 0 and 1")
@@ -307,14 +311,19 @@ BOOTSTRAP_DRAWS = 4000
 
 @dataclass(frozen=True)
 class Hazard:
-    """Integral of the escape rate over the frequency.
+    """Integral of the escape rate over the frequency, in exits per (pseudo period / percent).
 
-    It is in exits per (pseudo period / percent). A sweep at N pseudo periods per percent jumps with
-    probability A exp(-N value).
+    A sweep at N pseudo periods per percent stays in the regime with the probability A exp(-N
+    value).
 
-    ``low`` and ``high``: its interval from the counting of exits alone. ``first`` and ``last``: the
-    ratios between which it is taken. ``factor``: A with its interval, what the motion of the
-    frequency adds; 1 where no sweeps were measured.
+    Attributes
+    ----------
+    value, low, high : float
+        The integral, and its interval from the counts of exits.
+    first, last : float
+        Frequency ratios between which it is taken.
+    factor, factor_low, factor_high : float
+        The factor A (see the module) and its interval; 1 if no sweeps were measured.
     """
 
     value: float
@@ -341,13 +350,12 @@ class Hazard:
     def with_sweeps(
         self, measured: Mapping[float, Jumps], level: float = EXIT_CONFIDENCE
     ) -> Hazard:
-        """Return the hazard with the factor that sweeps show, by their slowness.
+        """Return the hazard with the factor A estimated from sweeps.
 
-        The logarithm of the factor is the mean of log(share) + N value by generalised least
-        squares.
-
-        Shares have the errors of their counts and, all of them together, that of the integral.
-        Raises ParameterError if none of them both jumped and left.
+        ``measured`` has the results of sweeps by their slowness (pseudo periods per percent). The
+        logarithm of the factor is the generalised least-squares mean of log(share) + N value.
+        Shares have the errors of their counts and the common error of the integral. Raises
+        ParameterError unless some runs jumped and some left.
         """
         own = {n: result for n, result in measured.items() if 0 < result.jumped < result.present}
         require(
@@ -411,14 +419,20 @@ def hazard(
 
 @dataclass(frozen=True)
 class Jumps:
-    """Results of sweeps.
+    """Results of sweeps over a range of frequencies.
 
-    ``present`` runs were in the regime of impacts at the range's first ratio, ``jumped`` of them
-    jumped out of it, and ``runs`` is the number of all runs.
-
-    ``high``: runs whose response level in m lies above a limit, None unless one was asked for.
-    ``left``: frequency ratios at which those that were present left it, before the range's last
-    ratio.
+    Attributes
+    ----------
+    jumped : int
+        Runs that jumped: they were in the regime at the range's first ratio and did not leave it.
+    present : int
+        Runs that were in the regime of impacts at the range's first ratio.
+    runs : int
+        All runs.
+    high : int or None
+        Runs with a response level above a limit, None without limit.
+    left : tuple of float
+        Frequency ratios at which the present runs left the regime.
     """
 
     jumped: int
@@ -429,7 +443,7 @@ class Jumps:
 
     @property
     def share(self) -> float:
-        """Share of those present that jumped, NaN if none was present."""
+        """Share of the present runs that jumped, NaN if none was present."""
         return self.jumped / self.present if self.present else float("nan")
 
     def interval(self, level: float = EXIT_CONFIDENCE) -> tuple[float, float]:
@@ -496,14 +510,13 @@ def jumps(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> Jumps:
-    """Sweep lanes, one for each initial phase (rad), and return how many jumped.
+    """Sweep lanes, one for each initial phase (rad) of the force, and return how many jumped.
 
-    Interruption and errors are those of `residence.stays`.
-
-    A run has jumped if no ``silence`` (pseudo periods without impact, at least) begins before the
-    range's last ratio. It is present if none had begun before the first. ``high_level`` in m:
-    response levels above it are counted too. ``method``: default Exact. Raises ParameterError if
-    the sweep is too fast for a silence to show after the last ratio.
+    A run is present if no ``silence`` (at least so many pseudo periods without impact) begins
+    before the first ratio of ``over``, and has jumped if none begins before its last ratio.
+    Response levels above ``high_level`` (m) are counted. Interruption and errors are those of
+    `residence.stays`. Raises ParameterError if the sweep is so fast that a silence does not end
+    before the sweep.
     """
     tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)
     require(

@@ -33,10 +33,19 @@ SAME_POINT_TOL = (
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """Something located on a curve: ``kind`` is "fold", "torus" and the like.
+    """A special point of a curve.
 
-    ``multipliers``: those on the unit circle, empty if unknown; ``coefficient`` of the normal form
-    and ``criticality`` (see `impact_env.periodic.codimension_two.CriticalPoint`), None if unknown.
+    Attributes
+    ----------
+    kind : str
+        "fold", "torus" or another kind.
+    omega_ratio, tip_max : float
+        Frequency ratio, and largest displacement in m.
+    multipliers : tuple of complex
+        Multipliers on the unit circle, empty if unknown.
+    coefficient, criticality : float and str, or None
+        Coefficient of the normal form, and whether the bifurcation is supercritical, see
+        `impact_env.periodic.codimension_two.CriticalPoint`. None if unknown.
     """
 
     kind: str
@@ -67,14 +76,31 @@ class CurvePoint:
 class ResponseCurve:
     """Tip displacement along a branch with m points.
 
-    ``omega_ratio`` (m,) is the frequency, and ``tip_max`` and ``tip_rms`` (m,) are in m, with NaN
-    at points without an orbit.
-
-    ``stable`` and ``slowly_stable`` (m,) of booleans, None where the method does not tell: the
-    second leaves the fast multipliers out. ``refused``: the reasons of the points without an orbit,
-    and how often each occurs. ``period``: in periods of the force; ``symmetric``: each half is the
-    other's mirror image. ``orbits``: the points' orbits as `packed` has them, which are read back
-    and run again; None where the method has none.
+    Attributes
+    ----------
+    method : str
+        Name of the method.
+    omega_ratio : array, (m,)
+        Frequency ratios.
+    tip_max, tip_rms : array, (m,)
+        Largest displacement and RMS in m, NaN at points without an orbit.
+    located : tuple of CurvePoint
+        Special points.
+    closed : bool
+        Whether the branch is closed.
+    message : str
+        Reason for the end of the branch.
+    stable, slowly_stable : array of bool, (m,), or None
+        Whether all multipliers, and whether the slow ones lie inside the unit circle; None if the
+        method does not compute them.
+    refused : tuple of (str, int)
+        Reasons of points without an orbit, and the number of points of each.
+    period : int
+        Period in periods of the force.
+    symmetric : bool
+        Whether each half of an orbit is the mirror image of the other.
+    orbits : dict or None
+        The points' orbits in the form of `packed`, None if the method has none.
     """
 
     method: str
@@ -124,7 +150,10 @@ class ResponseCurve:
         return CurvePoint("peak", float(self.omega_ratio[k]), float(self.tip_max[k]))
 
     def to_plain(self) -> dict[str, Any]:
-        """Return lists, numbers and strings, None for NaN; keys with their units."""
+        """Return lists, numbers and strings by name, with units in the names.
+
+        None stands for NaN.
+        """
         rows = {
             "omega_ratio": self.omega_ratio,
             "tip_max_m": self.tip_max,
@@ -149,7 +178,7 @@ class ResponseCurve:
 
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> ResponseCurve:
-        """Return the curve of `to_plain`.
+        """Return the curve of the plain values of `to_plain`.
 
         Raises KeyError, TypeError or ValueError for any other data.
         """
@@ -195,10 +224,9 @@ def balance_curve(
 ) -> ResponseCurve:
     """Return the frequency response of a branch of harmonic balance.
 
-    Frequencies are relative to ``reference`` in rad/s.
-
-    ``hill``: with its stability by `hill_multipliers`, which raises ParameterError where it has
-    none; at rigid walls they do not converge.
+    Frequencies are relative to ``reference`` in rad/s. ``hill``: compute the stability by
+    `hill_multipliers`, which do not converge at rigid walls; raises ParameterError if the law has
+    none.
     """
     solutions = [
         (balance.at(OMEGA_PARAMETER, p), z)
@@ -238,12 +266,9 @@ def orbit_curve(
 ) -> ResponseCurve:
     """Return the frequency response of a branch of exact orbits.
 
-    Each point is propagated by the exact method, and left out if this method does not confirm it.
-
-    A branch in another parameter has that one, over ``reference``, in place of the frequency.
-
-    ``folds``: motions at the branch's folds where they are known; None: those that were met on the
-    branch.
+    Each point is propagated by the exact method, and is NaN if this method does not confirm it. The
+    abscissa is the branch's parameter over ``reference``. ``folds``: motions at the branch's folds
+    if known; None: those located on the branch.
     """
     result = list(orbits.orbits())
     refused = dict[str, int]()
@@ -292,9 +317,9 @@ def orbit_curve(
 
 
 def _critical(kind: str, motion: Motion) -> tuple[complex, ...]:
-    """Return the multipliers over the schedule's span that make the bifurcation.
+    """Return the multipliers over the schedule's span that cause the bifurcation of a ``kind``.
 
-    The result is empty at a place that is no bifurcation.
+    The result is empty at a special point that is no bifurcation.
     """
     if kind not in CHECKED_KINDS:
         return ()
@@ -315,7 +340,7 @@ def _normal_form(kind: str, motion: Motion) -> tuple[float | None, str | None]:
 
 
 def _marks(orbits: OrbitBranch, folds: Iterable[Motion] | None) -> Iterator[tuple[str, Motion]]:
-    """Yield kind and motion of the located places that are orbits, including births.
+    """Yield kind and motion of the special points that are orbits.
 
     Folds are computed to full accuracy by Newton's method.
     """

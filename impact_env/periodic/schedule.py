@@ -1,4 +1,4 @@
-"""The order of an orbit's events, as one value: what happens, not when."""
+"""The order of an orbit's events, without their times."""
 
 from __future__ import annotations
 
@@ -41,10 +41,8 @@ class Event:
     """One event, and the segment that follows it.
 
     ``regime`` is that of the segment, ``wall`` is the wall touched (-1, 0, 1), and ``sign`` is that
-    of the relative velocity (0: joined).
-
-    An impact touches a wall and leaves it: sign = -wall. A reversal touches none. Into a joined
-    segment the wall is the one that holds the absorber, 0 where friction does.
+    of the relative velocity (0: joined). At an impact sign = -wall. At a reversal wall = 0. At the
+    start of a joined segment ``wall`` is the wall that holds the absorber, 0 for friction.
     """
 
     regime: Regime
@@ -102,10 +100,19 @@ def count_turns(symmetric: bool, period_multiple: int) -> float:
 class EventSchedule:
     """The events of one period of an orbit.
 
-    If the second half mirrors the first one (``symmetric``), they are the events of the first half.
-    The period is ``period_multiple`` periods of the force.
+    Parameters
+    ----------
+    events : tuple of Event
+        Events of the period, or of its first half if ``symmetric``.
+    symmetric : bool, optional
+        Whether the second half of the period mirrors the first.
+    period_multiple : int, optional
+        Period in periods of the force.
 
-    Raises ParameterError if the order cannot come again.
+    Raises
+    ------
+    ParameterError
+        The events cannot repeat in this order.
     """
 
     events: tuple[Event, ...]
@@ -172,9 +179,9 @@ class EventSchedule:
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns of an orbit without joined segments.
+        """Number m of unknowns of an orbit without joined segments.
 
-        They are phases, impulses, and the mean distance unless the orbit is symmetric.
+        They are phases, impulses, and the mean relative displacement unless the orbit is symmetric.
         """
         return len(self.events) + self.impacts + (0 if self.symmetric else 1)
 
@@ -212,9 +219,9 @@ class EventSchedule:
 def flying_schedule(
     walls: Sequence[int], friction: bool, symmetric: bool = False, period_multiple: int = 1
 ) -> EventSchedule:
-    """Return the schedule of impacts on ``walls`` in this order.
+    """Return the schedule of impacts on ``walls`` (-1, 1) in this order, without joined segments.
 
-    0 stands for a reversal, and the first event is an impact.
+    0 stands for a reversal. The first event must be an impact.
     """
     allowed = "a row of -1, 0 and 1 that begins with an impact"
     walls = [count("walls", wall, -1, 1, allowed) for wall in listed("walls", walls)]

@@ -2,16 +2,14 @@
 
 Newton's method finds the state that returns after a period, or mirrored after half a period.
 
-It goes where Green's function does not: through phases in which friction or a wall holds the
-absorber, and through complete chatter. Which events there are, and in which order, comes out anew
-in each of Newton's steps.
+Unlike the periodic Green's function it allows phases in which friction or a wall holds the
+absorber, and complete chatter. The events and their order may change in each Newton step.
 
-The largest Lyapunov exponent of a motion is how fast two runs that begin next to each other part,
-by the saltation derivative of the exact motion.
-
-A tangent vector is carried along by the derivative of a few periods at a time and made a unit
-vector again (Benettin et al., Meccanica 15, 1980; with impacts Mueller, Chaos, Solitons & Fractals
-5, 1995). Positive: chaotic; negative: periodic; zero: between, as on a torus.
+The largest Lyapunov exponent of a motion is the mean growth rate of small disturbances, computed
+with the derivative of the exact motion. A tangent vector is multiplied by the derivative of a few
+periods at a time and normalised (Benettin et al., Meccanica 15, 1980; with impacts Mueller, Chaos,
+Solitons & Fractals 5, 1995). The exponent is positive for chaotic motion, negative for periodic
+motion and zero on a torus.
 """
 
 from dataclasses import dataclass
@@ -53,12 +51,11 @@ def units_of(case: Case) -> Array:
 def shoot(
     case: Case, phase: float, state: Array, symmetric: bool = False, period_multiple: int = 1
 ) -> ShotMotion | NoOrbit:
-    """Return the motion near ``state`` (2 N_m + 2,) that repeats, or why none exists.
+    """Return the motion near ``state`` (2 N_m + 2,) that repeats, or the reason why there is none.
 
-    ``state`` is that at a ``phase`` (rad).
-
-    The absorber flies at the section. Raises ParameterError for a state of another size, or one
-    that is not finite.
+    ``state`` is that at a ``phase`` (rad), at which the absorber must not be joined. The other
+    arguments are as in `EventSchedule`. Raises ParameterError for a state of another size, or with
+    a value that is not finite.
     """
     size = 2 * case.model.modes + 2
     finite_phase = finite("phase", phase)
@@ -137,7 +134,7 @@ def shoot_from(
     error: float,
     steps: int,
 ) -> ShotMotion | NoOrbit:
-    """Return the motion of a passage that comes back, or why its events are no orbit's."""
+    """Return the motion of a trajectory that returns, or the reason why its events are no orbit."""
     turn = count_turns(symmetric, period_multiple)
     whole = 2 * np.pi * period_multiple
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
@@ -163,9 +160,9 @@ def shoot_from(
 def rotate_start(
     events: list[Event], phases: Array, impulses: Array, turn: float, symmetric: bool
 ) -> tuple[tuple[Event, ...], Array, Array]:
-    """Return events, phases (n,) in rad and impulses (n,) in N s from the first impact on.
+    """Return events, phases (n,) in rad and impulses (n,) in N s, starting with the first impact.
 
-    Without an impact they are unchanged.
+    Without an impact they are unchanged. ``turn`` is the phase of the force (rad) over all events.
     """
     first = next((k for k, event in enumerate(events) if event.is_impact), 0)
     side = -1.0 if symmetric else 1.0
@@ -208,10 +205,9 @@ class Exponent:
 def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
     """Return the largest exponent over ``periods`` of the force after the run ``settled``.
 
-    The frequency is that at the end of this run.
-
-    Raises ParameterError for fewer than a stretch a block, or a scene without one impact absorber;
-    TrajectoryError where a motion has no derivative.
+    The frequency is that at the end of this run. Raises ParameterError for fewer periods than one
+    per block, or for a scene without one impact absorber; TrajectoryError if a motion has no
+    derivative.
     """
     periods = count("periods", periods, STRETCH_LENGTH * INDEPENDENT_BLOCKS)
     schedule = settled.schedule
@@ -235,7 +231,7 @@ def largest_exponent(scene: Scene, settled: Drive, periods: int) -> Exponent:
 
 
 def exponent_of(growth: Array) -> Exponent:
-    """Return the exponent of growths (S,) per period, one for each stretch."""
+    """Return the exponent of growths (S,) per period, each the mean over a few periods."""
     means = np.array([np.mean(block) for block in np.array_split(growth, INDEPENDENT_BLOCKS)])
     value = float(np.mean(growth))
     width = float(
