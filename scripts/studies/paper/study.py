@@ -333,8 +333,8 @@ def format_reasons(claims: Sequence[Claim]) -> str:
     The latter are a folded table; their causes are in the file of claims.
     """
     spread = [claim for claim in claims if claim.verdict is ClaimVerdict.SPREAD]
-    kept = (ClaimVerdict.HOLDS, ClaimVerdict.SPREAD)
-    failed = [claim for claim in claims if claim.verdict not in kept]
+    held = (ClaimVerdict.HOLDS, ClaimVerdict.SPREAD)
+    failed = [claim for claim in claims if claim.verdict not in held]
     blocks = []
     for key, text in REASONS.items():
         own = [claim for claim in failed if claim.reason == key]
