@@ -27,6 +27,7 @@ from impact_env.parameters import (
     CompliantWalls,
     CoulombFriction,
     ElasticCoulombFriction,
+    FrictionLaw,
     NonlinearSink,
     RigidWalls,
     SeveralAbsorbers,
@@ -319,9 +320,7 @@ def _choose_law(laws: tuple[Law, ...], values: Values) -> Law:
     return law
 
 
-def _make_friction(
-    values: Values, walls: object
-) -> CoulombFriction | ElasticCoulombFriction | None:
+def _make_friction(values: Values, walls: object) -> FrictionLaw | None:
     """Return the friction of an absorber, None without.
 
     Friction is elastic if ``walls`` are springs. Its stiffness is that of the walls unless

@@ -369,6 +369,8 @@ class YieldingWalls:
         check_fields(self)
 
 
+RigidWallLaw = RigidWalls | YieldingWalls  # an impact takes no time
+
 LEAST_RESTITUTION = 1e-6  # of walls that are springs: the damper is almost critical there
 MOST_LOSS_FACTOR = (
     1.95  # the damping ratio is half of it, and its restitution must not be below LEAST_RESTITUTION
@@ -472,6 +474,8 @@ class CompliantWalls:
         return 2 * self.damping_ratio
 
 
+WallLaw = RigidWallLaw | CompliantWalls
+
 LEAST_LIMIT = 1e-300  # N: a tiny limit may stand for no friction
 MOST_STATIC_RATIO = 1e6  # far above any pair of materials
 
@@ -553,6 +557,9 @@ class ElasticCoulombFriction:
 
     def __post_init__(self) -> None:
         check_fields(self)
+
+
+FrictionLaw = CoulombFriction | ElasticCoulombFriction
 
 
 DEFAULT_MASS_RATIO = 0.02
@@ -701,13 +708,13 @@ class SlidingAbsorber:
     """
 
     mass_ratio: float = field(default=DEFAULT_MASS_RATIO, metadata=MASS_RATIO)
-    walls: RigidWalls | YieldingWalls | CompliantWalls | None = field(
+    walls: WallLaw | None = field(
         default=None,
-        metadata=parameter(kind_of(RigidWalls | YieldingWalls | CompliantWalls | None)),
+        metadata=parameter(kind_of(WallLaw | None)),
     )
-    friction: CoulombFriction | ElasticCoulombFriction | None = field(
+    friction: FrictionLaw | None = field(
         default=None,
-        metadata=parameter(kind_of(CoulombFriction | ElasticCoulombFriction | None)),
+        metadata=parameter(kind_of(FrictionLaw | None)),
     )
     gravity: float = field(default=0.0, metadata=GRAVITY)
 
@@ -780,7 +787,7 @@ class SeveralAbsorbers:
         )
         for absorber in self.absorbers:
             rigid = isinstance(absorber, SlidingAbsorber) and isinstance(
-                absorber.walls, RigidWalls | YieldingWalls | None
+                absorber.walls, RigidWallLaw | None
             )
             rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
             require(
@@ -840,7 +847,7 @@ def require_weightless(absorber: Absorber | None, what: str) -> None:
 
 def friction_law(
     limit: float | None, stiffness: float | None = None, static_ratio: float = 1.0
-) -> CoulombFriction | ElasticCoulombFriction | None:
+) -> FrictionLaw | None:
     """Return friction with a ``limit`` in N, elastic if it has a ``stiffness`` (N/m).
 
     The result is None for a limit of 0 or None. ``static_ratio`` is as in `CoulombFriction`;

@@ -36,12 +36,9 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import (
     Absorber,
     Beam,
-    CompliantWalls,
-    CoulombFriction,
-    ElasticCoulombFriction,
-    RigidWalls,
+    FrictionLaw,
     Section,
-    YieldingWalls,
+    WallLaw,
 )
 from impact_env.result_files import SavedResult, TableResult
 from impact_env.scene import InitialState, Scene
@@ -643,7 +640,8 @@ SavedResult.classes |= {
         *(Reversals, SearchCheck, Window),
         *(Scene, InitialState, ModalModel, Beam, Section),
         *get_args(Absorber),
-        *(RigidWalls, YieldingWalls, CompliantWalls, CoulombFriction, ElasticCoulombFriction),
+        *get_args(WallLaw),
+        *get_args(FrictionLaw),
         *(Drive, FrequencySchedule, Loads, Random, Samples, ShakenBase, Shock, Strike),
         *(Tone, Tones, Unbalance),
         *get_args(Method),

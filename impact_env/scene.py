@@ -21,11 +21,11 @@ from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
     Absorber,
     Beam,
+    RigidWallLaw,
     RigidWalls,
     SeveralAbsorbers,
     SlidingAbsorber,
     StuckAbsorber,
-    YieldingWalls,
 )
 
 
@@ -147,7 +147,7 @@ class Scene:
         shapes = self.model.absorber_shapes if isinstance(self.absorber, SeveralAbsorbers) else None
         return self.model.tip_shape[None, :] if shapes is None else shapes
 
-    def cavity(self, which: int) -> RigidWalls | YieldingWalls | None:
+    def cavity(self, which: int) -> RigidWallLaw | None:
         """Return the rigid walls of an absorber (counted from 0), or None."""
         one = (
             self.absorber.absorbers[which]
@@ -156,8 +156,7 @@ class Scene:
         )
         return (
             one.walls
-            if isinstance(one, SlidingAbsorber)
-            and isinstance(one.walls, RigidWalls | YieldingWalls)
+            if isinstance(one, SlidingAbsorber) and isinstance(one.walls, RigidWallLaw)
             else None
         )
 
