@@ -34,6 +34,7 @@ from impact_env.checks import (
 )
 from impact_env.drive import Drive, Excitation, FrequencySchedule, Member
 from impact_env.fields import check_fields
+from impact_env.frequency import find_steady_start
 from impact_env.kernels.compiling.parts import abandon_compilations
 from impact_env.loads import Loads
 from impact_env.methods import Exact, Method
@@ -41,7 +42,6 @@ from impact_env.result_files import SavedResult
 from impact_env.results import DEFAULT_SAMPLES, Record
 from impact_env.scene import InitialState, Scene
 from impact_env.solvers import kernel_key
-from impact_env.steady_start import find_steady_start
 from impact_env.sweep import IntegrationError, Stop, Stopped, simulate
 
 Array = NDArray[np.float64]

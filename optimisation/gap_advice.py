@@ -44,7 +44,7 @@ from optimisation.load_cases import (
     find_reading,
     swept_force,
 )
-from optimisation.statistics import Prediction, predict
+from optimisation.measures import Prediction, predict
 from optimisation.sweep_range import (
     LEAST_RATIO,
     find_reading_ratios,

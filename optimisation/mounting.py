@@ -50,17 +50,6 @@ def model_with_absorber_at(structure: Structure, position: float | None = None) 
     return modal_model(placed)
 
 
-def with_more_modes(structure: Structure) -> Beam | None:
-    """Return a beam with twice the modes, as far as its elements allow.
-
-    The result is None if the structure has no more modes, or none whose damping is known.
-    """
-    if not isinstance(structure, Beam) or isinstance(structure.damping_ratio, tuple):
-        return None
-    modes = min(2 * structure.modes, structure.freedoms)
-    return None if modes <= structure.modes else replace(structure, modes=modes)
-
-
 def scene_on(structure: Structure, absorber: Absorber | None, *positions: float) -> Scene:
     """Return the scene of an absorber on a structure at a position, or of several absorbers.
 

@@ -52,7 +52,7 @@ from optimisation.gap_search import (
     search_gaps,
 )
 from optimisation.load_cases import RunOptions, SweptForce, run_swept
-from optimisation.measures import format_number
+from optimisation.measures import Prediction, format_number, predict
 from optimisation.place_map import (
     PlaceMap,
     Places,
@@ -61,7 +61,6 @@ from optimisation.place_map import (
     map_places,
     shortlist,
 )
-from optimisation.statistics import Prediction, predict
 from optimisation.sweep_range import (
     find_common_range,
     find_reading_ratios,

@@ -49,6 +49,7 @@ from optimisation.measures import (
     design_gap_for,
     measure,
     measure_of,
+    standard_error,
     stress_shape,
 )
 from optimisation.mounting import detuned, model_with_absorber_at, to_dict
@@ -64,10 +65,8 @@ from optimisation.space import (
     Units,
     parts_of,
 )
-from optimisation.statistics import standard_error
 from optimisation.sweep_range import sweep_ratio, usable_rate
-from optimisation.tuned import require_wide_range
-from optimisation.uncertain import (
+from optimisation.tolerances import (
     FORCE,
     FREQUENCY,
     Distribution,
@@ -78,6 +77,7 @@ from optimisation.uncertain import (
     shares,
     spreads,
 )
+from optimisation.tuned import require_wide_range
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]  # takes the number of finished runs and of all runs of a call
@@ -97,7 +97,7 @@ class Problem:
 
     ``rate``: sweep rate in % per 100 pseudo periods.
 
-    It is `usual_rate` unless given. ``uncertain``, as in `optimisation.uncertain`: each member
+    It is `usual_rate` unless given. ``uncertain``, as in `optimisation.tolerances`: each member
     draws its own numbers, the same for every design.
     """
 

@@ -21,6 +21,7 @@ from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import Drive, constant_frequency
 from impact_env.ensemble import Executor, Lane, Members, draw_members, each_lane, run_lanes
 from impact_env.modes import Structure, modal_model
+from impact_env.parameters import Beam
 from impact_env.results import Record
 from impact_env.sweep import simulate
 from optimisation.absorber_rules import Baselines, simulate_baselines
@@ -38,8 +39,8 @@ from optimisation.measures import (
     STROKE,
     Chunk,
     impact_measures,
+    prediction_interval,
 )
-from optimisation.mounting import with_more_modes
 from optimisation.objectives import Condition
 from optimisation.problem import Problem, Progress, measured_chunks
 from optimisation.space import (
@@ -52,8 +53,7 @@ from optimisation.space import (
     Design,
     parts_of,
 )
-from optimisation.statistics import prediction_interval
-from optimisation.uncertain import Distribution, drawn, on_another_structure, shares
+from optimisation.tolerances import Distribution, drawn, on_another_structure, shares
 
 Array = NDArray[np.float64]
 UNCERTAIN_DRAWS = 64
@@ -138,6 +138,17 @@ def impact_loads(case: CurveCase, executor: Executor) -> ImpactLoads:
     return ImpactLoads(
         largest, rms, rate, power, ratio * case.scene.model.resonance_omega(case.resonance)
     )
+
+
+def with_more_modes(structure: Structure) -> Beam | None:
+    """Return a beam with twice the modes, as far as its elements allow.
+
+    The result is None if the structure has no more modes, or none whose damping is known.
+    """
+    if not isinstance(structure, Beam) or isinstance(structure.damping_ratio, tuple):
+        return None
+    modes = min(2 * structure.modes, structure.freedoms)
+    return None if modes <= structure.modes else replace(structure, modes=modes)
 
 
 def change_with_modes(

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from impact_env.checks import flag, instance, positive, require, two, within
 from impact_env.curve import PerformanceCurve
 from impact_env.drive import MOST_PERIODS, PAPER_LIMITS, Drive, linear_sweep
+from impact_env.frequency import find_steady_start
 from impact_env.modes import ModalModel
 from impact_env.scene import Scene
-from impact_env.steady_start import find_steady_start
 from impact_env.sweep import simulate
 from optimisation.bounds import near_range
 from optimisation.tuned import highest_amplitude

@@ -25,7 +25,7 @@ def draw_coarsely(request: pytest.FixtureRequest) -> Iterator[None]:
     """Let commands write figures with fewer pixels in the folders that write many."""
     with pytest.MonkeyPatch.context() as patch:
         if request.path.parent.name in DRAWING:
-            from optimisation.report.figures import write_figure
+            from optimisation.report.report import write_figure
 
             patch.setattr(write_figure, "__defaults__", (COARSE_DPI,))
         yield

@@ -17,15 +17,13 @@ from impact_env.plain import from_disk
 from impact_env.sectors import SectorResponse
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import Watcher
-from optimisation.disk_levels import (
-    DiskComparisonLevels,
-    DiskGapChoice,
-    choose_disk_gap,
-    compare_on_disk,
-)
 from optimisation.disks import (
     WINDOWS,
+    DiskComparisonLevels,
+    DiskGapChoice,
     DiskRun,
+    choose_disk_gap,
+    compare_on_disk,
     disk_schedule,
     draw_disk_runs,
     find_excited_resonance,
@@ -33,7 +31,7 @@ from optimisation.disks import (
     run_disks,
 )
 from optimisation.report import disk_report
-from optimisation.report.disk_levels_report import make_comparison_report, make_gap_report
+from optimisation.report.disk_report import make_comparison_report, make_gap_report
 from optimisation.report.report import CompleteAnswer, Json, Report
 
 
@@ -234,7 +232,7 @@ class DiskComparisonAnswer(CompleteAnswer):
 def advise_disk(disk: BladedDisk, force: float | None = None, **options: Any) -> DiskGapAnswer:
     """Choose one clearance for all absorbers of a disk, as the command `design gap` does.
 
-    The arguments are those of `optimisation.disk_levels.choose_disk_gap`.
+    The arguments are those of `optimisation.disks.choose_disk_gap`.
     """
     return DiskGapAnswer(choose_disk_gap(disk, force, **options))
 
@@ -244,6 +242,6 @@ def compare_disk(
 ) -> DiskComparisonAnswer:
     """Compare the absorbers of a disk, as the command `compare` does.
 
-    The arguments are those of `optimisation.disk_levels.compare_on_disk`.
+    The arguments are those of `optimisation.disks.compare_on_disk`.
     """
     return DiskComparisonAnswer(compare_on_disk(disk, force, **options))

@@ -34,6 +34,7 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import MEMBERS, TOLERANCE, Advice, Answer, Limits, search_gap
+from optimisation.insight import Sensitivity, device_box, device_sensitivity
 from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.mounting import device_scene, model_with_absorber_at
 from optimisation.report import gap_report, load_gap_report
@@ -63,21 +64,18 @@ from optimisation.report.report import (
     silent_stages,
 )
 from optimisation.service import ServiceLoads, change_with_modes, service_loads, uncertain_levels
-from optimisation.sobol import Sensitivity, device_box, device_sensitivity
 from optimisation.sweep_range import usable_force
 from optimisation.tolerances import (
     DRAWS_ALONE,
     DRAWS_CHECKED,
     DRAWS_TOGETHER,
-    Tolerances,
-    find_tolerances,
-)
-from optimisation.uncertain import (
     FRICTION,
     GAP,
     POSTERIOR,
     Distribution,
+    Tolerances,
     UncertainInput,
+    find_tolerances,
     posterior_spreads,
     require_parts,
     spreads,
@@ -472,8 +470,8 @@ def advise(
     limits : Limits, optional
         Limits of stroke and impact speed.
     uncertain : dict, optional
-        Uncertain quantities by name, as in `optimisation.uncertain.spreads`; "posterior": that of a
-        calibration, or its file.
+        Uncertain quantities by name, as in `optimisation.tolerances.spreads`; "posterior": that of
+        a calibration, or its file.
     limit_level : float, optional
         Level in m whose probability is found.
     tolerances, sobol : bool

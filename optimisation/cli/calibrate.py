@@ -25,8 +25,8 @@ from optimisation.checkpoint import Checkpoint
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.options import OptionSpec, Words, is_number, option
+from optimisation.executors import counting_bar
 from optimisation.mounting import model_with_absorber_at
-from optimisation.progress import counting_bar
 
 USUAL_RESTITUTION = 0.6
 USUAL_FREE = ("restitution", "friction_limit", "gap")

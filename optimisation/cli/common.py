@@ -17,6 +17,7 @@ from impact_env.checks import ParameterError
 from impact_env.extras import MissingExtraError
 from impact_env.sweep import IntegrationError
 from optimisation.calibration.posterior import Posterior, read_posterior
+from optimisation.checkpoint import conditions, sources
 from optimisation.cli.options import (
     FIGURES,
     FILE,
@@ -43,7 +44,6 @@ from optimisation.files import (
     require_writable,
     write_files,
 )
-from optimisation.machine import conditions, sources
 from optimisation.report.report import Report, list_named_files, render_text
 
 if TYPE_CHECKING:

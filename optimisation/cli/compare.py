@@ -24,6 +24,7 @@ from impact_env.scene import Scene
 from optimisation.absorber_rules import RESTITUTION
 from optimisation.answers.comparison import ComparisonAnswer, complete_comparison
 from optimisation.bounds import design_force, design_gap
+from optimisation.checkpoint import installed, peak_memory
 from optimisation.cli import disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
@@ -42,13 +43,7 @@ from optimisation.comparison import (
     compare,
     compare_loads,
 )
-from optimisation.executors import executor as executor_on
-from optimisation.executors import workers
-from optimisation.load_cases import AppliedLoads
-from optimisation.machine import installed, peak_memory
-from optimisation.measures import design_gap_for
-from optimisation.mounting import model_with_absorber_at
-from optimisation.progress import (
+from optimisation.executors import (
     COARSER,
     LONG_S,
     PlannedRuns,
@@ -57,7 +52,12 @@ from optimisation.progress import (
     announce_runs,
     stages_bar,
     sweeps_bar,
+    workers,
 )
+from optimisation.executors import executor as executor_on
+from optimisation.load_cases import AppliedLoads
+from optimisation.measures import design_gap_for
+from optimisation.mounting import model_with_absorber_at
 from optimisation.sweep_range import find_sweep_range, usable_mass_ratio
 
 QUICK_FORCES = 10

@@ -29,8 +29,18 @@ from optimisation.cli import common, disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.options import number, option, switch
 from optimisation.contact import check_contact
+from optimisation.executors import (
+    COARSE_PERIODS,
+    COARSER,
+    LONG_S,
+    announce_coarse,
+    announce_duration,
+    announce_load_runs,
+    runs_bar,
+    sweeps_bar,
+    workers,
+)
 from optimisation.executors import executor as executor_on
-from optimisation.executors import workers
 from optimisation.gap_advice import (
     CANDIDATES,
     MEMBERS,
@@ -43,16 +53,6 @@ from optimisation.gap_advice import (
 from optimisation.gap_search import CHECK_MEMBERS, PAIRS
 from optimisation.load_cases import AppliedLoads, swept_force
 from optimisation.measures import DISPLAY_UNITS, LABELS, UNITS, design_gap_for
-from optimisation.progress import (
-    COARSE_PERIODS,
-    COARSER,
-    LONG_S,
-    announce_coarse,
-    announce_duration,
-    announce_load_runs,
-    runs_bar,
-    sweeps_bar,
-)
 from optimisation.report.report import Stages
 from optimisation.sweep_range import find_sweep_range, usable_force, usable_gap, usable_rate
 from optimisation.tolerances import (

@@ -28,7 +28,15 @@ from optimisation.cli.common import (
 )
 from optimisation.cli.options import option
 from optimisation.comparison import RESONANCES
-from optimisation.executors import workers
+from optimisation.executors import (
+    COARSER,
+    LONG_S,
+    PlannedRuns,
+    announce_coarse,
+    announce_runs,
+    runs_bar,
+    workers,
+)
 from optimisation.files import write_files
 from optimisation.frequency_levels import (
     NO_ABSORBER,
@@ -37,17 +45,8 @@ from optimisation.frequency_levels import (
     resonance_curves,
 )
 from optimisation.gap_advice import GapCheck, check_gap
-from optimisation.progress import (
-    COARSER,
-    LONG_S,
-    PlannedRuns,
-    announce_coarse,
-    announce_runs,
-    runs_bar,
-)
-from optimisation.report.figures import draw_charts
 from optimisation.report.frequency_report import frequency_charts
-from optimisation.report.report import Column, Record, Table, write_drawing
+from optimisation.report.report import Column, Record, Table, draw_charts, write_drawing
 from optimisation.sweep_range import find_reading_ratios, find_sweep_range, is_at_end, usable_rate
 
 MARKER = "masses"

@@ -14,16 +14,13 @@ from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import DEFAULT_MASS_RATIO, Beam, RigidWalls
 from optimisation.absorber_rules import rigid_walls
 from optimisation.bounds import LEAST_REACH, design_force, reach
+from optimisation.checkpoint import conditions, peak_memory
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import BadInput, parse_uncertain
 from optimisation.cli.options import OptionSpec, at_least, option
 from optimisation.cli.scene_options import DeviceSource
 from optimisation.comparison import RESONANCES
-from optimisation.machine import conditions, peak_memory
-from optimisation.mounting import model_with_absorber_at
-from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
-from optimisation.problem import Problem, evaluate
-from optimisation.progress import (
+from optimisation.executors import (
     COARSER,
     LONG_S,
     PlannedRuns,
@@ -31,6 +28,9 @@ from optimisation.progress import (
     announce_load_runs,
     announce_runs,
 )
+from optimisation.mounting import model_with_absorber_at
+from optimisation.objectives import LIMITABLE, Condition, Constraint, Objective
+from optimisation.problem import Problem, evaluate
 from optimisation.space import (
     DEFAULT_FREE,
     FRICTION_LIMIT,

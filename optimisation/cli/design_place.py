@@ -10,6 +10,7 @@ from optimisation.answers.place import complete_place_answer
 from optimisation.cli import common
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.options import option
+from optimisation.executors import LONG_S, duration_in_words, seconds_per_period, sweeps_bar
 from optimisation.executors import executor as executor_on
 from optimisation.gap_advice import MEMBERS, TOLERANCE
 from optimisation.place_advice import (
@@ -20,7 +21,6 @@ from optimisation.place_advice import (
     advise_place,
 )
 from optimisation.place_map import BEAM_PLACES, find_places
-from optimisation.progress import LONG_S, duration_in_words, seconds_per_period, sweeps_bar
 from optimisation.sweep_range import usable_force
 
 QUICK_TRIAL_PLACES = 3  # places of each mass

@@ -32,15 +32,15 @@ from optimisation.cli.common import (
 from optimisation.cli.design_options import announce_search
 from optimisation.cli.options import OptionSpec, at_least, number, option, switch
 from optimisation.executors import executor as executor_on
+from optimisation.executors import runs_bar
 from optimisation.files import require_writable
 from optimisation.frequency_levels import ResonanceCurves, WorstRun
 from optimisation.objectives import KINDS, MEAN, OWN, WORST, Objective
 from optimisation.problem import Problem
-from optimisation.progress import runs_bar
 from optimisation.search.find import BARS, SearchOptions, find
+from optimisation.search.find import MEMBERS as SMOOTH_MEMBERS
 from optimisation.search.judge import AUDITED, SearchResult
 from optimisation.search.settings import GP, SAMPLERS, SCIPY, default_settings
-from optimisation.search.smooth import MEMBERS as SMOOTH_MEMBERS
 from optimisation.space import IMPACT, VARIABLES
 
 ALL = "all"

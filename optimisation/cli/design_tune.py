@@ -20,7 +20,7 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.options import option
-from optimisation.progress import BAR, Bar
+from optimisation.executors import BAR, Bar
 from optimisation.report.tuning_report import Tuning, tuning_table
 from optimisation.tuned import HIGH, LOW
 from optimisation.tuned.under_loads import tuned_under

@@ -9,7 +9,7 @@ from impact_env.structures.cyclic import BladedDisk
 from optimisation.answers.disk import advise_disk, compare_disk
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import AnswerFiles, BadInput, name_files
-from optimisation.disk_levels import (
+from optimisation.disks import (
     FORCES,
     MEMBERS,
     DiskCase,
@@ -17,8 +17,8 @@ from optimisation.disk_levels import (
     count_gap_runs,
     disk_case,
 )
+from optimisation.executors import PlannedRuns, announce_runs, sweeps_bar
 from optimisation.executors import executor as executor_on
-from optimisation.progress import PlannedRuns, announce_runs, sweeps_bar
 
 if TYPE_CHECKING:
     from optimisation.cli.compare import CompareOptions

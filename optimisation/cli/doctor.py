@@ -14,11 +14,11 @@ import impact_env
 from impact_env.ensemble import available_cores
 from impact_env.extras import DISTRIBUTION, EXTRAS, how_to_install
 from impact_env.kernels.compiling.cache import SHIPPED, find_shipping_obstacle
+from optimisation.checkpoint import processor, versions
 from optimisation.cli.cache import list_kernel_folders, parent_folders
 from optimisation.cli.common import check_targets, command, plain_errors
 from optimisation.cli.options import option
 from optimisation.files import write_files
-from optimisation.machine import processor, versions
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "matplotlib", "gymnasium", "torch")
 

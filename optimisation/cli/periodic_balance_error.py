@@ -24,7 +24,7 @@ from optimisation.cli.common import (
     write_report,
 )
 from optimisation.cli.options import OptionSpec, option, switch
-from optimisation.progress import BAR, Bar
+from optimisation.executors import BAR, Bar
 from optimisation.report.balance_report import make_balance_report
 
 

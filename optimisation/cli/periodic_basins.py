@@ -22,7 +22,7 @@ from optimisation.cli.attractor_options import (
 )
 from optimisation.cli.options import number, option, switch
 from optimisation.cli.scene_options import is_option_set
-from optimisation.progress import runs_bar
+from optimisation.executors import runs_bar
 from optimisation.report.attractor_report import make_basin_report, make_map_report
 
 

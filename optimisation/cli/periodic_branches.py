@@ -32,8 +32,7 @@ from optimisation.cli.scene_options import (
     refuse_parts,
     warn_of_nodes,
 )
-from optimisation.executors import workers
-from optimisation.progress import Bar
+from optimisation.executors import Bar, workers
 from optimisation.report.response_report import make_response_report
 
 FORCE = 1.5  # N, the paper's moderate level of excitation

@@ -24,7 +24,7 @@ from optimisation.cli.attractor_options import (
     values_of,
 )
 from optimisation.cli.options import OptionSpec, number, option, switch
-from optimisation.progress import stages_bar
+from optimisation.executors import stages_bar
 from optimisation.report.attractor_report import QUANTITY_LABELS, make_diagram_report
 
 

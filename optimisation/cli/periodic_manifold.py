@@ -23,7 +23,7 @@ from optimisation.cli.scene_options import (
     option_name,
     refuse_parts,
 )
-from optimisation.progress import counting_bar
+from optimisation.executors import counting_bar
 from optimisation.report.manifold_report import make_manifold_report
 
 MAPS = {

@@ -69,7 +69,7 @@ from optimisation.cli.scene_options import (
     read_source_model,
     values_of,
 )
-from optimisation.progress import stages_bar
+from optimisation.executors import stages_bar
 from optimisation.report.orbit_report import (
     CurveParameter,
     count_reasons,

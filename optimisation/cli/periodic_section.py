@@ -12,7 +12,7 @@ from impact_env.periodic.basins import START_REACH, draw_start
 from optimisation.cli import common
 from optimisation.cli.attractor_options import AttractorOptions
 from optimisation.cli.options import OptionSpec, option
-from optimisation.progress import runs_bar
+from optimisation.executors import runs_bar
 from optimisation.report.attractor_report import make_section_report
 
 

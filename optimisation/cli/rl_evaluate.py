@@ -13,11 +13,11 @@ import click
 from impact_env.checks import require
 from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, Evaluation, PolicyScores, evaluate
 from impact_env.extras import DISTRIBUTION
+from optimisation.checkpoint import installed
 from optimisation.cli.common import check_target, check_targets, command, plain_errors
 from optimisation.cli.options import OptionSpec, at_least, option
+from optimisation.executors import Bar
 from optimisation.files import DOCS, ROOT, fill, markdown, require_markers, write_csv, write_files
-from optimisation.machine import installed
-from optimisation.progress import Bar
 from optimisation.rl.agents import Agent, load_agent, shipped
 from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import EIGHT, FOUR, TASKS, env_of, policies

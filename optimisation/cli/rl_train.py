@@ -12,8 +12,8 @@ import click
 from impact_env.ensemble import available_cores
 from optimisation.cli.common import command, end_early, plain_errors
 from optimisation.cli.options import FOLDER, OptionSpec, at_least, file_spec, number, option
+from optimisation.executors import Bar
 from optimisation.files import markdown, replacing, require_writable, write_csv, write_json
-from optimisation.progress import Bar
 from optimisation.rl.agents import Run, TrainingEvaluation, find_runs, run_folder, ship
 from optimisation.rl.families import RandomPolicy
 from optimisation.rl.hyperparameters import (

@@ -32,6 +32,7 @@ from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import simulate
 from optimisation.answers.disk import sweep_disk
 from optimisation.calibration.drawn_scenes import band_of_levels, draw_scenes
+from optimisation.checkpoint import Timed
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     BadInput,
@@ -42,11 +43,9 @@ from optimisation.cli.common import (
 )
 from optimisation.cli.options import FIGURES, OptionSpec, number, option, option_values, switch
 from optimisation.disks import find_disk_range, find_excited_resonance, force_of
-from optimisation.executors import workers
+from optimisation.executors import Bar, announce_duration, workers
 from optimisation.files import write_files
-from optimisation.machine import Timed
 from optimisation.measures import SAMPLES, check_size, stress_shape
-from optimisation.progress import Bar, announce_duration
 from optimisation.report.report import Report, list_named_files, render_text
 from optimisation.report.sweep_report import SweepResult, make_sweep_report
 from optimisation.signals import SignalOptions

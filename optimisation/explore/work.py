@@ -57,10 +57,15 @@ from optimisation.explore.verdict import judge_level
 from optimisation.explore.waiting import Kernels, Newer, followed
 from optimisation.files import number
 from optimisation.frequency_levels import frequency_curve
-from optimisation.measures import impact_measures, read, settled_after
+from optimisation.measures import (
+    impact_measures,
+    prediction_band,
+    prediction_interval,
+    read,
+    settled_after,
+)
 from optimisation.mounting import scene_on
 from optimisation.signals import spectrum
-from optimisation.statistics import prediction_band, prediction_interval
 
 Array = NDArray[np.float64]
 Message = dict[str, Any]

@@ -27,7 +27,7 @@ from impact_env.periodic.diagrams import (
     DiagramPoint,
 )
 from optimisation.measures import format_number
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLUE,
     GREEN,
     MM,
@@ -35,11 +35,13 @@ from optimisation.report.figures import (
     PINK,
     SKY,
     YELLOW,
+    Block,
+    Report,
+    Table,
     draw_grid,
     draw_legend,
     figure_of,
 )
-from optimisation.report.report import Block, Report, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

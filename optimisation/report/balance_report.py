@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from impact_env.periodic.balance_branches import BALANCE_COLUMNS, BalanceRow, ReferenceOrbit
 from optimisation.measures import format_number
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLUE,
     GREEN,
     MM,
@@ -16,11 +16,13 @@ from optimisation.report.figures import (
     PINK,
     SKY,
     YELLOW,
+    Column,
+    Report,
+    Table,
     draw_grid,
     figure_of,
     force_axis,
 )
-from optimisation.report.report import Column, Report, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

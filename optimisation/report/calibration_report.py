@@ -22,8 +22,20 @@ from optimisation.calibration.parameters import UNITS
 from optimisation.calibration.plan import MeasurementPlan
 from optimisation.calibration.predictive import LEAST_PROBABILITY, PredictiveCheck
 from optimisation.calibration.summaries import list_groups
-from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of
-from optimisation.report.report import Chart, Curve, Group, Json, Report, Row, Table, with_band
+from optimisation.report.report import (
+    BLUE,
+    ORANGE,
+    Chart,
+    Curve,
+    Group,
+    Json,
+    Report,
+    Row,
+    Table,
+    draw_grid,
+    figure_of,
+    with_band,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -31,9 +31,8 @@ from optimisation.comparison import (
 from optimisation.files import number, numbers
 from optimisation.frequency_levels import ResonanceCurves
 from optimisation.load_cases import Reading
-from optimisation.measures import LABELS, UNITS
+from optimisation.measures import LABELS, UNITS, prediction_band, prediction_interval
 from optimisation.report.design_figures import draw_comparison
-from optimisation.report.figures import draw_charts
 from optimisation.report.frequency_report import (
     frequency_charts,
     frequency_figures,
@@ -51,11 +50,11 @@ from optimisation.report.report import (
     assumed_rows,
     between,
     device_rows,
+    draw_charts,
     service_rows,
     with_band,
 )
 from optimisation.service import EFFECTIVE_RATIO, ImpactLoads, contiguous_range
-from optimisation.statistics import prediction_band, prediction_interval
 from optimisation.sweep_range import LEAST_RATIO, find_reading_ratios, is_at_end, reading_in_words
 from optimisation.tuned.under_loads import TunedUnder
 

@@ -23,15 +23,27 @@ from optimisation.comparison import (
     Comparison,
     ResonanceComparison,
 )
-from optimisation.insight import Levels, over_force, stationary_limit
-from optimisation.measures import DISPLAY_UNITS, LABELS, format_number
+from optimisation.insight import Levels, Sensitivity, over_force, stationary_limit
+from optimisation.measures import DISPLAY_UNITS, LABELS, format_number, prediction_band
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition
-from optimisation.report import figures
+from optimisation.report.report import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    HATCHED,
+    MM,
+    ORANGE,
+    PINK,
+    draw_grid,
+    draw_legend,
+    figure_of,
+    figure_with,
+    force_axis,
+)
 from optimisation.search.judge import SearchResult
-from optimisation.sobol import Sensitivity
 from optimisation.space import GAP, MASS_RATIO, POSITION
-from optimisation.statistics import prediction_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,23 +68,23 @@ class LineStyle:
 
 
 LINE_STYLES = {
-    NONE: LineStyle("no absorber", figures.BLACK, "-", 1.3),
-    FRICTION: LineStyle("friction damper", figures.ORANGE),
-    LTVA_PAPER_WIDE: LineStyle("tuned absorber, paper's values", figures.PINK, (0, (4, 2))),
-    LTVA_TUNED_WIDE: LineStyle("tuned absorber, well tuned", figures.GREEN, (0, (6, 2, 1.5, 2))),
-    IMPACT: LineStyle("impact absorber", figures.BLUE, "-", 2.4),
+    NONE: LineStyle("no absorber", BLACK, "-", 1.3),
+    FRICTION: LineStyle("friction damper", ORANGE),
+    LTVA_PAPER_WIDE: LineStyle("tuned absorber, paper's values", PINK, (0, (4, 2))),
+    LTVA_TUNED_WIDE: LineStyle("tuned absorber, well tuned", GREEN, (0, (6, 2, 1.5, 2))),
+    IMPACT: LineStyle("impact absorber", BLUE, "-", 2.4),
 }
 
 
 def draw_comparison(comparison: Comparison) -> Figure:
     """Draw response levels over the force near both resonances, as in the paper's last figure."""
-    figure, panels = figures.figure_of(10, 6.4, 1, len(comparison.resonances), sharey=True)
+    figure, panels = figure_of(10, 6.4, 1, len(comparison.resonances), sharey=True)
     panels = np.atleast_1d(panels)
     top = 0.0
     for panel, part in zip(panels, comparison.resonances, strict=True):
         _draw(panel, part)
-        top = max(top, float(np.nanmax(figures.MM * part.curves[NONE].median, initial=0)))
-    panels[0].set_ylim(figures.MM * LEAST_LEVEL * comparison.gap, 1.3 * top if top > 0 else None)
+        top = max(top, float(np.nanmax(MM * part.curves[NONE].median, initial=0)))
+    panels[0].set_ylim(MM * LEAST_LEVEL * comparison.gap, 1.3 * top if top > 0 else None)
     panels[0].set_ylabel(
         "resonant response level in mm (RMS)"
         if comparison.own_structure
@@ -95,9 +107,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
         "level: RMS around the largest displacement, the larger of a sweep up and a sweep "
         f"down\n{band}"
     )
-    legend = figures.draw_legend(
-        figure, panels[0], 3, fontsize=10, title=caption, alignment="center"
-    )
+    legend = draw_legend(figure, panels[0], 3, fontsize=10, title=caption, alignment="center")
     legend.get_title().set(fontsize=9, color="0.35", ha="center")
     what, whose = (
         ("the structure", "its") if comparison.own_structure else ("the beam's tip", "the beam's")
@@ -118,11 +128,11 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
         )
         if curve is None:
             continue
-        low, high = figures.MM * prediction_band(curve.combined)
+        low, high = MM * prediction_band(curve.combined)
         panel.fill_between(part.forces, low, high, color=line_style.colour, alpha=0.25, lw=0)
         panel.plot(
             part.forces,
-            figures.MM * curve.median,
+            MM * curve.median,
             color=line_style.colour,
             ls=line_style.style,
             lw=line_style.width,
@@ -147,17 +157,17 @@ def _draw(panel: Axes, part: ResonanceComparison) -> None:
         fontsize=12,
     )
     panel.set_xlabel("amplitude of the force in N", fontsize=11)
-    figures.force_axis(panel.xaxis)
-    figures.force_axis(panel.yaxis)
-    figures.draw_grid(panel)
+    force_axis(panel.xaxis)
+    force_axis(panel.yaxis)
+    draw_grid(panel)
 
 
 def _draw_limit(panel: Axes, part: ResonanceComparison) -> None:
     """Shade what no device of this mass and gap can reach."""
     forces = np.geomspace(part.forces[0], part.forces[-1], 200)
-    limit = np.maximum(figures.MM * part.limit_at(forces), 1e-9)
-    label = f"out of reach for the impact absorber: cavity of ±{figures.MM * part.gap:.4g} mm"
-    panel.fill_between(forces, 1e-9, limit, **figures.HATCHED, zorder=0.4, label=label)
+    limit = np.maximum(MM * part.limit_at(forces), 1e-9)
+    label = f"out of reach for the impact absorber: cavity of ±{MM * part.gap:.4g} mm"
+    panel.fill_between(forces, 1e-9, limit, **HATCHED, zorder=0.4, label=label)
 
 
 def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
@@ -167,7 +177,7 @@ def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
     colour = LINE_STYLES[IMPACT].colour
     panel.plot(
         optimum.force,
-        figures.MM * optimum.level,
+        MM * optimum.level,
         "o",
         ms=9,
         mfc="white",
@@ -184,8 +194,8 @@ def _mark_optimum(panel: Axes, part: ResonanceComparison) -> None:
 
 Array = NDArray[np.float64]
 DESIGN_STYLES = (
-    ("winner", figures.BLUE, "-", 2.2),
-    ("paper's design", figures.ORANGE, (0, (5, 2)), 1.8),
+    ("winner", BLUE, "-", 2.2),
+    ("paper's design", ORANGE, (0, (5, 2)), 1.8),
 )
 
 
@@ -217,13 +227,13 @@ def draw_curves(findings: SearchResult) -> Figure:
     """
     assert findings.curves is not None
     assert findings.verdict is not None
-    figure, panels = figures.figure_with(len(findings.curves))
+    figure, panels = figure_with(len(findings.curves))
     for panel, levels, own in zip(
         panels, findings.curves, findings.problem.conditions, strict=True
     ):
         forces = np.array([condition.force for condition in levels.conditions])
         scale, display_unit = DISPLAY_UNITS[own.measure_and_unit[1]]
-        panel.plot(forces, scale * levels.without, color=figures.BLACK, lw=1.2, label="no absorber")
+        panel.plot(forces, scale * levels.without, color=BLACK, lw=1.2, label="no absorber")
         _lines(panel, forces, levels, np.full(len(forces), scale))
         panel.set(xscale="log", yscale="log", xlim=(forces[0], forces[-1]), xlabel=_axis(own))
         bottom = 0.5 * scale * float(np.nanmin([levels.low, levels.median]))
@@ -238,26 +248,26 @@ def draw_curves(findings: SearchResult) -> Figure:
             top = np.maximum(scale * bound, bottom)
             label = "out of stationary reach"
             panel.fill_between(
-                [c.force for c in dense], bottom, top, **figures.HATCHED, zorder=0.4, label=label
+                [c.force for c in dense], bottom, top, **HATCHED, zorder=0.4, label=label
             )
         panel.axvline(
             own.force,
-            color=figures.GREY,
+            color=GREY,
             lw=1,
             ls=":",
             label="force of the study" if own.loads is None else "the loads as they are",
         )
         panel.set_ylim(bottom, 1.3 * scale * float(np.max(levels.without)))
         panel.set_title(_title(own))
-        figures.force_axis(panel.xaxis)
-        figures.force_axis(panel.yaxis)
-        figures.draw_grid(panel)
+        force_axis(panel.xaxis)
+        force_axis(panel.yaxis)
+        draw_grid(panel)
     panels[0].set_ylabel(
         "response level of the free end in mm (RMS)"
         if own.loads is None
         else f"{LABELS[own.measure_and_unit[0]]} in {display_unit}"
     )
-    figures.draw_legend(figure, panels[0])
+    draw_legend(figure, panels[0])
     return figure
 
 
@@ -271,10 +281,10 @@ def draw_map(findings: SearchResult) -> Figure:
 
     assert findings.gap_map is not None
     assert findings.verdict is not None
-    figure, panels = figures.figure_with(len(findings.gap_map), 5.0)
+    figure, panels = figure_with(len(findings.gap_map), 5.0)
     winner = findings.verdict.winner.design
     problem = findings.problem
-    gaps = figures.MM * np.array(findings.gaps)
+    gaps = MM * np.array(findings.gaps)
     for panel, levels, own in zip(panels, findings.gap_map, problem.conditions, strict=True):
         forces = np.array([condition.force for condition in levels.conditions])
         mesh = panel.pcolormesh(
@@ -292,7 +302,7 @@ def draw_map(findings: SearchResult) -> Figure:
         if rule[0] is not None:
             panel.plot(
                 forces,
-                figures.MM * np.array(rule, dtype=float),
+                MM * np.array(rule, dtype=float),
                 color="white",
                 lw=1.8,
                 ls="--",
@@ -304,10 +314,10 @@ def draw_map(findings: SearchResult) -> Figure:
             panel.plot(forces, slope * forces, color="white", lw=0.5, alpha=0.6)
         panel.plot(
             own.force,
-            figures.MM * winner.values[GAP],
+            MM * winner.values[GAP],
             "o",
             ms=9,
-            mfc=figures.ORANGE,
+            mfc=ORANGE,
             mec="white",
             mew=1.5,
             label="winner",
@@ -320,8 +330,8 @@ def draw_map(findings: SearchResult) -> Figure:
             xlabel=_axis(own),
         )
         panel.set_title(_title(own))
-        figures.force_axis(panel.xaxis)
-        figures.force_axis(panel.yaxis)
+        force_axis(panel.xaxis)
+        force_axis(panel.yaxis)
     bar = figure.colorbar(
         mesh,
         ax=panels,
@@ -332,9 +342,7 @@ def draw_map(findings: SearchResult) -> Figure:
     bar.ax.set_yticklabels(["10", "20", "50", "100"])
     bar.ax.minorticks_off()
     panels[0].set_ylabel("gap in mm (clearance to either wall)")
-    legend = figures.draw_legend(
-        figure, panels[0], 2, frameon=True, facecolor="0.75", edgecolor="none"
-    )
+    legend = draw_legend(figure, panels[0], 2, frameon=True, facecolor="0.75", edgecolor="none")
     legend.set_title("thin lines: force over gap constant", prop=FontProperties(size=8))
     return figure
 
@@ -356,7 +364,7 @@ def draw_robustness(findings: SearchResult) -> Figure:
     The design was not chosen for this detuning.
     """
     assert findings.detuned is not None
-    figure, panels = figures.figure_with(len(findings.detuned))
+    figure, panels = figure_with(len(findings.detuned))
     for panel, levels, own in zip(
         panels, findings.detuned, findings.problem.conditions, strict=True
     ):
@@ -366,27 +374,27 @@ def draw_robustness(findings: SearchResult) -> Figure:
             levels,
             100 / levels.without,
         )
-        panel.axvline(0, color=figures.GREY, lw=1, ls=":")
+        panel.axvline(0, color=GREY, lw=1, ls=":")
         panel.set_title(
             f"{_title(own)}, {format_number(own.force)} N" if own.loads is None else _title(own)
         )
         panel.set_xlabel("shift of the beam's frequencies in %")
         panel.set_ylim(bottom=0)
-        figures.draw_grid(panel)
+        draw_grid(panel)
     panels[0].set_ylabel("response level in % of no absorber")
-    figures.draw_legend(figure, panels[0])
+    draw_legend(figure, panels[0])
     return figure
 
 
 def draw_sensitivity(sensitivity: Sensitivity, of: str = "the winner") -> Figure:
     """Draw Sobol indices with their 95 % intervals; ``of``: around what, in words."""
     at = np.arange(len(sensitivity.names))
-    figure, panel = figures.figure_of(max(6.4, 1.5 * len(at)), 4.2)
+    figure, panel = figure_of(max(6.4, 1.5 * len(at)), 4.2)
     for shift, colour, label, values, band in (
-        (-0.19, figures.BLUE, "alone (first order)", sensitivity.first, sensitivity.first_band),
+        (-0.19, BLUE, "alone (first order)", sensitivity.first, sensitivity.first_band),
         (
             0.19,
-            figures.ORANGE,
+            ORANGE,
             "with the others (total)",
             sensitivity.total,
             sensitivity.total_band,
@@ -411,12 +419,12 @@ def draw_sensitivity(sensitivity: Sensitivity, of: str = "the winner") -> Figure
         ],
     )
     panel.set_ylabel("share of the variance")
-    panel.axhline(0, color=figures.BLACK, lw=0.8)
+    panel.axhline(0, color=BLACK, lw=0.8)
     panel.set_title(
         f"Sobol indices around {of}, standard deviation {sensitivity.spread:.3g}", fontsize=10
     )
-    figures.draw_grid(panel)
-    figures.draw_legend(figure, panel)
+    draw_grid(panel)
+    draw_legend(figure, panel)
     return figure
 
 
@@ -436,14 +444,14 @@ def draw_front(
     ``paper`` (2,) is the paper's design, ``bound`` (K, 2) the stationary limits of the cavities of
     the designs on the front; NaN where there is none.
     """
-    figure, (panel,) = figures.figure_with(1, 5.6)
+    figure, (panel,) = figure_with(1, 5.6)
     figure.set_figwidth(7.6)
     panel.plot(*searched.T, ".", color="0.75", ms=4, label="designs of the search")
     if bound is not None and np.isfinite(bound).any():
         panel.plot(
             *bound.T,
             "x",
-            color=figures.BLACK,
+            color=BLACK,
             ms=6,
             mew=1.4,
             label="stationary limits of these designs' cavities",
@@ -451,7 +459,7 @@ def draw_front(
         )
     panel.plot(
         *front.T,
-        color=figures.BLUE,
+        color=BLUE,
         lw=1.2,
         drawstyle="steps-post",
         label="front, as the search saw it",
@@ -460,14 +468,14 @@ def draw_front(
         *fresh.T,
         "o",
         ms=6,
-        color=figures.BLUE,
+        color=BLUE,
         mfc="white",
         mew=1.6,
         label="the same designs on fresh members",
     )
-    panel.plot(*paper, "s", ms=8, color=figures.ORANGE, label="paper's design")
+    panel.plot(*paper, "s", ms=8, color=ORANGE, label="paper's design")
     high = 1.05 * np.max([np.quantile(searched, 0.98, axis=0), paper, fresh.max(axis=0)], axis=0)
     panel.set(xlabel=labels[0], ylabel=labels[1], xlim=(0, high[0]), ylim=(0, high[1]))
-    figures.draw_grid(panel)
-    figures.draw_legend(figure, panel, 2)
+    draw_grid(panel)
+    draw_legend(figure, panel, 2)
     return figure

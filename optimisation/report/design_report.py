@@ -14,6 +14,7 @@ from optimisation.frequency_levels import ResonanceCurves
 from optimisation.insight import Levels, stationary_limit
 from optimisation.measures import (
     ACCELERATION,
+    COVERED,
     DISPLAY_UNITS,
     FRICTION_HEAT,
     IMPACT_POWER,
@@ -21,7 +22,11 @@ from optimisation.measures import (
     IMPACT_RMS,
     IMPACT_SPEED,
     LABELS,
+    PREDICTED,
     STROKE,
+    Branches,
+    Gain,
+    branches,
 )
 from optimisation.objectives import Condition, Objective, Score
 from optimisation.problem import Problem
@@ -55,7 +60,6 @@ from optimisation.search.judge import Judged, SearchResult, Verdict
 from optimisation.search.settings import Evaluated
 from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
 from optimisation.space import MASS_RATIO, VARIABLES, parts_of
-from optimisation.statistics import COVERED, PREDICTED, Branches, Gain, branches
 from optimisation.sweep_range import LEAST_RATIO, is_at_end, reading_in_words
 
 MM = 1e3

@@ -17,16 +17,20 @@ from impact_env.parameters import SlidingAbsorber
 from impact_env.results import require_recorded
 from optimisation.files import numbers, replacing, write_csv
 from optimisation.frequency_levels import ResonanceCurves, WorstRun
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLUE,
     GREY,
     MM,
     ORANGE,
+    Chart,
+    Curve,
+    Draw,
+    Table,
     draw_charts,
     draw_grid,
     figure_of,
+    write_drawing,
 )
-from optimisation.report.report import Chart, Curve, Draw, Table, write_drawing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

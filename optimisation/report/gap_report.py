@@ -18,19 +18,14 @@ from optimisation.contact import estimate, meeting_mass, reaches_beyond
 from optimisation.files import numbers
 from optimisation.gap_advice import Advice, Answer
 from optimisation.measures import format_number
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLUE,
     GREEN,
     HATCHED,
     MM,
+    NO_DEVICE,
     ORANGE,
     TICKS,
-    draw_grid,
-    figure_of,
-    force_axis,
-)
-from optimisation.report.report import (
-    NO_DEVICE,
     Chart,
     Column,
     Curve,
@@ -42,12 +37,15 @@ from optimisation.report.report import (
     baseline_rows,
     between,
     device_rows,
+    draw_grid,
+    figure_of,
+    force_axis,
     service_rows,
     show_span,
 )
 from optimisation.service import UNCERTAIN_DRAWS, ServiceLoads
 from optimisation.sweep_range import LEAST_RATIO, is_at_end
-from optimisation.uncertain import Distribution, plain
+from optimisation.tolerances import Distribution, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,8 +11,7 @@ from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaMap
 from impact_env.periodic.orbit_table import ORBIT_COLUMNS, isola_rows
 from impact_env.periodic.symmetric import BIRTH
 from optimisation.measures import format_number
-from optimisation.report.figures import BLUE, ORANGE, draw_grid, figure_of
-from optimisation.report.report import Report, Table
+from optimisation.report.report import BLUE, ORANGE, Report, Table, draw_grid, figure_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLACK,
     BLUE,
     GREEN,

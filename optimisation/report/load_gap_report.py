@@ -10,9 +10,9 @@ from optimisation.gap_advice import Advice, Answer
 from optimisation.load_cases import AppliedLoads
 from optimisation.measures import DECAY, DISPLAY_UNITS, LABELS, START, UNITS
 from optimisation.report.comparison_report import LOAD_END_WARNING, load_reading_in_words
-from optimisation.report.figures import MM, draw_charts
 from optimisation.report.gap_report import answer_values, band_in_words, device
 from optimisation.report.report import (
+    MM,
     Chart,
     Curve,
     Group,
@@ -22,6 +22,7 @@ from optimisation.report.report import (
     Table,
     assumed_rows,
     device_rows,
+    draw_charts,
 )
 
 

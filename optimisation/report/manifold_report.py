@@ -13,8 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.periodic.slow_manifold import VARIANTS, ManifoldCheck, manifold_gap
-from optimisation.report.figures import BLUE, GREEN, MM, ORANGE, YELLOW, draw_grid, figure_of
-from optimisation.report.report import Block, Column, Report, Table
+from optimisation.report.report import (
+    BLUE,
+    GREEN,
+    MM,
+    ORANGE,
+    YELLOW,
+    Block,
+    Column,
+    Report,
+    Table,
+    draw_grid,
+    figure_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -29,8 +29,19 @@ from impact_env.periodic.orbit_branches import GRAZING, PULLING
 from impact_env.periodic.orbit_table import ORBIT_COLUMNS, bifurcation_rows, branch_rows, orbit_rows
 from impact_env.periodic.response_curve import ResponseCurve
 from impact_env.periodic.survey import OrbitSearch
-from optimisation.report.figures import BLUE, GREEN, MM, ORANGE, PINK, draw_grid, figure_of
-from optimisation.report.report import Block, Json, Report, Table
+from optimisation.report.report import (
+    BLUE,
+    GREEN,
+    MM,
+    ORANGE,
+    PINK,
+    Block,
+    Json,
+    Report,
+    Table,
+    draw_grid,
+    figure_of,
+)
 from optimisation.report.response_report import MARK_LABELS, MARKS
 
 if TYPE_CHECKING:

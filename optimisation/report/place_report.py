@@ -31,15 +31,6 @@ from optimisation.place_advice import (
     probability_lower,
 )
 from optimisation.place_map import PlaceMap, Places
-from optimisation.report.figures import (
-    BLUE,
-    GREEN,
-    GREY,
-    MM,
-    ORANGE,
-    draw_grid,
-    figure_of,
-)
 from optimisation.report.frequency_report import (
     frequency_charts,
     frequency_figures,
@@ -47,7 +38,12 @@ from optimisation.report.frequency_report import (
 )
 from optimisation.report.gap_report import CONTACT_HEADING, contact_rows
 from optimisation.report.report import (
+    BLUE,
+    GREEN,
+    GREY,
+    MM,
     NO_DEVICE,
+    ORANGE,
     Chart,
     Curve,
     Group,
@@ -58,6 +54,8 @@ from optimisation.report.report import (
     assumed_rows,
     baseline_rows,
     device_rows,
+    draw_grid,
+    figure_of,
     service_rows,
 )
 from optimisation.service import ImpactLoads

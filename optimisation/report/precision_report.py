@@ -7,10 +7,17 @@ import numpy as np
 
 from impact_env.parameters import SlidingAbsorber
 from optimisation.files import number, numbers
+from optimisation.insight import BOX_DIFFERENCES, BOX_UNITS, Sensitivity
 from optimisation.report.report import Row
-from optimisation.sobol import BOX_DIFFERENCES, BOX_UNITS, Sensitivity
-from optimisation.tolerances import NOMINAL_RUNS, SURE, WIDEST_TOLERANCES, Tolerances
-from optimisation.uncertain import FRICTION, GAP, RESTITUTION
+from optimisation.tolerances import (
+    FRICTION,
+    GAP,
+    NOMINAL_RUNS,
+    RESTITUTION,
+    SURE,
+    WIDEST_TOLERANCES,
+    Tolerances,
+)
 
 Json = dict[str, object]
 SHARE_TOL = 1e-9  # of a half width: rounding

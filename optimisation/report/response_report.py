@@ -21,7 +21,7 @@ from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, CurvePoint, ResponseCurve
 from impact_env.periodic.stationary import QUANTILES, StationaryPoint
 from optimisation.measures import format_number
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLUE,
     GREEN,
     MM,
@@ -29,10 +29,12 @@ from optimisation.report.figures import (
     PINK,
     SKY,
     YELLOW,
+    Block,
+    Report,
+    Table,
     draw_grid,
     figure_of,
 )
-from optimisation.report.report import Block, Report, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

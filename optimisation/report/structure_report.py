@@ -16,8 +16,7 @@ from impact_env.assurance import ModeComparison
 from impact_env.modes import ModalModel, Structure, mode_shapes
 from impact_env.parameters import Beam
 from optimisation.mounting import model_with_absorber_at, with_response_point
-from optimisation.report.figures import BLUE, MM, ORANGE, figure_of
-from optimisation.report.report import Block, Column, Report, Table
+from optimisation.report.report import BLUE, MM, ORANGE, Block, Column, Report, Table, figure_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

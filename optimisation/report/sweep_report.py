@@ -22,10 +22,8 @@ from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbs
 from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
 from optimisation.calibration.drawn_scenes import LevelBand
-from optimisation.measures import format_number
-from optimisation.report.figures import MM, figure_of
-from optimisation.report.report import Report
-from optimisation.statistics import prediction_interval
+from optimisation.measures import format_number, prediction_interval
+from optimisation.report.report import MM, Report, figure_of
 from optimisation.sweep_range import LEAST_RATIO
 
 if TYPE_CHECKING:

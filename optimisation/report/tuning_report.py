@@ -21,18 +21,13 @@ from impact_env.modes import ModalModel
 from impact_env.parameters import DEFAULT_MASS_RATIO, TunedAbsorber
 from optimisation.files import numbers
 from optimisation.measures import format_number
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLACK,
     BLUE,
     GREEN,
     MM,
     PINK,
     YELLOW,
-    draw_grid,
-    figure_of,
-    force_axis,
-)
-from optimisation.report.report import (
     Chart,
     Column,
     Curve,
@@ -41,6 +36,9 @@ from optimisation.report.report import (
     Row,
     Table,
     assumed_rows,
+    draw_grid,
+    figure_of,
+    force_axis,
     mass_rows,
 )
 from optimisation.tuned import (

@@ -29,8 +29,8 @@ import impact_env  # noqa: F401 - registers the environments
 from impact_env.checks import ParameterError, require
 from impact_env.envs import ENVIRONMENTS
 from impact_env.extras import optional
+from optimisation.executors import Bar
 from optimisation.files import replacing
-from optimisation.progress import Bar
 from optimisation.rl.agents import Agent
 
 PLACE = "MINARI_DATASETS_PATH"  # where Minari looks for data sets

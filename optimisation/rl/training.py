@@ -32,10 +32,9 @@ from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.fields import check_fields
-from optimisation.executors import Pool, PoolTask
+from optimisation.checkpoint import difference, installed
+from optimisation.executors import Bar, Pool, PoolTask
 from optimisation.files import require_writable, write_json
-from optimisation.machine import difference, installed
-from optimisation.progress import Bar
 from optimisation.rl.agents import (
     CHECKPOINT_AGENT,
     FINAL,

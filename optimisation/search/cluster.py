@@ -25,7 +25,7 @@ from impact_env.checks import ParameterError
 from impact_env.ensemble import find_first_of_each
 from impact_env.extras import optional
 from impact_env.sweep import IntegrationError
-from optimisation.machine import difference, source_hash
+from optimisation.checkpoint import difference, source_hash
 
 with optional():
     import distributed

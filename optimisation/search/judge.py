@@ -3,7 +3,7 @@
 The finalists of a study run again on members of the ensemble that the search has not seen, and the
 best of them there is the winner. What the winner is worth is then read from yet other members, on
 which the designs that it is compared with run as well. A gain is the ratio of two designs' values
-with a bootstrap interval (`optimisation.statistics`).
+with a bootstrap interval (`optimisation.measures`).
 """
 
 from __future__ import annotations
@@ -22,14 +22,12 @@ from impact_env.ensemble import Executor, Members
 from optimisation.absorber_rules import Baselines
 from optimisation.files import number
 from optimisation.insight import Levels, Sensitivity
-from optimisation.measures import LEVEL, LEVEL_RATIO
-from optimisation.mounting import with_more_modes
+from optimisation.measures import LEVEL, LEVEL_RATIO, Gain, prediction_interval, ratio_of_quantiles
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem, Progress, evaluate
 from optimisation.search.settings import Evaluated, seed_of
-from optimisation.service import Service
+from optimisation.service import Service, with_more_modes
 from optimisation.space import FRICTION_LIMIT, GAP, Design, parts_of
-from optimisation.statistics import Gain, prediction_interval, ratio_of_quantiles
 
 if TYPE_CHECKING:
     from optimisation.search.study import DesignStudy

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from impact_env.ensemble import Executor
 from impact_env.extras import optional
 from optimisation.checkpoint import RunCache, open_run_cache
+from optimisation.executors import runs_bar
 from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem
-from optimisation.progress import runs_bar
 from optimisation.search.find import BARS, identity, searched
 from optimisation.search.judge import Cost, Judged, judged
 from optimisation.search.settings import (

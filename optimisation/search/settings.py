@@ -51,7 +51,7 @@ NSGA2 = "nsga2"
 RANDOM = "random"
 SAMPLERS = {CMA: "CMA-ES", NSGA2: "NSGA-II", RANDOM: "random search"}
 BATCHES = {CMA: 40, NSGA2: 20}
-# searches that propose no batches: SciPy's (`optimisation.search.smooth`), and the Gaussian process
+# searches that propose no batches: SciPy's (`optimisation.search.find`), and the Gaussian process
 # (`optimisation.search.gaussian_process`)
 SCIPY = "scipy"
 GP = "gp"

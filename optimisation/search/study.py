@@ -1,4 +1,4 @@
-"""A study: batches of designs that a sampler proposes, each run in one call.
+"""Samplers, which propose designs, and a study: batches of proposed designs, each run in one call.
 
 The sampler gets the results in the order of the designs' numbers.
 
@@ -7,26 +7,236 @@ run. A study lives in memory: a study that was stopped is replayed from its seed
 a file holds (`optimisation.checkpoint`), and so equals one that was never interrupted.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.ensemble import Executor
-from optimisation.objectives import Score
+from impact_env.extras import optional
+from optimisation.files import replacing
+from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem, evaluate
-from optimisation.search.optuna_samplers import (
-    OptunaSampler,
-    nsga2,
-    write_study,
-)
-from optimisation.search.samplers import BatchCosts, CmaSampler, RandomSampler, Sampler
 from optimisation.search.settings import CMA, NSGA2, Evaluated, SearchSettings, seed_of
-from optimisation.space import Design
+from optimisation.space import Design, DesignSpace
+
+# Samplers: methods that propose designs as points of the unit cube.
+#
+# A sampler is asked for a batch, the batch is run, and its costs are passed to the sampler.
+#
+# A coordinate of a point is the share of a free variable's range (`DesignSpace.at`). What a
+# sampler proposes follows from its seed and from all batches before, and nothing else: the same
+# search run again proposes the same designs.
+
+with optional():
+    import cmaes
 
 Array = NDArray[np.float64]
+CMA_STEP = 1 / 6  # standard deviation of CMA-ES's first generation, in shares of the ranges
+
+
+@dataclass(frozen=True)
+class BatchCosts:
+    """What a batch of n designs cost; all to be minimised.
+
+    ``costs`` (n, objectives); ``violations`` (n, constraints), 0 or below where a constraint is
+    kept; ``penalised`` (n,): the first objective's cost, or more than any cost where a constraint
+    is broken.
+    """
+
+    costs: Array
+    violations: Array
+    penalised: Array
+
+
+class Sampler(Protocol):
+    """A method that proposes points from the costs of earlier ones."""
+
+    def ask(self, count: int, first: Array | None = None) -> Array:
+        """Return ``count`` points (count, variables).
+
+        If the point ``first`` (variables,) is given, it comes first, followed by the ``count``
+        points.
+        """
+        ...
+
+    def tell(self, batch: BatchCosts) -> None:
+        """Take the costs of all points that were returned last, in their order."""
+        ...
+
+
+def prepend(first: Array | None, points: Array) -> Array:
+    """Return points (n, variables) below ``first``, if there is one."""
+    return points if first is None else np.vstack([first, points])
+
+
+class RandomSampler:
+    """Uniformly distributed points."""
+
+    def __init__(self, variables: int, seed: int) -> None:
+        self._variables = variables
+        self._generator = np.random.default_rng(seed)
+
+    def ask(self, count: int, first: Array | None = None) -> Array:
+        """See `Sampler`."""
+        return prepend(first, self._generator.random((count, self._variables)))
+
+    def tell(self, batch: BatchCosts) -> None:
+        """See `Sampler`; costs change nothing."""
+
+
+class CmaSampler:
+    """CMA-ES by the package cmaes (N. Hansen, arXiv:1604.00772).
+
+    Each batch is a generation. The search starts from the middle of the ranges.
+
+    After it has converged it begins again at a random point. The point ``first`` of `ask` has no
+    part in its distribution.
+    """
+
+    def __init__(self, variables: int, population: int, seed: int) -> None:
+        self._population = population
+        self._generator = np.random.default_rng(seed)
+        self._points = np.empty((0, variables))
+        self._optimiser = self._begin(np.full(variables, 0.5))
+
+    def _begin(self, mean: Array) -> cmaes.CMA:
+        bounds = np.tile([0.0, 1.0], (len(mean), 1))
+        seed = int(self._generator.integers(2**31))
+        return cmaes.CMA(mean, CMA_STEP, bounds, seed=seed, population_size=self._population)
+
+    def ask(self, count: int, first: Array | None = None) -> Array:
+        """See `Sampler`; ``count`` is the population."""
+        if self._optimiser.should_stop():
+            self._optimiser = self._begin(self._generator.random(self._points.shape[1]))
+        self._points = np.array([self._optimiser.ask() for _ in range(count)])
+        return prepend(first, self._points)
+
+    def tell(self, batch: BatchCosts) -> None:
+        """See `Sampler`."""
+        costs = batch.penalised[-len(self._points) :].tolist()
+        self._optimiser.tell(list(zip(self._points, costs, strict=True)))
+
+
+# Optuna's samplers by its public ask-and-tell interface.
+#
+# A study is also written as a file that Optuna's dashboard reads.
+
+with optional():
+    import optuna
+    from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
+    from optuna.samplers import BaseSampler, NSGAIISampler, nsgaii
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+
+STUDY = "design"
+
+
+class OptunaSampler:
+    """A `Sampler` that asks one of Optuna."""
+
+    def __init__(
+        self, variables: int, sampler: BaseSampler, objectives: int = 1, constraints: int = 0
+    ) -> None:
+        self._ranges = {f"x{k}": FloatDistribution(0.0, 1.0) for k in range(variables)}
+        self._constraints = [f"constraint {k}" for k in range(constraints)]
+        self._trials: list[optuna.Trial] = []
+        with quiet_optuna():
+            self._study = optuna.create_study(directions=["minimize"] * objectives, sampler=sampler)
+
+    def ask(self, count: int, first: Array | None = None) -> Array:
+        """See `Sampler`."""
+        with quiet_optuna():
+            if first is not None:
+                self._study.enqueue_trial(dict(zip(self._ranges, first.tolist(), strict=True)))
+                count += 1
+            self._trials = [self._study.ask(self._ranges) for _ in range(count)]
+        return np.array([[trial.params[name] for name in self._ranges] for trial in self._trials])
+
+    def tell(self, batch: BatchCosts) -> None:
+        """See `Sampler`."""
+        rows = zip(self._trials, batch.costs.tolist(), batch.violations.tolist(), strict=True)
+        with quiet_optuna():
+            for trial, costs, violations in rows:
+                for name, violation in zip(self._constraints, violations, strict=True):
+                    trial.set_constraint(name, violation)
+                self._study.tell(trial, costs)
+
+
+def nsga2(population: int, seed: int) -> BaseSampler:
+    """Return NSGA-II with real-valued operators.
+
+    The default operators swap and redraw whole coordinates, which does not converge to a front.
+    """
+    with quiet_optuna():
+        return NSGAIISampler(
+            population_size=population,
+            crossover=nsgaii.SBXCrossover(),
+            mutation=nsgaii.PolynomialMutation(),
+            seed=seed,
+        )
+
+
+def write_study(
+    path: Path,
+    space: DesignSpace,
+    objectives: Sequence[Objective],
+    designs: Sequence[Evaluated],
+    costs: Sequence[Sequence[float]],
+) -> None:
+    """Write designs with their costs as a file that Optuna and its dashboard read.
+
+    ``costs``: (designs, objectives), to be minimised.
+    """
+    distributions: dict[str, BaseDistribution] = {
+        v.name: IntDistribution(int(v.low), int(v.high))
+        if v.whole
+        else FloatDistribution(v.low, v.high, log=v.log)
+        for v in space.free
+    }
+    directions = ["maximize" if objective.maximise else "minimize" for objective in objectives]
+    signs = [-1.0 if objective.maximise else 1.0 for objective in objectives]
+    whole = {v.name for v in space.free if v.whole}
+    with replacing(path) as temporary, quiet_optuna():
+        study = optuna.create_study(
+            storage=JournalStorage(JournalFileBackend(str(temporary))),
+            study_name=STUDY,
+            directions=directions,
+        )
+        study.set_metric_names([objective.label for objective in objectives])
+        trials = []
+        for one, row in zip(designs, costs, strict=True):
+            values = [sign * cost for sign, cost in zip(signs, row, strict=True)]
+            params = space.coordinates(one.design)
+            params |= {name: round(params[name]) for name in whole}
+            trials.append(
+                optuna.create_trial(params=params, distributions=distributions, values=values)
+            )
+        study.add_trials(trials)
+
+
+@contextmanager
+def quiet_optuna() -> Iterator[None]:
+    """Keep Optuna's messages below warnings off, and its warnings of experimental features."""
+    before = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            yield
+    finally:
+        optuna.logging.set_verbosity(before)
+
+
 Show = Callable[[], object]
 
 

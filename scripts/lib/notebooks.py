@@ -21,7 +21,7 @@ from nbclient import NotebookClient
 from PIL import Image
 
 from optimisation.files import replacing
-from optimisation.report.figures import few_colours
+from optimisation.report.report import few_colours
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "notebooks"

@@ -15,7 +15,7 @@ import tracemalloc
 from typing import Any
 
 from impact_env import simulate
-from optimisation.machine import peak_memory
+from optimisation.checkpoint import peak_memory
 from studies.variants import METHODS, RECORDS, KernelVariant
 
 LONGER = 10  # memory is compared between a run and one so many times longer

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env import IntegrationError, ParameterError
+from optimisation.checkpoint import PACKAGES, conditions, sources
 from optimisation.cli.common import (
     check_target,
     end_early,
@@ -30,6 +31,7 @@ from optimisation.cli.common import (
     plain_errors,
 )
 from optimisation.cli.options import Command
+from optimisation.executors import BAR, Bar
 from optimisation.files import (
     DOCS,
     fill,
@@ -42,8 +44,6 @@ from optimisation.files import (
     write_csv,
     write_json,
 )
-from optimisation.machine import PACKAGES, conditions, sources
-from optimisation.progress import BAR, Bar
 
 Json = dict[str, Any]
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 
 from impact_env import Drive, Scene, linear_sweep
 from impact_env.drive import PAPER_RATE
-from optimisation.progress import Bar
+from optimisation.executors import Bar
 from studies.study import Json
 
 K = TypeVar("K")

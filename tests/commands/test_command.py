@@ -28,10 +28,10 @@ from places import ROOT
 
 from impact_env.extras import EXTRAS
 from impact_env.kernels.compiling.cache import find_folders, hash_sources
-from optimisation import progress
+from optimisation import executors
 from optimisation.cli.group import imported
 from optimisation.cli.names import HEADINGS, list_commands
-from optimisation.progress import Bar, counting_bar, stages_bar
+from optimisation.executors import Bar, counting_bar, stages_bar
 
 NAME = "impact-absorber-workbench"
 FINDER = """
@@ -380,7 +380,7 @@ def test_without_a_terminal_lines_tell_how_far_it_is_and_what_is_left(
     stderr = io.StringIO()
     stderr.isatty = lambda: terminal
     monkeypatch.setattr(sys, "stderr", stderr)
-    monkeypatch.setattr(progress, "EVERY", 0.0)
+    monkeypatch.setattr(executors, "EVERY", 0.0)
     with (
         Bar(total=4, desc="one", unit="run", leave=False, mininterval=0) as bar,
         counting_bar("two", "designs") as show,

@@ -19,11 +19,11 @@ from load_cases import KINDS, MASS, OMEGA, chain, tables_of
 
 from impact_env import Beam, simulate
 from impact_env.ensemble import Lane, Threads, draw_members
+from impact_env.frequency import find_steady_start
 from impact_env.level import response_level
 from impact_env.loads import Loads, Shock
 from impact_env.modes import ModalModel, modal_model
 from impact_env.scene import Scene
-from impact_env.steady_start import find_steady_start
 from optimisation import comparison
 from optimisation.answers.comparison import ComparisonAnswer
 from optimisation.cli import compare as command
@@ -331,7 +331,7 @@ def test_runs_under_loads_go_to_the_cluster_and_show_progress(
     for size, value in (("GAPS", comparison.GAPS[:1]), ("LIMITS", comparison.LIMITS[:1])):
         monkeypatch.setattr(comparison, size, value)
     monkeypatch.setattr(under_loads, "MOST_TRIALS", 2)
-    monkeypatch.setattr("optimisation.progress.EVERY", 0.0)  # s between two lines
+    monkeypatch.setattr("optimisation.executors.EVERY", 0.0)  # s between two lines
     here = []
 
     class Workers(Threads):

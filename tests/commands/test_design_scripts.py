@@ -28,11 +28,11 @@ from optimisation.cli import design_masses as mass_ratios
 from optimisation.cli.common import plain_errors
 from optimisation.cli.design_options import announce_search
 from optimisation.comparison import compare
+from optimisation.executors import announce_load_runs, duration_in_words
 from optimisation.gap_advice import check_gap
 from optimisation.insight import sensitivity, stationary_limit
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.progress import announce_load_runs, duration_in_words
 from optimisation.report.design_report import LEVEL_COLUMNS
 from optimisation.space import design_space
 from optimisation.sweep_range import find_sweep_range
@@ -437,7 +437,7 @@ def test_a_long_search_says_how_long_and_answers_coarsely_first(
     """
     command = load("design_gap", monkeypatch)
     monkeypatch.setattr(command, "LONG_S", 0.0)
-    monkeypatch.setattr("optimisation.progress.LONG_S", 0.0)
+    monkeypatch.setattr("optimisation.executors.LONG_S", 0.0)
     monkeypatch.setattr(command, "COARSE_PERIODS", 1.0)
     options = ["--force", 3.5, "--modes", 2, "--members", 1, "--no-card"]
     result = done(command, *options, "--rate", 10, "--out", tmp_path / "both")
@@ -469,7 +469,7 @@ def test_masses_are_announced_and_answered_coarsely_first(monkeypatch: pytest.Mo
     for name in ("FACTORS", "LOW_FACTORS"):
         monkeypatch.setattr(mass_ratios, name, factors)
     monkeypatch.setattr(mass_ratios, "checks", noted)
-    monkeypatch.setattr("optimisation.progress.seconds_per_period", lambda *_arguments: 1.0)
+    monkeypatch.setattr("optimisation.executors.seconds_per_period", lambda *_arguments: 1.0)
     options = ("--mass-ratio", 0.02, "--resonances", 1, 1, "--members", 2, "--rate", 50)
     result = done(mass_ratios, *options, "--threads", 1)
     low, high = find_sweep_range(modal_model(Beam()), 0.02, 1)
@@ -485,7 +485,7 @@ def test_masses_are_announced_and_answered_coarsely_first(monkeypatch: pytest.Mo
 def test_a_search_is_announced_with_the_level_of_the_rules_design(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("optimisation.progress.seconds_per_period", lambda *_arguments: 1.0)
+    monkeypatch.setattr("optimisation.executors.seconds_per_period", lambda *_arguments: 1.0)
     problem = Problem(
         design_space("impact"), (Condition(1, 3.5),), beam=Beam(modes=2), members=2, rate=10.0
     )
@@ -521,7 +521,7 @@ def test_a_comparison_is_announced_and_answered_coarsely_first(
 
     monkeypatch.setattr(command, "compare", small)
     monkeypatch.setattr("optimisation.comparison.minimax", den_hartog)
-    monkeypatch.setattr("optimisation.progress.seconds_per_period", lambda *_arguments: 1.0)
+    monkeypatch.setattr("optimisation.executors.seconds_per_period", lambda *_arguments: 1.0)
     options = ("--forces", 2, "--members", 2, "--rate", 5, "--threads", 1)
     result = done(command, *options, "--out", tmp_path)
     assert "About " in result.stderr
@@ -534,7 +534,7 @@ def test_a_comparison_is_announced_and_answered_coarsely_first(
 def test_runs_under_loads_are_announced_by_one_of_them(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("optimisation.progress.LONG_S", 0.0)
+    monkeypatch.setattr("optimisation.executors.LONG_S", 0.0)
     loads = Loads((Shock("half-sine", 10.0, 0.01, 0.5),), MODEL.resonance_omega(1))
     seconds = announce_load_runs(Scene(MODEL, impact_absorber()), loads, 1000, 1)
     announcement = capsys.readouterr().err

@@ -17,11 +17,11 @@ from impact_env import Drive, ModalModel, Scene, impact_absorber
 from impact_env.ensemble import Lane, draw_members, run_lanes
 from impact_env.plain import to_disk
 from impact_env.structures.cyclic import BladedDisk
-from optimisation import progress
+from optimisation import executors
 from optimisation.cli import compare as compare_absorbers
 from optimisation.cli import design_gap
 from optimisation.cli import sweep as sweep_script
-from optimisation.disk_levels import (
+from optimisation.disks import (
     disk_case,
     equivalent_sector,
     friction_dampers,
@@ -124,7 +124,7 @@ def test_a_load_acts_on_the_sector_that_is_its_place(tmp_path: Path) -> None:
 def test_long_runs_of_disks_are_announced(
     tmp_path: Path, script: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress, "LONG_S", 0.0)
+    monkeypatch.setattr(executors, "LONG_S", 0.0)
     disk = write_disk(tmp_path, IMPACT)
     run = ["--scene", disk, "--quick", "--rate", "50", "--out", tmp_path / "out"]
     assert "within a factor of three: " in done(script, *run).output

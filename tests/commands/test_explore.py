@@ -33,10 +33,10 @@ from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase
 from impact_env.drive import FrequencySchedule, constant_frequency
 from impact_env.ensemble import Lane
+from impact_env.frequency import find_steady_start
 from impact_env.plain import to_scene
 from impact_env.plain_loads import to_loads
 from impact_env.sectors import linear_sector_response
-from impact_env.steady_start import find_steady_start
 from impact_env.structures.cyclic import BladedDisk, ring_of_masses
 from optimisation.calibration.posterior import Posterior
 from optimisation.cli.group import imported
@@ -67,8 +67,7 @@ from optimisation.explore.verdict import judge_level
 from optimisation.explore.waiting import Kernels
 from optimisation.explore.work import Work
 from optimisation.frequency_levels import frequency_curve
-from optimisation.measures import read
-from optimisation.statistics import prediction_interval
+from optimisation.measures import prediction_interval, read
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog
 

@@ -10,13 +10,19 @@ from impact_env import Drive, Scene
 from impact_env.drive import constant_frequency
 from impact_env.ensemble import Lane, Threads
 from optimisation.insight import REPORT_SEEDS
-from optimisation.measures import RMS, Chunk, stress_shape
+from optimisation.measures import (
+    RMS,
+    Chunk,
+    branches,
+    ratio_of_quantiles,
+    standard_error,
+    stress_shape,
+)
 from optimisation.objectives import Condition
 from optimisation.problem import Problem, measured_chunks
 from optimisation.report.design_report import service_lines, service_summary
 from optimisation.service import FORCES, FREQUENCIES, lasting_levels, service
 from optimisation.space import design_space
-from optimisation.statistics import branches, ratio_of_quantiles, standard_error
 from reference import dense
 
 STRIP = replace(STEEL, modes=2)

@@ -21,7 +21,6 @@ from impact_env.periodic.balance_branches import BalanceRow
 from impact_env.scene import Scene
 from optimisation.files import write_files
 from optimisation.report.balance_report import setting_table
-from optimisation.report.figures import draw_charts
 from optimisation.report.gap_report import device_groups, printed_table
 from optimisation.report.report import (
     Chart,
@@ -31,6 +30,7 @@ from optimisation.report.report import (
     Row,
     Table,
     choose_colours,
+    draw_charts,
     list_files,
     list_named_files,
     render_card_json,

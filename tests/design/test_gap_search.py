@@ -31,9 +31,8 @@ from optimisation.gap_search import (
     search_gaps,
     worst_level,
 )
-from optimisation.measures import format_number
+from optimisation.measures import format_number, predict, prediction_band, prediction_interval
 from optimisation.report.gap_report import draw_levels
-from optimisation.statistics import predict, prediction_band, prediction_interval
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, peaks, smallest_amplitude
 from studies.cli import check_gaps

@@ -20,15 +20,16 @@ from impact_env import Beam, Drive, ModalModel, Scene, load_structure, modal_mod
 from impact_env.checks import ParameterError
 from impact_env.drive import linear_sweep
 from impact_env.ensemble import draw_members
+from impact_env.frequency import find_steady_start
 from impact_env.level import response_level
 from impact_env.modes import mode_shapes
 from impact_env.plain import to_scene
 from impact_env.plain_files import read_plain
-from impact_env.steady_start import find_steady_start
 from optimisation.bounds import design_gap, reach, resonance_limit
 from optimisation.contact import YieldLimit
 from optimisation.frequency_levels import find_worst_run
 from optimisation.gap_advice import Limits
+from optimisation.measures import Prediction
 from optimisation.mounting import model_with_absorber_at
 from optimisation.place_advice import (
     LIGHTEST,
@@ -40,7 +41,6 @@ from optimisation.place_advice import (
 )
 from optimisation.place_map import expected_gap_and_share, find_places, map_places, shortlist
 from optimisation.report.place_report import place_with
-from optimisation.statistics import Prediction
 from optimisation.sweep_range import stationary_level
 from studies.cli import check_places
 

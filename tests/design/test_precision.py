@@ -16,9 +16,9 @@ from impact_env import Beam, Scene, impact_absorber, modal_model, simulate
 from impact_env.checks import ParameterError
 from impact_env.curve import CurveCase
 from impact_env.ensemble import draw_members
-from impact_env.steady_start import find_steady_start
+from impact_env.frequency import find_steady_start
+from optimisation.insight import device_box, device_sensitivity, sobol_points, sobol_sensitivity
 from optimisation.report.precision_report import tolerance_lines
-from optimisation.sobol import device_box, device_sensitivity, sobol_points, sobol_sensitivity
 from optimisation.tolerances import (
     SURE,
     WIDEST_TOLERANCES,
@@ -213,7 +213,7 @@ def test_shares_of_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.abs(indices.total[:4]).max() < 1e-3
     with pytest.raises(ParameterError, match="one impact absorber"):
         device_box(replace(CASE, scene=Scene(MODEL, None)), MODEL)
-    monkeypatch.setattr("optimisation.sobol.DEVICE_BOX", dict.fromkeys(box, 0.1))
+    monkeypatch.setattr("optimisation.insight.DEVICE_BOX", dict.fromkeys(box, 0.1))
     assert device_box(CASE, MODEL)["mass"][1] == pytest.approx(1.1 * 0.02 * MODEL.beam_mass)
 
 

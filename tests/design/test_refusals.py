@@ -51,8 +51,8 @@ from optimisation.report.tuning_report import tuning_table
 from optimisation.search.settings import Rung, SearchSettings, default_settings
 from optimisation.signals import SignalOptions, signal_measures
 from optimisation.space import DesignSpace, design_space
+from optimisation.tolerances import on_another_structure, require_parts, spreads
 from optimisation.tuned import PAPER, minimax, peak, peaks
-from optimisation.uncertain import on_another_structure, require_parts, spreads
 
 pytest.importorskip("cvxpy")
 MODEL = modal_model(Beam())

@@ -23,7 +23,7 @@ from optimisation.files import read_json
 from optimisation.insight import REPORT_SEEDS
 from optimisation.objectives import Condition, Constraint, Score
 from optimisation.problem import Problem
-from optimisation.search.find import SearchOptions, find
+from optimisation.search.find import SearchOptions, find, smooth_search
 from optimisation.search.gaussian_process import (
     FIRST_MODELLED,
     MOST_MODELLED,
@@ -42,10 +42,8 @@ from optimisation.search.judge import (
     verdict,
 )
 from optimisation.search.pareto import find_front, hypervolume
-from optimisation.search.samplers import BatchCosts, CmaSampler
 from optimisation.search.settings import Evaluated, Rung, SearchSettings, default_settings
-from optimisation.search.smooth import smooth_search
-from optimisation.search.study import DesignStudy
+from optimisation.search.study import BatchCosts, CmaSampler, DesignStudy
 from optimisation.space import Design, design_space
 from optimisation.tuned import HIGH, LOW, minimax
 from studies.cli import search_methods

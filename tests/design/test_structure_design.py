@@ -19,11 +19,11 @@ from places import EXAMPLES
 
 from impact_env import ModalModel, load_structure
 from impact_env.drive import PAPER_LIMITS, Drive, default_rate, linear_sweep
+from impact_env.frequency import find_steady_start
 from impact_env.level import response_level
 from impact_env.modes import assemble_matrices, deflection_row, modal_model
 from impact_env.parameters import Beam
 from impact_env.scene import Scene
-from impact_env.steady_start import find_steady_start
 from impact_env.sweep import simulate
 from optimisation.bounds import design_force, near_range, resonance_limit
 from optimisation.cli import structure

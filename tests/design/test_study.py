@@ -14,8 +14,7 @@ from places import ROOT, fresh
 
 from impact_env.checks import ParameterError
 from impact_env.ensemble import Executor
-from optimisation.checkpoint import Checkpoint, key_of, open_run_cache
-from optimisation.machine import source_hash
+from optimisation.checkpoint import Checkpoint, key_of, open_run_cache, source_hash
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.search.find import SearchOptions, find, identity, searched

@@ -31,7 +31,7 @@ from optimisation.files import write_json
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.space import IMPACT, design_space
-from optimisation.uncertain import NAMES, drawn, posterior_spreads, shares, spreads
+from optimisation.tolerances import NAMES, drawn, posterior_spreads, shares, spreads
 
 EVERY = dict.fromkeys(NAMES, "5%")
 

@@ -25,7 +25,7 @@ SOLD_AS = {
 }
 IMPORTS = {
     "optuna": "optimisation.search.study",
-    "cmaes": "optimisation.search.samplers",
+    "cmaes": "optimisation.search.study",
     "distributed": "optimisation.search.cluster",
     "cvxpy": "optimisation.bounds.relaxation optimisation.tuned.certificate",
     "gymnasium": (

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
+from optimisation.checkpoint import SEARCHING, source_hash
 from optimisation.files import ROOT
-from optimisation.machine import SEARCHING, source_hash
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.drive import Drive
+from impact_env.frequency import find_steady_start
 from impact_env.sectors import (
     SectorLevels,
     SectorResponse,
@@ -30,7 +31,6 @@ from impact_env.sectors import (
     participation_ratio,
     simulate_sectors,
 )
-from impact_env.steady_start import find_steady_start
 from impact_env.structures.cyclic import CyclicStructure, Mistuning, ring_of_masses
 
 HERTZ = OMEGA / (2 * np.pi)

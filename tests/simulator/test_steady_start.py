@@ -12,6 +12,7 @@ from impact_env import Beam, Drive, Record, Scene, modal_model, simulate
 from impact_env.curve import CurveCase, performance_curves
 from impact_env.drive import constant_frequency, linear_sweep
 from impact_env.ensemble import Lane, run_lanes
+from impact_env.frequency import find_steady_start
 from impact_env.loads import BASE_QUANTITY, Loads, ShakenBase, Shock, Tone, Tones
 from impact_env.parameters import (
     Absorber,
@@ -20,7 +21,6 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from impact_env.steady_start import find_steady_start
 
 MODEL = modal_model(Beam(modes=5))
 

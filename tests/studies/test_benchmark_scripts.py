@@ -11,8 +11,8 @@ import numba
 import pytest
 from commands import call
 
+from optimisation.checkpoint import conditions
 from optimisation.files import write_json
-from optimisation.machine import conditions
 from studies import probe
 from studies.cli import (
     benchmark,

@@ -14,8 +14,8 @@ pytest.importorskip("cmaes")
 
 from impact_env import Beam, modal_model
 from optimisation.absorber_rules import best_friction
+from optimisation.checkpoint import peak_memory
 from optimisation.files import read_json
-from optimisation.machine import peak_memory
 from optimisation.problem import Problem
 from optimisation.space import VARIABLES
 from studies.study import from_file_content

@@ -14,7 +14,7 @@ import pytest
 from commands import call
 
 from impact_env import Beam, modal_model
-from optimisation import executors, machine
+from optimisation import checkpoint, executors
 from optimisation.files import DOCS, write_json
 from studies.cli import stability
 from studies.stability import cases, cells, checks, eigen, limits, tasks
@@ -238,7 +238,9 @@ def test_redraw_writes_figure_and_page(tmp_path: Path) -> None:
         "checks": [check],
         "lost": [],
     }
-    made = Measurement(texts, machine.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True})
+    made = Measurement(
+        texts, checkpoint.conditions() | {"wall_s": 1.0, "workers": 2, "quick": True}
+    )
     (folder := tmp_path / "methods").mkdir()
     shutil.copy(DOCS / "methods.md", tmp_path)
     write_json(folder / "stability.json.gz", to_file_content(made))

@@ -18,8 +18,8 @@ from click.testing import CliRunner, Result
 
 import impact_env
 from impact_env import Beam, IntegrationError, modal_model
+from optimisation.checkpoint import sources
 from optimisation.files import has_markers, read_json
-from optimisation.machine import sources
 from studies import study as pattern
 from studies.study import CsvTable, OutputPaths, Part, Study, make_rows_part
 

@@ -117,8 +117,8 @@ from optimisation.problem import Problem
 from optimisation.search.settings import Rung, SearchSettings
 from optimisation.space import Design, DesignSpace, Units, Variable, design_space
 from optimisation.sweep_range import stationary_level, sweep_ratio, usable_force, usable_mass_ratio
+from optimisation.tolerances import spreads
 from optimisation.tuned import peaks
-from optimisation.uncertain import spreads
 
 LOADS = {"load": {"kind": "random", "spectrum": [[20.0, 1.0], [60.0, 1.0]], "duration_s": 4.0}}
 NOTHING = object()  # no plain value corresponds to it

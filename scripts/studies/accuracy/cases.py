@@ -27,7 +27,7 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from optimisation.machine import sources
+from optimisation.checkpoint import sources
 from studies.study import Array, Measurement
 
 MODES = (1, 3, 10, 30)

@@ -15,7 +15,7 @@ from impact_env import Beam, Drive, beam_scene, linear_sweep, simulate
 from impact_env.ensemble import Lane, available_cores, draw_members, run_lanes
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.files import markdown
-from optimisation.report.figures import figure_of, force_axis
+from optimisation.report.report import figure_of, force_axis
 from studies.accuracy.cases import (
     COLOURS,
     MARKERS,

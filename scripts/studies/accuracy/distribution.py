@@ -21,7 +21,7 @@ from impact_env.ensemble import Members, draw_members
 from impact_env.laws import SceneKind
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from optimisation.files import markdown
-from optimisation.report.figures import force_axis
+from optimisation.report.report import force_axis
 from studies.accuracy import cases as shared
 from studies.accuracy.cases import AccuracySettings, Cases, Row, SceneGroup
 from studies.study import Array

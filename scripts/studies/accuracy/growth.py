@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_env import Drive, Exact, InitialState, constant_frequency, simulate
-from optimisation.report.figures import figure_of
+from optimisation.report.report import figure_of
 from studies.accuracy.cases import (
     BARE,
     COLOURS,

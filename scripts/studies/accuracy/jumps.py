@@ -17,7 +17,7 @@ from impact_env.drive import PAPER_LIMITS, linear_sweep
 from impact_env.ensemble import draw_members
 from impact_env.methods import Exact, Method, Moreau
 from optimisation.files import markdown
-from optimisation.report.figures import figure_of
+from optimisation.report.report import figure_of
 from studies.accuracy.cases import MARKERS, AccuracySettings, Cases, Row, named, plain, unique
 
 NAME = "jumps"

@@ -18,9 +18,9 @@ from impact_env.checks import ParameterError
 from impact_env.envs.evaluation import bootstrap_interval
 from impact_env.extras import optional
 from optimisation.cli.common import check_target, command
+from optimisation.executors import Bar
 from optimisation.files import DOCS, fill, markdown, read_json, require_markers, write_json
-from optimisation.progress import Bar
-from optimisation.report.figures import BLACK, BLUE, ORANGE, figure_of, write_figure
+from optimisation.report.report import BLACK, BLUE, ORANGE, figure_of, write_figure
 from optimisation.rl.agents import FINAL, find_agents
 from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import CHOSEN, CONSTANT, EIGHT, TASKS, env_of, policies

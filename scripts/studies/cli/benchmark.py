@@ -25,8 +25,8 @@ from impact_env import (
 from impact_env.drive import PAPER_RATE
 from impact_env.loads import Loads, Samples
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
+from optimisation.checkpoint import BARE, Timed
 from optimisation.cli.common import command
-from optimisation.machine import BARE, Timed
 from studies.study import (
     Array,
     Json,

@@ -21,8 +21,8 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
+from optimisation.checkpoint import Timed
 from optimisation.cli.common import command
-from optimisation.machine import Timed
 from studies.study import (
     Json,
     Measurement,

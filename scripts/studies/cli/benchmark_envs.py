@@ -22,7 +22,7 @@ import numpy as np
 from impact_env.ensemble import available_cores
 from impact_env.extras import optional
 from optimisation.cli.common import command
-from optimisation.progress import Bar
+from optimisation.executors import Bar
 from studies.study import (
     Json,
     Measurement,

@@ -24,7 +24,7 @@ from impact_env.parameters import Beam, impact_absorber
 from optimisation.cli.common import check_target, command
 from optimisation.comparison import force_grid
 from optimisation.explore.settings import MOST_MEMBERS
-from optimisation.report.figures import few_colours
+from optimisation.report.report import few_colours
 from studies.study import (
     Json,
     Measurement,

@@ -36,8 +36,8 @@ from impact_env.periodic.symmetric import (
 )
 from impact_env.periodic.validation import CHATTER_BAR, RESIDUAL_BAR, iterate_map
 from optimisation.cli.common import command
+from optimisation.executors import Bar
 from optimisation.files import markdown
-from optimisation.progress import Bar
 from studies.study import Json, OutputPaths, Study, add_table_options, make_table_study, run
 from studies.timing import time_call
 

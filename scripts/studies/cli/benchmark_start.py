@@ -20,8 +20,8 @@ import click
 from impact_env.checks import ParameterError
 from impact_env.ensemble import available_cores
 from optimisation.cli.common import command
+from optimisation.executors import Bar
 from optimisation.files import ROOT
-from optimisation.progress import Bar
 from studies.study import (
     Json,
     Measurement,

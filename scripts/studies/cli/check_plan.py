@@ -22,8 +22,8 @@ from optimisation.calibration.inference import (
 from optimisation.calibration.measurement import RecordMeasurement
 from optimisation.calibration.plan import MeasurementPlan, plan_measurement
 from optimisation.calibration.posterior import Posterior
+from optimisation.checkpoint import sources
 from optimisation.cli.common import command
-from optimisation.machine import sources
 from studies.cli.check_calibration import (
     RIGS,
     SEED,

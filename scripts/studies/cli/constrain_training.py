@@ -18,7 +18,7 @@ from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, bootstrap_interval
 from impact_env.extras import optional
 from optimisation.cli.common import command
 from optimisation.files import markdown
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLACK,
     BLUE,
     GREEN,

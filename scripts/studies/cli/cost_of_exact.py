@@ -37,10 +37,10 @@ from impact_env.kernels.motion.search_block import (
 )
 from impact_env.methods import Exact
 from impact_env.solvers import WINDOW_PERIODS, rigid_regimes
+from optimisation.checkpoint import Timed
 from optimisation.cli.common import command
+from optimisation.executors import Bar
 from optimisation.files import markdown
-from optimisation.machine import Timed
-from optimisation.progress import Bar
 from studies.cli.benchmark import CASES, START, SpeedCase
 from studies.study import Json, OutputPaths, Study, add_table_options, make_table_study, run
 from studies.timing import make_sweep_up, measure_median_time, time_call

@@ -15,8 +15,8 @@ from impact_env.envs.arguments import Argument, list_arguments, list_own_argumen
 from impact_env.envs.settings import TaskSettings
 from impact_env.extras import optional
 from optimisation.cli.common import command
+from optimisation.executors import Bar
 from optimisation.files import DOCS, fill, markdown, read_json, replacing, write_json
-from optimisation.progress import Bar
 from optimisation.rl.rules import CONSTANT, chosen
 from studies.printed_blocks import run_source
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from optimisation.cli.common import command
 from optimisation.files import published
-from optimisation.report.figures import write_figure
+from optimisation.report.report import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import FULL, QUICK, AccuracySettings, Row, made_with
 from studies.study import Measurement, Part, Saver, Study, make_rows_part, paths_with_page, run

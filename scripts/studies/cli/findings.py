@@ -14,12 +14,12 @@ import numpy as np
 from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
+from optimisation.checkpoint import peak_memory
 from optimisation.cli.common import cluster_option, command
 from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import executor
 from optimisation.files import markdown, published, require_writable
-from optimisation.machine import peak_memory
-from optimisation.statistics import ratio_of_quantiles
+from optimisation.measures import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES
 from studies.findings.parts import FindingsSettings

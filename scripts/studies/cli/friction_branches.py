@@ -19,14 +19,13 @@ from impact_env.drive import PAPER_DAMPING
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.cli.common import cluster_option, command
-from optimisation.executors import executor
+from optimisation.executors import executor, runs_bar
 from optimisation.insight import REPORT_SEEDS
+from optimisation.measures import branches
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.progress import runs_bar
 from optimisation.search.judge import judged
 from optimisation.space import FRICTION_LIMIT, GAP, IMPACT, Design, design_space
-from optimisation.statistics import branches
 from studies.study import (
     Json,
     Measurement,

@@ -22,6 +22,7 @@ from impact_env.envs.evaluation import (
     play,
 )
 from optimisation.cli.common import check_target, command
+from optimisation.executors import Bar
 from optimisation.files import (
     DOCS,
     fill,
@@ -31,8 +32,7 @@ from optimisation.files import (
     require_writable,
     write_csv,
 )
-from optimisation.progress import Bar
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLACK,
     BLUE,
     GREY,

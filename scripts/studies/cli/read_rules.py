@@ -14,9 +14,9 @@ import numpy as np
 
 from impact_env.envs.evaluation import SEED_SPLITS, bootstrap_interval
 from optimisation.cli.common import check_target, command
+from optimisation.executors import Bar
 from optimisation.files import DOCS, markdown, read_json, write_json
-from optimisation.progress import Bar
-from optimisation.report.figures import figure_of, write_figure
+from optimisation.report.report import figure_of, write_figure
 from optimisation.rl.agents import load_agent
 from optimisation.rl.demonstrations import record
 from optimisation.rl.families import FamilyPolicy

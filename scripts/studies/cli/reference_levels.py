@@ -21,7 +21,7 @@ from impact_env.curve import (
 from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
 from impact_env.scene import beam_scene
 from optimisation.cli.common import command
-from optimisation.progress import sweeps_bar
+from optimisation.executors import sweeps_bar
 from studies.study import (
     Json,
     Measurement,

@@ -19,6 +19,7 @@ from impact_env.checks import positive, require
 from impact_env.ensemble import Executor
 from impact_env.periodic.residence import ExitRate, Hazard, Jumps, Range, hazard
 from impact_env.periodic.stationary import ResponseKind
+from optimisation.checkpoint import sources
 from optimisation.cli.common import BadInput, cluster_option, command
 from optimisation.cli.scene_options import (
     SLIDING_VALUES,
@@ -29,8 +30,7 @@ from optimisation.cli.scene_options import (
 )
 from optimisation.executors import workers
 from optimisation.files import markdown, published
-from optimisation.machine import sources
-from optimisation.report.figures import figure_of, write_figure
+from optimisation.report.report import figure_of, write_figure
 from studies.regimes.measured import (
     RESPONSE,
     STAY,

@@ -26,10 +26,10 @@ import scipy
 
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
+from optimisation.checkpoint import sources
 from optimisation.cli.common import cluster_option, command
 from optimisation.executors import executor
 from optimisation.files import DOCS, published
-from optimisation.machine import sources
 from optimisation.objectives import Condition, Constraint
 from optimisation.problem import Problem
 from optimisation.search.gaussian_process import model_search
@@ -70,7 +70,7 @@ from studies.study import (
 )
 
 if TYPE_CHECKING:
-    from optimisation.search.samplers import Sampler
+    from optimisation.search.study import Sampler
 
 # ``cost`` of a search in members at the usual rate; ``members`` of a design that is run in full;
 # ``speed``: of the sweeps, over the usual rate
@@ -205,7 +205,7 @@ def search_tpe(problem: Problem, comparison: ComparisonSettings) -> tuple[list[E
     """Search by Optuna's tree-structured Parzen estimator."""
     import optuna
 
-    from optimisation.search.optuna_samplers import OptunaSampler, quiet_optuna
+    from optimisation.search.study import OptunaSampler, quiet_optuna
 
     few = replace(problem, members=UNSCREENED_MEMBERS)
     settings = SearchSettings(

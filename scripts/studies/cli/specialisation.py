@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import click
 
 from impact_env.sweep import IntegrationError
+from optimisation.checkpoint import sources
 from optimisation.cli.common import command
 from optimisation.files import DOCS, markdown, published
-from optimisation.machine import sources
 from studies.study import (
     CsvTable,
     Json,

@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from impact_env.ensemble import available_cores
+from optimisation.checkpoint import sources
 from optimisation.cli.common import command
 from optimisation.executors import Pool
 from optimisation.files import markdown, published
-from optimisation.machine import sources
-from optimisation.report.figures import write_figure
+from optimisation.report.report import write_figure
 from studies.stability.cells import FAILED, GOOD, REFUSED, WEAK, Cell
 from studies.stability.tasks import failures, finished, gather, tasks
 from studies.study import (

@@ -12,10 +12,10 @@ from typing import Any
 import click
 
 from impact_env.checks import ParameterError
+from optimisation.checkpoint import conditions, sources
 from optimisation.cli.common import command, plain_errors
+from optimisation.executors import BAR, Bar
 from optimisation.files import ROOT, fill, has_markers, replacing
-from optimisation.machine import conditions, sources
-from optimisation.progress import BAR, Bar
 from studies.printed_blocks import find_blocks, run_source, select_paragraphs, write_files
 
 PRINTED = "printed"  # the section that says when and where the commands ran

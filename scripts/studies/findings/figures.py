@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from optimisation.report.design_figures import draw_front
-from optimisation.report.figures import (
+from optimisation.report.report import (
     BLACK,
     BLUE,
     GREEN,

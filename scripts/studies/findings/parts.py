@@ -21,7 +21,9 @@ from impact_env.extras import optional
 from impact_env.parameters import RigidWalls
 from optimisation.absorber_rules import best_friction
 from optimisation.bounds import design_force, design_gap
+from optimisation.checkpoint import peak_memory
 from optimisation.comparison import WIDE_LIMITS
+from optimisation.executors import Bar, runs_bar
 from optimisation.files import number, read_json
 from optimisation.insight import (
     Levels,
@@ -32,10 +34,8 @@ from optimisation.insight import (
     stationary_limit,
     with_gaps,
 )
-from optimisation.machine import peak_memory
 from optimisation.objectives import Condition
 from optimisation.problem import Problem, evaluate
-from optimisation.progress import Bar, runs_bar
 from optimisation.report.design_report import summary
 from optimisation.report.front_report import bounds_of, front_summary
 from optimisation.search.find import BARS, SearchOptions, find

@@ -29,7 +29,7 @@ from impact_env.methods import Method
 from impact_env.periodic.shooting import largest_exponent
 from impact_env.periodic.stationary import Criteria, longest_pause
 from impact_env.results import DEFAULT_SAMPLES, Record, ResponseLevel
-from optimisation.report.figures import force_axis
+from optimisation.report.report import force_axis
 from studies.paper.claim import compute_bands, format_spread
 from studies.paper.frame import MM, SMALL, LineStyle, PaperSettings, draw_band, draw_unit_level
 from studies.study import Array, Json

@@ -22,10 +22,10 @@ from impact_env.curve import CurveCase, PerformanceCurve, performance_curves
 from impact_env.ensemble import Executor, Lane, each_lane
 from impact_env.methods import Method
 from impact_env.periodic.residence import drop_unfinished
+from optimisation.checkpoint import sources
+from optimisation.executors import sweeps_bar
 from optimisation.files import markdown
-from optimisation.machine import sources
-from optimisation.progress import sweeps_bar
-from optimisation.report.figures import write_figure
+from optimisation.report.report import write_figure
 from studies.paper.claim import Claim, compute_bands
 from studies.study import CsvTable, Json, Measurement, Part, Saver, Steps
 

@@ -36,8 +36,8 @@ from impact_env.periodic.residence import (
     stays,
 )
 from impact_env.results import DEFAULT_SAMPLES, Record
+from optimisation.executors import sweeps_bar
 from optimisation.files import markdown
-from optimisation.progress import sweeps_bar
 from studies.paper.branches import compute_responses, draw_responses
 from studies.paper.claim import (
     INFINITY,

@@ -17,7 +17,7 @@ from scipy.stats import spearmanr
 from impact_env import Beam, Moreau, Scene, beam_scene
 from impact_env.energy import mechanical_energy
 from impact_env.level import HALF_WINDOW_PERIODS
-from optimisation.report.figures import force_axis
+from optimisation.report.report import force_axis
 from studies.paper.account import (
     SAMPLES,
     find_critical,

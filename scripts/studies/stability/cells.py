@@ -21,7 +21,7 @@ from impact_env import (
 from impact_env.energy import stored_energy
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.sweep import IntegrationError, simulate
-from optimisation.machine import peak_memory
+from optimisation.checkpoint import peak_memory
 from reference.dense import Truth, follow
 from studies.stability.cases import EXACT, MOREAU, StabilityCase
 

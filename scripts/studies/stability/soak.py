@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from impact_env import Drive, Record, beam_scene, constant_frequency, simulate
 from impact_env.methods import Exact, Method, Moreau, RungeKutta
 from impact_env.parameters import Absorber, Beam, CompliantWalls, SlidingAbsorber, impact_absorber
-from optimisation.machine import peak_memory
+from optimisation.checkpoint import peak_memory
 from studies.study import Json
 
 LENGTHS = (1_000, 10_000, 100_000, 1_000_000)  # pseudo periods
