@@ -787,7 +787,7 @@ class SeveralAbsorbers:
         )
         for absorber in self.absorbers:
             rigid = isinstance(absorber, SlidingAbsorber) and isinstance(
-                absorber.walls, RigidWallLaw | None
+                absorber.walls, RigidWalls | YieldingWalls | None
             )
             rigid = rigid and not isinstance(absorber.friction, ElasticCoulombFriction)
             require(
