@@ -496,7 +496,7 @@ class Drive(Excitation):
     amplitude: float = field(metadata=parameter(labelled("force amplitude", finite), unit="N"))
     schedule: FrequencySchedule = field(metadata=parameter(kind_of(FrequencySchedule)))
     phase: float = field(default=0.0, metadata=parameter(finite, unit="rad"))
-    force_place: str | None = field(default=None, metadata=parameter(or_none(text)))
+    force_place: str | None = field(default=None, metadata=parameter(or_none(text), name="place"))
     sizes: ClassVar[tuple[str, ...]] = ("amplitude",)
     in_pieces: ClassVar[bool] = False
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import ClassVar
 
@@ -31,20 +31,19 @@ from impact_env.checks import (
     word_of,
 )
 from impact_env.drive import (
-    HIGHEST_OMEGA,
     LOAD_STARTS,
-    LOWEST_OMEGA,
     Drive,
     Excitation,
     FrequencySchedule,
     Load,
     Member,
     Pieces,
+    check_reference,
     constant_coefficients,
     find_schedule,
     schedule_pieces,
 )
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 from impact_env.modes import ModalModel
 from impact_env.sampling_times import EVEN_TOL, even_times, find_uneven, is_even
 from impact_env.scene import InitialState, Scene
@@ -68,9 +67,17 @@ GAUSS_RULE = np.polynomial.legendre.leggauss(
 )  # nodes and weights: right to 1e-7 of what a base moves by, on a radian of its carrier
 
 
+# fields that several loads have
+AMPLITUDE = parameter(finite)  # its unit follows from the quantity
+PHASE = parameter(finite, unit="rad")
+SCHEDULE = parameter(kind_of(FrequencySchedule))
+DURATION = parameter(positive, unit="s", name="duration")
+QUANTITY = parameter(word_of(QUANTITIES))
+FORCE_PLACE = parameter(or_none(text), name="place")
+
+
 def _check_force_place(load: Load) -> None:
-    """Check the name of the place of a force; a load that moves the base must not have a place."""
-    check_fields(load, force_place=or_none(text))
+    """Raise ParameterError for a load that moves the base and has a place."""
     quantity = getattr(load, "quantity", FORCE_QUANTITY)
     allowed = "left out of a base that moves: its motion acts on the whole structure"
     require(
@@ -118,25 +125,18 @@ class Shock(Load):
         Name of the place of the force, see `Load`.
     """
 
-    pulse: str
-    peak: float
-    width: float
-    length: float
-    rise: float | None = None
-    quantity: str = FORCE_QUANTITY
-    force_place: str | None = None
+    pulse: str = field(metadata=parameter(word_of(PULSES)))
+    peak: float = field(metadata=AMPLITUDE)
+    width: float = field(metadata=parameter(positive, unit="s", name="pulse"))
+    length: float = field(metadata=DURATION)
+    rise: float | None = field(default=None, metadata=parameter(unit="s"))
+    quantity: str = field(default=FORCE_QUANTITY, metadata=QUANTITY)
+    force_place: str | None = field(default=None, metadata=FORCE_PLACE)
     sizes: ClassVar[tuple[str, ...]] = ("peak",)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _check_force_place(self)
-        check_fields(
-            self,
-            pulse=word_of(PULSES),
-            quantity=word_of(QUANTITIES),
-            peak=finite,
-            width=positive,
-            length=positive,
-        )
         require(
             self.width <= self.length,
             "length",
@@ -191,13 +191,13 @@ class Strike(Load):
     depends on the number of modes kept.
     """
 
-    velocity: float
-    length: float
-    place: str = STRIKE_PLACES[0]
+    velocity: float = field(metadata=parameter(finite, unit="m/s"))
+    length: float = field(metadata=DURATION)
+    place: str = field(default=STRIKE_PLACES[0], metadata=parameter(word_of(STRIKE_PLACES)))
     sizes: ClassVar[tuple[str, ...]] = ("velocity",)
 
     def __post_init__(self) -> None:
-        check_fields(self, velocity=finite, length=positive, place=word_of(STRIKE_PLACES))
+        check_fields(self)
 
     @property
     def width(self) -> float:
@@ -246,15 +246,15 @@ class Unbalance(Load):
         Name of the place of the force, see `Load`.
     """
 
-    unbalance: float
-    schedule: FrequencySchedule
-    phase: float = 0.0
-    force_place: str | None = None
+    unbalance: float = field(metadata=parameter(finite, unit="kg m"))
+    schedule: FrequencySchedule = field(metadata=SCHEDULE)
+    phase: float = field(default=0.0, metadata=PHASE)
+    force_place: str | None = field(default=None, metadata=FORCE_PLACE)
     sizes: ClassVar[tuple[str, ...]] = ("unbalance",)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _check_force_place(self)
-        check_fields(self, unbalance=finite, phase=finite, schedule=kind_of(FrequencySchedule))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces."""
@@ -288,24 +288,22 @@ class ShakenBase(Load):
         Phase in rad at time 0.
     """
 
-    schedule: FrequencySchedule
-    acceleration: float | None = None
-    displacement: float | None = None
-    phase: float = 0.0
+    schedule: FrequencySchedule = field(metadata=SCHEDULE)
+    acceleration: float | None = field(
+        default=None, metadata=parameter(or_none(finite), unit="m/s^2")
+    )
+    displacement: float | None = field(default=None, metadata=parameter(or_none(finite), unit="m"))
+    phase: float = field(default=0.0, metadata=PHASE)
     sizes: ClassVar[tuple[str, ...]] = ("acceleration", "displacement")
 
     def __post_init__(self) -> None:
-        check_fields(self, schedule=kind_of(FrequencySchedule))
-        names = [
-            name for name in ("acceleration", "displacement") if getattr(self, name) is not None
-        ]
+        check_fields(self)
         require(
-            len(names) == 1,
+            (self.acceleration is None) != (self.displacement is None),
             "acceleration",
             self.acceleration,
             "given, or a displacement in its place: one of the two",
         )
-        check_fields(self, **dict.fromkeys((*names, "phase"), finite))
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces.
@@ -358,21 +356,19 @@ class Tone:
         Phase in rad at time 0.
     """
 
-    amplitude: float
-    frequency: float | None = None
-    order: float | None = None
-    phase: float = 0.0
+    amplitude: float = field(metadata=AMPLITUDE)
+    frequency: float | None = field(default=None, metadata=parameter(or_none(positive), unit="Hz"))
+    order: float | None = field(default=None, metadata=parameter(or_none(positive)))
+    phase: float = field(default=0.0, metadata=PHASE)
 
     def __post_init__(self) -> None:
-        check_fields(self, amplitude=finite, phase=finite)
+        check_fields(self)
         require(
             (self.frequency is None) != (self.order is None),
             "frequency",
             self.frequency,
             "given, or an order in its place: one of the two",
         )
-        names = "order" if self.frequency is None else "frequency"
-        check_fields(self, **{names: positive})
 
 
 @dataclass(frozen=True, eq=False)
@@ -393,17 +389,20 @@ class Tones(Load):
         Name of the place of the force, see `Load`.
     """
 
-    tones: tuple[Tone, ...]
-    length: float | None = None
-    schedule: FrequencySchedule | None = None
-    quantity: str = FORCE_QUANTITY
-    force_place: str | None = None
+    tones: tuple[Tone, ...] = field(metadata=parameter(each_of(kind_of(Tone))))
+    length: float | None = field(
+        default=None, metadata=parameter(or_none(positive), unit="s", name="duration")
+    )
+    schedule: FrequencySchedule | None = field(
+        default=None, metadata=parameter(kind_of(FrequencySchedule | None))
+    )
+    quantity: str = field(default=FORCE_QUANTITY, metadata=QUANTITY)
+    force_place: str | None = field(default=None, metadata=FORCE_PLACE)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _check_force_place(self)
-        check_fields(self, tones=each_of(kind_of(Tone)))
         require(len(self.tones) > 0, "tones", self.tones, "one or more")
-        check_fields(self, quantity=word_of(QUANTITIES), schedule=kind_of(FrequencySchedule | None))
         for tone in self.tones:
             require(
                 (tone.order is None) == (self.schedule is None),
@@ -418,7 +417,6 @@ class Tones(Load):
                 self.length,
                 "given, in s, for tones of fixed frequencies",
             )
-            check_fields(self, length=positive)
         else:
             require(self.length is None, "length", self.length, "left out beside a schedule")
 
@@ -493,15 +491,15 @@ class Samples(Load):
         Name of the place of the force, see `Load`.
     """
 
-    times: Array
+    times: Array = field(metadata=parameter(unit="s"))
     values: Array
-    quantity: str = FORCE_QUANTITY
-    force_place: str | None = None
+    quantity: str = field(default=FORCE_QUANTITY, metadata=QUANTITY)
+    force_place: str | None = field(default=None, metadata=FORCE_PLACE)
     sizes: ClassVar[tuple[str, ...]] = ("values",)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _check_force_place(self)
-        check_fields(self, quantity=word_of(QUANTITIES))
         size = getattr(self.times, "size", None)
         size = len(self.times) if size is None and isinstance(self.times, Sequence) else size
         size = size if isinstance(size, int) else 0
@@ -585,6 +583,12 @@ class Samples(Load):
         return float(-area / self.duration)
 
 
+ALLOWED_SPECTRUM = (
+    "two or more pairs [Hz, value], frequencies strictly rising from above 0 but for two of one "
+    "frequency, a step, between others; values above 0"
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Random(Load):
     """A Gaussian random record with a given one-sided spectrum.
@@ -614,39 +618,26 @@ class Random(Load):
         Name of the place of the force, see `Load`.
     """
 
-    spectrum: Array
-    length: float
-    seed: int = 0
-    quantity: str = FORCE_QUANTITY
-    number: int = 0
-    factor: float = 1.0
-    force_place: str | None = None
+    spectrum: Array = field(metadata=parameter(row_of(ALLOWED_SPECTRUM, axes=2)))
+    length: float = field(metadata=DURATION)
+    seed: int = field(default=0, metadata=parameter(count_from(0)))
+    quantity: str = field(default=FORCE_QUANTITY, metadata=QUANTITY)
+    number: int = field(default=0, metadata=parameter(count_from(0)))
+    factor: float = field(default=1.0, metadata=parameter(finite))
+    force_place: str | None = field(default=None, metadata=FORCE_PLACE)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _check_force_place(self)
-        allowed = (
-            "two or more pairs [Hz, value], frequencies strictly rising from above 0 but for "
-            "two of "
-            "one frequency, a step, between others; values above 0"
-        )
-        check_fields(
-            self,
-            quantity=word_of(QUANTITIES),
-            length=positive,
-            seed=count_from(0),
-            number=count_from(0),
-            factor=finite,
-            spectrum=row_of(allowed, axes=2),
-        )
         spectrum = self.spectrum
         ok = spectrum.shape[1] == 2 and len(spectrum) >= 2 and bool(np.all(spectrum > 0))
-        require(ok, "spectrum", spectrum.tolist(), allowed)
+        require(ok, "spectrum", spectrum.tolist(), ALLOWED_SPECTRUM)
         widths = np.diff(spectrum[:, 0])
         steps = np.flatnonzero(widths == 0)
         inside = not len(steps) or (steps[0] > 0 and steps[-1] < len(widths) - 1)
         single = bool(np.all(np.diff(steps) > 1))
         rising = bool(np.all(widths >= 0)) and inside and single
-        require(rising, "spectrum", spectrum.tolist(), allowed)
+        require(rising, "spectrum", spectrum.tolist(), ALLOWED_SPECTRUM)
         # before `lines`, which is an array of as many numbers
         samples = RANDOM_SAMPLES * float(spectrum[-1, 0]) * self.length
         allowed = f"{MOST_SIZE}, not {samples:.0f}: a shorter one, or a lower band"
@@ -737,13 +728,13 @@ class Loads(Excitation):
         mean at rest, structure and absorber are at rest in space, undeformed.
     """
 
-    parts: tuple[Load, ...]
+    parts: tuple[Load, ...] = field(metadata=parameter(labelled("loads", each_of(kind_of(Load)))))
     reference: float | None = None
     start: str | InitialState = LOAD_STARTS[0]
     in_pieces: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_fields(self, parts=labelled("loads", each_of(kind_of(Load))))
+        check_fields(self)
         require(len(self.parts) > 0, "loads", self.parts, "one or more")
         single = not any(isinstance(part, Loads) for part in self.parts)
         require(single, "loads", self.parts, "single loads: add the parts of Loads one by one")
@@ -760,12 +751,7 @@ class Loads(Excitation):
                 len(known) > 0, "reference", None, "given, in rad/s, for loads without a schedule"
             )
             object.__setattr__(self, "reference", known[0].reference)
-        check_fields(
-            self,
-            reference=labelled(
-                "reference frequency", partial(positive, least=LOWEST_OMEGA, most=HIGHEST_OMEGA)
-            ),
-        )
+        check_fields(self, reference=check_reference)
         if not isinstance(self.start, InitialState):
             check_fields(self, start=word_of(LOAD_STARTS))
 

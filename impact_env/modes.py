@@ -6,7 +6,7 @@ The model consists of frequencies, damping ratios, and mode shapes at force and 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
@@ -20,12 +20,13 @@ from impact_env.checks import (
     kind_of,
     listed,
     number,
+    or_none,
     positive,
     require,
     row,
     row_of,
 )
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 from impact_env.parameters import MOST_DAMPING, Beam, suspension_frequencies
 
 # Mass, damping and stiffness of modes that carry masses, or that a spring and a damper link to one
@@ -205,6 +206,10 @@ def deflection_row(beam: Beam, position: float) -> Real:
 MOST_HEAVINESS = 1e7
 
 
+MODE_ROW = row_of("a row of finite numbers")
+SHAPE_UNIT = "1/sqrt(kg)"
+
+
 @dataclass(frozen=True, eq=False)
 class ModalModel:
     """Mass-normalised modes of the structure without absorber (paper, Eq. eqmmod).
@@ -255,30 +260,41 @@ class ModalModel:
     2
     """
 
-    omega: NDArray[np.float64]
-    damping_ratio: NDArray[np.float64]
-    force_shape: NDArray[np.float64]
-    tip_shape: NDArray[np.float64]
-    beam_mass: float
-    absorber_shapes: NDArray[np.float64] | None = None
-    response_shape: NDArray[np.float64] | None = None
-    stress_shape: NDArray[np.float64] | None = None
-    base_participation: NDArray[np.float64] | None = None
-    base_at_absorber: float = 1.0
-    beam: Beam | None = None
-    force_quadrature: NDArray[np.float64] | None = None
-    force_places: NDArray[np.float64] | None = None
+    omega: NDArray[np.float64] = field(metadata=parameter(MODE_ROW, unit="rad/s"))
+    damping_ratio: NDArray[np.float64] = field(metadata=parameter(MODE_ROW))
+    force_shape: NDArray[np.float64] = field(metadata=parameter(MODE_ROW, unit=SHAPE_UNIT))
+    tip_shape: NDArray[np.float64] = field(metadata=parameter(MODE_ROW, unit=SHAPE_UNIT))
+    beam_mass: float = field(metadata=parameter(positive, unit="kg"))
+    absorber_shapes: NDArray[np.float64] | None = field(
+        default=None, metadata=parameter(unit=SHAPE_UNIT)
+    )
+    response_shape: NDArray[np.float64] | None = field(
+        default=None, metadata=parameter(or_none(MODE_ROW), unit=SHAPE_UNIT)
+    )
+    stress_shape: NDArray[np.float64] | None = field(
+        default=None, metadata=parameter(or_none(MODE_ROW))
+    )
+    base_participation: NDArray[np.float64] | None = field(
+        default=None, metadata=parameter(or_none(MODE_ROW), unit="sqrt(kg)")
+    )
+    base_at_absorber: float = field(default=1.0, metadata=parameter(finite))
+    beam: Beam | None = field(default=None, metadata=parameter(kind_of(Beam | None)))
+    force_quadrature: NDArray[np.float64] | None = field(
+        default=None, metadata=parameter(or_none(MODE_ROW), unit=SHAPE_UNIT)
+    )
+    force_places: NDArray[np.float64] | None = field(
+        default=None, metadata=parameter(unit=SHAPE_UNIT)
+    )
     force_place_names: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         optional = tuple(
             name
             for name in ("response_shape", "stress_shape", "base_participation", "force_quadrature")
             if getattr(self, name) is not None
         )
         rows = ("omega", "damping_ratio", "force_shape", "tip_shape", *optional)
-        check_fields(self, **dict.fromkeys(rows, row_of("a row of finite numbers")))
-        check_fields(self, beam_mass=positive, base_at_absorber=finite, beam=kind_of(Beam | None))
         lengths = {len(getattr(self, name)) for name in rows}
         require(
             len(lengths) == 1 and min(lengths) > 0,

@@ -37,10 +37,11 @@ from impact_env.plain_files import (
     NUMBER_CODEC,
     ROW_CODEC,
     ROWS_CODEC,
-    WHOLE_CODEC,
+    VALUE_CODEC,
     Codec,
     Keys,
     dataclass_codec,
+    dataclass_keys,
     find_unreadable,
     list_codec,
     read_plain,
@@ -79,14 +80,14 @@ def _amplitude(name: str, quantity: str, plain: object) -> Keys:
     return {f"{name}_m_s2": (name, NUMBER_CODEC)}
 
 
-def _tones(quantity: str, name: str, key: str, plain: object) -> Codec:
-    """Return the sort of a list of tones, whose frequency or order (``name``) is called ``key``."""
+def _tones(quantity: str, name: str, plain: object) -> Codec:
+    """Return the codec of a list of tones, whose frequency or order is the field ``name``."""
     every = plain if isinstance(plain, list | tuple) else ()
     in_g = [tone for tone in every if isinstance(tone, Mapping) and "amplitude_g" in tone]
+    other = "order" if name == "frequency" else "frequency"
     amplitude = _amplitude("amplitude", quantity, in_g[0] if in_g else None)
-    return list_codec(
-        Tone, {**amplitude, key: (name, NUMBER_CODEC), "phase_rad": ("phase", NUMBER_CODEC)}
-    )
+    keys = dataclass_keys(Tone, without=("amplitude", other))
+    return list_codec(Tone, {**amplitude, **keys})
 
 
 def _read_spectrum(path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
@@ -114,12 +115,7 @@ def _read_place(path: str, plain: Any) -> str:
     return str(plain)
 
 
-PLACE_KEY: Keys = {"place": ("force_place", Codec(_read_place, str))}
-WITH_SCHEDULE: Keys = {
-    "phase_rad": ("phase", NUMBER_CODEC),
-    "schedule": ("schedule", SCHEDULE_CODEC),
-}
-DURATION_KEY: Keys = {"duration_s": ("length", NUMBER_CODEC)}
+PLACE_CODEC = Codec(_read_place, str)
 
 
 def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -> Codec:
@@ -127,32 +123,41 @@ def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -
 
     Some kinds have two forms, which differ in their keys.
     """
-    if kind == "force":
-        amplitude: Keys = {"amplitude_n": ("amplitude", NUMBER_CODEC)}
-        return dataclass_codec(Drive, {**amplitude, **WITH_SCHEDULE, **PLACE_KEY})
-    if kind == "unbalance":
-        unbalance: Keys = {"unbalance_kg_m": ("unbalance", NUMBER_CODEC)}
-        return dataclass_codec(Unbalance, {**unbalance, **WITH_SCHEDULE, **PLACE_KEY})
+    if kind in ("force", "unbalance"):
+        load: type[Load] = Drive if kind == "force" else Unbalance
+        return dataclass_codec(
+            load, dataclass_keys(load, schedule=SCHEDULE_CODEC, force_place=PLACE_CODEC)
+        )
     if kind == "base":
         acceleration = _amplitude("acceleration", BASE_QUANTITY, plain)
-        displacement: Keys = {"displacement_m": ("displacement", NUMBER_CODEC)}
-        return dataclass_codec(ShakenBase, {**acceleration, **displacement, **WITH_SCHEDULE})
+        keys = dataclass_keys(ShakenBase, without=("acceleration",), schedule=SCHEDULE_CODEC)
+        return dataclass_codec(ShakenBase, {**acceleration, **keys})
     if kind == "random":
-        spectrum: Keys = {"spectrum": ("spectrum", _read_spectrum(path, plain, quantity))}
-        return dataclass_codec(
-            partial(Random, quantity=quantity),
-            {**spectrum, **DURATION_KEY, "seed": ("seed", WHOLE_CODEC), **PLACE_KEY},
+        keys = dataclass_keys(
+            Random,
+            without=("quantity", "number", "factor"),
+            spectrum=_read_spectrum(path, plain, quantity),
+            force_place=PLACE_CODEC,
         )
+        return dataclass_codec(partial(Random, quantity=quantity), keys)
     if kind == "tones":
-        tones = _tones(quantity, "frequency", "frequency_hz", plain.get("tones"))
-        keys: Keys = {"tones": ("tones", tones), **DURATION_KEY, **PLACE_KEY}
         if "orders" in plain or "schedule" in plain:
-            keys = {
-                "orders": ("tones", _tones(quantity, "order", "order", plain.get("orders"))),
-                "schedule": ("schedule", SCHEDULE_CODEC),
-                **PLACE_KEY,
-            }
+            orders = _tones(quantity, "order", plain.get("orders"))
+            more = dataclass_keys(
+                Tones,
+                without=("tones", "length", "quantity"),
+                schedule=SCHEDULE_CODEC,
+                force_place=PLACE_CODEC,
+            )
+            keys = {"orders": ("tones", orders), **more}
             require_keys(path, plain, keys, ("orders", "schedule"))
+        else:
+            keys = dataclass_keys(
+                Tones,
+                without=("schedule", "quantity"),
+                tones=_tones(quantity, "frequency", plain.get("tones")),
+                force_place=PLACE_CODEC,
+            )
         return dataclass_codec(partial(Tones, quantity=quantity), keys)
     if "velocity_m_s" in plain:
         require(
@@ -161,25 +166,12 @@ def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -
             quantity,
             "left out beside velocity_m_s, which is relative to the base",
         )
-        return dataclass_codec(
-            Strike,
-            {
-                "velocity_m_s": ("velocity", NUMBER_CODEC),
-                "place": ("place", TEXT_CODEC),
-                **DURATION_KEY,
-            },
-        )
-    pulse: Keys = {"pulse": ("pulse", TEXT_CODEC), **_amplitude("peak", quantity, plain)}
-    return dataclass_codec(
-        partial(Shock, quantity=quantity),
-        {
-            **pulse,
-            "pulse_s": ("width", NUMBER_CODEC),
-            "rise_s": ("rise", NUMBER_CODEC),
-            **DURATION_KEY,
-            **PLACE_KEY,
-        },
+        return dataclass_codec(Strike, dataclass_keys(Strike, place=TEXT_CODEC))
+    keys = dataclass_keys(
+        Shock, without=("peak", "quantity"), pulse=TEXT_CODEC, force_place=PLACE_CODEC
     )
+    peak = _amplitude("peak", quantity, plain)
+    return dataclass_codec(partial(Shock, quantity=quantity), {**peak, **keys})
 
 
 WORD_OR_NUMBER_CODEC = "the number of a channel, from 1, or its name"
@@ -313,12 +305,9 @@ OF_BASE = {
     "file": "samples",
 }  # by its keys, of which other kind it is
 START_KEYS: Keys = {
-    "modal_displacement": ("modal_displacement", ROW_CODEC),
-    "modal_velocity": ("modal_velocity", ROW_CODEC),
-    "absorber_displacement_m": ("absorber_displacement", NUMBER_CODEC),
-    "absorber_velocity_m_s": ("absorber_velocity", NUMBER_CODEC),
-    "absorber_displacement": ("absorber_displacement", NUMBER_CODEC),  # as the class has them, too
-    "absorber_velocity": ("absorber_velocity", NUMBER_CODEC),
+    **dataclass_keys(InitialState, modal_displacement=ROW_CODEC, modal_velocity=ROW_CODEC),
+    "absorber_displacement": ("absorber_displacement", VALUE_CODEC),  # as the class has them, too
+    "absorber_velocity": ("absorber_velocity", VALUE_CODEC),
 }
 
 

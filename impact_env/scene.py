@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from impact_env.checks import (
     instance,
     kind_of,
+    or_none,
     require,
     row,
 )
-from impact_env.fields import check_fields
+from impact_env.fields import check_fields, parameter
 from impact_env.laws import SceneKind, describe_absorber, describe_modes, kind
 from impact_env.modes import ModalModel, Structure, modal_model
 from impact_env.parameters import (
@@ -58,11 +59,11 @@ class Scene:
     Scene(2 modes, no absorber)
     """
 
-    model: ModalModel
-    absorber: Absorber | None = None
+    model: ModalModel = field(metadata=parameter(kind_of(ModalModel)))
+    absorber: Absorber | None = field(default=None, metadata=parameter(kind_of(Absorber | None)))
 
     def __post_init__(self) -> None:
-        check_fields(self, model=kind_of(ModalModel), absorber=kind_of(Absorber | None))
+        check_fields(self)
         shapes = self.model.absorber_shapes
         several = self.absorber if isinstance(self.absorber, SeveralAbsorbers) else None
         if (
@@ -230,6 +231,9 @@ def _check_state(name: str, value: Any) -> float | NDArray[np.float64]:
     return float(values[0]) if single else values
 
 
+MODAL_STATE = parameter(or_none(_check_state))
+
+
 @dataclass(frozen=True, eq=False)
 class InitialState:
     """State at time 0.
@@ -259,20 +263,17 @@ class InitialState:
     0.1
     """
 
-    modal_displacement: NDArray[np.float64] | None = None
-    modal_velocity: NDArray[np.float64] | None = None
-    absorber_displacement: float | Sequence[float] | NDArray[np.float64] | None = None
-    absorber_velocity: float | Sequence[float] | NDArray[np.float64] = 0.0
+    modal_displacement: NDArray[np.float64] | None = field(default=None, metadata=MODAL_STATE)
+    modal_velocity: NDArray[np.float64] | None = field(default=None, metadata=MODAL_STATE)
+    absorber_displacement: float | Sequence[float] | NDArray[np.float64] | None = field(
+        default=None, metadata=parameter(or_none(_check_state), unit="m")
+    )
+    absorber_velocity: float | Sequence[float] | NDArray[np.float64] = field(
+        default=0.0, metadata=parameter(_check_state, unit="m/s")
+    )
 
     def __post_init__(self) -> None:
-        for name in (
-            "modal_displacement",
-            "modal_velocity",
-            "absorber_displacement",
-            "absorber_velocity",
-        ):
-            if getattr(self, name) is not None or name == "absorber_velocity":
-                check_fields(self, **{name: _check_state})
+        check_fields(self)
 
     @classmethod
     def from_vector(cls, scene: Scene, vector: NDArray[np.float64]) -> "InitialState":

@@ -14,7 +14,15 @@ import numpy as np
 
 from impact_env.checks import non_negative, require
 from impact_env.modes import ModalModel
-from impact_env.plain_files import NUMBER_CODEC, ROW_CODEC, ROWS_CODEC, Codec, Keys, dataclass_codec
+from impact_env.plain_files import (
+    NUMBER_CODEC,
+    ROW_CODEC,
+    ROWS_CODEC,
+    Codec,
+    Keys,
+    dataclass_codec,
+    dataclass_keys,
+)
 from impact_env.structures.checks import StructureWarning
 from impact_env.structures.matrix_files import read_columns
 
@@ -72,20 +80,26 @@ def _read_names(path: str, plain: Any) -> tuple[str, ...]:
 
 
 NAMES_CODEC = Codec(_read_names, list)
-SHAPE_KEYS: Keys = {
-    "damping_ratio": ("damping_ratio", ROW_CODEC),
-    "force_shape_per_sqrt_kg": ("force_shape", ROW_CODEC),
-    "tip_shape_per_sqrt_kg": ("tip_shape", ROW_CODEC),
-    "beam_mass_kg": ("beam_mass", NUMBER_CODEC),
-    "absorber_shapes_per_sqrt_kg": ("absorber_shapes", ROWS_CODEC),
-    "response_shape_per_sqrt_kg": ("response_shape", ROW_CODEC),
-    "stress_shape": ("stress_shape", ROW_CODEC),
-    "base_participation_sqrt_kg": ("base_participation", ROW_CODEC),
-    "base_at_absorber": ("base_at_absorber", NUMBER_CODEC),
-    "force_quadrature_per_sqrt_kg": ("force_quadrature", ROW_CODEC),
-    "force_places_per_sqrt_kg": ("force_places", ROWS_CODEC),
-    "force_place_names": ("force_place_names", NAMES_CODEC),
-}
+MODEL_KEYS = dataclass_keys(
+    ModalModel,
+    without=("beam",),
+    **dict.fromkeys(
+        (
+            "omega",
+            "damping_ratio",
+            "force_shape",
+            "tip_shape",
+            "response_shape",
+            "stress_shape",
+            "base_participation",
+            "force_quadrature",
+        ),
+        ROW_CODEC,
+    ),
+    absorber_shapes=ROWS_CODEC,
+    force_places=ROWS_CODEC,
+    force_place_names=NAMES_CODEC,
+)
 
 
 ROWS_OF_MODES = (
@@ -183,16 +197,15 @@ def _model(
     return model if frequencies is None else order_by_frequency(model)
 
 
-MODE_COLUMNS: Keys = {
-    "omega_rad_s": ("omega", ROW_CODEC),
+# a model is written with omega, which is exact, and read with either
+READ_KEYS: Keys = {
+    "omega_rad_s": MODEL_KEYS["omega_rad_s"],
     "frequencies_hz": ("frequencies", ROW_CODEC),
-    **SHAPE_KEYS,
+    **MODEL_KEYS,
     "damping_ratio": ("damping_ratio", DAMPING_RATIO),
 }
-# a model is written with omega, which is exact, and read with either
 MODEL_CODEC = Codec(
-    dataclass_codec(_model, MODE_COLUMNS).read,
-    dataclass_codec(ModalModel, {"omega_rad_s": ("omega", ROW_CODEC), **SHAPE_KEYS}).write,
+    dataclass_codec(_model, READ_KEYS).read, dataclass_codec(ModalModel, MODEL_KEYS).write
 )
 
 
