@@ -297,13 +297,13 @@ class ShakenBase(Load):
     sizes: ClassVar[tuple[str, ...]] = ("acceleration", "displacement")
 
     def __post_init__(self) -> None:
-        check_fields(self)
         require(
             (self.acceleration is None) != (self.displacement is None),
             "acceleration",
             self.acceleration,
             "given, or a displacement in its place: one of the two",
         )
+        check_fields(self)
 
     def pieces(self) -> list[Pieces]:
         """Return its pieces.
@@ -362,13 +362,13 @@ class Tone:
     phase: float = field(default=0.0, metadata=PHASE)
 
     def __post_init__(self) -> None:
-        check_fields(self)
         require(
             (self.frequency is None) != (self.order is None),
             "frequency",
             self.frequency,
             "given, or an order in its place: one of the two",
         )
+        check_fields(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -170,8 +170,8 @@ def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -
     keys = dataclass_keys(
         Shock, without=("peak", "quantity"), pulse=TEXT_CODEC, force_place=PLACE_CODEC
     )
-    peak = _amplitude("peak", quantity, plain)
-    return dataclass_codec(partial(Shock, quantity=quantity), {**peak, **keys})
+    pulse: Keys = {"pulse": keys["pulse"], **_amplitude("peak", quantity, plain)}
+    return dataclass_codec(partial(Shock, quantity=quantity), {**pulse, **keys})
 
 
 WORD_OR_NUMBER_CODEC = "the number of a channel, from 1, or its name"

@@ -116,3 +116,30 @@ def test_an_unused_checked_value_is_reported(source: str) -> None:
 def test_a_used_value_is_no_fault() -> None:
     source = "n = count('n', n, 1)\nf(count('n', n, 1))\nrequire(n < 3, 'n', n, 'below 3')"
     assert faults(source) == []
+
+
+def classes_that_declare(source: str) -> dict[str, str]:
+    """Return the code of ``__post_init__`` of each class whose fields have metadata, by class."""
+    return {
+        node.name: next(
+            (ast.unparse(part) for part in node.body if getattr(part, "name", "") == POST_INIT), ""
+        )
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ClassDef)
+        and any(
+            isinstance(part, ast.AnnAssign) and "metadata=" in ast.unparse(part)
+            for part in node.body
+        )
+    }
+
+
+POST_INIT = "__post_init__"
+
+
+def test_declared_checks_are_run() -> None:
+    """A class whose fields declare checks calls `impact_env.fields.check_fields`."""
+    classes = {}
+    for file in (ROOT / "impact_env").rglob("*.py"):
+        classes |= classes_that_declare(file.read_text(encoding="utf-8"))
+    assert {"Section", "Beam", "YieldingWalls", "Drive", "Random", "ModalModel"} <= set(classes)
+    assert [name for name, code in classes.items() if "check_fields(self)" not in code] == []

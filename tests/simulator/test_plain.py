@@ -2,6 +2,7 @@ import json
 import math
 import re
 import tomllib
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -34,8 +35,10 @@ from impact_env import (
     linear_sweep,
 )
 from impact_env.envs.settings import TaskSettings
+from impact_env.fields import list_file_keys, parameter
 from impact_env.laws import CONCEPTS
-from impact_env.parameters import Absorber, friction_law
+from impact_env.loads import Random, ShakenBase, Shock, Strike, Tone, Tones, Unbalance
+from impact_env.parameters import Absorber, Section, friction_law
 from impact_env.plain import (
     from_drive,
     from_method,
@@ -45,6 +48,10 @@ from impact_env.plain import (
     to_method,
     to_scene,
 )
+from impact_env.plain_files import dataclass_keys
+from impact_env.plain_structures import PointForce, Profile
+from impact_env.scene import InitialState
+from impact_env.structures.cyclic import Mistuning
 from optimisation.space import design_space
 
 INF = math.inf
@@ -256,3 +263,60 @@ def test_page_names_every_key_with_its_default() -> None:
     }
     keys |= {name for concept in CONCEPTS.values() for name in concept} | {"steps_per_contact"}
     assert keys <= described, keys - described
+
+
+DECLARED_KEYS = {
+    "scenes.md": (
+        (Beam, ()),
+        (Section, ()),
+        (Profile, ()),
+        (PointForce, ("name",)),
+        (ModalModel, ("beam", "force_quadrature", "force_places", "force_place_names")),
+        (FrequencySchedule, ()),
+        (Drive, ("force_place",)),
+        (Moreau, ()),
+        (RungeKutta, ()),
+        (Mistuning, ()),
+    ),
+    "loads.md": (
+        (Drive, ()),
+        (Unbalance, ()),
+        (ShakenBase, ()),
+        (Tone, ("amplitude",)),
+        (Tones, ("quantity",)),
+        (Random, ("quantity", "number", "factor")),
+        (Shock, ("peak", "quantity")),
+        (Strike, ()),
+        (InitialState, ()),
+    ),
+}
+
+
+@pytest.mark.parametrize("page", DECLARED_KEYS)
+def test_pages_name_every_key_that_a_field_declares(page: str) -> None:
+    words = set(re.findall(r"[a-z_0-9]+", (ROOT / "docs" / page).read_text(encoding="utf-8")))
+    for kind, without in DECLARED_KEYS[page]:
+        keys = {key for key, name in list_file_keys(kind).items() if name not in without}
+        assert keys <= words, (kind, keys - words)
+
+
+def test_a_key_ends_in_its_unit() -> None:
+    @dataclass
+    class Example:
+        plain: float = 0.0
+        force: float = field(default=0.0, metadata=parameter(unit="N"))
+        rigidity: float = field(default=0.0, metadata=parameter(unit="N m^2"))
+        rate: float = field(default=0.0, metadata=parameter(unit="rad/s"))
+        shape: float = field(default=0.0, metadata=parameter(unit="1/sqrt(kg)"))
+        length: float = field(default=0.0, metadata=parameter(unit="s", name="duration"))
+
+    assert list_file_keys(Example) == {
+        "plain": "plain",
+        "force_n": "force",
+        "rigidity_n_m2": "rigidity",
+        "rate_rad_s": "rate",
+        "shape_per_sqrt_kg": "shape",
+        "duration_s": "length",
+    }
+    with pytest.raises(TypeError, match="has no fields rate_rad_s"):
+        dataclass_keys(Example, without=("rate_rad_s",))
