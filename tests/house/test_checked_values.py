@@ -140,6 +140,8 @@ def test_declared_checks_are_run() -> None:
     """A class whose fields declare checks calls `impact_env.fields.check_fields`."""
     classes = {}
     for file in (ROOT / "impact_env").rglob("*.py"):
-        classes |= classes_that_declare(file.read_text(encoding="utf-8"))
+        source = file.read_text(encoding="utf-8")
+        if "metadata=" in source:
+            classes |= classes_that_declare(source)
     assert {"Section", "Beam", "YieldingWalls", "Drive", "Random", "ModalModel"} <= set(classes)
     assert [name for name, code in classes.items() if "check_fields(self)" not in code] == []
