@@ -331,12 +331,11 @@ class _Harmonic:
 def find_steady_start(scene: Scene, drive: Excitation) -> InitialState | None:
     """Return the steady state of the linear structure under the harmonic loads.
 
-    The loads have their first frequencies. The result is None (rest) if there is no steady state.
-
-    There is none where it is infinite, with gravity, without a harmonic load, and beside a
-    ``start`` of the loads' own. Several absorbers are stuck or free each by its own friction. A
-    free absorber is at rest; if the structure moves further than its gap it starts at the middle of
-    the cavity and moves with the structure.
+    The loads have their first frequencies. The result is None (rest) if there is no steady state:
+    if it is infinite, with gravity, without a harmonic load, or if the loads have a ``start``. Each
+    of several absorbers is stuck or free according to its own friction. A free absorber is at rest;
+    if the structure moves further than its gap, it starts in the middle of the cavity and moves
+    with the structure.
     """
     harmonics = _harmonics_of(drive)
     if not harmonics or find_largest_gravity(scene.absorber) != 0:
@@ -395,7 +394,7 @@ def find_steady_start(scene: Scene, drive: Excitation) -> InitialState | None:
 
 
 def _harmonics_of(drive: Excitation) -> list[_Harmonic]:
-    """Return the harmonic loads at time 0; empty beside a start of the loads' own."""
+    """Return the harmonic loads at time 0; none if the loads have a start of their own."""
     if drive.start != LOAD_STARTS[0]:
         return []
     harmonics = []

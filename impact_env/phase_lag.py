@@ -14,18 +14,16 @@ Array = NDArray[np.float64]
 
 
 def phase_lag(history: History, wrapped: bool = True) -> Array:
-    """Return the angle in rad by which the absorber's displacement lags behind the tip's.
+    """Return the angle (S,) in rad by which the absorber's displacement lags behind the tip's.
 
-    It is given at the samples of a run, (S,).
+    It is given at the samples of a run and positive if the absorber is later. Each displacement,
+    less its mean, is completed to its analytic signal; the lag is the difference of both angles.
+    ``wrapped`` keeps it in (-pi, pi]; otherwise it is unwrapped to a continuous function of time,
+    which shows slips of whole turns. The transform assumes a periodic record, so about one period
+    at either end is distorted. The angle is only meaningful while both motions oscillate, not for
+    an absorber that drifts between rare impacts.
 
-    Each displacement, less its mean, is completed to its analytic signal; the lag is the difference
-    of the two angles. It is above 0 where the absorber comes later. ``wrapped`` keeps it in (-pi,
-    pi]; otherwise it is unwrapped to a continuous function of time, from which slips of whole turns
-    can be read. The transform takes the record as periodic, so about one period at either end is
-    distorted, and an angle means something only where both motions oscillate: an absorber that
-    drifts between rare impacts has a phase, but no steady one.
-
-    Raises ParameterError if tip or absorber do not move at all, since rest has no phase.
+    Raises ParameterError if tip or absorber do not move at all.
     """
     tip = analytic_signal("tip_displacement", history.tip_displacement)
     absorber = analytic_signal("absorber_displacement", history.absorber_displacement)
@@ -38,7 +36,7 @@ def phase_lag(history: History, wrapped: bool = True) -> Array:
 def analytic_signal(name: str, values: Array) -> NDArray[np.complex128]:
     """Return the analytic signal (S,) of equidistant samples (S,) less their mean.
 
-    Raises ParameterError with the signal's name if the samples are constant.
+    Raises ParameterError with the signal's ``name`` if the samples are constant.
     """
     moves = len(values) >= 2 and bool(np.all(np.isfinite(values))) and float(np.ptp(values)) > 0
     require(

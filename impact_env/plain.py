@@ -3,11 +3,11 @@
 Plain data are nested dicts of numbers, strings and lists, as in JSON or TOML. The conversion is
 exact in both directions.
 
-`load_structure` reads the part of a scene that an absorber is put on from a file of its own.
+`load_structure` reads a structure from a file of its own.
 
-`docs/scenes.md` describes the form. A key that is left out has the default of the class; everything
-else that does not fit is a ParameterError that names the key's path, the value and what is allowed.
-The tables below are the form: key -> argument of the class, and its sort.
+`docs/scenes.md` describes the form. A missing key has the default of the class. Anything else that
+does not fit raises ParameterError with the key's path, the value and what is allowed. The tables
+below define the form: key -> argument of the class, and its codec.
 """
 
 import math
@@ -96,10 +96,7 @@ def _from_older(path: str, plain: Mapping[str, Any]) -> dict[str, Any]:
 def _read_single_absorber(
     path: str, plain: Any, more: tuple[str, ...] = ()
 ) -> tuple[Absorber | None, dict[str, Any]]:
-    """Return the single absorber of a plain form, and the values of further keys.
-
-    These are the keys of ``more`` that the form contains.
-    """
+    """Return the single absorber of a plain form, and the values of its keys in ``more``."""
     require(isinstance(plain, Mapping), path, plain, "a table of an absorber's values")
     concept = one_of(f"{path}.kind", plain.get("kind", "impact"), ABSORBER_KINDS)
     result = _from_older(path, {key: value for key, value in plain.items() if key != "kind"})
@@ -127,7 +124,7 @@ def _write_single_absorber(absorber: Absorber | None) -> Plain:
 def _read_several(path: str, plain: Mapping[str, Any]) -> SeveralAbsorbers:
     """Return several absorbers of a plain form.
 
-    Each has a mass, or they share one mass as those of `impact_absorbers` do.
+    Each has a mass of its own, or they share one mass as those of `impact_absorbers`.
     """
     require_keys(path, plain, dict.fromkeys(("absorbers", "mass_ratio")), ("absorbers",))
     members = plain["absorbers"]
@@ -265,10 +262,10 @@ METHOD_CODECS = {
 
 
 def to_scene(plain: Mapping[str, Any], folder: Path | None = None) -> Scene:
-    """Return the scene of a plain form; an empty one is the paper's beam without absorber.
+    """Return the scene of a plain form; an empty form is the paper's beam without absorber.
 
-    ``folder``: where the files lie that it names (default: the current one). Raises ParameterError
-    for unknown keys, wrong types and values, with the key's path.
+    ``folder`` is the folder of the files that the form names (default: the current one). Raises
+    ParameterError for unknown keys, wrong types and values, with the key's path.
 
     >>> str(to_scene({"beam": {"modes": 3}, "absorber": {"kind": "stuck", "mass_ratio": 0.05}}))
     '3 modes, stuck absorber, mass ratio 0.05'
@@ -306,9 +303,8 @@ def to_structure(
 ) -> Structure:
     """Return the structure of a scene's plain form, a beam or a modal model.
 
-    The default is the paper's beam. Arguments are those of `to_scene`.
-
-    ``path``: what an error names before the key.
+    The default is the paper's beam. Arguments are those of `to_scene`; errors have ``path`` before
+    the key.
     """
     folder = instance("folder", folder, Path | None)
     path = text("path", path)
@@ -368,8 +364,8 @@ def load_structure(path: Path | str) -> Structure:
     """Return the structure that a TOML or JSON file describes.
 
     The file has one of the tables ``beam``, ``model``, ``universal``, ``matrices``, ``nastran`` and
-    ``ansys``, and no absorber (`docs/scenes.md`). Level and limits are read at the response's
-    place, or at the absorber's if the file names none.
+    ``ansys``, and no absorber (`docs/scenes.md`). The response level is that at the place
+    ``response`` of the file, or at the absorber's place without it.
 
     Parameters
     ----------
@@ -389,8 +385,8 @@ def load_structure(path: Path | str) -> Structure:
     Warns
     -----
     StructureWarning
-        Something looks wrong: shapes that are not mass-normalised, frequencies that coincide,
-        units, resonances that move no place in use.
+        A value is probably wrong: shapes that are not mass-normalised, coinciding frequencies,
+        units, or resonances that do not move the places in use.
     """
     path = Path(instance("path", path, str | Path))
     plain = read_plain(path)
@@ -448,9 +444,9 @@ def _read(plain: dict[str, Any], path: Path) -> Structure:
 
 
 def to_beam(plain: Mapping[str, Any]) -> Beam | None:
-    """Return the beam of a scene's plain form, the default beam if it names no structure.
+    """Return the beam of a scene's plain form, the default beam if it has no structure.
 
-    The result is None for any other structure, and under several forces.
+    The result is None for any other structure, and for a beam with several forces.
     """
     require_keys("scene", plain, dict.fromkeys(SCENE_KEYS))
     if "force" in plain or any(kind in plain for kind in STRUCTURES if kind != "beam"):
@@ -463,11 +459,10 @@ def to_beam(plain: Mapping[str, Any]) -> Beam | None:
 def from_scene(scene: Scene, beam: Beam | None = None) -> Plain:
     """Return a scene's plain form, with all keys.
 
-    `to_scene` gives the same scene back, bit for bit.
-
-    A scene knows its modes and not the beam they came from, so the form has the modal model; with
-    the ``beam`` of the scene it has the beam instead, which is shorter. Raises ParameterError if
-    that is not the scene's beam. Bladed disks have `from_disk`.
+    `to_scene` returns the same scene from it, bit for bit. The form has the modal model, because a
+    scene does not contain its beam; with the argument ``beam`` it has the beam, which is shorter.
+    Raises ParameterError if the scene does not have the modes of this beam. Use `from_disk` for
+    bladed disks.
     """
     scene = instance("scene", scene, Scene)
     beam = instance("beam", beam, Beam | None)
@@ -496,7 +491,7 @@ def to_drive(plain: Mapping[str, Any]) -> Drive:
 
 
 def from_drive(drive: Drive) -> Plain:
-    """Return a drive's plain form; `to_drive` gives the same drive back, bit for bit."""
+    """Return a drive's plain form, from which `to_drive` returns the same drive, bit for bit."""
     return DRIVE_CODEC.write(drive)
 
 

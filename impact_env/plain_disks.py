@@ -80,7 +80,10 @@ CYCLIC_KEYS: Keys = {
 
 
 def _require_one_form(path: str, plain: Mapping[str, Any]) -> None:
-    """Raise ParameterError unless the keys are those of one of the two forms of a sector."""
+    """Raise ParameterError unless the keys are those of one of the two forms of a sector.
+
+    The forms are single masses and matrices.
+    """
     form = MATRIX_FORM if any(key in plain for key in MATRIX_FORM) else MASS_FORM
     if form is MATRIX_FORM:
         for key in MASS_FORM:
@@ -189,9 +192,8 @@ def _build_disk(
 def disk_codec_for(folder: Path) -> Codec:
     """Return the codec of a bladed disk without absorbers.
 
-    ``folder``: folder of the files that the disk's table names.
-
-    It is written with its matrices, which say the same bits again.
+    ``folder`` is that of the files that the disk's table names. A disk is written with its
+    matrices, so that it is read back bit for bit.
     """
     read_keys = dataclass_codec(partial(_build_disk, folder), CYCLIC_KEYS, ("sectors",)).read
 

@@ -48,7 +48,7 @@ PLAIN_READERS: dict[str, Callable[[str], Any]] = {
 
 
 def find_unreadable(path: Path) -> str | None:
-    """Return why a file cannot be opened, in words; None if it can."""
+    """Return the reason why a file cannot be opened, None if it can."""
     if not path.exists():
         return "there is no such file"
     if path.is_dir():
@@ -123,9 +123,8 @@ def read_plain(path: Path | str) -> dict[str, Any]:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of ``path`` with the same ending.
 
-    The temporary file replaces ``path`` at the end, or is removed after an error.
-
-    An OSError meanwhile, such as that of a full disk, names ``path``.
+    The temporary file replaces ``path`` at the end, or is removed after an error. The message of an
+    OSError in this context, such as a full disk, has the name ``path``.
     """
     temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
     try:
@@ -235,10 +234,11 @@ def require_keys(
 def dataclass_codec(
     make: Callable[..., Any], keys: Keys, more_needed: tuple[str, ...] = ()
 ) -> Codec:
-    """Return the sort of a dict that stands for what ``make``, a class or a function, returns.
+    """Return the codec of a dict of arguments of ``make``, a class or a function.
 
-    A key that is left out has the default of ``make``; one whose argument has none must be given.
-    Attributes that are None are not written.
+    ``keys`` are the keys of the dict. A missing key has the default of ``make``; keys without
+    default, and those of ``more_needed``, must be present. Attributes that are None are not
+    written.
     """
     arguments = inspect.signature(make).parameters
     needed = tuple(
@@ -268,7 +268,7 @@ def dataclass_codec(
 
 
 def list_codec(make: Callable[..., Any], keys: Keys) -> Codec:
-    """Return the codec of a list of dicts, each of which is a `dataclass_codec`.
+    """Return the codec of a list of dicts, each with the codec of `dataclass_codec`.
 
     The list is read as a tuple.
     """

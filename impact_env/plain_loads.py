@@ -1,9 +1,9 @@
 """Loads as plain data, and the records that they name.
 
-They are `[load]`, or `[[load]]` several times, of a TOML or JSON file. docs/loads.md describes the
-format.
+They are the table `[load]`, or several tables `[[load]]`, of a TOML or JSON file. docs/loads.md
+describes the format.
 
-Names of other files are relative to the folder of the file. Everything that does not fit is a
+Names of other files are relative to the folder of the file. Anything that does not fit raises
 ParameterError with key, value and what is allowed.
 """
 
@@ -69,10 +69,7 @@ IN_G = Codec(
 
 
 def _amplitude(name: str, quantity: str, plain: object) -> Keys:
-    """Return the key of an amplitude in N, in m/s^2 or in g.
-
-    The key in g is returned if the table ``plain`` has it.
-    """
+    """Return the key of an amplitude in N, in m/s^2 or in g; in g if the table ``plain`` has it."""
     if quantity == FORCE_QUANTITY:
         return {f"{name}_n": (name, NUMBER_CODEC)}
     if isinstance(plain, Mapping) and f"{name}_g" in plain:
@@ -178,7 +175,7 @@ WORD_OR_NUMBER_CODEC = "the number of a channel, from 1, or its name"
 
 
 def _read_options(path: str, plain: Mapping[str, Any], quantity: str) -> RecordOptions:
-    """Return what a load's table says about its record."""
+    """Return the options of a load's table for reading its record."""
     numbers = {"scale": finite, "sample_rate_hz": positive}
     arguments: dict[str, Any] = {
         key: check(f"{path}.{key}", plain[key]) for key, check in numbers.items() if key in plain
@@ -217,13 +214,11 @@ SAMPLE_KEYS = (
 def read_record_table(
     path: str, plain: Mapping[str, Any], quantity: str, folder: Path
 ) -> tuple[Array, Array]:
-    """Return times (K,) in s and values (K,) in SI units of a record.
+    """Return times (K,) in s and values (K,) in SI units of the record of a table.
 
-    It is the record that a table with the keys `SAMPLE_KEYS` names.
-
-    ``path`` is the table's name in errors, ``quantity`` one of
-    `impact_env.records.reading.DIMENSIONS`, and ``folder`` the one that the file's name is relative
-    to. Raises ParameterError for all that does not fit.
+    The table has the keys `SAMPLE_KEYS`. ``path`` is its name in errors, ``quantity`` one of
+    `impact_env.records.reading.DIMENSIONS`, and ``folder`` the folder to which the file's name is
+    relative. Raises ParameterError for anything that does not fit.
     """
     require_keys(path, plain, dict.fromkeys(SAMPLE_KEYS), ("file",))
     file = folder / TEXT_CODEC.read(f"{path}.file", plain["file"])
@@ -314,10 +309,9 @@ START_KEYS: Keys = {
 def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = None) -> Loads:
     """Return the loads of a plain form, a table ``load`` or a list of them.
 
-    The form may have a ``start``, one of `loads.LOAD_STARTS` or a state.
-
-    ``reference``: frequency in rad/s of the pseudo period where no load has a schedule. Raises
-    ParameterError for all that does not fit.
+    The form may have a ``start``, one of `loads.LOAD_STARTS` or a state. ``reference`` is the
+    frequency in rad/s of the pseudo period if no load has a schedule. Raises ParameterError for
+    anything that does not fit.
     """
     folder = instance("folder", folder, Path | None)
     require_keys("load file", plain, dict.fromkeys(("load", "start")), ("load",))
@@ -334,5 +328,5 @@ def to_loads(plain: Mapping[str, Any], reference: float, folder: Path | None = N
 
 
 def read_loads(path: Path, reference: float) -> Loads:
-    """Return the loads of a file; ``reference`` and errors as of `to_loads`."""
+    """Return the loads of a file; ``reference`` and errors are as in `to_loads`."""
     return to_loads(read_plain(path), reference, path.parent)

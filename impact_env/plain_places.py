@@ -2,8 +2,8 @@
 
 They are the places of its structure, its forces and its absorbers.
 
-The table ``places`` of a scene gives names to places, as the table of the structure has them:
-shares of a beam's length, rows of matrices, nodes with directions, or numbers of a model's places.
+The table ``places`` of a scene gives names to places in the form of the structure's table: shares
+of a beam's length, rows of matrices, nodes with directions, or numbers of a model's places.
 """
 
 from collections.abc import Mapping
@@ -108,7 +108,7 @@ def _find_named_place(plain: Mapping[str, Any], path: str, place: Any, key: str)
 
 
 def _resolve_names(plain: Mapping[str, Any], kind: str, path: str) -> Any:
-    """Return the table of a structure with the places for their names."""
+    """Return the table of a structure with names of places replaced by the places."""
     table = plain.get(kind, {})
     _read_names(plain, path)
     if not isinstance(table, Mapping):
@@ -151,10 +151,7 @@ def _read_scene_forces(
 
 
 def find_force_shapes(structure: Structure, forces: tuple[PointForce, ...]) -> Any:
-    """Return the mode shapes (P, N_m) at the places of forces.
-
-    The forces are on a beam, or at numbered places of a model.
-    """
+    """Return the mode shapes (P, N_m) at the places of forces on a beam or a modal model."""
     if isinstance(structure, Beam):
         places = [fraction(f"force[{k}].place", one.place) for k, one in enumerate(forces)]
         return mode_shapes(structure, places)
@@ -176,10 +173,8 @@ def resolve_absorber_places(
 ) -> tuple[Any, tuple[int, ...] | None]:
     """Return the table of the absorber without the keys ``place``, and the places' numbers.
 
-    The numbers count the places of the structure from 1. They are None if no place is given.
-
-    On a beam a place is a share of the length: that of one absorber is the beam's, several have it
-    as their position.
+    The numbers count the places of the structure from 1. They are None if no place is given. On a
+    beam the place of one absorber becomes the beam's, and several absorbers have positions.
     """
     absorber = plain.get("absorber")
     if not isinstance(absorber, Mapping):

@@ -285,12 +285,10 @@ STRAINED_ROW_OR_PLACE = Codec(
 
 @dataclass(frozen=True)
 class PointForce:
-    """A force of a structure.
+    """A force on a structure.
 
-    It has a ``place``, in the form that the structure's table has for places, an amplitude in N and
-    a phase in rad.
-
-    ``name``: the place as the file has it, by which loads refer to it.
+    ``place`` is in the form of the structure's table, ``amplitude`` in N and ``phase`` in rad.
+    ``name`` is the place's name in the file, by which loads refer to it.
     """
 
     place: Any
@@ -336,7 +334,7 @@ def apply_forces(model: ModalModel, forces: Sequence[PointForce], shapes: Any) -
 
 
 def _place_or_forces(place_codec: Codec) -> Codec:
-    """Return the sort of a place, or of forces that were read before."""
+    """Return the codec of a place, or of forces that have been read already."""
 
     def read(path: str, plain: Any) -> Any:
         read_before = isinstance(plain, tuple) and all(isinstance(x, PointForce) for x in plain)
@@ -346,7 +344,7 @@ def _place_or_forces(place_codec: Codec) -> Codec:
 
 
 def _one_or_list(sort: Codec) -> Codec:
-    """Return the sort of a list of things, or of one of them, which is a list of one."""
+    """Return the codec of a list of items, or of one item, which is read as a list of one."""
 
     def read(path: str, plain: Any) -> list[Any]:
         if not isinstance(plain, list | tuple):
@@ -433,7 +431,7 @@ def _modes_of_universal(
     modes: int | None = None,
     **_places: Any,
 ) -> tuple[Path, list[MeasuredMode], int | None]:
-    """Return the file, its modes, and how many of them are kept."""
+    """Return the file, its modes, and the number of modes to keep (None: all)."""
     path = folder / file
     result = read_modes(path, None if load_case is None else count("load_case", load_case, 0))
     return path, result, modes
@@ -451,7 +449,7 @@ def _read_universal(folder: Path, **values: Any) -> ModalModel:
 
 
 def _as_list(places: Any) -> list[_NodeDirection]:
-    """Return the places of a key: one, a list of them, or weighted ones."""
+    """Return the places of a key as a list; the key has one place, several, or weighted ones."""
     if places is None:
         return []
     if isinstance(places, tuple):

@@ -18,7 +18,7 @@ MM = 1e3
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
-    """Return the given axes, or new ones of pyplot, which a notebook shows."""
+    """Return the given axes, or new axes of pyplot."""
     if axes is not None:
         return axes
     import matplotlib.pyplot as plt
@@ -36,7 +36,7 @@ def plot_curve(
 ) -> Axes:
     """Draw the median level (F,) in m over the force (F,) in N, with a band (2, F) in m.
 
-    Forces and levels of 0 have no place on these scales.
+    Scales are logarithmic, so forces and levels of 0 are left out.
     """
     axes = axes_or_new(axes)
     (line,) = axes.loglog(forces, MM * median, label=label, **options)

@@ -34,12 +34,10 @@ Job = Callable[[], object]
 def run_alongside(kernel: Any, job: Job) -> Iterator[None]:
     """Compile the kernels of ``job`` in another process while this context is entered.
 
-    Nothing is compiled if the kernels are in the cache. ``kernel`` waits for the process when it is
-    called.
-
-    ``job`` is short and can be pickled. What fails there is compiled here, where its error is
-    raised. Nothing is begun on a single core. A process is spawned: only a program may use this
-    whose own module can be imported, which a command's can.
+    Nothing is compiled if the kernels are in the cache, or on a single core. ``kernel`` waits for
+    the process when it is called. ``job`` is a short function that can be pickled; if it fails in
+    the other process, the kernels are compiled in this one, where the error is raised. The process
+    is spawned, so the main module of the program must be importable, as that of the commands is.
     """
     if available_cores() < 2 or is_cached(job):
         yield
@@ -120,7 +118,7 @@ def is_ready(
     record : Record, optional
         What the run records. Default: the response level.
     loads : Loads, optional
-        Loads of the run, which is made for the answer. None: one force.
+        Loads of the run. None: one force.
 
     Returns
     -------
@@ -171,13 +169,13 @@ class Preparation:
 
     @property
     def elapsed(self) -> float:
-        """Time in s since it began, until the process ended at most."""
+        """Time in s since the start of the process, until its end at most."""
         ended = self._ended
         return (time.monotonic() if ended is None else ended) - self._began
 
     @property
     def done(self) -> bool:
-        """Whether it has ended, in whatever way."""
+        """Whether the process has ended, with or without success."""
         return self._ended is not None
 
     def wait(self, timeout: float | None = None) -> bool:
@@ -190,7 +188,7 @@ class Preparation:
         return self.done and self._process.returncode == 0
 
     def cancel(self) -> None:
-        """End it. Kernels are kept whole or not at all."""
+        """End the process. Kernels that it has not finished are not in the cache."""
         self._process.terminate()
         self._watcher.join()
 
@@ -201,11 +199,10 @@ def prepare(
     record: Record | None = None,
     loads: Loads | None = None,
 ) -> Preparation:
-    """Begin to compile what `simulate` needs for a scene, and return at once.
+    """Start a process that compiles the kernels of `simulate` for a scene, and return at once.
 
-    A process of its own compiles for up to a minute, or loads kernels from the cache within two
-    seconds; this process can go on computing. The other process does not import the caller's
-    module, so scripts need no guard.
+    The process compiles for up to a minute, or loads kernels from the cache within two seconds,
+    while the caller continues. It does not import the caller's module, so scripts need no guard.
 
     Parameters
     ----------

@@ -1,10 +1,8 @@
 """Linear regimes of several absorbers, one for each set of joined absorbers.
 
-Joined absorbers move with the beam. A regime is made when a run first needs it
-(kernels/exact/sets.py).
-
-The set's masses at their places make a change of low rank of the mass matrix; eigenvalues and
-eigenvectors are those of secular.py.
+Joined absorbers move with the beam. A regime is computed when a run first needs it
+(kernels/exact/sets.py). The masses of the set are a low-rank change of the mass matrix; eigenvalues
+and eigenvectors are computed as in secular.py.
 """
 
 import ctypes
@@ -54,11 +52,20 @@ MIXING_ROUNDING = 1e-13  # of the largest damping: smaller entries are rounding
 
 @dataclass(frozen=True)
 class SetModes:
-    """Modes of a set of joined absorbers.
+    """Modes of a set of p joined absorbers, J of them.
 
-    ``values``: eigenvalues (J,). ``shapes``: eigenvectors of the beam (J, N_m). ``into``: their
-    rows from modal displacements and velocities (J, 2 N_m). ``weights``: responses to unit modal
-    forces (J, N_m). ``places``: displacements of the masses (J, p).
+    Attributes
+    ----------
+    values : array, (J,)
+        Eigenvalues in 1/s.
+    shapes : array, (J, N_m)
+        Eigenvectors over the beam's modes.
+    into : array, (J, 2 N_m)
+        Amplitudes per unit modal displacement and velocity.
+    weights : array, (J, N_m)
+        Responses to unit modal forces.
+    places : array, (J, p)
+        Displacements of the masses.
     """
 
     values: Complex
@@ -111,12 +118,11 @@ def _solve_coupled(model: ModalModel, masses: Real, shapes: Real, weak: float) -
 def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> SetModes:
     """Return the modes of beam and masses by a dense eigensolver.
 
-    It also works for coincident eigenvalues, such as those of a ring of equal sectors.
-
-    An eigenvalue that occurs g times has g eigenvectors. Left eigenvectors are the dual basis: the
-    matrix v_i^T ((s_i + s_j) M + C) v_j is diagonal but for rounding, which close eigenvalues
-    magnify, and is inverted as a whole. Digits are lost where one frequency is far above another,
-    but no more than their ratio times the rounding.
+    It is also accurate for coincident eigenvalues, such as those of a ring of equal sectors. An
+    eigenvalue that occurs g times has g eigenvectors. Left eigenvectors are the dual basis: the
+    matrix v_i^T ((s_i + s_j) M + C) v_j is diagonal up to rounding errors, which close eigenvalues
+    magnify, and is inverted as a whole. The relative error is at most rounding times the ratio of
+    the largest to the smallest frequency.
     """
     which, own = split_modes(shapes)
     omega = model.omega[which]
@@ -154,7 +160,7 @@ def _solve_coupled_densely(model: ModalModel, masses: Real, shapes: Real) -> Set
 
 
 def _basis_error(model: ModalModel, modes: SetModes) -> float:
-    """Return how far modes are from spanning the state, in terms of energy."""
+    """Return the error, in terms of energy, with which modes span the state."""
     scale = np.append(model.omega, np.ones(model.modes))
     shapes = modes.shapes * _double(modes.values)[:, None]
     out = np.concatenate([shapes, shapes * modes.values[:, None]], axis=1).T
@@ -164,13 +170,12 @@ def _basis_error(model: ModalModel, modes: SetModes) -> float:
 def _solve_lightly_damped(model: ModalModel, masses: Real, shapes: Real) -> SetModes | None:
     """Return the modes of beam and masses from those without damping.
 
-    The result is None if these are not a good start.
-
-    In the undamped modes the damping matrix has small entries off its diagonal. A fixed point of
-    (s_i^2 + s_i c_jj + lambda_j) y_ji = -s_i sum_k c_jk y_ki with y_ii = 1 is an eigenvector; each
-    step gains the ratio of these entries to the distance of the frequencies. Since the matrices are
-    symmetric, left eigenvectors are the right ones. One symmetric eigenproblem of N_m rows is all
-    that grows with their cube.
+    The result is None if these are not a good start. In the undamped modes the damping matrix has
+    small entries off its diagonal. A fixed point of (s_i^2 + s_i c_jj + lambda_j) y_ji = -s_i sum_k
+    c_jk y_ki with y_ii = 1 is an eigenvector; in each step the error falls by the ratio of these
+    entries to the distance of the frequencies. Because the matrices are symmetric, left and right
+    eigenvectors are equal. Only one symmetric eigenproblem of N_m rows takes a time proportional to
+    N_m^3.
     """
     which, own = split_modes(shapes)
     omega = model.omega[which]
@@ -225,10 +230,8 @@ def solve_set_modes(
     """Return the modes of a beam that carries masses.
 
     ``masses`` (p,) in kg are at places with ``shapes`` (p, N_m). Without masses the modes are those
-    of the free beam.
-
-    ``quickly``: by `_solve_lightly_damped` where that is right to `BASIS_TOL`. Raises
-    ParameterError where two eigenvalues (almost) coincide, so that there is no modal basis.
+    of the free beam. ``quickly``: by `_solve_lightly_damped` if its error is below `BASIS_TOL`.
+    Raises ParameterError if two eigenvalues (almost) coincide, so that there is no modal basis.
     """
     if len(masses) == 0:
         return _solve_uncoupled(model, np.arange(model.modes), 0)
@@ -311,10 +314,16 @@ def _rows(
 
 @dataclass(frozen=True)
 class SetLayout:
-    """What the regimes of all sets of a scene share.
+    """Common properties of the regimes of all sets of a scene.
 
-    ``size``: modal amplitudes J of each, with empty ones; ``speed`` (1/s): their largest |s|;
-    ``reach`` (s): what their tables cover.
+    Attributes
+    ----------
+    size : int
+        Number J of modal amplitudes of each, including empty ones.
+    speed : float
+        Largest |s| in 1/s.
+    reach : float
+        Time in s that their tables cover.
     """
 
     size: int
@@ -332,12 +341,10 @@ Joined = tuple[int, ...]
 def find_set_layout(model: ModalModel, shapes: Real, masses: Real, wanted: float) -> SetLayout:
     """Return the layout of the regimes of absorbers.
 
-    The absorbers have ``masses`` (n,) in kg at ``shapes`` (n, N_m). The tables cover ``wanted`` s,
-    or less.
-
-    Up to four absorbers it is found from all sets, else from those of none and of all: masses lower
-    frequencies, and where damping is below critical, each mode has one pair of eigenvalues. Raises
-    ParameterError where a set has no modal basis.
+    The absorbers have ``masses`` (n,) in kg at ``shapes`` (n, N_m). The tables cover ``wanted`` s
+    or less. For up to four absorbers all sets are computed; otherwise only the sets of no and of
+    all absorbers, because masses lower frequencies, and because each mode has one pair of
+    eigenvalues if damping is below critical. Raises ParameterError if a set has no modal basis.
     """
     n = len(masses)
     counts = range(n + 1) if n <= ALL_SETS_COUNT else (0, n)
@@ -358,12 +365,10 @@ def build_set_regime(
     layout: SetLayout,
     moves: bool = False,
 ) -> tuple[Real, ...]:
-    """Return the arrays of `sets.Sets` of the set of ``joined`` absorbers.
+    """Return the arrays of `sets.Sets`, from ``rows`` to ``acceleration_bound``, of a set.
 
-    They are the arrays from ``rows`` to ``acceleration_bound``.
-
-    ``moves``: whether the base does. Raises ParameterError where it has no modal basis, or does not
-    fit the layout.
+    ``joined`` are the set's absorbers. ``moves``: whether the base moves. Raises ParameterError if
+    the set has no modal basis, or does not fit the layout.
     """
     which = list(joined)
     quickly = len(masses) > ALL_SETS_COUNT
@@ -394,14 +399,12 @@ def build_set_regime(
 
 
 class RegimePlaces:
-    """Storage places of one run for the regimes of sets.
+    """Storage of one run for the regimes of sets.
 
-    ``sets`` is the argument of the run's kernel. The kernel requests the regime of a set if no
-    place holds it.
-
-    ``build`` returns the arrays of a set, as `build_set_regime`. The place that was used least
-    recently is taken for another set, but never the first one, which holds the set of no joined
-    absorber. What goes wrong on the way, or a KeyboardInterrupt, is raised by `raise_error`.
+    ``sets`` is the argument of the run's kernel, which requests the regime of a set if it is not
+    stored. ``build`` returns the arrays of a set, as `build_set_regime`. A new set replaces the
+    least recently used one, except the set without joined absorbers, which is the first. Errors of
+    ``build`` and a KeyboardInterrupt are raised by `raise_error`.
     """
 
     def __init__(self, absorbers: int, build: Callable[[Joined], tuple[Real, ...]]) -> None:
@@ -444,15 +447,15 @@ class RegimePlaces:
             sets.request["place"] = 0
 
     def raise_error(self) -> None:
-        """Raise what has gone wrong while a regime was made, if anything has."""
+        """Raise the error that occurred while a regime was computed, if any."""
         if self._error is not None:
             raise self._error
 
 
 def _compliance(masses: Real, shapes: Real, joined: list[int]) -> Real:
-    """Return the relative acceleration (n, n) of each absorber by a unit force on each.
+    """Return the relative acceleration (n, n) of each absorber per unit force on each, in 1/kg.
 
-    It is in 1/kg. The absorbers of ``joined`` move with the beam.
+    The absorbers of ``joined`` move with the beam.
     """
     mass = with_masses(shapes[joined], masses[joined])
     return np.ascontiguousarray(shapes @ np.linalg.solve(mass, shapes.T) + np.diag(1 / masses))

@@ -5,9 +5,9 @@ The exact kernels propagate them (see kernels/motion/modal_system.py).
 The coupled regimes (absorber stuck, held, or on a spring) have the eigenvalues and eigenvectors of
 secular.py; the free regime has the beam's own.
 
-The start values for secular.py: the eigenvalue of a mode that hardly feels the masses lies beside
-the mode's pole, which is its start value, since no dense eigensolver could tell the two apart. For
-the others together a dense eigensolver gives start values.
+Start values for secular.py: the eigenvalue of a mode with weak coupling to the masses lies next to
+the mode's pole. The pole is its start value, because a dense eigensolver cannot separate the two.
+For all other modes a dense eigensolver gives start values.
 """
 
 import math
@@ -115,9 +115,9 @@ def _select_starts(starts: Starts, which: NDArray[np.bool_]) -> Starts:
 
 
 def _start_by_dense_solver(c: Coupling, which: Index) -> Starts:
-    """Return leads and offsets of strongly coupled oscillators ``which``.
+    """Return leads and offsets of the strongly coupled oscillators ``which``.
 
-    They come from a dense eigensolver.
+    A dense eigensolver computes them.
     """
     modes = which[which < c.modes]
     sprung = c.sprung and len(which) > 0
@@ -153,7 +153,7 @@ def _start_by_dense_solver(c: Coupling, which: Index) -> Starts:
 def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
     """Return approximate eigenvalues (J,) of s^2 m + s c + k, and their vectors (N, J).
 
-    They are the eigenvalues with an imaginary part of 0 or above.
+    Only eigenvalues with an imaginary part of 0 or above are returned.
     """
     squares, vectors = scipy.linalg.eigh(k, m)
     frequencies = np.sqrt(np.maximum(squares, 1e-16 * np.max(squares)))
@@ -170,7 +170,8 @@ def quadratic_modes(m: Real, c: Real, k: Real) -> tuple[Complex, Complex]:
 def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
     """Return which eigenvalues (J,) are isolated, and lead and place of each close pair.
 
-    The place of a complex pair is its upper eigenvalue, that of two real ones their middle.
+    The place of a complex pair is its upper eigenvalue, the place of two real eigenvalues their
+    middle.
     """
     alone = np.ones(len(s), dtype=bool)
     leads = []
@@ -193,10 +194,9 @@ def _close(lead: Index, s: Complex) -> tuple[NDArray[np.bool_], Index, Complex]:
     divide="ignore", invalid="ignore"
 )  # where two poles are one: what is not a number is no start, or found by the check of the basis
 def solve_eigenproblem(c: Coupling, weak: float) -> Eigen:
-    """Return all eigenvalues and vectors.
+    """Return all eigenvalues and eigenvectors.
 
-    ``weak``: share of |s|^2 up to which R leaves a mode near its own pole. The eigenvalue of such a
-    mode is sought from this pole.
+    Oscillators whose R is below ``weak`` times |s|^2 are solved from their own pole.
     """
     middles, near = _start_at_middles(c, weak)
     poles, far = _start_at_poles(c, weak)
@@ -218,15 +218,23 @@ def solve_eigenproblem(c: Coupling, weak: float) -> Eigen:
 
 @dataclass(frozen=True)
 class RegimeModes:
-    """Modes of a regime.
+    """Modes of a regime, J of them.
 
-    ``values``: eigenvalues (J,). ``out``: their columns in the state (2 N_m + 2, J). ``into``: rows
-    from the state (J, 2 N_m + 2). ``drive`` and ``relative``: responses to drive and relative force
-    (J,).
-
-    ``tip``, ``stretch`` (J,): what of a slot is tip displacement, and absorber less tip; without
-    the absorber's own share where it is apart. ``push`` (J, N_m): responses to a unit force on each
-    of the beam's own modes.
+    Attributes
+    ----------
+    values : array, (J,)
+        Eigenvalues in 1/s.
+    out : array, (2 N_m + 2, J)
+        State per unit of each modal amplitude.
+    into : array, (J, 2 N_m + 2)
+        Modal amplitudes per unit of each entry of the state.
+    drive, relative : array, (J,)
+        Responses to the drive, and to a force between absorber and tip.
+    tip, stretch : array, (J,)
+        Displacement of the tip, and of the absorber relative to the tip, per unit amplitude;
+        without the absorber's own share if it is free.
+    push : array, (J, N_m)
+        Responses to a unit force on each of the beam's modes.
     """
 
     values: Complex
@@ -277,13 +285,12 @@ def _own_values(model: ModalModel, which: Index) -> tuple[Index, Complex, Comple
 
 
 def solve_own_modes(model: ModalModel, which: Index) -> RegimeModes:
-    """Return the free beam's modes ``which`` as slots.
+    """Return the modes of the free beam with indices ``which``, as slots.
 
-    An oscillating mode has one slot, an overdamped mode has two.
-
-    A damping ratio within about 1e-5 of 1 has three: motion and forced response are extrapolated
-    from three pairs of eigenvalues beside the double one (see secular.py). Against 40 digits motion
-    from any state is right to 1e-12 of the energy norm (tests/kernels/test_regimes.py).
+    An oscillating mode has one slot, an overdamped mode has two. A mode with a damping ratio within
+    about 1e-5 of 1 has three: motion and forced response are extrapolated from three pairs of
+    eigenvalues next to the double one (see secular.py). The error is below 1e-12 of the energy norm
+    (tests/kernels/test_regimes.py).
     """
     n = model.modes
     index, s, other, weight = _own_values(model, which)
@@ -316,9 +323,9 @@ def solve_own_modes(model: ModalModel, which: Index) -> RegimeModes:
 def solve_coupled_modes(
     model: ModalModel, mass: float, stiffness: float | None, damper: float, weak: float
 ) -> RegimeModes:
-    """Return the modes of beam and absorber.
+    """Return the modes of beam and absorber (``mass`` in kg).
 
-    They are joined for ``stiffness`` None, else connected by a spring (N/m) and a damper (N s/m).
+    They are joined if ``stiffness`` is None, else connected by a spring (N/m) and a damper (N s/m).
     """
     n = model.modes
     root = np.sqrt(mass)
@@ -401,20 +408,19 @@ def carried_response(modes: RegimeModes, model: ModalModel, mass: float, spring:
 
 
 def with_weight(modes: RegimeModes, carried: Complex) -> RegimeModes:
-    """Return modes whose constant force is the weight of the absorber.
+    """Return modes whose constant force is the absorber's weight, per unit of gravity.
 
-    The weight is per unit of gravity and acts downwards.
+    The weight acts downwards.
     """
     return replace(modes, relative=-carried)
 
 
 def base_rows(modes: RegimeModes, model: ModalModel, size: int, carried: Complex | None) -> Real:
-    """Return the rows from BASE on, the responses to unit accelerations of the bases.
+    """Return the rows from BASE on: responses to unit accelerations of the bases.
 
-    They are in relative coordinates, in which the load on the modes is -Gamma.
-
-    An absorber that is not free adds -m_a r, r the rigid displacement at its place; ``carried``
-    (J,): the response to its mass.
+    Coordinates are relative to the base; the load on the modes is then -Gamma. An absorber that is
+    not free adds -m_a r with the rigid displacement r at its place; ``carried`` (J,) is the
+    response to a unit acceleration of its mass.
     """
     rows = []
     for participation, at_absorber in zip(*find_base_shapes(model), strict=True):
@@ -462,7 +468,7 @@ def order_slots(values: Complex, eigenvalues: Complex, size: int, axis: int = 0)
 
 
 def split_re_im(values: Complex) -> Real:
-    """Return real and imaginary parts, one array behind the other."""
+    """Return real and imaginary parts, concatenated."""
     return np.ascontiguousarray([values.real, values.imag])
 
 
@@ -482,10 +488,8 @@ def slot_rows(
 ) -> Real:
     """Return the rows of weights (..., ROWS, size) of a modal system.
 
-    They are made from values for each eigenvalue, in any order.
-
-    ``eigenvalues`` and ``drive`` (J,); ``relative``, ``guard`` and ``tip`` (..., J), one set of
-    weights for each leading index.
+    The arguments have values for each eigenvalue, in any order: ``eigenvalues`` and ``drive`` (J,),
+    and ``relative``, ``guard`` and ``tip`` (..., J), one set of weights for each leading index.
     """
     used = len(eigenvalues)
     s = _decaying(eigenvalues, size)
@@ -514,7 +518,7 @@ def slot_tables(
 ) -> tuple[Real, Real, Real, Real, Real, Real]:
     """Return table, scale, steps, waves, turns and errors of Slots.
 
-    ``speed`` (1/s): the largest |s| for which they are laid out (None: that of the eigenvalues).
+    ``speed`` (1/s) is the largest |s| for which they are laid out (None: that of the eigenvalues).
     """
     used = len(eigenvalues)
     s = _decaying(eigenvalues, size)
@@ -540,11 +544,13 @@ def require_complete(
     allowed: str,
     otherwise: Callable[[], M] | None = None,
 ) -> M:
-    """Return the modes whose basis is most nearly complete; raises ParameterError if none is.
+    """Return the modes whose basis has the smallest error.
 
-    They come from one of the kinds of start values in `WEAK_COUPLINGS`, or from ``otherwise``.
+    Raise ParameterError if none is complete.
 
-    The error says that a parameter of this ``name`` and ``value`` is not what is ``allowed``.
+    ``modes_for(weak)`` returns modes for each kind of start values in `WEAK_COUPLINGS`,
+    ``otherwise()`` returns further ones, and ``error_of`` returns the error of a basis. The message
+    says that the parameter ``name`` with ``value`` is not ``allowed``.
     """
     best = None
     least = np.inf
@@ -574,7 +580,7 @@ def require_complete(
 def _needed_of_mass(model: ModalModel, mass: float) -> str:
     """Return the text of what is allowed if no basis was found.
 
-    It asks for a mass that is light enough for accurate modes, or else for no double eigenvalue.
+    It requires a mass that is light enough for accurate modes, or else no double eigenvalue.
     """
     mobility = float(np.sum(model.tip_shape**2))
     if mass * mobility <= MOST_HEAVINESS:
@@ -587,10 +593,10 @@ def _needed_of_mass(model: ModalModel, mass: float) -> str:
 
 
 def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str:
-    """Return what is allowed where no basis was found.
+    """Return the text of what is allowed if no basis was found.
 
-    That is a spring (N/m) and a damper (N s/m) soft enough for an accurate stretch, else
-    `AWAY_FROM_DOUBLE`.
+    It requires a spring (N/m) and a damper (N s/m) that are soft enough for an accurate relative
+    displacement, or else `AWAY_FROM_DOUBLE`.
     """
     first = float(model.omega[0])
     mobility = float(np.sum(model.tip_shape**2))
@@ -606,12 +612,10 @@ def _needed_of_spring(model: ModalModel, stiffness: float, damper: float) -> str
 
 
 def _energy_scale(model: ModalModel, mass: float, stiffness: float | None) -> Real:
-    """Return the scale of each coordinate of the state (2 N_m + 2,).
+    """Return the factor of each coordinate of the state (2 N_m + 2,) for the norm of energy.
 
-    It is 0 if the absorber has no coordinate of its own.
-
-    An absorber is scaled with its own frequency on its spring, or that of the beam which is nearest
-    to it: that is how fast it moves.
+    It is 0 if the absorber has no coordinate of its own. An absorber has the factor of its own
+    frequency on the spring, or of the beam's frequency nearest to it.
     """
     own = (
         0.0
@@ -628,7 +632,7 @@ def checked_modes(
 ) -> RegimeModes:
     """Return the modes of beam and absorber that span the state.
 
-    Raises ParameterError if no modes do so.
+    Raise ParameterError if none do.
     """
     scale = _energy_scale(model, mass, stiffness)
     states = np.flatnonzero(scale)
@@ -656,8 +660,7 @@ def free_regime(model: ModalModel, size: int, reach: float, *, moves: bool = Fal
     """Return the regime in which beam and absorber are apart.
 
     Its guard signal is the relative displacement absorber - tip, without the absorber's share.
-
-    ``moves``: whether the base does, here and below.
+    ``moves``: whether the base moves.
     """
     modes = solve_own_modes(model, np.arange(model.modes))
     return _regime(
@@ -676,9 +679,8 @@ def joined_regime(
 ) -> LinearRegime:
     """Return the regime of an absorber (kg) that moves with the tip.
 
-    Its guard signal is the force on the absorber, mass times tip acceleration.
-
-    ``heavy``: the constant force is the absorber's weight, here and below.
+    Its guard signal is the force on the absorber, mass times tip acceleration. ``moves``: whether
+    the base moves; ``heavy``: whether the constant force is the absorber's weight.
     """
     modes = checked_modes(model, mass, None, 0.0)
     carried = carried_response(modes, model, mass, spring=False)
@@ -705,7 +707,8 @@ def sprung_regime(
 ) -> LinearRegime:
     """Return the regime of an absorber (kg) on a spring (N/m) and a damper (N s/m).
 
-    Its guard signal is the relative displacement absorber - tip.
+    Its guard signal is the relative displacement absorber - tip. ``moves`` and ``heavy`` are as in
+    `joined_regime`.
     """
     modes = checked_modes(model, mass, stiffness, damper)
     carried = carried_response(modes, model, mass, spring=True)
@@ -723,7 +726,7 @@ def find_fastest(
 ) -> tuple[float, int]:
     """Return the largest |s| in 1/s and the number of slots of a regime.
 
-    The regime is free for ``mass`` None, else joined or sprung.
+    The regime is free if ``mass`` is None, else joined, or on a spring if ``stiffness`` is given.
     """
     modes = (
         solve_own_modes(model, np.arange(model.modes))
@@ -751,9 +754,8 @@ def propagators(
 ) -> tuple[int, float, Complex]:
     """Return base, finest step (s) and exp(s h) (3, base, J) of the three-digit tables.
 
-    Slots from ``used`` on are empty.
-
-    ``speed`` (1/s): the |s| that the steps are made for, None: the largest one.
+    Slots from ``used`` on are empty. ``speed`` (1/s) is the |s| for which the steps are chosen
+    (None: the largest one).
     """
     fastest = np.max(np.abs(values[:used])) if speed is None else speed
     base = 4
@@ -771,10 +773,9 @@ def propagation_tables(
 ) -> tuple[Real, Real, Real, Real]:
     """Return the tables of the event search, the finest level first.
 
-    They are steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J).
-
-    ``errors``: a slot's largest share of y - H, relative to its amplitude (see
-    kernels/events/search.py). ``speed`` as in `propagators`.
+    They are steps (L, 2), waves (L, J, 2, POINTS), turns (L, POINTS, 2, J) and errors (L, J). An
+    error is the largest difference of a slot's signal from its interpolation, relative to its
+    amplitude (see kernels/events/search.py). ``speed`` is as in `propagators`.
     """
     speeds = np.abs(values)
     fastest = np.max(speeds[:used]) if speed is None else speed

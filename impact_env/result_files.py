@@ -1,8 +1,7 @@
 """Results as files and tables.
 
-`SavedResult`: any result, with the scene, load and method behind it, as JSON or as a NumPy archive,
-and back with every bit. `TableResult`: a result that is a table, as columns or as a data frame of
-pandas.
+`SavedResult` writes a result with its scene, load and method to JSON or a NumPy archive, and reads
+it back bit for bit. `TableResult` returns a table as columns or as a data frame of pandas.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ Arrays = dict[str, NDArray[Any]]
 def encode(value: Any, arrays: Arrays | None = None) -> Any:
     """Return a value made of dataclasses, arrays and plain data as plain data.
 
-    Arrays are put into ``arrays`` if that is given.
+    Arrays are put into ``arrays`` and referred to by name, if ``arrays`` is given.
     """
     if isinstance(value, np.ndarray):
         if arrays is None:
@@ -54,9 +53,9 @@ def encode(value: Any, arrays: Arrays | None = None) -> Any:
 
 
 def decode(plain: Any, arrays: Mapping[str, NDArray[Any]] | None = None) -> Any:
-    """Return the value from which `encode` made plain data.
+    """Return the value from the plain data of `encode`.
 
-    Raises ParameterError for an unknown class.
+    Raise ParameterError for an unknown class.
     """
     if not isinstance(plain, dict):
         return plain
@@ -80,7 +79,7 @@ def decode(plain: Any, arrays: Mapping[str, NDArray[Any]] | None = None) -> Any:
 def to_plain_data(value: Any) -> Any:
     """Return a value as dictionaries, lists and numbers.
 
-    The value is made of dataclasses, arrays and plain data.
+    The value consists of dataclasses, arrays and plain data.
     """
     if isinstance(value, np.ndarray):
         return value.tolist()
@@ -96,7 +95,7 @@ def to_plain_data(value: Any) -> Any:
 
 
 class TableResult(ABC):
-    """A result that is a table, or holds one."""
+    """A result that is a table, or contains one."""
 
     @abstractmethod
     def to_columns(self) -> Arrays:
@@ -131,14 +130,14 @@ class SavedResult:
         return plain
 
     def to_json(self) -> str:
-        """Return the result as JSON, with the scene, load and method behind it.
+        """Return the result as JSON, with its scene, load and method.
 
         Numbers have all their digits; NaN and Infinity are written as such.
         """
         return json.dumps(encode(self))
 
     def save(self, path: Path | str) -> None:
-        """Write the result to a file, whole or not at all.
+        """Write the result to a file; after an error there is no incomplete file.
 
         Parameters
         ----------
@@ -175,7 +174,7 @@ class SavedResult:
         Raises
         ------
         ParameterError
-            There is no such file, or it holds something else.
+            There is no such file, or it contains something else.
         """
         path = Path(path)
         require(path.suffix in FORMATS, "path", str(path), f"a name in {' or '.join(FORMATS)}")

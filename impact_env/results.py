@@ -182,11 +182,17 @@ class Record:
 class ResponseLevel:
     """Response level of a run.
 
-    ``value``: RMS in m. ``time`` (s) and ``frequency_ratio`` (to the reference): those of the
-    maximum. ``max_tip``: largest displacement in m.
+    The place is that of the absorber on the beam (`Beam.absorber_position`), or the place of the
+    response (`Beam.response_position`).
 
-    The tip is the absorber's place on the beam (`Beam.absorber_position`), or the place where the
-    level is read (`Beam.response_position`).
+    Attributes
+    ----------
+    value : float
+        RMS of the displacement in the window around its maximum, in m.
+    time, frequency_ratio : float
+        Time in s and frequency over the reference's at the maximum.
+    max_tip : float
+        Largest |displacement| in m.
     """
 
     value: float
@@ -197,9 +203,20 @@ class ResponseLevel:
 
 @dataclass(frozen=True, eq=False)
 class EnergyAccount:
-    """Work of the force, losses and stored energy in J over a run.
+    """Work of the force, losses and stored energy in J over a run (paper, Eqs. Einst and edmi).
 
-    See Eqs. Einst and edmi of the paper. ``modal_loss`` has the shape (N_m,).
+    Attributes
+    ----------
+    work : float
+        Work of the force.
+    modal_loss : array, (N_m,)
+        Loss by the damping of each mode.
+    friction_loss, impact_loss : float
+        Losses by friction and by impacts.
+    absorber_damping : float
+        Loss in the damper of a tuned absorber or of compliant walls.
+    stored_at_start, stored_at_end : float
+        Energy of the state at both ends of the run.
     """
 
     work: float
@@ -212,7 +229,7 @@ class EnergyAccount:
 
     @property
     def balance_error(self) -> float:
-        """Work less losses less gain of stored energy, in J."""
+        """Work less losses less increase of the stored energy, in J."""
         losses = (
             float(np.sum(self.modal_loss))
             + self.friction_loss
@@ -239,14 +256,23 @@ INSTANT_TOL = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Impacts(TableResult):
-    """Impacts of a run; all arrays are (K,).
+    """Impacts of a run, in the order of time.
 
-    ``time`` (s), ``relative_velocity``: absorber - tip before the impact (m/s), ``impulse``: on the
-    absorber (N s), ``energy_lost`` (J).
+    Impacts of several absorbers at one instant have no unique outcome in rigid-body mechanics: they
+    are computed and listed one after the other, in the order of the absorbers (`simultaneous`).
 
-    ``absorber`` says which absorber it was, counted from 0. Impacts of several absorbers at one
-    instant have no unique outcome in rigid-body mechanics: they are taken one after the other, in
-    the order of the absorbers, and stand in that order (`simultaneous`).
+    Attributes
+    ----------
+    time : array, (K,)
+        Times in s.
+    relative_velocity : array, (K,)
+        Velocity absorber - tip before the impact in m/s.
+    impulse : array, (K,)
+        Impulse on the absorber in N s.
+    energy_lost : array, (K,)
+        Energy lost in J.
+    absorber : array of int, (K,)
+        Number of the absorber, counted from 0.
     """
 
     time: Array
@@ -257,10 +283,9 @@ class Impacts(TableResult):
 
     @property
     def simultaneous(self) -> NDArray[np.bool_]:
-        """Whether an impact (K,) is simultaneous with one of another absorber.
+        """Whether each impact (K,) is simultaneous with one of another absorber next to it.
 
-        Impacts are simultaneous up to `INSTANT_TOL`. The other impact is the previous or the next
-        one in the list.
+        Impacts are simultaneous if their times differ by at most `INSTANT_TOL`.
         """
         close = np.diff(self.time) <= INSTANT_TOL * self.time[1:]
         close &= np.diff(self.absorber) != 0
@@ -279,12 +304,17 @@ class Impacts(TableResult):
 
 @dataclass(frozen=True, eq=False)
 class ContactPhases(TableResult):
-    """Joined phases of a run; all arrays are (K,).
+    """Joined phases of a run.
 
-    ``start`` and ``end`` (s), ``kind``: 0 stuck inside the cavity, 1 held at the lower wall, 2 at
-    the upper wall.
-
-    ``absorber`` says which absorber it was, counted from 0.
+    Attributes
+    ----------
+    start, end : array, (K,)
+        Times in s.
+    kind : array of int, (K,)
+        0: the absorber sticks inside the cavity, 1: wall contact at the lower wall, 2: at the
+        upper.
+    absorber : array of int, (K,)
+        Number of the absorber, counted from 0.
     """
 
     start: Array
@@ -304,9 +334,16 @@ class ContactPhases(TableResult):
 
 @dataclass(frozen=True, eq=False)
 class Reversals:
-    """Times (K,) in s at which the relative velocity of a moving absorber is zero.
+    """Times at which the relative velocity of a moving absorber is zero.
 
-    Friction then reverses its direction or sticks. ``absorber`` as in `ContactPhases`.
+    Friction then reverses its direction, or the absorber sticks.
+
+    Attributes
+    ----------
+    time : array, (K,)
+        Times in s.
+    absorber : array of int, (K,)
+        Number of the absorber, counted from 0.
     """
 
     time: Array
@@ -315,12 +352,18 @@ class Reversals:
 
 @dataclass(frozen=True, eq=False)
 class History(TableResult):
-    """State of a run at its samples.
+    """State of a run at its S samples.
 
-    ``time`` (S,) in s, modal displacement and velocity (S, N_m), absorber displacement and velocity
-    (S,), and tip shape (N_m,).
-
-    Several absorbers have a column each: (S, n).
+    Attributes
+    ----------
+    time : array, (S,)
+        Times in s.
+    modal_displacement, modal_velocity : array, (S, N_m)
+        Modal displacements in sqrt(kg) m and velocities in sqrt(kg) m/s.
+    absorber_displacement, absorber_velocity : array, (S,) or (S, n)
+        Displacements in m and velocities in m/s of one absorber, or of n absorbers.
+    tip_shape : array, (N_m,)
+        Mode shapes at the tip in 1/sqrt(kg).
     """
 
     time: Array
@@ -358,9 +401,14 @@ class History(TableResult):
 
 @dataclass(frozen=True, eq=False)
 class Envelope(TableResult):
-    """Smallest and largest displacement in m, (B,) each, where the level is read.
+    """Least and largest displacement in B parts of a run, at the place of the response level.
 
-    They are those between ``edges`` (B + 1,) in s, and NaN without a sample.
+    Attributes
+    ----------
+    edges : array, (B + 1,)
+        Times in s between the parts.
+    low, high : array, (B,)
+        Least and largest displacement in m, NaN in a part without a sample.
     """
 
     edges: Array
@@ -379,12 +427,18 @@ class Envelope(TableResult):
 
 @dataclass(frozen=True, eq=False)
 class SearchCheck:
-    """What dense sampling of the guard signals says of the exact method's event searches.
+    """Check of the exact method's event searches by dense sampling of the guard signals.
 
-    ``searches`` checked and ``misses`` among them; ``worst``: the largest violation, a share of the
-    clearance (0 wall or spring passed), of the terms that the relative velocity is the sum of (1
-    sliding in the wrong sense), or of those of the joint force (2 out of its bounds). ``times``
-    (s), ``kinds`` and ``sizes`` (K,) of the first misses.
+    Attributes
+    ----------
+    searches, misses : int
+        Number of checked searches, and of missed events.
+    worst : float
+        Largest violation: relative to the clearance (kind 0, a wall or spring is passed), to the
+        terms of the relative velocity (kind 1, sliding in the wrong direction), or to those of the
+        joint force (kind 2, out of its bounds).
+    times, kinds, sizes : array, (K,)
+        Times in s, kinds and violations of the first misses.
     """
 
     searches: int
@@ -408,10 +462,10 @@ def html_table(title: str, rows: Iterable[tuple[str, str]]) -> str:
 
 
 class RecordedParts:
-    """The parts of a response without None: each attribute has the name of one in `Response`.
+    """The parts of a response without None; each attribute has the name of a part of `Response`.
 
-    Raises ParameterError for a part that the run has not recorded, with the `Record` that records
-    it.
+    Raises ParameterError for a part that the run has not recorded; the message names the `Record`
+    needed.
     """
 
     def __init__(self, response: Response) -> None:
@@ -466,8 +520,8 @@ class Response(SavedResult, TableResult):
 
     Attributes
     ----------
-    scene, drive, method
-        What was integrated.
+    scene, drive, method : Scene, Drive or Loads, Exact or Moreau or RungeKutta
+        Arguments of the run.
     end_state : array, (2 N_m + 2 n,)
         State at the end, as `InitialState.vector`. `final_state` starts another run from it.
     impact_count : int
@@ -517,7 +571,7 @@ class Response(SavedResult, TableResult):
 
     @property
     def recorded(self) -> RecordedParts:
-        """The recorded parts without None: ``response.recorded.history.time``.
+        """The recorded parts, whose types exclude None: ``response.recorded.history.time``.
 
         Raises ParameterError for a part that was not recorded.
         """
@@ -606,11 +660,10 @@ class Response(SavedResult, TableResult):
         return self.recorded.history.to_columns()
 
     def displacement_columns(self) -> tuple[Array, Array, Array]:
-        """Return times (B,) in s, and smallest and largest displacement (B,) in m.
+        """Return times (B,) in s, and smallest and largest displacement (B,) in m around each time.
 
-        The displacements are those around each time where the level is read.
-
-        Raises ParameterError if the run has recorded neither its series nor an envelope.
+        The place is that of the response level. Raises ParameterError if the run has recorded
+        neither its series nor an envelope.
         """
         envelope = self.envelope
         if envelope is not None:

@@ -23,7 +23,7 @@ def _are_multiples(times: Array, places: Array | float) -> bool:
 def possible_roundings(times: Array) -> Iterator[Array]:
     """Yield the possible rounding steps (K,) in s of times (K,) in s.
 
-    They are those of a decimal place, of a number of digits and of a shorter float.
+    They are steps of a decimal place, of a number of significant digits, and of a shorter float.
     """
     for kind in (np.float16, np.float32):
         with np.errstate(over="ignore"):
@@ -41,10 +41,7 @@ def possible_roundings(times: Array) -> Iterator[Array]:
 
 
 def is_even(times: Array) -> bool:
-    """Return whether ascending times (K,) in s are even.
-
-    They are compared up to the rounding with which they were written.
-    """
+    """Return whether ascending times (K,) in s are even, up to rounding as written."""
     steps = len(times) - 1
     step = float(times[-1] - times[0]) / steps
     error = np.abs(times - times[0] - step * np.arange(len(times)))
@@ -66,10 +63,7 @@ def even_times(count: int, duration: float) -> Array:
 
 
 def find_uneven(times: Array) -> int:
-    """Return the index of the first time that ends an unequal step.
-
-    The times are not even.
-    """
+    """Return the index of the first time that ends an unequal step, for times that are not even."""
     steps = np.diff(times)
     error = np.abs(steps - np.median(steps))
     odd = np.flatnonzero(error > np.max(error) / 2)

@@ -117,7 +117,7 @@ class Scene:
 
     @property
     def places(self) -> int:
-        """Number of absorbers in a state vector: one, also without an absorber, or several."""
+        """Number of absorbers in a state vector, which is 1 for a scene without absorber, too."""
         return len(self.absorber.absorbers) if isinstance(self.absorber, SeveralAbsorbers) else 1
 
     @property
@@ -149,7 +149,7 @@ class Scene:
         return self.model.tip_shape[None, :] if shapes is None else shapes
 
     def cavity(self, which: int) -> RigidWallLaw | None:
-        """Return the rigid walls of an absorber (counted from 0), or None."""
+        """Return the rigid walls of absorber ``which`` (counted from 0), or None."""
         one = (
             self.absorber.absorbers[which]
             if isinstance(self.absorber, SeveralAbsorbers)
@@ -170,23 +170,23 @@ def beam_scene(beam: Structure | None = None, absorber: Absorber | None = None) 
     beam : Beam or ModalModel, optional
         Beam, or the modal model of any structure (see `load_structure`). Default: the paper's beam.
     absorber : optional
-        What `impact_absorber`, `friction_damper`, `tuned_absorber` or `impact_absorbers` return, a
-        `StuckAbsorber` or a `NonlinearSink`. None: the structure alone.
+        Result of `impact_absorber`, `friction_damper`, `tuned_absorber` or `impact_absorbers`, or a
+        `StuckAbsorber` or `NonlinearSink`. None: the structure alone.
 
     Returns
     -------
     Scene
-        What `simulate` integrates.
+        The scene, an argument of `simulate`.
 
     Raises
     ------
     ParameterError
-        An argument is of another class, or the beam's values fit no modal model.
+        An argument is of another class, or the beam has no modal model.
 
     Warns
     -----
     UserWarning
-        A gap is more than a tenth of the beam's length, as one that was meant in mm.
+        A gap is more than a tenth of the beam's length, perhaps because it is in mm.
 
     Examples
     --------
@@ -253,7 +253,7 @@ class InitialState:
     Raises
     ------
     ParameterError
-        A value is not finite. `simulate` also refuses a wrong length, and a place outside the
+        A value is not finite. `simulate` also refuses a wrong length, and an absorber outside the
         cavity.
 
     Examples
@@ -279,11 +279,9 @@ class InitialState:
     def from_vector(cls, scene: Scene, vector: NDArray[np.float64]) -> "InitialState":
         """Return the state of a vector (2 N_m + 2 n,), such as the end state of a run.
 
-        It is the inverse of `vector`.
-
-        An absorber that rounding put beyond a rigid wall is put on it. The force of an elastic
-        slider is no part of a state: it starts at 0. Raises ParameterError for a vector of another
-        length.
+        It is the inverse of `vector`. An absorber beyond a rigid wall by rounding is moved onto the
+        wall. The force of an elastic slider is not part of a state: it starts at 0. Raises
+        ParameterError for a vector of another length.
         """
         n = scene.model.modes
         places = scene.places
@@ -305,13 +303,11 @@ class InitialState:
         return cls(state[:n], state[half : half + n], displacements, velocities)
 
     def vector(self, scene: Scene) -> NDArray[np.float64]:
-        """Return the state as a vector (2 N_m + 2 n,).
+        """Return the state as a vector (2 N_m + 2 n,) for a scene.
 
         It has the modal displacements, the displacements of the n absorbers, the modal velocities,
-        and the velocities of the absorbers.
-
-        Without an absorber n is 1 as well. Raises ParameterError on a wrong length, or a start
-        outside the cavity.
+        and the velocities of the absorbers; n is 1 without an absorber, too. Raises ParameterError
+        for a wrong length, or an absorber outside the cavity.
         """
         n = scene.model.modes
         places = scene.places

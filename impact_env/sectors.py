@@ -2,8 +2,8 @@
 
 They are levels, localisation, energies by nodal diameter, and the amplification by mistuning.
 
-A run of a cyclic structure (`structures.cyclic`) is made in parts of bounded size, of which only
-sums are kept, so that memory does not grow with the duration.
+A run of a cyclic structure (`structures.cyclic`) is made in parts of bounded size. Only sums of
+each part are stored, so memory does not grow with the duration.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ class DiameterEnergies(SavedResult):
 
 @dataclass(frozen=True, eq=False)
 class SectorWindows(SavedResult):
-    """What the N sectors and n absorbers do in each of B equal windows of a run.
+    """Motion of the N sectors and impacts of the n absorbers in each of B equal windows of a run.
 
     Parameters
     ----------
@@ -197,8 +197,16 @@ class SectorWindows(SavedResult):
 class SectorResponse(SavedResult):
     """Result of `simulate_sectors`.
 
-    It has levels by sector, measures of each window (None without windows), the state at the end,
-    and the number of impacts.
+    Attributes
+    ----------
+    levels : SectorLevels
+        Response levels by sector.
+    windows : SectorWindows or None
+        Measures of each window, None without windows.
+    final_state : InitialState
+        State at the end.
+    impact_count : int
+        Impacts of all absorbers.
     """
 
     levels: SectorLevels
@@ -247,10 +255,8 @@ def linear_sector_response(
 ) -> Complex:
     """Return the complex displacement (L, N) in m/N of each sector without absorbers.
 
-    ``omega`` (L,): frequencies in rad/s.
-
-    The other arguments and errors are those of `CyclicStructure.model`; undamped resonances are
-    infinite.
+    ``omega`` (L,) are frequencies in rad/s. The other arguments and errors are those of
+    `CyclicStructure.model`. The displacement is infinite at an undamped resonance.
     """
     model = disk.model(engine_order, direction, modes)
     allowed = "finite frequencies in rad/s"
@@ -314,7 +320,8 @@ def diameter_energies(
     Parameters
     ----------
     disk : CyclicStructure
-        The disk; its mistuning counts in the run's modes, not in those that energies refer to.
+        The disk. The modes of the states are those of the mistuned disk, and the energies refer to
+        the modes of the tuned disk.
     displacement, velocity : array_like, (S, N_m)
         Modal displacements in sqrt(kg) m and velocities in sqrt(kg) m/s, such as those of a
         `History`.
@@ -322,7 +329,7 @@ def diameter_energies(
     Raises
     ------
     ParameterError
-        The arrays have not the same size, or more columns than the disk has modes.
+        The arrays differ in size, or have more columns than the disk has modes.
 
     Examples
     --------
@@ -471,7 +478,7 @@ def simulate_sectors(
     Parameters
     ----------
     disk : CyclicStructure
-        The disk; its ``response`` freedom is where levels are read.
+        The disk; levels are those of its ``response`` freedom.
     scene : Scene
         The disk with its absorbers and forces (`CyclicStructure.scene`), or without absorbers.
     drive : Drive or Loads
@@ -494,7 +501,7 @@ def simulate_sectors(
     Raises
     ------
     ParameterError
-        As `simulate`, or the scene has not the modes of the disk.
+        As `simulate`, or the scene does not have the modes of the disk.
     IntegrationError, Stopped
         As `simulate`; the error carries the response of the part that failed.
 

@@ -10,23 +10,24 @@ In scaled coordinates sqrt(m_a) x_a the masses are 1, psi_a = sqrt(m_a) phi_a, a
 with one row and column for each mass, has a null vector y; v_i = psi_i y/d_i is the beam's share.
 kappa = (k + c s)/m is a spring's, without a spring 1/kappa = 0.
 
-W is large and cancels where a mode hardly feels the masses. So each eigenvalue is solved for in the
-coordinate that moves most in it, its *lead*, the others being eliminated: for the mode j
+W is large and loses digits by cancellation if a mode is weakly coupled to the masses. Each
+eigenvalue is therefore computed in the coordinate with the largest share of its eigenvector, its
+*lead*; the others are eliminated. For the mode j
 
     f_j(s) = d_j(s) + R_j(s) = 0,    R_j = psi_j^T W_j(s)^-1 psi_j,
     y = -W_j^-1 psi_j,    v_j = 1,
 
-W_j being W without the mode j, and likewise s^2 + kappa + R_a for a mass on a spring. R is small
-and smooth where the coupling is weak. The unknown is the offset from the lead's own pole, so that
+where W_j is W without the mode j, and likewise s^2 + kappa + R_a for a mass on a spring. R is small
+and smooth if the coupling is weak. The unknown is the offset from the lead's own pole, so that
 neither d_j nor a small offset loses digits. Mass, damping and stiffness matrices are symmetric, so
-left and right eigenvectors agree, and f_j' is what they are normalised with.
+left and right eigenvectors are equal; they are normalised by f_j'.
 
-Two eigenvalues that (almost) coincide on the real axis, as those of a critically damped mode do,
+Two eigenvalues that (almost) coincide on the real axis, such as those of a critically damped mode,
 have no modal form. Their part of exp(A t) is that of a 2 x 2 matrix with eigenvalues a +- sqrt(-b),
-an analytic function of b. Its two vectors are found with a small constant added to f that makes b
-what it is, or, where b < 0, from three such beside it. The slots then have b = (SPLIT |s|)^2, four
-and nine times that, weighted so that what is of second order in b is right: the error is of sixth
-order in SPLIT, 1e-13, and rounding grows by 1/SPLIT only.
+an analytic function of b. A small constant added to f gives b a wanted value. The part is
+extrapolated to its own b from three sets of slots with b = (SPLIT |s|)^2 and four and nine times
+this value, with weights that are exact up to the second order in b. The error is of sixth order in
+SPLIT, 1e-13, and rounding errors grow only by 1/SPLIT.
 """
 
 from dataclasses import dataclass
@@ -68,7 +69,7 @@ def raise_off_axis(size: Real, square: Real) -> list[tuple[Real, Real]]:
 
 
 def concatenate(parts: list[SameDataclass]) -> SameDataclass:
-    """Return the arrays of several parts, objects of one dataclass, one after the other."""
+    """Return an object whose arrays are those of several ``parts``, concatenated."""
     return type(parts[0])(
         *(
             np.concatenate(values)
@@ -81,10 +82,18 @@ def concatenate(parts: list[SameDataclass]) -> SameDataclass:
 class Coupling:
     """Oscillators (N,) and their coupling.
 
-    They are the beam's n modes, followed by a mass on its spring if ``sprung``. ``psi`` (p, n)
-    couples the n modes to p masses.
+    They are the beam's n modes, followed by a mass on its spring if ``sprung``.
 
-    ``omega`` in rad/s, ``ratio`` dimensionless damping.
+    Attributes
+    ----------
+    omega : array, (N,)
+        Frequencies in rad/s.
+    ratio : array, (N,)
+        Damping ratios.
+    psi : array, (p, n)
+        Coupling of the n modes to p masses.
+    sprung : bool
+        Whether a mass is on a spring.
     """
 
     omega: Real
@@ -136,12 +145,20 @@ class Coupling:
 
 @dataclass(frozen=True, eq=False)
 class PoleOffsets:
-    """Leads and reference points of J eigenvalues.
+    """Leads and reference points of J eigenvalues, with f = constant + offset (offset + slope) + R.
 
-    ``lead`` (J,): lead of each eigenvalue. ``point`` (J,): the point p from which offsets are
-    measured: f = constant + offset (offset + slope) + R.
-
-    ``d`` (J, n): d_i(p) of the modes; ``turn`` (J, N): p + rate.
+    Attributes
+    ----------
+    lead : array of int, (J,)
+        Lead of each eigenvalue.
+    point : array, (J,)
+        Point p from which the offset is measured.
+    constant, slope : array, (J,)
+        Coefficients of f.
+    d : array, (J, n)
+        d_i(p) of the modes.
+    turn : array, (J, N)
+        p + rate of the oscillators.
     """
 
     lead: Index
@@ -197,7 +214,7 @@ class Elimination:
 
 
 def eliminate(c: Coupling, leads: PoleOffsets, offset: Complex) -> Elimination:
-    """Return f and what belongs to it where offsets (J,) from the leads' points are given."""
+    """Return f, its derivative and the vectors at offsets (J,) from the leads' points."""
     count = len(offset)
     n = c.modes
     p = len(c.psi)
@@ -274,7 +291,7 @@ def solve_secular(c: Coupling, leads: PoleOffsets, offset: Complex, most: float)
 def solve_at_imaginary_part(c: Coupling, leads: PoleOffsets, height: Real) -> tuple[Complex, Real]:
     """Return offsets from real points at which f is real, and -f at these offsets, (J,).
 
-    The offsets have the imaginary part ``height``. -f is the perturbation.
+    The offsets have the imaginary part ``height``. -f is the constant that moves the root there.
     """
     offset = np.array(1j * height, dtype=np.complex128)
     for _ in range(ITERATIONS):
@@ -288,13 +305,22 @@ def solve_at_imaginary_part(c: Coupling, leads: PoleOffsets, height: Real) -> tu
 
 @dataclass(frozen=True, eq=False)
 class Eigen:
-    """Eigenvalues (J,) and right eigenvectors.
+    """Eigenvalues and eigenvectors, J of them.
 
-    They are modes ``v`` (J, n), scaled masses ``z`` (J, p), and the spring's ``stretch`` (J,).
+    The motion is the sum over the slots of real parts, doubled for complex eigenvalues.
 
-    Left eigenvectors, normalised: ``by_displacement``, ``by_velocity`` (J, N) of the oscillators,
-    ``by_force`` (J, n) on the modes, ``by_pull`` (J,) of the scaled masses against their places.
-    Real parts of a slot, twice where it is complex, are to be summed.
+    Attributes
+    ----------
+    s : array, (J,)
+        Eigenvalues in 1/s.
+    v, z, stretch : array, (J, n), (J, p) and (J,)
+        Right eigenvectors: modes, scaled masses, and the spring's stretch.
+    by_displacement, by_velocity : array, (J, N)
+        Normalised left eigenvectors over the oscillators.
+    by_force : array, (J, n)
+        Left eigenvectors over forces on the modes.
+    by_pull : array, (J,)
+        Left eigenvectors over a force between the scaled masses and their places.
     """
 
     s: Complex
@@ -384,7 +410,7 @@ def _vectors_at_height(c: Coupling, leads: PoleOffsets, offset: Complex) -> list
 
 
 def _sum_weighted(shares: tuple[Real, ...], parts: list[tuple[Real, Real]]) -> tuple[Real, Real]:
-    """Return x and y summed with shares (J,) of the first axis."""
+    """Return x and y summed over ``parts``, each weighted by its share (J,)."""
     x, y = (
         sum(
             np.where(share != 0, share * part[k].T, 0).T
@@ -417,7 +443,7 @@ def _square(c: Coupling, leads: PoleOffsets) -> Real:
 def close_pairs(c: Coupling, lead: Index, place: Complex) -> Eigen:
     """Return the slots of pairs of close eigenvalues.
 
-    ``place`` (J,) is near the upper eigenvalue or, for real ones, near their middle.
+    ``place`` (J,) is near the upper eigenvalue, or near the middle of two real eigenvalues.
     """
     leads = offset_from_points(c, lead, place.real.astype(np.complex128))
     size = np.abs(place)

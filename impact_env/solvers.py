@@ -1,8 +1,7 @@
 """Solvers of a scene and a method, and their kernels.
 
-The table `CAPABILITIES` lists which scenes each method can simulate.
-
-No other module asks which method can do which kind of scene.
+The table `CAPABILITIES` lists which scenes each method can simulate. No other module distinguishes
+methods by the kind of scene.
 """
 
 import math
@@ -99,7 +98,7 @@ MOST_BYTES_CACHED = 64 * 2**20
 
 
 def variant_key(law: object) -> object:
-    """Return whether a law is absent; of one that has parts which may be, which of them are."""
+    """Return the key of a law by which kernels differ: None, or which of its parts are present."""
     return tuple(map(variant_key, law)) if isinstance(law, tuple) else law is None
 
 
@@ -107,11 +106,18 @@ def variant_key(law: object) -> object:
 class Solver(ABC):
     """Kernels for some kinds of scenes.
 
-    ``lane`` makes a single run. ``lanes`` advances many runs under control (None: there is no such
-    kernel).
-
-    ``laws``: parts of a scene without which the kernels are others, None where absent.
-    ``searched``: whether its events are searched for.
+    Attributes
+    ----------
+    name : str
+        Name of the solver.
+    lane : callable
+        Kernel of a single run.
+    lanes : callable or None
+        Kernel that advances many runs under control, None if there is none.
+    laws : callable
+        Returns the parts of a scene that decide which kernels are compiled, None where absent.
+    searched : bool
+        Whether events are searched for.
     """
 
     name: str
@@ -123,10 +129,9 @@ class Solver(ABC):
     def key(self, scene: Scene, drive: Excitation | None = None) -> tuple[object, ...]:
         """Return a key of the compiled kernels of a run.
 
-        Runs with the same record have equal keys exactly if the same kernels simulate them.
-        ``drive`` None: a single force.
-
-        It holds all that is None or not in the kernels' arguments: laws and loads.
+        Runs with the same record have equal keys exactly if the same kernels simulate them. The key
+        consists of the laws and loads that are absent from the kernels' arguments. ``drive`` None
+        stands for a single force.
         """
         return self.name, variant_key(self.laws(scene)), drive is not None and drive.in_pieces
 
@@ -134,12 +139,10 @@ class Solver(ABC):
     def run(
         self, scene: Scene, drive: Excitation, method: Any, state: Array, observe: Observers
     ) -> int:
-        """Integrate over the whole schedule and return a status code.
+        """Integrate over the whole schedule and return a status code of `kernels.motion.observers`.
 
-        The codes are those of `impact_env.kernels.motion.observers`.
-
-        ``state`` (2 N_m + 2 n,) is the start and becomes the end. ``observe``, with a new clock, is
-        filled. A slider of elastic friction starts without force.
+        ``state`` (2 N_m + 2 n,) is the start, and is overwritten by the end. ``observe`` must have
+        a new clock and is filled. A slider of elastic friction starts without force.
         """
 
     @abstractmethod
@@ -148,9 +151,8 @@ class Solver(ABC):
     ) -> Callable[[WorkQueue, int, int], bool]:
         """Return the kernel of `kernels.control.lanes` that advances lanes.
 
-        ``pseudo_period`` in s. The kernel advances the lanes by the intervals of their orders.
-
-        It has memory of its own, so each thread needs one.
+        It advances lanes by the intervals of their orders. ``pseudo_period`` is in s. The kernel
+        has its own memory, so each thread needs one.
         """
 
     def slots(self, scene: Scene, pseudo_period: float) -> int:
@@ -178,12 +180,12 @@ def compute_window_length(drive: Excitation) -> float:
 
 
 def has_bases(drive: Excitation) -> bool:
-    """Return whether a drive of `split_forces` moves a base, or has forces in its place."""
+    """Return whether a drive of `split_forces` moves a base, or has forces computed as bases."""
     return any(piece.moves_base or piece.channel > 0 for piece in drive.pieces())
 
 
 def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
-    """Return a drive as the exact kernels take it, in windows of at most ``reach`` (s)."""
+    """Return a drive in the form of the exact kernels, in windows of at most ``reach`` (s)."""
     if isinstance(drive, Loads):
         times, pieces, which, channel = drive.on_one_clock()
         base = build_base_motion(scene, bool(channel.any()))
@@ -203,9 +205,9 @@ def build_schedule(scene: Scene, drive: Excitation, reach: float) -> Schedule:
 
 
 def build_base_motion(scene: Scene, moves: bool) -> loads.BaseParticipation:
-    """Return the participations of a scene's modes and absorbers in the motions of its bases.
+    """Return the participations of modes and absorbers in the motions of the bases.
 
-    They are zero if no base ``moves``.
+    They are zero unless a base ``moves``.
     """
     model = scene.model
     several = isinstance(scene.absorber, SeveralAbsorbers)
@@ -219,10 +221,7 @@ def build_base_motion(scene: Scene, moves: bool) -> loads.BaseParticipation:
 
 
 def build_losses(scene: Scene) -> Losses:
-    """Return the losses of a scene.
-
-    They have the shapes at force and tip, the modes' damping, and a tuned absorber's damper.
-    """
+    """Return the shapes at force and tip, the modes' damping and a tuned absorber's damper."""
     model = scene.model
     absorber = scene.absorber
     damper = absorber.damping if isinstance(absorber, TunedAbsorber) else 0.0
@@ -274,7 +273,7 @@ def count_bytes(value: Any) -> int:
 
 
 class RegimeCache:
-    """Cache of the results of functions by their arguments.
+    """Cache of the results of functions by their arguments; a decorator.
 
     The least recently used results are removed if all together have more than ``most_bytes``.
     """
@@ -287,11 +286,11 @@ class RegimeCache:
 
     @property
     def bytes(self) -> int:
-        """Size of all results that are held."""
+        """Size of all stored results in bytes."""
         return self._bytes
 
     def __call__(self, function: Callable[P, R]) -> Callable[P, R]:
-        """Return the function, with its results held."""
+        """Return the function with stored results."""
 
         @wraps(function)
         def cached(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -324,11 +323,15 @@ cache_regimes = RegimeCache(MOST_BYTES_CACHED)
 class ExactSolver(Solver):
     """Solver of the exact method.
 
-    ``take`` returns the kernels' arguments for a scene, the wanted reach in s, whether the base
-    moves, and the drive (None: under control).
-
-    ``regime``: the one of it whose slots a lane under control keeps. ``new_memory`` makes a
-    thread's memory for ``lanes``.
+    Attributes
+    ----------
+    take : callable
+        Returns the kernels' arguments of a scene, the wanted reach in s, whether the base moves,
+        and the drive (None: under control).
+    regime : callable
+        Returns the regime whose modal amplitudes a lane under control stores between intervals.
+    new_memory : callable
+        Returns a thread's memory for ``lanes``.
     """
 
     take: Callable[[Scene, float, bool, Excitation | None], KernelArguments]
@@ -399,10 +402,8 @@ def rigid_regimes(
 def _laws_rigid(scene: Scene) -> tuple[Walls, float | None]:
     """Return walls and friction limit (N, None without friction).
 
-    Absent walls are replaced by walls that are out of reach.
-
-    A friction damper with such walls runs as fast as one without, to the same digits, and needs no
-    kernels of its own.
+    Absent walls are replaced by walls at infinite distance: the result is the same to the last
+    digit at the same speed, and no further kernels are compiled.
     """
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
@@ -446,11 +447,10 @@ def _springs(scene: Scene) -> ContactStiffness:
 def wall_damper(scene: Scene) -> float:
     """Return the damper parallel to the spring of compliant walls in N s/m.
 
-    It follows from the walls' coefficient of restitution.
-
-    Two bodies that meet freely on a spring k and a damper c separate with e = exp(-pi zeta / sqrt(1
-    - zeta^2)) of their velocity, where c = 2 zeta sqrt(k m) and 1/m = 1/m_a + sum phi_i^2
-    (Brogliato, Nonsmooth Mechanics, 2016, section 2.1).
+    It follows from the coefficient of restitution. Two free bodies that collide through a spring k
+    and a damper c separate with e = exp(-pi zeta/sqrt(1 - zeta^2)) of their velocity, where c = 2
+    zeta sqrt(k m) and 1/m = 1/m_a + sum phi_i^2 (Brogliato, Nonsmooth Mechanics, 2016, section
+    2.1).
     """
     absorber = scene.absorber
     assert isinstance(absorber, SlidingAbsorber)
@@ -467,9 +467,7 @@ def compliant_regimes(
     """Return the regimes of compliant contact, and the reach of their tables in s.
 
     They are the free regime and those with the wall's spring, with the friction's spring, and with
-    both.
-
-    An absent spring's regime repeats another.
+    both. If a spring is absent, its regime is a copy of another one.
     """
     model = scene.model
     mass = scene.absorber_mass
@@ -736,9 +734,8 @@ def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
 class SteppingSolver(Solver):
     """Solver of a method with a fixed step.
 
-    ``laws`` returns the absorber's laws for the kernels, and the padded width of the table.
-
-    The laws, and whether there are loads, are values: one kernel does all scenes.
+    ``laws`` returns the absorber's laws for the kernels, and the padded width of the table. Laws
+    and loads are values of the kernel's arguments, so one kernel simulates all scenes.
     """
 
     def key(self, scene: Scene, drive: Excitation | None = None) -> tuple[object, ...]:
@@ -794,12 +791,18 @@ RUNGE_KUTTA_SOLVER = SteppingSolver(
 
 @dataclass(frozen=True)
 class Capability:
-    """Capability of a method for a kind of scene.
+    """Whether and how a method simulates a kind of scene.
 
-    It has a ``solver``, or None and a text ``refusal`` that names an alternative.
-
-    ``moves_base``: whether it can do a base that moves; ``general``: whether it can do gravity, and
-    forces that differ in phase.
+    Attributes
+    ----------
+    solver : Solver or None
+        The solver, None if the method cannot simulate the scene.
+    refusal : str
+        Text that names an alternative, without a solver.
+    moves_base : bool
+        Whether the base may move.
+    general : bool
+        Whether gravity, and forces that differ in phase, are allowed.
     """
 
     solver: Solver | None

@@ -1,9 +1,7 @@
 """Runs: from scene, drive and method to a response.
 
-All runs are made in this module. Only what is requested is computed and stored.
-
-Here are also what goes with a run: its budget, its progress, its lists of events, and how another
-thread stops it.
+All runs are made in this module. Only requested results are computed and stored. The module also
+has the parts of a run: its budget, its progress, its lists of events, and the order to stop.
 """
 
 import ctypes
@@ -117,14 +115,14 @@ class Stop:
 
 
 class IntegrationError(RuntimeError):
-    """A run could not be finished; the message says why, when, and what to change.
+    """A run could not be finished; the message has the reason, the time, and what to change.
 
     Attributes
     ----------
     time : float or None
-        How far the run came in s. None: it was one of many runs under control.
+        Time reached in s. None: a run under control, among many.
     response : Response or None
-        What was recorded up to there. None: as above.
+        The response up to this time. None: a run under control.
     """
 
     def __init__(
@@ -136,7 +134,7 @@ class IntegrationError(RuntimeError):
 
 
 class Stopped(IntegrationError):  # noqa: N818 - no error of the run's
-    """A run was ended by the `Stop` that it was given."""
+    """A run was ended by its `Stop`."""
 
 
 FAILURE_REASONS = {
@@ -174,10 +172,9 @@ FAILURE_ADVICE = {
 class EventRecorder:
     """Recorder of the events of one run.
 
-    ``events`` is filled by the run's kernel. `found` returns the recorded events.
-
-    A kernel that has used all places of a list calls `empty`, with Python's lock. What goes wrong
-    there, or a KeyboardInterrupt that arrives there, ends the run and is raised by `close`.
+    ``events`` is filled by the run's kernel, which calls `empty`, with Python's lock, when a list
+    is full. `join_lists` returns the recorded events. An error in `empty`, or a KeyboardInterrupt
+    during it, ends the run and is raised by `close`.
     """
 
     def __init__(self, contacts: bool, reversals: bool, counters: Counters) -> None:
@@ -204,23 +201,23 @@ class EventRecorder:
                 self.events.counts[name] = 0
 
     def empty(self) -> None:
-        """Take the records out of all lists."""
+        """Move the records out of the kernel's lists."""
         for name, chunks in self._chunks.items():
             used = self.events.counts[name]
             chunks.append(getattr(self.events, name)[:used].copy())
             self.events.counts[name] = 0
 
     def close(self) -> None:
-        """Take the last records, and raise an error that occurred in `empty`.
+        """Move the last records out of the lists, and raise an error that occurred in `empty`.
 
-        No kernel may run any more.
+        The kernel must have ended.
         """
         if self._error is not None:
             raise self._error
         self.empty()
 
     def join_lists(self) -> tuple[Impacts | None, ContactPhases | None, Reversals | None]:
-        """Return impacts, contact phases and reversals, None where they were not listed."""
+        """Return impacts, contact phases and reversals, None if they were not recorded."""
         impacts, phases, reversals = map(np.concatenate, self._chunks.values())
         return (
             Impacts(
@@ -245,10 +242,9 @@ def new_run_counters(
 ) -> Counters:
     """Return a run's counters with its budget.
 
-    ``most_events`` None: the default budget, which grows with the time reached.
-
-    Evaluations are EVALUATIONS_PER_EVENT for each event; where events are given, as many for each
-    pseudo period that has passed, too.
+    ``most_events`` None: the default budget, which grows with the time reached. A run may use
+    EVALUATIONS_PER_EVENT evaluations for each event of the budget, and with a given budget as many
+    for each pseudo period.
     """
     events = FIRST_EVENTS
     per_period = EVENTS_PER_PERIOD
@@ -268,10 +264,10 @@ def new_run_counters(
 
 
 def run_in_thread(work: Callable[[], T], counters: Counters, end: float, progress: Watcher) -> T:
-    """Do ``work`` in a thread and call ``progress`` ten times a second with the time reached.
+    """Call ``work`` in a thread, and ``progress(time, end)`` ten times a second, both in s.
 
     A KeyboardInterrupt, or an error in ``progress``, ends the kernel at its next event and is
-    passed on; one that is being compiled is left behind.
+    raised again. It does not wait for a compilation.
     """
     with ThreadPoolExecutor(1) as pool:
         try:
@@ -287,10 +283,7 @@ def run_in_thread(work: Callable[[], T], counters: Counters, end: float, progres
 
 
 def _balanced(scene: Scene, record: Record) -> bool:
-    """Return whether a run needs the kernel with energies, which also checks searches.
-
-    All other runs are recorded by a single kernel.
-    """
+    """Return whether a run needs the kernel that also computes energies and checks searches."""
     if record.energy or record.check:
         return True
     # an impact on a compliant wall with a damper: only the energies know its loss
@@ -299,7 +292,7 @@ def _balanced(scene: Scene, record: Record) -> bool:
 
 
 def _first_sample(time: Array, interval: float, *, after: bool = False) -> NDArray[np.int64]:
-    """Return the number of the first sample at times (B,) in s or later, or later than them."""
+    """Return the number of the first sample at times (B,) in s or later; if ``after``, later."""
     guess = np.maximum(np.floor(time / interval) - 1, 0)
     return (
         guess
@@ -311,7 +304,10 @@ def _first_sample(time: Array, interval: float, *, after: bool = False) -> NDArr
 
 
 def _series_range(drive: Excitation, record: Record, interval: float) -> tuple[int, int]:
-    """Return the first sample of the series and their number, 0 where none is recorded."""
+    """Return the number of the first sample of the series, and of all its samples.
+
+    The latter is 0 without series.
+    """
     every = int(np.floor(drive.schedule.times[-1] / interval * (1 + 1e-12) + 1e-6)) + 1
     if not isinstance(record.series, Window):
         return 0, every if record.series else 0
@@ -382,7 +378,7 @@ def simulate(
         State at time 0. Default: at rest, or the start that the loads define. A `Strike` among the
         loads adds its modal velocities to a given state.
     record : Record, optional
-        What to record. Default: the response level.
+        Parts of the response to record. Default: the response level.
     most_events : int, optional
         Budget of the exact method. Default: a million events, and 5,000 for each pseudo period that
         has passed. The event searches may use 40 evaluations for each event and each pseudo period.
@@ -492,7 +488,7 @@ def simulate(
 
 
 def _failure(response: Response, counters: Counters, status: int) -> IntegrationError:
-    """Return the error of a run that ended early: why, when, its use of the budget, and advice."""
+    """Return the error of a run that ended early: reason, time, use of the budget, and advice."""
     counts = counters.counts
     period = response.drive.schedule.pseudo_period
     at = float(counts["reached"])
@@ -576,7 +572,7 @@ def _check(check: CheckObserver | None) -> SearchCheck | None:
 
 
 def _history(scene: Scene, observe: Observers, reached: float | None) -> History:
-    """Return the samples, without those after the time reached (s) if that is not the end."""
+    """Return the samples up to the time ``reached`` (s), None: up to the end."""
     n = scene.model.modes
     rows = cast("StateSeries", observe.series).states
     first = int(observe.clock.first)

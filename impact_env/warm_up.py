@@ -2,11 +2,11 @@
 
 The command is ``python -m impact_env.warm_up [environments|all]``.
 
-numba compiles a kernel once for each combination of absent and present parts. These are the
-combinations that the main job meets or, with the word ``environments``, the Gymnasium environments
-with their default scenes; with ``all`` both, and the kernels with energies: what a wheel with
-kernels brings. Any other is compiled, and cached, when it is first used. Each combination is
-compiled by a process of its own, as many at a time as there are cores.
+numba compiles a kernel for each combination of absent and present parts. By default the
+combinations of the main job are compiled; with the word ``environments`` those of the Gymnasium
+environments with their default scenes; with ``all`` both, and the kernels with energies, as a wheel
+with kernels contains them. Other combinations are compiled, and cached, at their first use. Each
+combination is compiled by a process of its own, as many at a time as there are cores.
 """
 
 import signal
@@ -40,7 +40,7 @@ OTHER_JOBS = {"energies": Record(energy=True)}
 
 
 def main_job(records: dict[str, Record] = RECORDS) -> Jobs:
-    """Return the main job's variants, each a tiny run on a small beam."""
+    """Return the variants of the main job by name, each a very short run on a small beam."""
     return [
         (
             f"{name}: {what}",
@@ -52,7 +52,7 @@ def main_job(records: dict[str, Record] = RECORDS) -> Jobs:
 
 
 def environments() -> Jobs:
-    """Return the environments; they need the package gymnasium."""
+    """Return a job for each environment by name; they need gymnasium."""
     return [(name, partial(take_first_step, name)) for name in ENVIRONMENTS]
 
 
@@ -69,7 +69,7 @@ def follow_orbits(absorber: Absorber) -> None:
 
 
 def everything() -> Jobs:
-    """Return all of these, those that record more, and periodic orbits."""
+    """Return all jobs by name, including those of runs that record more, and periodic orbits."""
     orbits = [
         (f"{name}: orbits", partial(follow_orbits, absorber))
         for name, make in ABSORBERS.items()
@@ -86,7 +86,7 @@ JOBS: dict[str, Callable[[], Jobs]] = {
 
 
 def timed(job: Callable[[], None]) -> float:
-    """Do a job and return the time it took in s."""
+    """Call a job and return its time in s."""
     began = time.perf_counter()
     with suppress_announcements():
         job()
@@ -94,7 +94,10 @@ def timed(job: Callable[[], None]) -> float:
 
 
 def warm_up(jobs: Jobs, say: Callable[[str], None], processes: int) -> None:
-    """Do all jobs in a number of processes, telling ``say`` a line for each that is done."""
+    """Call all jobs in a number of processes.
+
+    Call ``say`` with a line of text for each finished one.
+    """
     if processes == 1:
         for k, (name, job) in enumerate(jobs, 1):
             say(_line(k, len(jobs), name, timed(job)))
@@ -121,7 +124,7 @@ def _line(k: int, total: int, name: str, seconds: float) -> str:
 
 
 def main(words: list[str], say: Callable[[str], None]) -> int:
-    """Compile what the command line asks for and return the exit code."""
+    """Compile the kernels that the command line selects and return the exit code."""
     word = " ".join(words)
     if word not in JOBS:
         say(f"{word} is not allowed: nothing, or one of the words environments and all")

@@ -64,7 +64,7 @@ FORCES = (
 def modal_restitution(
     model: ModalModel, restitution: float, mass_ratio: float, resonance: int = 1
 ) -> float:
-    r"""Return the restitution that the mode of one resonance sees, in closed form.
+    r"""Return the effective restitution for the mode of one resonance, in closed form.
 
     An impact also moves all other modes. The momentum that they take is lost for the resonant mode,
     as if the impact were less elastic:
@@ -85,12 +85,12 @@ def modal_restitution(
     Returns
     -------
     float
-        e_1, at most e; it may be negative where the other modes take most of the momentum.
+        e_1, at most e; it may be negative if the other modes take most of the momentum.
 
     Raises
     ------
     ParameterError
-        For values out of range.
+        A value is out of range.
     """
     model = instance("model", model, ModalModel)
     restitution = check_restitution("restitution", restitution)
@@ -174,8 +174,7 @@ class SlowManifold:
     def restitution(self) -> float:
         """Restitution of the resonant mode in this variant.
 
-        It is e, the modal e_1, or the restitution that accounts for the energy returned by other
-        modes.
+        It is e, the modal e_1, or the restitution that includes the energy returned by other modes.
         """
         case = self.case
         if self.variant == "classical":
@@ -188,7 +187,7 @@ class SlowManifold:
 
     @property
     def _mean_rate(self) -> float:
-        """Mean velocity of the resonant mode's place at an impact over the impulse, 1/kg.
+        """Mean velocity of the absorber's place at an impact, per unit impulse, in 1/kg.
 
         It follows from the impact law and the other modes.
         """
@@ -207,9 +206,8 @@ class SlowManifold:
         """Return the response of each exponential of the structure at an impact, (J,).
 
         The excitation consists of unit impulses of alternating sign, one in each half period.
-
         ``order`` 0: displacement (m/(N s)); 1: velocity, mean of before and after (1/kg); -1:
-        displacement under a square wave that jumps by one newton (m/N).
+        displacement under a square wave that jumps by 1 N (m/N).
         """
         structure = self.case.structure
         mean = 0.5 * np.tanh(-0.5 * structure.s * self._half_period)
@@ -221,7 +219,7 @@ class SlowManifold:
 
     @cached_property
     def _receptance(self) -> complex:
-        """Response of the resonant mode at the absorber's place to a force there, m/N."""
+        """Displacement of the resonant mode at the absorber's place per force there, in m/N."""
         model = self.case.model
         own = float(model.omega[self._mode])
         omega = self.case.omega
@@ -264,7 +262,8 @@ class SlowManifold:
     def _harmonics_beyond_first(self) -> tuple[float, float, float]:
         """Return responses of the resonant mode alone, without their first harmonics.
 
-        They are displacement, velocity, and displacement under the square wave.
+        They are displacement, velocity, and displacement under the square wave, see
+        `_train_response`.
         """
         own = ~self._others
         half = self._half_period
@@ -278,7 +277,7 @@ class SlowManifold:
     def amplitude(self, impulse: ArrayLike) -> Array:
         """Return the amplitude in m of the resonant mode at the absorber's place.
 
-        ``impulse`` contains impulses in N s and may have any shape.
+        ``impulse`` is in N s, of any shape, which is that of the result.
         """
         offset, slope = self.coefficients
         return np.asarray(np.abs(offset + slope * np.asarray(impulse, dtype=float)))
@@ -287,28 +286,28 @@ class SlowManifold:
     def least_impulse(self) -> float:
         """Impulse in N s at the smallest amplitude.
 
-        The manifold repels motions with smaller impulses.
+        Motions with smaller impulses are repelled by the manifold.
         """
         return _nearest(*self.coefficients)
 
     @property
     def least_amplitude(self) -> float:
-        """Smallest amplitude in m of the resonant mode that keeps two impacts a period going."""
+        """Smallest amplitude in m of the resonant mode with two impacts a period."""
         return float(self.amplitude(self.least_impulse))
 
     def force(self, impulse: ArrayLike) -> Array:
-        """Return the force amplitude in N that sustains the motion with these impulses.
+        """Return the force amplitude in N that sustains the motion with an impulse in N s.
 
-        The impulses are in N s, and the frequency is the case's.
+        The frequency is the case's. The result has the shape of ``impulse``.
         """
         offset, slope = self._force_coefficients
         return np.asarray(np.abs(offset + slope * np.asarray(impulse, dtype=float)))
 
     @cached_property
     def _force_coefficients(self) -> tuple[complex, complex]:
-        """Complex force amplitude, N and N/(N s).
+        """Complex coefficients f_0 in N and f_1 in N/(N s) of the force amplitude f_0 + f_1 P.
 
-        It follows from the balance of the first harmonic of the resonant mode.
+        They follow from the balance of the first harmonic of the resonant mode.
         """
         case = self.case
         offset, slope = self.coefficients
@@ -334,7 +333,8 @@ class SlowManifold:
     def modulation_force(self) -> float:
         """Force in N at the smallest amplitude.
 
-        With less force at this frequency the motion is modulated, with more force it settles.
+        At this frequency the motion is modulated under smaller forces, and stationary under larger
+        ones.
         """
         return float(self.force(self.least_impulse))
 
@@ -345,22 +345,20 @@ def _nearest(offset: complex, slope: complex) -> float:
 
 
 def manifold_gap(case: Case, resonance: int = 1, variant: str = "corrected") -> float:
-    """Return the gap in m for which the case's force is at the onset of the modulation.
+    """Return the gap in m for which the case's force is at the onset of modulation.
 
-    The onset is that at the resonance.
-
-    Up to this force the amplitude stays at the manifold's least, in a modulated motion; above it
-    the amplitude grows with the force. No simulation and no fitted number is used. The friction
-    limit is scaled with the gap.
+    The frequency is that of the resonance. Up to this force the amplitude stays at the manifold's
+    least, in a modulated motion; above it the amplitude grows with the force. No simulation and no
+    fitted number is used. The friction limit is scaled with the gap.
 
     Parameters
     ----------
     case : Case
-        Structure, absorber and force (N); the frequency is that of the resonance, and the gap only
-        sets the friction limit per gap.
-    resonance : int
+        Structure, absorber and force (N). The frequency is replaced by the resonance's, and the gap
+        is used only for the ratio of friction limit and gap.
+    resonance : int, optional
         Number of the resonance, counted from 1.
-    variant : str
+    variant : str, optional
         Variant of the manifold.
 
     Returns
@@ -371,7 +369,7 @@ def manifold_gap(case: Case, resonance: int = 1, variant: str = "corrected") -> 
     Raises
     ------
     ParameterError
-        For a force of 0 and for values out of range.
+        The force is 0, or a value is out of range.
     """
     require(case.force != 0, "force amplitude", case.force, "a force other than 0 N")
     omega = case.model.resonance_omega(count("resonance", resonance, 1, case.model.modes))
@@ -381,11 +379,19 @@ def manifold_gap(case: Case, resonance: int = 1, variant: str = "corrected") -> 
 
 @dataclass(frozen=True, eq=False)
 class OrbitPoint:
-    """A confirmed periodic orbit as a point beside the manifold.
+    """A confirmed periodic orbit for comparison with the manifold.
 
-    ``case``: its parameters; ``impulse`` in N s at an impact; ``amplitude`` in m of the first
-    harmonic of the resonant mode at the absorber's place, from samples of the orbit; ``stable``:
-    whether it attracts.
+    Attributes
+    ----------
+    case : Case
+        Structure, absorber, force and frequency.
+    impulse : float
+        Impulse of an impact in N s.
+    amplitude : float
+        Amplitude in m of the first harmonic of the resonant mode at the absorber's place, from
+        samples of the orbit.
+    stable : bool
+        Whether the orbit is stable.
     """
 
     case: Case
@@ -397,8 +403,8 @@ class OrbitPoint:
 def measure_orbit(orbit: Orbit, resonance: int = 1) -> OrbitPoint | None:
     """Return impulse and amplitude of an orbit.
 
-    The result is None for an orbit without mirror symmetry or with another number than two impacts
-    a period.
+    The result is None for an orbit without mirror symmetry, or with another number of impacts a
+    period than two.
     """
     if (
         not orbit.schedule.symmetric
@@ -434,8 +440,8 @@ class ManifoldCheck:
     def errors(self, variant: str) -> Array:
         """Return the relative error of the manifold's amplitude at each orbit's impulse, (n,).
 
-        ``"complete"`` is evaluated at each orbit's frequency. The other variants are one formula,
-        at the resonance, over the amplitude of the absorber, which is in proportion to impulse over
+        ``"complete"`` is evaluated at each orbit's frequency. The other variants are a formula at
+        the resonance over the amplitude of the absorber, which is proportional to impulse over
         frequency.
         """
         at_resonance = self.manifold(variant)
@@ -458,7 +464,7 @@ class ManifoldCheck:
         return float(np.median(np.abs(self.errors(variant)))) if self.points else float("nan")
 
     def to_plain(self) -> dict[str, Any]:
-        """Return scene, variants and orbits in SI units, as JSON has them."""
+        """Return scene, variants and orbits as plain values in SI units."""
         variants = []
         for name in VARIANTS:
             manifold = self.manifold(name)
@@ -503,7 +509,7 @@ def check_manifold(
     forces: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ManifoldCheck:
-    """Return confirmed symmetric orbits with one impact a wall beside the manifold.
+    """Compare confirmed symmetric orbits with one impact at each wall with the manifold.
 
     Parameters
     ----------
@@ -514,14 +520,19 @@ def check_manifold(
     ratios : array_like
         Frequencies of the force over that of the resonance.
     forces : array_like, optional
-        Force amplitudes in N; by default `FORCES` times the force of the modulation's onset.
+        Force amplitudes in N; by default `FORCES` times the force at the onset of modulation.
     progress : callable, optional
         Called with the number of finished points and of all points.
+
+    Returns
+    -------
+    ManifoldCheck
+        The orbits, and the errors of each variant.
 
     Raises
     ------
     ParameterError
-        For values out of range.
+        A value is out of range.
     """
     omega = float(case.model.resonance_omega(count("resonance", resonance, 1, case.model.modes)))
     if forces is None:

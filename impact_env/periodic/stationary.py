@@ -51,12 +51,19 @@ class ResponseKind(StrEnum):
 
 @dataclass(frozen=True)
 class Criteria:
-    """What tells the kinds apart.
+    """Criteria by which kinds of stationary response are distinguished.
 
-    ``tolerance``: a motion is periodic if its states at one phase of the force come again, after up
-    to ``most_multiple`` periods, to within this share of the largest tip displacement, throughout
-    the window. ``pause``: periods of the force without impact that make a pause, and ``depth``: the
-    least modulation depth of a strongly modulated response, which has both.
+    Attributes
+    ----------
+    tolerance : float
+        A motion is periodic if its states at one phase of the force repeat to within this share of
+        the largest tip displacement throughout the window.
+    most_multiple : int
+        Longest period in periods of the force.
+    pause : float
+        Least time without impact that counts as a pause, in periods of the force.
+    depth : float
+        Least modulation depth of a strongly modulated response, which also has pauses.
     """
 
     tolerance: float = 1e-4
@@ -72,12 +79,17 @@ class Criteria:
 
 @dataclass(frozen=True, eq=False)
 class StationaryWindow:
-    """A stretch of M whole periods of the force: all that a response is judged by.
+    """M whole periods of the force from which a response is classified.
 
-    ``states`` (M + 1, d): states at one phase of the force, each as a displacement of the tip or of
-    the absorber against it in m (velocities over the force's circular frequency). ``impacts`` (K,):
-    times of impacts in periods of the force from the window's start. ``peaks`` (M,): largest
-    |q_tip| of each period in m.
+    Attributes
+    ----------
+    states : array, (M + 1, d)
+        States at one phase of the force in m: modal displacements at the tip, relative displacement
+        of the absorber, and their velocities over the force's circular frequency.
+    impacts : array, (K,)
+        Times of impacts from the window's start, in periods of the force.
+    peaks : array, (M,)
+        Largest |q_tip| of each period in m.
     """
 
     states: Array
@@ -97,12 +109,23 @@ class StationaryWindow:
 
 @dataclass(frozen=True)
 class Classified:
-    """A window's kind, and what it was judged by.
+    """The kind of a window, and the features that determine it.
 
-    ``multiple``: periods of the force after which the motion comes again, None unless it does;
-    ``miss``: how close it comes to itself at the best of all multiples, of the largest tip
-    displacement; ``impacts_per_period`` of the force; ``depth``: modulation depth;
-    ``longest_pause`` in periods of the force.
+    Attributes
+    ----------
+    kind : ResponseKind
+        Kind of the response.
+    multiple : int or None
+        Periods of the force after which the motion repeats, None if it does not.
+    miss : float
+        Smallest difference of repeated states over all multiples, over the largest tip
+        displacement.
+    impacts_per_period : float
+        Impacts in a period of the force.
+    depth : float
+        Modulation depth, see `modulation_depth`.
+    longest_pause : float
+        Longest time without impact in periods of the force.
     """
 
     kind: ResponseKind
@@ -114,7 +137,7 @@ class Classified:
 
 
 def modulation_depth(peaks: Array) -> float:
-    """Return (largest - least) / (largest + least) of the peaks (M,) of a response's periods.
+    """Return (largest - least)/(largest + least) of the peaks (M,) of a response's periods.
 
     The result is 0 without motion.
     """
@@ -132,12 +155,10 @@ def longest_pause(impacts: Array, periods: float) -> float:
 
 
 def compute_misses(window: StationaryWindow, most_multiple: int) -> Array:
-    """Return the largest distance of two states that are 1, 2, ... periods apart.
+    """Return the largest difference of states that are 1, 2, ... ``most_multiple`` periods apart.
 
-    The result has an entry for each multiple of the period. Distances are relative to the largest
-    tip displacement.
-
-    At most half of the window's periods are compared so.
+    Differences are relative to the largest tip displacement. Multiples above half of the window's
+    periods are left out.
     """
     most = min(most_multiple, window.periods // 2)
     unit = window.unit
@@ -151,10 +172,10 @@ def compute_misses(window: StationaryWindow, most_multiple: int) -> Array:
 
 
 def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Classified:
-    """Return a window's kind.
+    """Return a window's kind with its features.
 
-    Without impact it is linear. It is periodic if it comes again; else strongly modulated if it has
-    pauses and is deeply modulated, or sustained.
+    A response is linear without impact, periodic if its states repeat, strongly modulated if it has
+    pauses and a large modulation depth, and else sustained.
     """
     criteria = Criteria() if criteria is None else criteria
     distances = compute_misses(window, criteria.most_multiple)
@@ -179,11 +200,11 @@ def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Clas
 
 @dataclass(frozen=True)
 class Energies:
-    """Where a stationary response has its energy, and where its work goes.
+    """Shares of energy and of losses in a stationary response.
 
-    ``absorber_mean`` and ``absorber_most``: the absorber's share of the mechanical energy.
-    ``modal``, ``impact``, ``friction``, ``damper``: shares of all losses in the window (0 where
-    nothing is lost).
+    ``absorber_mean`` and ``absorber_most`` are mean and largest share of the absorber in the
+    mechanical energy. ``modal``, ``impact``, ``friction`` and ``damper`` are shares of all losses
+    in the window, 0 without losses.
     """
 
     absorber_mean: float
@@ -196,10 +217,10 @@ class Energies:
 
 @dataclass(frozen=True, eq=False)
 class Stationary:
-    """One member's response.
+    """The stationary response of one ensemble member.
 
-    It has a classification, energies, and the largest |q_tip| in m of each period of the force,
-    (M,).
+    ``found`` is its classification, ``energies`` its energies, and ``peaks`` (M,) the largest
+    |q_tip| in m of each period of the force.
     """
 
     found: Classified
@@ -210,9 +231,7 @@ class Stationary:
 def cut_window(scene: Scene, response: Response, omega: float) -> StationaryWindow:
     """Return the window of a run over whole periods of the force at ``omega`` (rad/s).
 
-    The run must be recorded with events and series.
-
-    Its samples lie a whole fraction of the force's period apart.
+    The run must have events and series recorded, with a whole number of samples in each period.
     """
     history = response.recorded.history
     impacts = response.recorded.impacts
@@ -227,10 +246,10 @@ def cut_window(scene: Scene, response: Response, omega: float) -> StationaryWind
 
 
 def _states(scene: Scene, history: History, omega: float) -> Array:
-    """Return the samples as displacements in m, (S, 2 N_m + 2).
+    """Return the samples as displacements and velocities over ``omega``, in m, (S, 2 N_m + 2).
 
-    They are each mode's share of the tip's displacement, and the absorber's displacement relative
-    to the tip.
+    Modes count with their displacement at the tip, the absorber with its displacement relative to
+    it.
     """
     shape = np.where(scene.model.tip_shape == 0, 1.0, scene.model.tip_shape)
     places = (
@@ -268,9 +287,8 @@ def classify_run(
 ) -> Stationary:
     """Return the response over ``periods`` of the force after the run ``settled``.
 
-    This run starts from a state (default: rest). The frequency is that at its end.
-
-    An elastic slider begins the window without force. Raises as `simulate` does, and ParameterError
+    ``settled`` starts from ``initial`` (default: rest); the frequency is that at its end. An
+    elastic slider begins the window without force. Raises as `simulate` does, and ParameterError
     for fewer than two periods.
     """
     periods = count("window periods", periods, 2)
@@ -307,12 +325,10 @@ def classify_members(
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
 ) -> list[Stationary]:
-    """Return the stationary responses at one frequency ratio.
+    """Return the stationary responses at one frequency ratio, one for each initial phase (rad).
 
-    The result has one response for each initial phase (rad) of the force (N).
-
-    ``settle`` pseudo periods at the ratio come before the window of ``periods`` of the force.
-    Interruption and errors as in `residence.stays`.
+    ``force`` is in N. ``settle`` pseudo periods at the ratio precede the window of ``periods`` of
+    the force. Interruption and errors are as in `residence.stays`.
     """
     lanes = [Lane(scene, hold(approach, force, ratio, settle, phase)) for phase in phases]
     return drop_unfinished(
@@ -338,9 +354,9 @@ def envelope(members: Sequence[Stationary], quantiles: Sequence[float] = QUANTIL
 class StationaryPoint:
     """The response at one frequency ratio.
 
-    ``tip_max`` (Q,) in m are the quantiles `QUANTILES` over all members and periods of the force.
-
-    They are of the tip's largest displacement in a period; ``impacts``: mean number in a period.
+    ``tip_max`` (Q,) are the quantiles `QUANTILES` of the tip's largest displacement in a period in
+    m, over all members and periods of the force. ``impacts`` is the mean number of impacts in a
+    period.
     """
 
     omega_ratio: float
@@ -348,7 +364,7 @@ class StationaryPoint:
     impacts: float
 
     def to_plain(self) -> dict[str, Any]:
-        """Return numbers and lists; keys with their units."""
+        """Return numbers and lists by name, with units in the names."""
         return {
             "omega_ratio": self.omega_ratio,
             "quantiles": list(QUANTILES),
@@ -358,7 +374,7 @@ class StationaryPoint:
 
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> StationaryPoint:
-        """Return the response of `to_plain`."""
+        """Return the response of the plain values of `to_plain`."""
         return StationaryPoint(
             float(plain["omega_ratio"]),
             np.array(plain["tip_max_m"], dtype=np.float64),
@@ -368,14 +384,29 @@ class StationaryPoint:
 
 @dataclass(frozen=True)
 class StationaryRuns:
-    """Settings of stationary runs.
+    """Settings of stationary runs over a range of frequencies.
 
-    At each of ``points`` frequencies ``members`` runs are made, each with its own phase.
+    Attributes
+    ----------
+    points : int
+        Number of frequencies.
+    members : int
+        Number of runs at each frequency, which differ in the force's phase.
+    settle : float
+        Pseudo periods before the window.
+    window : int
+        Length of the window in periods of the force.
+    approach : float or None
+        Frequency ratio at which runs begin, so that impacts begin. None: the frequency itself.
+    seed : int
+        Seed of the phases.
+    threads, executor : int and Executor, or None
+        As in `run_lanes`; the results do not depend on them.
 
-    ``settle`` pseudo periods come before a window of ``window`` periods of the force. ``approach``:
-    the ratio at which runs begin, to come into impact; None: at the frequency itself. ``threads``
-    and ``executor``: as in `run_lanes`; nothing depends on them. Raises ParameterError for values
-    out of range.
+    Raises
+    ------
+    ParameterError
+        A value is out of range.
     """
 
     points: int
@@ -402,7 +433,7 @@ class StationaryRuns:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the numbers depend on, but for scene, force and frequency."""
+        """The settings on which results depend, by name."""
         return {
             "members": self.members,
             "settle": self.settle,
@@ -412,7 +443,7 @@ class StationaryRuns:
         }
 
     def ratios(self, low: float, high: float) -> list[float]:
-        """Return the frequency ratios between two."""
+        """Return the frequency ratios from ``low`` to ``high``."""
         return [float(x) for x in np.linspace(low, high, self.points)]
 
     def at(self, scene: Scene, force: float, reference: float, ratio: float) -> StationaryPoint:

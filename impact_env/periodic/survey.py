@@ -58,13 +58,11 @@ def orbit_of_simulation(
     initial: InitialState | None = None,
     phase: float = 0.0,
 ) -> Orbit | NoOrbit:
-    """Return the orbit to which a run converges, or why none is found.
+    """Return the orbit to which a run converges, or the reason why there is none.
 
-    The run starts from ``initial`` (default: rest) and lasts ``settle`` periods of the force.
-
-    The run is then taken to have the smallest period, of up to ``most_multiple`` of the force's,
-    after which it comes as close to itself as `RETURN_TOL`; Newton's method does the rest. Only an
-    attracting orbit is found so.
+    The run starts from ``initial`` (default: rest) and lasts ``settle`` periods of the force. The
+    orbit has the smallest period, of up to ``most_multiple`` periods of the force, after which the
+    state returns to within `RETURN_TOL`; Newton's method computes it. Only a stable orbit is found.
     """
     most_multiple = count("most_multiple", most_multiple, 1)
     state, here = state_after(case, settle, initial, phase)
@@ -83,7 +81,7 @@ def orbit_next_to(
 ) -> Orbit | NoOrbit:
     """Return the orbit next to a ``state`` (2 N_m + 2,) at a ``phase`` (rad).
 
-    It is found by its events or else by shooting from its longest flight.
+    It is computed from the events of the motion, or else by shooting from its longest flight.
     """
     try:
         run = follow_trajectory(case, phase, state, count_turns(symmetric, multiple) / case.omega)
@@ -124,7 +122,8 @@ def _report_nothing(case: Case, reason: str) -> NoOrbit:
 def least_multiple(orbit: Orbit) -> int:
     """Return the smallest multiple of the force's period after which an orbit repeats.
 
-    A slow approach to an orbit may resemble a longer period.
+    It may be smaller than the orbit's own multiple, because a slow approach resembles a longer
+    period.
     """
     whole = orbit.schedule.period_multiple
     start = orbit.motion.mid_flight()[0]
@@ -137,13 +136,11 @@ def least_multiple(orbit: Orbit) -> int:
 
 
 def find_return(case: Case, first: Array, phase: float, most: int) -> tuple[bool, int, float]:
-    """Return whether the motion is symmetric, its period, and the smallest deviation.
+    """Return whether the motion is symmetric, its period, and the smallest difference.
 
-    A symmetric motion mirrors itself after half of its period. The period is given as a multiple of
-    the force's period (0: none).
-
-    The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with those after each half
-    period of the force.
+    The state ``first`` (2 N_m + 2,) at a ``phase`` (rad) is compared with the states after each
+    half period of the force; a symmetric motion mirrors itself after half of its period. The period
+    is in periods of the force (0: none).
     """
     n = case.model.modes + 1
     state = first
@@ -162,9 +159,16 @@ def find_return(case: Case, first: Array, phase: float, most: int) -> tuple[bool
 class OrbitSearch:
     """Results of a search at one frequency.
 
-    They are confirmed ``orbits``, and ``refused`` solutions with the reason why they are no orbits.
-
-    ``basins``: on what runs from random initial states end, None where there were none.
+    Attributes
+    ----------
+    case : Case
+        Structure, absorber, force and frequency.
+    orbits : tuple of Orbit
+        Confirmed orbits.
+    refused : tuple of NoOrbit
+        Solutions that are no orbits, with the reason.
+    basins : Basins or None
+        Motions on which runs from random initial states end, None without runs.
     """
 
     case: Case
@@ -194,10 +198,7 @@ def closed_form_orbits(case: Case) -> OrbitSearch:
 
 
 def drop_repeated(orbits: Iterable[Orbit]) -> list[Orbit]:
-    """Return orbits of one case without repetitions.
-
-    They are sorted such that the largest response is the first.
-    """
+    """Return orbits of one case without repetitions, the largest response first."""
     distinct: list[Orbit] = []
     for orbit in orbits:
         if not any(is_same_orbit(orbit, other) for other in distinct):
@@ -208,9 +209,8 @@ def drop_repeated(orbits: Iterable[Orbit]) -> list[Orbit]:
 def is_same_orbit(one: Orbit, other: Orbit) -> bool:
     """Return whether two orbits of one case are the same.
 
-    Their schedules may be counted from different events.
-
-    The faintest bounces of a chatter do not count. Orbits without impacts are told by their states.
+    Their schedules may begin with different events. The faintest bounces of a chatter do not count.
+    Orbits without impacts are compared by their states.
     """
     unit = one.case.scale.impulse
     a, b = (
@@ -260,7 +260,7 @@ def closed_form_over(
 ) -> list[OrbitSearch]:
     """Return `closed_form_orbits` at each of ascending frequency ``ratios`` (M,).
 
-    ``progress`` is called with the number of frequencies that are done.
+    ``progress`` is called with the number of finished frequencies.
     """
     require(
         len(ratios) > 0 and bool(np.all(np.diff(ratios) > 0)),
@@ -303,11 +303,11 @@ def join_results(group: OrbitSearch, branches: Iterable[OrbitBranch]) -> OrbitSe
 def orbits_over(
     case: Case, ratios: Array, progress: SurveyProgress | None = None
 ) -> Iterator[OrbitSearch]:
-    """Yield the symmetric two-impact orbits of a case at each of rising frequency ``ratios`` (M,).
+    """Yield the symmetric two-impact orbits of a case at ascending frequency ``ratios`` (M,).
 
-    Without friction the closed form has them all. With friction its starts miss some, so branches
-    are followed between the first and the last ratio; ``progress`` is told how many frequencies are
-    done.
+    Without friction the closed form gives all of them. With friction some are missing, so branches
+    are followed between the first and the last ratio; ``progress`` is called with the number of
+    finished frequencies.
     """
     result = closed_form_over(case, ratios, progress)
     if case.friction_limit == 0 or len(ratios) < 2:
@@ -324,12 +324,11 @@ def attractors(
     settle: float = SETTLING_PERIODS,
     most_multiple: int = MOST_MULTIPLE,
 ) -> Iterator[Orbit | NoOrbit]:
-    """Yield the motions to which runs settle, with their mirror images where these differ.
+    """Yield the orbits to which runs converge, with mirror images that differ from them.
 
-    The runs start from rest, and close to each unstable orbit in ``near``.
-
-    A symmetric orbit that loses its symmetry so leads to the pair of orbits that took over from it.
-    See `orbit_of_simulation`.
+    The runs start from rest, and next to each unstable orbit of ``near``: an unstable symmetric
+    orbit leads to the stable pair without symmetry. Other arguments are as in
+    `orbit_of_simulation`.
     """
     starts: list[tuple[InitialState | None, float]] = [(None, 0.0)]
     for orbit in near:

@@ -1,6 +1,7 @@
-"""The symmetric orbit with one impact a wall in closed form, and its fold force over the frequency.
+"""The symmetric orbit with one impact at each wall in closed form, and its fold force.
 
-Where that force is level isolas are born or merge; its level set at a force are the folds.
+Isolas are born or merge at extrema of the fold force over the frequency; folds are at frequencies
+where it equals the force.
 """
 
 from dataclasses import dataclass
@@ -52,17 +53,15 @@ class ClosedForm:
 
     @property
     def pushes(self) -> bool:
-        """Whether the wall pushes: else it is no orbit."""
+        """Whether the wall pushes; if it does not, there is no orbit."""
         return self.impulse > 0
 
 
 def closed_form(case: Case) -> tuple[ClosedForm, ...]:
     """Return the branches with the smaller and the larger impulse, or none below the fold force.
 
-    The friction force is assumed to have one sign between impacts.
-
-    Whether the wall pushes, nothing is passed and nothing turns in between is not asked here:
-    `impact_env.periodic.orbit` does.
+    The friction force is assumed to have one sign between impacts. The motion between impacts is
+    not checked; `impact_env.periodic.orbit` does this.
     """
     line = compute_line(case.structure, case.point)
     roots = solve_impulses(line, case.force)
@@ -74,7 +73,7 @@ def closed_form(case: Case) -> tuple[ClosedForm, ...]:
 def closed_form_branches(case: Case, omegas: ArrayLike) -> Array:
     """Return impulse (N s) and phase (rad) of both branches, (M, 4).
 
-    The frequencies (M,) are in rad/s. The result is nan where no orbit exists.
+    The frequencies (M,) are in rad/s. Rows are NaN where no orbit exists.
     """
     at = np.ascontiguousarray(omegas, dtype=float)
     out = np.empty((len(at), 4))
@@ -83,9 +82,9 @@ def closed_form_branches(case: Case, omegas: ArrayLike) -> Array:
 
 
 def fold_force(case: Case, omegas: ArrayLike) -> Array:
-    """Return the smallest force (N), (M,), with a symmetric orbit.
+    """Return the smallest force (M,) in N with a symmetric orbit at frequencies (M,) in rad/s.
 
-    It follows from the discriminant of the closed form at frequencies (M,) in rad/s.
+    It follows from the discriminant of the closed form.
     """
     at = np.ascontiguousarray(omegas, dtype=float)
     out = np.empty((len(at), 2))
@@ -120,9 +119,9 @@ def map_frequencies(case: Case, low: float, high: float) -> Array:
 
 
 def find_level_places(case: Case, low: float, high: float) -> tuple[tuple[str, float, float], ...]:
-    """Return the valleys and ridges of the closed form's fold force where the wall pushes.
+    """Return minima and maxima of the closed form's fold force at which the wall pushes.
 
-    Each has a kind, a force (N) and a frequency (rad/s).
+    Each is a kind, a force (N) and a frequency (rad/s).
     """
     omegas = map_frequencies(case, low, high)
     forces = fold_force(case, omegas)

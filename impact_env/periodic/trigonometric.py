@@ -1,8 +1,7 @@
-"""Trigonometric polynomials: values, all real roots, and what is left of one on a set of intervals.
+"""Trigonometric polynomials: values, all real roots, and their restriction to intervals.
 
 A polynomial with harmonics 0 to H is a row (2H + 1,): the mean, then H cosines, then H sines of an
-angle. Nothing is sampled in the end: samples only bracket the roots, and a bound on the second
-derivative says where there is none.
+angle. Samples only bracket the roots; a bound on the second derivative excludes roots elsewhere.
 """
 
 from functools import lru_cache
@@ -20,7 +19,7 @@ TURN = 2 * np.pi
 
 
 def harmonics_of(row: Real) -> int:
-    """Return H."""
+    """Return the number H of harmonics of a polynomial (2H + 1,)."""
     return (row.shape[-1] - 1) // 2
 
 
@@ -59,10 +58,8 @@ def _sample(rows: Real, points: int) -> Real:
 def find_roots(rows: Real) -> list[Real]:
     """Return the angles in [0, 2 pi) at which each polynomial (p, 2H + 1) changes its sign.
 
-    The angles are in ascending order.
-
-    A cell between two samples of one sign can only hide roots if |f''| allows it: such cells are
-    cut until none is left, or they are `FINEST_CELL`.
+    The angles are in ascending order. An interval between two samples of equal sign is halved as
+    long as the bound of |f''| allows roots in it, down to `FINEST_CELL`.
     """
     h = max(harmonics_of(rows), 1)
     points = 2 * (SAMPLES_PER_HARMONIC * h // 2) + 8
@@ -112,7 +109,7 @@ def find_roots(rows: Real) -> list[Real]:
 def _polish_roots(
     rows: Real, which: IndexArray, left: Real, right: Real, low: Real, high: Real
 ) -> Real:
-    """Return the root in each bracket: Newton's method, halving where it leaves the bracket."""
+    """Return the root in each bracket by Newton's method, or bisection if it leaves the bracket."""
     if len(which) == 0:
         return left
     span = high - low
@@ -204,10 +201,7 @@ def window(intervals: Intervals, harmonics: int) -> Real:
 
 
 def share(intervals: Intervals, harmonics: int) -> Real:
-    """Return the polynomial (2H + 1,) of the function that is 1 on the intervals and 0 elsewhere.
-
-    It is the window's first column.
-    """
+    """Return the polynomial (2H + 1,) of the function that is 1 on the intervals, else 0."""
     c, s = moments(intervals, harmonics)
     return np.concatenate([c[:1], 2 * c[1:], 2 * s[1:]])
 

@@ -42,14 +42,20 @@ JOINED_FOR_A_WHILE = "friction or a wall holds the absorber for a while"
 class Validation:
     """The validation of a motion by the exact method.
 
-    ``residual`` is that of the return, and ``reason`` is the reason why the motion is no orbit, or
-    None if it is one.
+    Impacts are compared one by one. A wrong reversal in the schedule appears in the residual,
+    because friction would have the wrong sign.
 
-    Impacts are compared one by one. A reversal that the schedule misses or invents shows in the
-    residual: friction would push the wrong way. The residual is the largest difference of the state
-    after a period (mirrored after half of one, for a symmetric orbit): displacements over the gap,
-    velocities over gap times omega. ``response``: the run, None if it broke down or there were
-    several; ``start``: the phase it began at, in rad.
+    Attributes
+    ----------
+    residual : float
+        Largest difference of the state after a period (for a symmetric orbit the mirrored state
+        after half a period): displacements over the gap, velocities over gap times omega.
+    reason : str or None
+        Reason why the motion is no orbit, None if it is an orbit.
+    response : Response or None
+        The run, None if it broke down or there were several.
+    start : float
+        Phase of the force at the run's start, in rad.
     """
 
     residual: float
@@ -59,7 +65,7 @@ class Validation:
 
 
 def shortest_validation(case: Case) -> None:
-    """Run what takes a validation's kernels, for the hundredth part of a period."""
+    """Make a short run, a hundredth of a period, that needs the kernels of a validation."""
     simulate(case.scene, case.drive(0.01 * case.period, 0.0), record=RECORD)
 
 
@@ -103,7 +109,7 @@ def _run(
 
 
 def residual_of(motion: AnyMotion, response: Response, stop: float) -> float:
-    """Return the residual of a run that came to a phase ``stop`` in rad."""
+    """Return the residual of a run that ends at a phase ``stop`` in rad."""
     case = motion.solution.case
     n = motion.solution.case.model.modes
     miss = np.abs(response.end_state - motion.state_at(stop))
@@ -111,7 +117,7 @@ def residual_of(motion: AnyMotion, response: Response, stop: float) -> float:
 
 
 def _compare_events(motion: AnyMotion, runs: Sequence[Response], starts: Array) -> str | None:
-    """Return how the events of runs differ from those of the motion, or None.
+    """Return the difference between the events of runs and of a motion as text, None if they agree.
 
     The runs start at ``starts`` (rad). The faintest bounces of a chatter are not compared.
     """
@@ -178,9 +184,8 @@ def joins_for_a_while(motion: AnyMotion, start: float) -> Array:
 def merge_chatter(begins: Array, ends: Array) -> Array:
     """Return intervals (2, K) from beginnings and ends, (n,) each, without chatter.
 
-    Intervals that are closer than `PHASE_BAR` are merged, and shorter ones are removed.
-
-    A wall that holds and friction that holds on the same spot follow each other so.
+    Intervals that are closer than `PHASE_BAR` are merged (wall contact followed by stick, for
+    example), and shorter ones are removed.
     """
     rows: list[list[float]] = []
     for begin, end in sorted(zip(begins.tolist(), ends.tolist(), strict=True)):
@@ -203,7 +208,7 @@ def _mirrored(motion: AnyMotion, start: float, phases: Array, signed: Array) -> 
 
 
 def chatters(case: Case, response: Response) -> bool:
-    """Return whether a wall holds the absorber in a run: a chatter came to its end there."""
+    """Return whether a chatter ends in wall contact in a run."""
     return (
         response.phases is not None
         and case.restitution > 0
@@ -214,11 +219,9 @@ def chatters(case: Case, response: Response) -> bool:
 def validate(motion: AnyMotion) -> Validation:
     """Return the validation of a motion by the exact method.
 
-    A run that breaks down is a reason to reject the motion, too.
-
-    Over several periods of the force an unstable orbit makes what rounding leaves as many times
-    larger as its multipliers say: there each period is run from the motion's own state, and must
-    come to its state at the next.
+    A run that breaks down is a reason to reject the motion, too. Over several periods of the force
+    an unstable orbit amplifies rounding errors by its multipliers. Each period is then run from the
+    motion's own state, and must end at the motion's state one period later.
     """
     sections = _sections(motion)
     try:
@@ -241,8 +244,8 @@ def validate(motion: AnyMotion) -> Validation:
 def _sections(motion: AnyMotion) -> Array:
     """Return the phases (rad) between which a motion is run.
 
-    They are the middle of the longest flight, the middle of a flight in each later period, and the
-    first phase plus one span.
+    They are the middle of the longest flight, the middle of a flight in each further period, and
+    the first phase plus one span.
     """
     start = motion.mid_flight()[0]
     schedule = motion.solution.schedule

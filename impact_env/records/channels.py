@@ -1,7 +1,7 @@
 """Selection of the channels of a record.
 
-The module has the settings with which a record is read, the channels of a file before their units
-are applied, the choice of the channels that are meant, and the search for columns by their labels.
+The module has the options for reading a record, the channels of a file before their units are
+applied, the selection of a channel, and the search for columns by their labels.
 """
 
 import re
@@ -18,17 +18,25 @@ from impact_env.records.units import TIME_DIMENSION, Label, Unit, read_label
 
 @dataclass(frozen=True)
 class RecordOptions:
-    """Options for reading a record.
+    """Options for reading a record: the keys of a load of the kind ``samples``, None if absent.
 
-    They are the keys of a load of the kind ``samples``, None for a key that is left out.
-
-    - ``quantity``: "force" or "base_acceleration" of a load; "displacement", "velocity" or
-      "acceleration" of a response
-    - ``scale``: factor on the values; ``unit`` of the values, ``time_unit`` of the times
-    - ``sample_rate``: in Hz, for files without times
-    - ``channel``: the number of a channel, from 1, or its name
-    - ``resample``: put samples that are not even in time on even steps; ``allow_clipping``: take a
-      record that stays at its largest value
+    Attributes
+    ----------
+    quantity : str
+        "force" or "base_acceleration" of a load; "displacement", "velocity" or "acceleration" of a
+        response.
+    scale : float or None
+        Factor of the values.
+    unit, time_unit : str or None
+        Units of values and times.
+    sample_rate : float or None
+        Sample rate in Hz, for files without times.
+    channel : int, str or None
+        Number of a channel, from 1, or its name.
+    resample : bool
+        Interpolate uneven samples to even times.
+    allow_clipping : bool
+        Accept a record that stays at its largest value.
     """
 
     quantity: str
@@ -46,12 +54,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A channel of a file.
+    """A channel of a file, as written in the file.
 
-    - ``values`` (K,) as written, and their ``unit``; None: the file has none
-    - ``times`` (K,) as written, and their ``time_unit``; or, where the file has a clock, its
-      ``rate`` in Hz. Both None: no times
-    - ``first_row``: number of the first sample in the file, as an error names it
+    Attributes
+    ----------
+    values : array, (K,)
+        Values.
+    unit : Unit or None
+        Their unit, None if the file has none.
+    times : array, (K,), or None
+        Times.
+    time_unit : Unit or None
+        Their unit.
+    rate : float or None
+        Sample rate in Hz, of a file with a clock. Rate and times are None if the file has neither.
+    first_row : int
+        Row of the first sample in the file, for errors.
+    unit_unknown, time_unit_unknown : str or None
+        Labels of units that are not known.
     """
 
     values: Array
@@ -117,7 +137,7 @@ def _is_time(label: Label) -> bool:
 
 
 def _find_times(file: Path, options: RecordOptions, labels: Sequence[Label]) -> int | None:
-    """Return the index of the column of times, None where the file has none."""
+    """Return the index of the column of times, None if the file has none."""
     named = [k for k, label in enumerate(labels) if _is_time(label)]
     require(
         len(named) <= 1, f"{file.name}: columns of times", [labels[k].text for k in named], "one"
@@ -143,21 +163,25 @@ def channel_of_columns(
     names: Sequence[str],
     first_row: int,
 ) -> Channel:
-    """Return the channel of a table that is meant.
+    """Return the selected channel of a table.
 
     Parameters
     ----------
-    file, options
-        the table's file, and what the load's table says about it
-    columns
-        its columns, (K,) each
-    names
-        their labels, empty where the file has none
-    first_row
-        row of the file with the first sample
+    file : Path
+        File of the table.
+    options : RecordOptions
+        Options of the load's table.
+    columns : sequence of array, (K,) each
+        Columns of the table.
+    names : sequence of str
+        Labels of the columns, empty if the file has none.
+    first_row : int
+        Row of the file with the first sample.
 
-    Raises ParameterError where it is not clear which columns are meant, or where a label has a unit
-    that is unknown or no load's.
+    Raises
+    ------
+    ParameterError
+        The selection is ambiguous, or a label has a unit that is unknown or not a load's.
     """
     labels = [read_label(name) for name in names]
     clock = _find_times(file, options, labels)

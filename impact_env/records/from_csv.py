@@ -28,10 +28,10 @@ EXAMPLE_HEADER = "a header, as time_s,value"
 
 @dataclass(frozen=True)
 class TextTable:
-    """The parts of a table.
+    """The parts of a table in a text file.
 
-    Its ``header``, ``units`` in a row of their own, its ``separator`` (None: spaces), and the index
-    of the ``first`` line of numbers.
+    ``header`` are the labels, ``units`` the row of units (None: no such row), ``separator`` that of
+    cells (None: spaces), and ``first`` the index of the first line of numbers.
     """
 
     header: list[str]
@@ -158,9 +158,9 @@ def _read_rows(file: Path, lines: Sequence[str], table: TextTable) -> Iterator[l
 
 
 def _read_plain_rows(lines: Sequence[str], table: TextTable) -> NDArray[np.float64] | None:
-    """Return the numbers of regular rows, in a tenth of the time of `_read_rows`.
+    """Return the numbers (K, columns) of regular rows, in a tenth of the time of `_read_rows`.
 
-    The result is None if there is a row of another form.
+    The result is None if a row has another form.
     """
     last = max(k for k, line in enumerate(lines) if line.strip())
     body = lines[table.first : last + 1]

@@ -75,7 +75,7 @@ ABSENT_TEXTS = ("", "NONE", "NULL")
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """Metres in a file's unit of ``length``, newtons in its unit of ``force``, and its ``name``."""
+    """A system of units: metres in its ``length``, newtons in its ``force``, and its ``name``."""
 
     length: float
     force: float
@@ -203,7 +203,7 @@ def _unit_of_system(where: str, part: Dataset, system: UnitSystem | None) -> Uni
 def _values_unit(
     where: str, part: Dataset, system: UnitSystem | None, options: RecordOptions
 ) -> tuple[Unit | None, str | None]:
-    """Return the unit of the values, and the label where it is no unit that is known."""
+    """Return the unit of the values (None: not stated), and the label of an unknown unit."""
     by_system = _unit_of_system(where, part, system)
     label = _label(part, "ordinate")
     by_label = None if label is None else find_unit(label)

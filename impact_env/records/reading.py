@@ -178,12 +178,10 @@ def _to_even_times(
 
 
 def read_record(file: Path, options: RecordOptions) -> tuple[Array, Array]:
-    """Return times (K,) in s, even from 0, and values (K,) of a record.
+    """Return times (K,) in s, even from 0, and values (K,) of a record in SI units.
 
-    The values are in the SI unit of the record's quantity.
-
-    Raises ParameterError with file, row or dataset, and what is allowed; OSError where the file
-    cannot be opened.
+    Raises ParameterError with file, row or dataset, and what is allowed; OSError if the file cannot
+    be opened.
     """
     channel = RECORD_READERS[file.suffix.lower()](file, options)
     require(

@@ -29,7 +29,8 @@ AGREEMENT_TOL = 1e-6  # of a factor: units written in two places of a file are o
 class Unit:
     """A unit of a record.
 
-    ``name``: as written. ``dimension``: one of those above. ``factor``: factor to s, m/s^2 or N.
+    ``name`` is as written, ``dimension`` is that of time, acceleration or force, and ``factor`` is
+    the factor to s, m/s^2 or N.
     """
 
     name: str
@@ -37,7 +38,7 @@ class Unit:
     factor: float
 
     def is_same_as(self, other: "Unit") -> bool:
-        """Return whether two units are one."""
+        """Return whether two units have the same dimension and factor."""
         same = math.isclose(self.factor, other.factor, rel_tol=AGREEMENT_TOL)
         return self.dimension == other.dimension and same
 
@@ -94,10 +95,10 @@ MULTIPLE_PATTERN = re.compile(r"(\d+\.?\d*(?:[eE][+-]?\d+)?)([a-zA-Z].*)")  # as
 
 
 def _plain_text(text: str) -> str:
-    """Return a unit's text in one form.
+    """Return a unit's text in a common form.
 
-    Superscripts are digits, the sign of micro is u and per a slash; spaces and powers' signs are
-    left out.
+    Superscripts become digits, the sign of micro becomes u and "per" becomes a slash; spaces and
+    signs of powers are left out.
     """
     result = (
         unicodedata.normalize("NFKC", PER_PATTERN.sub("/", text.strip()))
@@ -120,7 +121,7 @@ def _in_table(table: dict[str, float], text: str) -> float | None:
 
 
 def _has_two_meanings(text: str) -> bool:
-    """Return whether a text without regard to case is two units.
+    """Return whether a text is the name of two units if case is ignored.
 
     For example, mn is millinewton and meganewton.
     """
@@ -130,7 +131,7 @@ def _has_two_meanings(text: str) -> bool:
 
 
 def find_unit(text: str) -> Unit | None:
-    """Return the unit that a text is, None if it is none that is known."""
+    """Return the unit that a text denotes, None for an unknown one."""
     plain = _plain_text(text)
     for dimension, table in (
         (TIME_DIMENSION, TIME_UNITS),
@@ -159,7 +160,7 @@ def find_unit(text: str) -> Unit | None:
 
 
 def name_unit(dimension: str, factor: float) -> Unit:
-    """Return the unit of acceleration or force that has a factor, as one that `find_unit` knows."""
+    """Return a unit of acceleration or force with a factor to SI, among those of `find_unit`."""
     base = "m/s^2" if dimension == ACCELERATION_DIMENSION else "N"
     names = (
         [f"{length}/s^2" for length in LENGTH_UNITS]
@@ -174,7 +175,10 @@ def name_unit(dimension: str, factor: float) -> Unit:
 
 
 def require_unit(name: str, text: object, dimension: str) -> Unit:
-    """Return the unit of a dimension that a text is; raises ParameterError for any other."""
+    """Return the unit of a dimension that a text denotes.
+
+    Raise ParameterError for any other text.
+    """
     result = find_unit(text) if isinstance(text, str) else None
     if result is None or result.dimension != dimension:
         allowed = f"a unit of {dimension}, as {EXAMPLES[dimension]}"
@@ -183,10 +187,9 @@ def require_unit(name: str, text: object, dimension: str) -> Unit:
 
 
 def require_density_unit(name: str, text: object, dimension: str) -> float:
-    """Return the factor from a unit of a spectral density to SI units.
+    """Return the factor from a unit of a spectral density, such as g^2/Hz, to SI units.
 
-    For example, the unit is g^2/Hz, and the SI unit is (m/s^2)^2/Hz or N^2/Hz. Raises
-    ParameterError for any other unit.
+    The SI unit is (m/s^2)^2/Hz or N^2/Hz. Raises ParameterError for any other unit.
     """
     plain = _plain_text(text) if isinstance(text, str) else ""
     squared = DENSITY_PATTERN.fullmatch(plain)
@@ -216,8 +219,8 @@ LOADS = (TIME_DIMENSION, ACCELERATION_DIMENSION, FORCE_DIMENSION)
 class Label:
     """The label of a column.
 
-    Its ``text``, its ``name`` without unit, its ``unit`` (None: it has none), and the text in its
-    ``brackets``, if it has them.
+    ``text`` is the whole label, ``name`` the label without its unit, ``unit`` the unit (None: none)
+    and ``brackets`` the text in its brackets (None: no brackets).
     """
 
     text: str
@@ -247,7 +250,7 @@ def _bracketed(label: str) -> list[str]:
 
 
 def _unit_between(label: str) -> str | None:
-    """Return a unit of loads that stands in a label before other words, or None."""
+    """Return a unit of loads that is followed by other words in a label, or None."""
     words = [word for word in SEPARATOR.split(label) if word]
     for first in range(len(words)):
         for last in range(min(first + MOST_WORDS, len(words) - 1), first, -1):

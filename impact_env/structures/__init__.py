@@ -1,4 +1,1 @@
-"""Structures that are not a beam of `impact_env.Beam`.
-
-They have modes from matrices or measured modes from Universal Files. Both are checked.
-"""
+"""Structures from files and cyclic structures: modes from matrices and measured modes, checked."""

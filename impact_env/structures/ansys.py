@@ -80,9 +80,9 @@ def _results(path: Path, units_name: str) -> dict[str, Any]:
 def read_modes(path: Path, units: ConsistentUnits, units_name: str) -> list[MeasuredMode]:
     """Return the modes of a .rst file by rising frequency, in SI units and in global directions.
 
-    The file does not say how its shapes are scaled: Ansys scales by the mass unless told otherwise
-    (MODOPT, Nrmkey), and shapes that are scaled to 1 are refused. Raises ParameterError for a file
-    that cannot be read or has no real modes.
+    The file does not contain the scaling of its shapes. Ansys normalises by mass by default
+    (MODOPT, Nrmkey); shapes that are scaled to 1 are refused. Raises ParameterError for a file that
+    cannot be read or has no real modes.
     """
     result = _results(path, units_name)
     nodes = result["nodes"].astype(np.int64)

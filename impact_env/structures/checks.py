@@ -1,4 +1,7 @@
-"""Warnings about suspicious modal models: not errors, since a model may be meant so."""
+"""Warnings about implausible modal models.
+
+They are not errors, because a model may be intended so.
+"""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -39,7 +42,7 @@ STILL_TOL = (
 
 
 class StructureWarning(UserWarning):
-    """Something in a structure's file looks wrong, or limits what can be said about it."""
+    """A structure's file contains an implausible value, or limits what can be computed from it."""
 
 
 def list_matrix_warnings(diagonal: Real, mass: float, places: Mapping[str, int]) -> list[str]:

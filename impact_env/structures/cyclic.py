@@ -63,9 +63,9 @@ class Mistuning:
             require(getattr(self, name) <= MOST_MISTUNING, name, getattr(self, name), allowed)
 
     def factors(self, name: str, sectors: int) -> Array:
-        """Return the factors (N,) of the sectors' frequencies or gaps.
+        """Return the factors (N,) of the sectors' frequencies or gaps, whose mean is 1.
 
-        ``name``: name of the quantity. Frequencies and gaps are drawn separately.
+        ``name`` is "frequency" or "gap"; both are drawn separately.
         """
         deviation = {"frequency": self.frequency, "gap": self.gap}[name]
         generator = np.random.default_rng([self.seed, ("frequency", "gap").index(name)])
@@ -79,11 +79,11 @@ class CyclicStructure:
     Parameters
     ----------
     sectors : int
-        Number of sectors N, 1 or more; one sector has no neighbours, and of two each is the other's
-        neighbour on both sides.
+        Number of sectors N, 1 or more. A single sector has no neighbours; of two sectors each is
+        the other's neighbour on both sides.
     mass, stiffness : array_like, (d, d)
-        Mass (kg) and stiffness (N/m) of a sector with d degrees of freedom. The stiffness holds
-        both couplings' share on its diagonal block.
+        Mass (kg) and stiffness (N/m) of a sector with d degrees of freedom. The stiffness includes
+        the diagonal parts of both couplings.
     coupling : array_like, (d, d)
         Stiffness (N/m) between a sector's degrees of freedom (rows) and those of the next sector
         (columns): negative for a spring.
@@ -254,9 +254,9 @@ class CyclicStructure:
         return model.with_forces(shapes_at_force, sizes, sign * angle).with_force_places(places)
 
     def all_shapes(self, modes: int | None = None) -> Array:
-        """Return the displacement (N d, N_m) of every freedom per modal displacement.
+        """Return the displacement (N d, N_m) of all freedoms, sector by sector, in 1/sqrt(kg).
 
-        The freedoms are listed sector by sector. The displacement is in 1/sqrt(kg).
+        It is per unit modal displacement.
         """
         return np.asarray(self._modes[1][:, :modes])
 
@@ -277,11 +277,9 @@ class CyclicStructure:
     ) -> Scene:
         """Return the ring with an absorber in every sector, or in some ``sectors``.
 
-        ``sectors`` are counted from 0.
-
-        ``absorber``: one for all sectors, or one for each of ``sectors``. Its mass ratio is that of
-        the absorber's to its sector's mass; its gap is mistuned. Other parameters and errors as
-        `model`.
+        Sectors are counted from 0. ``absorber`` is one for all sectors, or a sequence of one for
+        each of ``sectors``. Its mass ratio refers to the mass of its sector; its gap is mistuned.
+        Other parameters and errors are those of `model`.
         """
         which = check_sectors("sectors", sectors, self.sectors)
         every = _absorber_of_each(absorber, which)
@@ -301,10 +299,7 @@ class CyclicStructure:
 
 
 def check_sectors(name: str, sectors: Iterable[int] | None, number: int) -> tuple[int, ...]:
-    """Return different sectors, counted from 0, of a ring with ``number`` sectors.
-
-    None stands for all sectors.
-    """
+    """Return ``sectors`` as a tuple of different numbers from 0 to ``number`` - 1; None: all."""
     if sectors is None:
         return tuple(range(number))
     every = listed(name, sectors)
@@ -318,7 +313,7 @@ def check_sectors(name: str, sectors: Iterable[int] | None, number: int) -> tupl
 def _absorber_of_each(
     absorber: SlidingAbsorber | Sequence[SlidingAbsorber], sectors: tuple[int, ...]
 ) -> tuple[SlidingAbsorber, ...]:
-    """Return an absorber for each of ``sectors``, of one for all of them or of as many."""
+    """Return an absorber for each of ``sectors``, from one for all or a sequence of as many."""
     if isinstance(absorber, SlidingAbsorber):
         return (absorber,) * len(sectors)
     every = each_of(kind_of(SlidingAbsorber))("absorber", absorber)

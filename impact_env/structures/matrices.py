@@ -42,8 +42,14 @@ ALLOWED_RIGID = (
 class StructureModes:
     """Lowest modes of a structure.
 
-    ``omega`` (N_m,): in rad/s, ascending. ``shapes`` (freedoms, N_m): mass-normalised. ``rigid``:
-    number of rigid-body motions.
+    Attributes
+    ----------
+    omega : array, (N_m,)
+        Frequencies in rad/s, ascending.
+    shapes : array, (freedoms, N_m)
+        Mass-normalised mode shapes.
+    rigid : int
+        Number of rigid-body motions among them.
     """
 
     omega: Real
@@ -133,14 +139,12 @@ def lowest_modes(
 ) -> StructureModes:
     """Return the lowest ``modes`` modes of a structure without damping.
 
-    The number of modes is at most that of the mass matrix.
-
-    The inverse problem M v = (1/omega^2) K v is solved: its largest eigenvalues are the modes that
-    matter. Freedoms without mass follow the others statically, exactly (Guyan's condensation
-    without its approximation); those with neither mass nor stiffness do not move. A structure with
-    rigid-body motions is solved as K + s M with a small s; these motions get the
-    ``suspension_frequency`` in Hz. Raises ParameterError for matrices that have no such modes, and
-    for rigid-body motions without a suspension.
+    The number of modes is at most the rank of the mass matrix. The inverse problem M v =
+    (1/omega^2) K v is solved, whose largest eigenvalues belong to the lowest modes. Freedoms
+    without mass are eliminated exactly (static condensation); freedoms with neither mass nor
+    stiffness do not move. A structure with rigid-body motions is solved as K + s M with a small s;
+    these motions get the ``suspension_frequency`` in Hz. Raises ParameterError for matrices that
+    have no such modes, and for rigid-body motions without a suspension.
     """
     _require_semidefinite("mass", mass)
     _require_semidefinite("stiffness", stiffness)
@@ -366,11 +370,10 @@ def _symmetric_factor(matrix: Any) -> Any:
 def proportional_damping(damping: Any, modes: StructureModes, massless: NDArray[np.bool_]) -> Real:
     """Return the damping ratios (N_m,) that correspond to a damping matrix.
 
-    Raises ParameterError unless the matrix leaves the modes uncoupled.
-
-    Rigid-body motions that it does not damp have the ratio 0. ``massless`` (freedoms,): those
-    without mass. They follow the others statically only if no damping force acts on them in any
-    mode, as with C = a M + b K.
+    Rigid-body motions without damping have the ratio 0. Freedoms without mass, ``massless``
+    (freedoms,), are eliminated statically; this is exact only if no damping force acts on them in
+    any mode, as with C = a M + b K. Raises ParameterError otherwise, or if the matrix couples the
+    modes.
     """
     forces = damping @ modes.shapes
     largest = abs(damping) @ abs(modes.shapes)

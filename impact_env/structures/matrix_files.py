@@ -33,12 +33,16 @@ Freedoms = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class MatrixFile:
-    """A ``matrix`` (N, N) of a file, and its ``freedoms``.
+    """A matrix of a file with the freedoms of its rows.
 
-    A freedom is (node, freedom 1 to 6) of a row. ``freedoms`` is None if the file does not name
-    them.
-
-    ``held``: rows of freedoms that a boundary condition holds.
+    Attributes
+    ----------
+    matrix : array or sparse matrix, (N, N)
+        The matrix.
+    freedoms : tuple of (int, int), (N,), or None
+        Node and freedom (1 to 6) of each row, None if the file does not contain them.
+    held : tuple of int
+        Rows of freedoms that a boundary condition fixes.
     """
 
     matrix: Any

@@ -47,9 +47,9 @@ TEXT_CODEC = Codec(require_text, str)
 
 
 def choose_damping_ratios(specified: Any, measured: Any, modes: int) -> Any:
-    """Return the damping ratio of each mode.
+    """Return the damping ratio of each mode: the specified one, or else the measured one.
 
-    It is the specified one (a number, or one for each mode), or else the measured one.
+    ``specified`` is a number, a list with one for each mode, or None.
     """
     ratios = (
         [non_negative("damping_ratio", specified)] * modes

@@ -84,10 +84,10 @@ def read_modes(
     bdf : Path or None
         The .bdf file with the nodes, whose coordinate systems turn the shapes. None: the nodes are
         in the .op2 file.
-    units : Units
+    units : ConsistentUnits
         The system of units of the model.
     subcase : int or None
-        Which subcase has the modes. None: the file has one.
+        Number of the subcase with the modes. None: the file has only one.
 
     Raises
     ------

@@ -34,7 +34,7 @@ UNIT_SYSTEMS = {
 
 
 def read_units(name: str) -> ConsistentUnits:
-    """Return a system of units by its name; raises ParameterError for one that is not known."""
+    """Return a system of units by its name; raise ParameterError for an unknown name."""
     known = ", ".join(repr(key) for key in UNIT_SYSTEMS)
     require(name in UNIT_SYSTEMS, "units", name, f"one of {known}, those of the file")
     return UNIT_SYSTEMS[name]

@@ -49,8 +49,22 @@ UNIVERSAL_DIRECTIONS = {"x": "r1", "y": "r2", "z": "r3"}
 class MeasuredMode:
     """A mode of a file.
 
-    ``omega`` in rad/s, ``damping_ratio`` (None: the file has none), and ``shape``: real and
-    mass-normalised, by node, (nodes, 3).
+    Attributes
+    ----------
+    omega : float
+        Frequency in rad/s.
+    damping_ratio : float or None
+        Damping ratio, None if the file has none.
+    nodes : array of int, (nodes,)
+        Numbers of the nodes.
+    shape : array, (nodes, 3)
+        Real, mass-normalised mode shape at the nodes in 1/sqrt(kg).
+    normalised_by_mass : bool
+        Whether the file has the modal mass.
+    number, load_case : int
+        Numbers of mode and load case in the file.
+    conjugated : bool
+        Whether the mode is the conjugate of a complex mode.
     """
 
     omega: float
@@ -66,12 +80,11 @@ class MeasuredMode:
 def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
     """Return the modes of a Universal File by ascending frequency, in SI units.
 
-    If ``load_case`` is given, they are the modes of this load case.
-
-    A shape is divided by the root of its modal mass, if the file has one. Of a complex mode and its
-    conjugate one is returned, and one of a mode that is listed twice with the same numbers. Raises
-    ParameterError for a file that is cut or has no modes, for fields whose meaning does not fit,
-    for two different listings of one mode, and for shapes that are far from real.
+    If ``load_case`` is given, they are the modes of this load case. A shape is divided by the root
+    of its modal mass, if the file has one. Only one mode is returned of a complex mode and its
+    conjugate, and of a mode that is listed twice with the same numbers. Raises ParameterError for a
+    file that is cut or has no modes, for fields with inconsistent values, for two different
+    listings of one mode, and for shapes that are far from real.
     """
     datasets = read_datasets(path)
     mass_unit = _units(datasets)[1]
@@ -103,7 +116,10 @@ def read_modes(path: Path, load_case: int | None = None) -> list[MeasuredMode]:
 
 
 def _units(datasets: list[Dataset]) -> tuple[float, float]:
-    """Return the length unit in m and the mass unit in kg of the datasets 164: SI without one."""
+    """Return the length unit in m and the mass unit in kg of the datasets 164.
+
+    SI units without one.
+    """
     result = set()
     for part in datasets:
         if part.kind == UNITS_DATASET:
@@ -328,10 +344,8 @@ def _real(name: str, shape: NDArray[np.complex128]) -> Real:
 def select_shapes(modes: list[MeasuredMode], path: Path, name: str, place: tuple[int, str]) -> Real:
     """Return the shapes (N_m,) at a node in a direction, in 1/sqrt(kg).
 
-    The direction is one of x, y, z, with or without a sign.
-
-    A mode that leaves out a node which others have does not move it: the format lets zeros be left
-    out.
+    The direction is one of x, y, z, with or without a sign. A mode that does not list a node which
+    others list has the value 0 there, because the format allows zeros to be left out.
     """
     node, direction = place
     sign, axis = (
@@ -414,10 +428,7 @@ def _point_15(part: Dataset, line: int) -> list[float]:
 
 
 def require_global_directions(path: Path, places: dict[str, int]) -> None:
-    """Raise ParameterError for a node in use with a local coordinate system.
-
-    The error is raised if the file lists its displacements in that system.
-    """
+    """Raise ParameterError if a node in use has displacements in a local coordinate system."""
     datasets = read_datasets(path)
     systems = _global_systems(datasets, 3)
     nodes = _nodes(datasets)

@@ -23,8 +23,8 @@ BINARY_BYTES = 4
 class Dataset:
     """A dataset of a Universal File.
 
-    It has a ``kind`` and its ``lines`` without the end marks. The first of them is line ``start``
-    (from 1) of the file ``path``.
+    ``kind`` is its number, ``lines`` are its lines without the end marks, and ``start`` is the line
+    number (from 1) of the first of them in the file ``path``.
     """
 
     path: Path
@@ -45,7 +45,7 @@ class Dataset:
     def whole(self, line: int, number: int, least: int | None = None) -> list[int]:
         """Return the first ``number`` integers of a line in fields of 10 columns.
 
-        At least ``least`` of them must be present, others are 0.
+        At least ``least`` of them must be present (None: all); missing ones are 0.
         """
         allowed = f"{number} whole numbers, 10 columns each"
         if line >= len(self.lines):
