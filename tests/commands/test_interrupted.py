@@ -335,7 +335,6 @@ load = i.Drive(1.0, i.linear_sweep(scene.model.resonance_omega(1)))
 COMPILING = {
     "sweep": CONSOLE,
     "sweep --members 2": CONSOLE,
-    "compare_absorbers --quick": CONSOLE,
     "orbits --at 0.95": CONSOLE,
     "optimise_design --quick": CONSOLE,
     "judge --task GapChoice-v1": CONSOLE,

@@ -162,7 +162,7 @@ def test_each_command_sends_its_runs_to_the_cluster_and_gives_the_same_numbers(
             command,
             "compare",
             lambda *_own, **options: compare(
-                Beam(modes=2), **(options | {"percent_per_100_periods": 40.0})
+                Beam(modes=2), **(options | {"percent_per_100_periods": 80.0})
             ),
         )
     texts = []

@@ -93,7 +93,7 @@ def test_stationary_runs_of_random_designs_obey_the_limit(seed: int) -> None:
 def test_several_absorbers_anywhere_obey_the_limit_of_the_free_end() -> None:
     random = np.random.default_rng(0)
     margins = []
-    designs = 12
+    designs = 8
     for k in range(designs):
         resonance = 1 + k % 2
         n = 2 + k % 3 // 2

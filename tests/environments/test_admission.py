@@ -136,7 +136,8 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A task for comparison gets rules and no planner; room is the share that a rule leaves."""
-    monkeypatch.setattr(admit_tasks, "QUICK", replace(QUICK, judged=4))
+    few = replace(QUICK, searched=6, judged=4, grid=3, horizon=3)
+    monkeypatch.setattr(admit_tasks, "QUICK", few)
     target = tmp_path / "tasks.json.gz"
     page = tmp_path / "page.md"
     rules = tmp_path / "rules.json"
@@ -144,7 +145,7 @@ def test_the_command_fills_the_page_and_keeps_what_is_known(
     compared = admit(
         "GapChoice-v1",
         {"hold": (20.0, 40.0), "time_budget": 100.0} | RUBBING,
-        replace(QUICK, judged=4),
+        few,
     )
     assert set(compared["scores"]) == KINDS
     write_json(target, {"tasks": {"GapChoice-v1": compared}})

@@ -37,7 +37,7 @@ MODELS: tuple[Model, ...] = (
     ("other", 10),
     ("other", 30),
 )
-CASES = {2: 40, 10: 40, 30: 20}  # signals of each start in a window
+CASES = {2: 24, 10: 24, 30: 16}  # signals of each start in a window
 GUARDED = {
     "walls": ("leaves", "rests", "released", "inside"),
     "walls and rate": ("turns", "turns by a wall", "released", "inside"),
