@@ -9,25 +9,21 @@ from pathlib import Path
 import pytest
 from choice import QUICK, ROOT
 from hypothesis import settings
-from plugins import CPUTimes, round_models
+from plugins import CPUTimes, draw_few_figures, round_models
 
 settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
 
-# their commands write some hundred figures, whose pixels no test counts: most of a figure's time
-# goes by its pixels
+# their commands write some hundred figures, which would take a third of their time
 DRAWING = ("commands", "design", "studies")
-COARSE_DPI = 40.0
 
 
 @pytest.fixture(autouse=True, scope="module")
-def draw_coarsely(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Let commands write figures with fewer pixels in the folders that write many."""
+def draw_each_kind_once(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Draw one figure of each kind, with few pixels, in the folders that write many."""
     with pytest.MonkeyPatch.context() as patch:
         if request.path.parent.name in DRAWING:
-            from optimisation.report.report import write_figure
-
-            patch.setattr(write_figure, "__defaults__", (COARSE_DPI,))
+            draw_few_figures(patch)
         yield
 
 

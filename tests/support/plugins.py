@@ -1,4 +1,4 @@
-"""Options of the suite: processor time of each test, and other last bits in every modal model."""
+"""Options of the suite: processor times, other last bits in every modal model, few figures."""
 
 import json
 import os
@@ -93,3 +93,48 @@ def round_models(pattern: int) -> None:
                 object.__setattr__(self, name, changed)
 
     ModalModel.__post_init__ = post_init
+
+
+# Figures of tests that do not look at pixels: they read what the artists hold (drawing.py).
+
+
+COARSE_DPI = 40.0
+DRAWN: set[object] = set()  # kinds of figures that this process has drawn
+
+
+def kind_of_figure(figure: Any) -> object:
+    """Return what figures of one kind share: labels, scales and sorts of artists of their axes."""
+    return tuple(
+        (
+            axes.get_xlabel(),
+            axes.get_ylabel(),
+            axes.get_xscale(),
+            axes.get_yscale(),
+            frozenset(type(artist).__name__ for artist in axes.get_children()),
+        )
+        for axes in figure.axes
+    )
+
+
+def draw_few_figures(patch: pytest.MonkeyPatch) -> None:
+    """Let figures have few pixels, and draw only the first one of each kind in this process.
+
+    PNG files of all others contain noise.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+    from PIL import Image
+
+    from optimisation.report.report import write_figure
+
+    print_figure = FigureCanvasBase.print_figure
+
+    def print_first_figure(canvas: Any, file: Any, *arguments: Any, **options: Any) -> Any:
+        kind = kind_of_figure(canvas.figure)
+        if kind not in DRAWN or options.get("format") != "png":
+            result = print_figure(canvas, file, *arguments, **options)
+            DRAWN.add(kind)
+            return result
+        return Image.effect_noise((60, 40), 64.0).save(file, format="png")
+
+    patch.setattr(FigureCanvasBase, "print_figure", print_first_figure)
+    patch.setattr(write_figure, "__defaults__", (COARSE_DPI,))
