@@ -1,9 +1,9 @@
 """Which absorber, how large a gap, where: design of absorbers by simulation.
 
-`advise`, `compare`, `explain`, `choose_place`, `tune` and `calibrate` return whole answers: each
-has its text (`str`), `to_json`, `to_markdown`, `to_html`, `plot` and `save`, and is what the
-commands `design gap`, `compare`, `design search`, `design place`, `design tune` and `calibrate`
-print and write.
+`advise`, `compare`, `explain`, `choose_place`, `tune` and `calibrate` return complete results with
+the methods `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`. The commands `design
+gap`, `compare`, `design search`, `design place`, `design tune` and `calibrate` print and write
+them.
 """
 
 from importlib import import_module
@@ -29,7 +29,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import an answer's function when it is first used: the commands start without them."""
+    """Import a public function at its first use, so that commands start quickly."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"optimisation.answers.{_MODULES[name]}"), name)

@@ -3,21 +3,21 @@
 The rules give a friction damper's limit from the energy of one cycle, and the gap and friction of
 an impact absorber. The baselines are the best of the other absorbers.
 
-A mass m_a slides on a tip that moves with amplitude q at Omega. It is driven by the friction alone,
-whose first harmonic is F = 4 mu f_N/pi, so its own amplitude is F/(m_a Omega^2) at right angles to
-the sliding, which therefore has the amplitude X with X^2 + (F/(m_a Omega^2))^2 = q^2. The energy
-lost in a cycle, pi F X, is largest for F = m_a Omega^2 q/sqrt(2): then X = q/sqrt(2), the loss is
-pi m_a Omega^2 q^2/2, and half of the mass moves with the tip. With one mode (damping ratio D,
-shapes phi_t at the tip and phi_f at the force) in resonance, force and losses balance:
+A mass m_a slides on a tip that moves with amplitude q at Omega. Only friction acts on it, with the
+first harmonic F = 4 mu f_N/pi, so its own amplitude is F/(m_a Omega^2), a quarter period apart from
+the sliding motion. The sliding amplitude X therefore satisfies X^2 + (F/(m_a Omega^2))^2 = q^2. The
+energy lost in a cycle, pi F X, is largest for F = m_a Omega^2 q/sqrt(2): then X = q/sqrt(2), the
+loss is pi m_a Omega^2 q^2/2, and half of the mass moves with the tip. With one mode (damping ratio
+D, shapes phi_t at the tip and phi_f at the force) in resonance, force and losses balance:
 
     f phi_f/phi_t = q Omega^2 (m_a/2 + 2 D/phi_t^2),        Omega^2 = omega_r^2/(1 + m_a phi_t^2/2).
 
-In an impact absorber friction counts by its ratio to m_a g0 omega^2 (scaling law: mass, gap and
-time are the units). The paper's 0.1 N with 2 % of the beam's mass and 1 mm is 0.139 of m_a g0
-omega_1^2, and the same share on another structure is the same absorber.
+The effect of friction in an impact absorber depends on its ratio to m_a g0 omega^2 (scaling law:
+mass, gap and time are the units). The paper's 0.1 N with 2 % of the beam's mass and 1 mm is 0.139
+m_a g0 omega_1^2; on other structures this ratio gives a similar absorber.
 
-Absorbers of other kinds with the same mass are judged by one criterion: the larger response level
-of a sweep up and one down over the same range of frequencies.
+Absorbers of other kinds with the same mass are compared by one criterion: the larger response level
+of a sweep up and a sweep down over the same range of frequencies.
 """
 
 from collections.abc import Callable
@@ -51,7 +51,7 @@ RESTITUTION = 0.7  # of the paper's best absorber
 
 @cache
 def paper_share() -> float:
-    """Return the paper's friction over m_a g0 omega_1^2."""
+    """Return the ratio of the paper's friction limit to m_a g0 omega_1^2."""
     model = modal_model(Beam())
     return PAPER_FRICTION / (
         DEFAULT_MASS_RATIO * model.beam_mass * RigidWalls.gap * model.resonance_omega(1) ** 2
@@ -61,11 +61,8 @@ def paper_share() -> float:
 def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
     """Return the paper's friction limit in N, scaled to ``mass`` (kg) and ``gap`` (m).
 
-    On any structure it is the same share of m_a g0 omega_1^2 as in the paper. The frequency omega_1
-    is that of the lowest mode.
-
-    The first frequency counts for every resonance, as in the paper, where one limit of 0.1 N serves
-    two resonances.
+    Its ratio to m_a g0 omega_1^2 is that of the paper, with the frequency omega_1 of the lowest
+    mode for every resonance: the paper has the same limit of 0.1 N at two resonances.
     """
     model = instance("model", model, ModalModel)
     return (
@@ -79,12 +76,11 @@ def scaled_friction(model: ModalModel, mass: float, gap: float) -> float:
 def best_friction(
     model: ModalModel, mass: float, force: float, resonance: int = 1
 ) -> tuple[float, float]:
-    """Return the best friction limit mu f_N in N and the RMS in m where the level is read.
+    """Return the best friction limit mu f_N in N, and the level's RMS in m with it.
 
-    Both follow from the energy of one cycle, for a ``force`` in N at a resonance.
-
-    ``mass`` m_a in kg. Only the resonance's own mode counts. Raises ParameterError for numbers out
-    of range, and where the mode does not move the tip or the force does not reach it.
+    Both follow from the energy of one cycle of the resonance's mode alone, for a ``force`` in N and
+    a ``mass`` m_a in kg. Raises ParameterError for numbers out of range, and if the mode does not
+    move the tip or the force does not excite it.
     """
     model = instance("model", model, ModalModel)
     omega = model.resonance_omega(resonance)
@@ -133,7 +129,7 @@ def scaled_absorber(
 
 
 def rigid_walls(absorber: SlidingAbsorber) -> RigidWalls:
-    """Return an absorber's rigid walls; raises ParameterError for one that has none."""
+    """Return an absorber's rigid walls; raise ParameterError if it has none."""
     absorber = instance("absorber", absorber, SlidingAbsorber)
     if not isinstance(absorber.walls, RigidWalls):
         require(
@@ -152,8 +148,16 @@ class Baselines:
 
     A level is NaN if the absorber has no effect.
 
-    ``tuned``: the tuned absorber with the smallest largest amplitude in the range. ``damper``: the
-    best of the friction dampers that were simulated, with its limit ``damper_limit`` in N.
+    Attributes
+    ----------
+    tuned : float
+        Level with the tuned absorber whose largest amplitude in the range is smallest.
+    damper : float
+        Level with the best simulated friction damper.
+    damper_limit : float
+        Friction limit of this damper in N.
+    tuned_absorber : TunedAbsorber or None
+        The tuned absorber.
     """
 
     tuned: float
@@ -172,10 +176,9 @@ def simulate_baselines(
 ) -> Baselines:
     """Return the levels with other absorbers of the same mass.
 
-    ``condition``: force in N and resonance. Raises KeyboardInterrupt if the runs are stopped.
-
-    All of them are swept over one range, in units of the resonance, at one rate in % per 100 pseudo
-    periods.
+    ``condition`` is a force in N and a resonance, ``sweep_range`` two frequency ratios to the
+    resonance, and ``rate`` in % per 100 pseudo periods. Raises KeyboardInterrupt if the runs are
+    stopped.
     """
     force, resonance = condition
 
@@ -226,11 +229,9 @@ def estimate_damper(model: ModalModel, mass: float, force: float, resonance: int
 def find_best_damper(level: Callable[[float], float], estimate: float) -> tuple[float, float]:
     """Return (friction limit in N, level) of the best of four friction dampers.
 
-    The four limits are the estimate, one to either side of it, and the minimum of the parabola
-    through these three.
-
-    ``level``: of a limit in N. Where the best of three is the weakest or the strongest, the fourth
-    goes on outwards.
+    ``level`` is a function of the limit. Three limits are the ``estimate`` and one on either side
+    of it. The fourth is the minimum of the parabola through these three; if the best of the three
+    is the smallest or the largest, it lies beyond it.
     """
     if not (np.isfinite(estimate) and estimate > 0):
         return float("nan"), float("nan")

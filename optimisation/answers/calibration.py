@@ -75,8 +75,16 @@ ALTERNATIVES = (NEVER, WHEN_REFUSED, ALWAYS)
 class CalibrationRuns:
     """Numbers of simulated measurements and of rounds of a calibration.
 
-    ``first``: simulations over the prior. ``each_round``: simulations in each further round.
-    ``rounds``: largest number of rounds. ``replicates``: simulations of the predictive check.
+    Attributes
+    ----------
+    first : int
+        Simulations over the prior.
+    each_round : int
+        Simulations in each further round.
+    rounds : int
+        Largest number of rounds.
+    replicates : int
+        Simulations of the predictive check.
     """
 
     first: int = FIRST_RUNS
@@ -127,17 +135,16 @@ class CalibrationAnswer(CompleteAnswer):
     measurements : tuple
         Measurements.
     model : CalibratedModel
-        The model that was asked for, with its posterior and predictive check.
+        The chosen model, with its posterior and predictive check.
     linear : LinearFit, optional
-        Frequencies and damping from measurements without a moving absorber; None where there are
-        none.
+        Frequencies and damping from measurements without a moving absorber; None without such
+        measurements.
     alternatives : tuple of CalibratedModel
-        Other models, where these were compared.
+        Other models, if they were compared.
     plan : MeasurementPlan, optional
         Expected width of the posterior after one more sweep at other forces.
     resonance : int
         Resonance near which the structure was excited, from 1.
-
     """
 
     measurements: tuple[Measurement, ...]
@@ -154,12 +161,12 @@ class CalibrationAnswer(CompleteAnswer):
 
     @property
     def models(self) -> dict[str, tuple[Inference, PredictiveCheck]]:
-        """Inference and check of each model, by name; the one that was asked for first."""
+        """Inference and check of each model, by name; the chosen model comes first."""
         return {one.name: (one.inference, one.check) for one in (self.model, *self.alternatives)}
 
     @property
     def warnings(self) -> list[str]:
-        """What is wrong or not certain, in words."""
+        """Sentences about failed checks and uncertain results."""
         lines = [] if self.linear is None else self.linear.warnings
         return lines + list_warnings(self.model.inference, self.model.check)
 
@@ -220,7 +227,10 @@ class CheckpointedSimulation:
         self.basis = hashlib.sha256(json.dumps(basis, sort_keys=True).encode()).hexdigest()
 
     def __call__(self, shares: Array, number: int) -> Ensemble:
-        """Return the ensemble of a round, from the checkpoint where it is there."""
+        """Return the ensemble of a round, from the checkpoint if it is stored there.
+
+        ``shares`` (N, P) of the priors are the parameters, ``number`` is that of the round.
+        """
         key = f"{self.basis} round {number}"
         known = self.checkpoint.known.get(key)
         if known is not None and np.allclose(known["shares"], shares, atol=1e-9):
@@ -290,12 +300,12 @@ def calibrate(
     Parameters
     ----------
     measurements : path, or sequence of measurements
-        File of measurements (docs/calibrate.md), or what `read_measurements` returns.
+        File of measurements (docs/calibrate.md), or result of `read_measurements`.
     structure : Beam or ModalModel
         Structure that was measured.
     absorber : SlidingAbsorber
-        Impact absorber with all values that are not free; those of free parameters centre their
-        usual ranges.
+        Impact absorber. Its values are those of the parameters that are not free, and the centres
+        of the usual ranges of those that are.
     free : dict or sequence of str
         Free parameters: names, or for each name None, (low, high), (low, high, "log") or (mean,
         deviation, "normal"), in SI units.
@@ -305,30 +315,30 @@ def calibrate(
         Whether other models of the absorber are compared: "never", "when-refused" by the predictive
         check, or "always".
     plan : sequence of float, optional
-        Factors of the measured load at which one more sweep is judged; None: no plan.
+        Factors of the measured load for which the benefit of one more sweep is computed; None: no
+        plan.
     runs : CalibrationRuns, optional
         Numbers of simulated measurements.
     seed : int
-        Seed of everything random.
+        Seed of all random numbers.
     threads : int, optional
         Threads; the result does not depend on them. Default: all cores.
     checkpoint : Checkpoint, optional
-        Where finished rounds are kept; a run that was stopped goes on from it.
+        Storage of finished rounds, from which an interrupted calibration continues.
     stages : callable, optional
-        Gives the progress of each stage.
+        Returns the progress callback of each stage.
 
     Returns
     -------
     CalibrationAnswer
-        With `str`, `to_json`, `plot` and `save`.
+        Result with `str`, `to_json`, `plot` and `save`.
 
     Raises
     ------
     ParameterError
-        For measurements, structures and parameters that do not go together, before anything is
-        simulated at length.
+        Measurements, structure and parameters do not fit together; raised before long simulations.
     KeyboardInterrupt
-        If it is stopped.
+        The runs were stopped.
 
     Examples
     --------

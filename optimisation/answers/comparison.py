@@ -44,19 +44,18 @@ SAME_ABSORBER = (LTVA_PAPER_WIDE, LTVA_TUNED_WIDE)  # as another one, over a wid
 
 @dataclass(frozen=True, eq=False)
 class ComparisonAnswer(CompleteAnswer):
-    """A comparison of absorbers, and what is known of them at its force.
+    """A comparison of absorbers, with further simulations at its force.
 
     Attributes
     ----------
     comparison : Comparison or LoadComparison
         Levels of each absorber over the force near each resonance, or over the loads' intensity.
     impacts : ImpactLoads, optional
-        Impacts of a given device near the first resonance.
+        Impacts of the impact absorber near the first resonance.
     frequency : tuple of ResonanceCurves
         Levels over the frequency of each absorber's worst member, near each resonance.
     conditions : dict
-        What else summary.json holds: versions, times.
-
+        Further content of summary.json: versions, times.
     """
 
     comparison: Comparison | LoadComparison
@@ -155,12 +154,12 @@ def compare(
     Parameters
     ----------
     structure : Beam or ModalModel, optional
-        What the absorbers are on; default: the paper's beam.
+        Structure without absorber; default: the paper's beam.
     loads : Loads, optional
-        Loads in the place of swept forces: each absorber is at its own best for them.
+        Loads instead of swept forces; each absorber is optimised for them.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
-    options
+    **options
         As in `optimisation.comparison.compare`: ``resonances``, ``mass_ratio``, ``force`` (N),
         ``gap`` (m), ``device``, ``forces``, ``members``, ``seed``, ``percent_per_100_periods``,
         ``progress``. With ``loads``: ``mass_ratio``, ``gap``, ``forces`` (number of intensities),
@@ -169,12 +168,12 @@ def compare(
     Returns
     -------
     ComparisonAnswer
-        With `str`, `to_json`, `plot` and `save`.
+        Result with `str`, `to_json`, `plot` and `save`.
 
     Raises
     ------
     ParameterError
-        For numbers out of range, and for what does not go with loads.
+        A number is out of range, or an option is not allowed with loads.
 
     Examples
     --------

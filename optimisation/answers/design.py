@@ -46,12 +46,20 @@ Stage = Callable[[str], AbstractContextManager[LaneProgress | None]]
 
 @dataclass(frozen=True)
 class ExplanationSizes:
-    """How much is run around a winner.
+    """Numbers of runs of the analyses of a winner.
 
-    ``forces``, ``detunings`` and ``gap_map``: points of the curves over the force, over the beam's
-    detuning, and to either side of the map over gap and force. ``samples``: of the Sobol indices, a
-    power of 2. ``draws``: of all tolerances together. ``map_speed``: of the map's sweeps, over the
-    problem's rate.
+    Attributes
+    ----------
+    forces, detunings : int
+        Points of the curves over the force, and over a detuning of the beam.
+    gap_map : int
+        Points along each side of the map over gap and force.
+    samples : int
+        Samples of the Sobol indices, a power of 2.
+    draws : int
+        Draws of all tolerances together.
+    map_speed : float
+        Rate of the map's sweeps over the problem's rate.
     """
 
     forces: int = 10
@@ -67,19 +75,18 @@ QUICK_SIZES = ExplanationSizes(samples=16, draws=8, map_speed=1.0)
 
 @dataclass(frozen=True, eq=False)
 class DesignAnswer(CompleteAnswer):
-    """The result of a search with what is known of its winner.
+    """The result of a search with further simulations of its winner.
 
     Attributes
     ----------
     result : SearchResult
-        The search, its verdict, and what was run around the winner.
+        The search, its verdict, and the runs around the winner.
     frequency : tuple of ResonanceCurves
         Levels over the frequency of the winner and without absorber, near each resonance.
     worst : WorstRun, optional
         Recorded run of the winner with the highest level.
     conditions : dict
-        What else summary.json has: versions, settings.
-
+        Further content of summary.json: versions, settings.
     """
 
     result: SearchResult
@@ -104,7 +111,7 @@ class WinnerRuns:
 
     @property
     def exists(self) -> bool:
-        """Whether the search ended with a winner that keeps all constraints."""
+        """Whether the search ended with a winner that satisfies all constraints."""
         verdict = self.result.verdict
         return verdict is not None and verdict.feasible and self.result.finished
 
@@ -116,7 +123,7 @@ class WinnerRuns:
 
     @property
     def members(self) -> int:
-        """How many members are run."""
+        """Number of members."""
         return min(FEW, self.result.problem.members)
 
     @property
@@ -280,22 +287,22 @@ def explain(
     Parameters
     ----------
     result : SearchResult
-        Of `optimisation.search.find.find`.
+        Result of `optimisation.search.find.find`.
     sizes : ExplanationSizes, optional
-        How much is run.
+        Numbers of runs.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
 
     Returns
     -------
     DesignAnswer
-        With `str`, `to_json`, `plot` and `save`; of a search without a winner the search alone.
+        Result with `str`, `to_json`, `plot` and `save`; for a search without a winner only the
+        search.
 
     Examples
     --------
     >>> from optimisation.search.find import find  # doctest: +SKIP
     >>> explain(find(problem)).save("results/design")  # doctest: +SKIP
-
     """
     executor = Threads() if executor is None else executor
     result = run_baselines(run_around_winner(result, executor, sizes), executor)
@@ -304,15 +311,14 @@ def explain(
 
 @dataclass(frozen=True, eq=False)
 class FrontAnswer(CompleteAnswer):
-    """A front of designs.
+    """A Pareto front of designs.
 
     Attributes
     ----------
     front : Front
-        All designs, and those of the front on fresh members.
+        All designs, and those of the front simulated with new members.
     conditions : dict
-        What else summary.json has: versions, settings.
-
+        Further content of summary.json: versions, settings.
     """
 
     front: Front

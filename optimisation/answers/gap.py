@@ -140,14 +140,15 @@ class DevicePrecision:
 
 @dataclass(frozen=True)
 class GapQuestions:
-    """What to run of the recommended device after the search.
+    """Analyses of the recommended device after the search.
 
     Attributes
     ----------
     uncertain : tuple of Distribution
-        Quantities that are drawn; empty for none.
+        Uncertain quantities; empty for none.
     limit_level : float, optional
-        Level in m whose probability is printed, and for which tolerances are found.
+        Level in m whose probability of exceedance is computed, and for which tolerances are
+        computed.
     contact : tuple, optional
         Two materials and the radius in m of the rounder body, for an estimate of the contact on the
         card.
@@ -156,10 +157,9 @@ class GapQuestions:
     sobol_samples : int, optional
         A power of 2; None: no Sobol shares.
     card : bool
-        Whether the device runs in service, and beside other absorbers of its mass.
+        Whether service loads and other absorbers of the same mass are simulated.
     seed : int
-        Of the runs with more modes and of the Sobol samples.
-
+        Seed of the runs with more modes and of the Sobol samples.
     """
 
     uncertain: tuple[Distribution, ...] = ()
@@ -173,16 +173,16 @@ class GapQuestions:
 
 @dataclass(frozen=True, eq=False)
 class GapAnswer(CompleteAnswer):
-    """The gap of an impact absorber, and what is known of the device; None for what was not run.
+    """The gap of an impact absorber, and analyses of the device; None for those that were not made.
 
     Attributes
     ----------
     advice : Advice
         The search: the gap with the lowest level, the recommended one, and all runs.
     structure : Beam or ModalModel
-        What the absorber is on.
+        Structure without absorber.
     questions : GapQuestions
-        What was to be run after the search.
+        Analyses after the search.
     uncertainty : UncertaintyResult, optional
         Quantiles of the level with all uncertain quantities drawn.
     precision : DevicePrecision, optional
@@ -192,8 +192,7 @@ class GapAnswer(CompleteAnswer):
     service : ServiceLoads, optional
         Impacts, forces at which the device helps, and other absorbers of the same mass.
     more_modes : str
-        What twice the modes change, in words.
-
+        Text about the effect of twice the number of modes.
     """
 
     advice: Advice
@@ -363,8 +362,8 @@ def read_uncertain(
 ) -> tuple[Distribution, ...]:
     """Return the uncertain quantities of a search.
 
-    Raises ParameterError for those that the absorber lacks, and for SI values of quantities that
-    are searched.
+    Raises ParameterError for quantities that the absorber lacks, and for absolute values (SI units)
+    of quantities that are searched.
     """
     words = dict(uncertain)
     posterior = measured_posterior(words)
@@ -404,7 +403,7 @@ def measured_posterior(uncertain: UncertainInput) -> Posterior | None:
 def model_for_gap(structure: Structure) -> ModalModel:
     """Return a structure's modal model for the choice of a gap.
 
-    The level is read at the absorber's place unless the structure names another place.
+    The response level is that at the absorber's place unless the structure has a response place.
     """
     return (
         modal_model(structure) if isinstance(structure, Beam) else model_with_absorber_at(structure)
@@ -442,9 +441,9 @@ def advise(
     Parameters
     ----------
     structure : Beam or ModalModel
-        What the absorber is on.
+        Structure without absorber.
     force : float, optional
-        Amplitude of the harmonic force in N; with ``loads`` a factor on them, by default 1.
+        Amplitude of the harmonic force in N; with ``loads`` a factor of the loads, by default 1.
     resonance : int
         Resonance near which the force acts, from 1.
     absorber : SlidingAbsorber, optional
@@ -452,49 +451,50 @@ def advise(
         `optimisation.absorber_rules.scaled_absorber`, or under loads
         `optimisation.load_cases.AppliedLoads.absorber`.
     loads : Loads, optional
-        Loads in the place of a swept force; their measure is made small
+        Loads instead of a swept force; the result minimises their measure
         (`optimisation.measures.measure_of`). Only ``tolerance``, ``friction_fixed``, ``factors``,
-        ``members``, ``seed``, a limit of the stroke, ``progress`` and ``executor`` go with them.
+        ``members``, ``seed``, a limit of the stroke, ``progress`` and ``executor`` are allowed with
+        loads.
     tolerance : float
-        Share by which the force may be larger or smaller.
+        Force tolerance: relative range of the force in which the recommended gap is robust.
     free : sequence of str
-        "restitution" or "friction_limit", to search as well.
+        "restitution" or "friction_limit", which are then searched, too.
     friction_fixed : bool
-        Whether the friction limit stays as it is at every gap; else it goes with the gap.
+        Whether the friction limit is the same at every gap; else it is proportional to the gap.
     factors : sequence of float
         Further gaps to run, over the design rule's.
     members, seed : int
-        Runs of each gap of an answer, and their seed.
+        Runs of each gap of a result, and their seed.
     rate : float, optional
         Sweep rate in % per 100 pseudo periods.
     limits : Limits, optional
         Limits of stroke and impact speed.
     uncertain : dict, optional
-        Uncertain quantities by name, as in `optimisation.tolerances.spreads`; "posterior": that of
-        a calibration, or its file.
+        Uncertain quantities by name, as in `optimisation.tolerances.spreads`; "posterior" is that
+        of a calibration, or its file.
     limit_level : float, optional
-        Level in m whose probability is found.
+        Level in m whose probability of exceedance is computed.
     tolerances, sobol : bool
-        Whether tolerances (for ``limit_level``) and Sobol shares are found; these take about 1000
-        sweeps each.
+        Whether tolerances (for ``limit_level``) and Sobol shares are computed; these take about
+        1000 sweeps each.
     contact : tuple, optional
         Two materials and the radius in m of the rounder body.
     card : bool
-        Whether the device runs in service.
+        Whether service loads are simulated.
     progress : callable, optional
-        Takes the number of finished and of all runs of the search.
+        ``progress(done, total)`` is called after each run of the search.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
 
     Returns
     -------
     GapAnswer
-        With `str`, `to_json`, `plot` and `save`.
+        Result with `str`, `to_json`, `plot` and `save`.
 
     Raises
     ------
     ParameterError
-        For numbers out of range, for what does not go with loads, and where no gap helps.
+        A number is out of range, an argument is not allowed with loads, or no gap helps.
 
     Examples
     --------

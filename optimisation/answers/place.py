@@ -29,7 +29,7 @@ from optimisation.service import impact_loads
 
 @dataclass(frozen=True, eq=False)
 class PlaceAnswer(CompleteAnswer):
-    """The search of place, mass and gap, and what is known of the recommended device.
+    """The search of place, mass and gap, with further simulations of the recommended device.
 
     Attributes
     ----------
@@ -38,8 +38,7 @@ class PlaceAnswer(CompleteAnswer):
     frequency : tuple of ResonanceCurves
         Levels over the frequency of its worst member and without absorber, near each resonance.
     service : PlaceService, optional
-        Impacts, and levels with other absorbers of its mass; None: not run, and no card.
-
+        Impacts, and levels with other absorbers of its mass; None if not simulated.
     """
 
     advice: PlaceAdvice
@@ -52,7 +51,7 @@ class PlaceAnswer(CompleteAnswer):
 
     @property
     def worst_resonance(self) -> int:
-        """Resonance at which the recommended device leaves most of the level without absorber."""
+        """Resonance at which the device's level relative to that without absorber is highest."""
         best = self.advice.recommended
         assert best is not None
         return max(best.parts, key=lambda part: part.share).resonance
@@ -101,10 +100,10 @@ def complete_place_answer(
     card: bool = True,
     contact: MaterialPair | None = None,
 ) -> PlaceAnswer:
-    """Run what else is known of the recommended device; a search that was stopped is left as it is.
+    """Simulate the recommended device of a search; a search that was stopped is returned as it is.
 
-    ``card``: whether the device runs in service; ``contact``: for an estimate of its contact.
-    Raises KeyboardInterrupt if the runs are stopped.
+    ``card``: whether service loads are simulated; ``contact``: materials for an estimate of its
+    contact. Raises KeyboardInterrupt if the runs are stopped.
     """
     best = advice.recommended
     if best is None or not advice.complete:
@@ -144,18 +143,17 @@ def choose_place(
     Parameters
     ----------
     structure : Beam or ModalModel
-        What the absorber is on; of a beam places over its length are tried, of a model those that
-        it has.
+        Structure without absorber. Candidates are places along a beam, or the places of a model.
     forces : dict
         Amplitude of the harmonic force in N by resonance, from 1.
     card : bool
-        Whether the device runs in service.
+        Whether service loads are simulated.
     contact : tuple, optional
         Two materials and the radius in m of the rounder body, for an estimate of the contact on the
         card.
     executor : Executor, optional
         Where the runs are made; default: threads of this process.
-    options
+    **options
         As in `optimisation.place_advice.advise_place`: ``mass_ratios``, ``restitution``,
         ``friction_limit``, ``limits``, ``limit_level``, ``tolerance``, ``members``,
         ``trial_places``, ``seed``, ``percent_per_100_periods``, ``progress``.
@@ -163,14 +161,14 @@ def choose_place(
     Returns
     -------
     PlaceAnswer
-        With `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`.
+        Result with `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`.
 
     Raises
     ------
     ParameterError
-        For numbers out of range, and where no place is reached.
+        A number is out of range, or the absorber does not reach its walls at any place.
     KeyboardInterrupt
-        If the runs after the search are stopped.
+        The runs after the search were stopped.
 
     Examples
     --------

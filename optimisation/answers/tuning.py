@@ -20,15 +20,14 @@ from optimisation.tuned.under_loads import TunedUnder, tuned_under
 
 @dataclass(frozen=True, eq=False)
 class TuningAnswer(CompleteAnswer):
-    """Tunings of one absorber mass.
+    """Tunings of a tuned absorber of one mass.
 
     Attributes
     ----------
     tunings : TuningTable or TunedUnder
-        All tunings to a resonance with their scores, or the two that loads have.
+        All tunings to a resonance with their scores, or the two tunings for loads.
     bounds : dict
         Proved amplitude in m/N by the key of a tuning.
-
     """
 
     tunings: TuningTable | TunedUnder
@@ -48,8 +47,8 @@ def prove_peaks(
 ) -> dict[str, float]:
     """Return the proved largest amplitude in m/N of each tuning by its key.
 
-    One that cannot be proved is left out, and ``report_failure`` gets a line about it; ``progress``
-    wraps the tunings that are proved one by one.
+    Tunings without proof are left out, and ``report_failure`` is called with a line of text;
+    ``progress`` wraps the iteration over tunings.
     """
     from optimisation.bounds.relaxation import NotOptimalError  # needs cvxpy, slow to import
     from optimisation.tuned.certificate import certify
@@ -79,35 +78,34 @@ def tune(
     Parameters
     ----------
     structure : Beam or ModalModel, optional
-        What the absorber is on; default: the paper's beam.
+        Structure without absorber; default: the paper's beam.
     mass_ratio : float
-        Absorber mass over the structure's.
+        Mass of the absorber over that of the structure.
     resonance : int
-        Resonance to tune to, from 1.
+        Resonance to which the absorber is tuned, from 1.
     low, high : float
-        Range of frequencies that is scored, over the resonance.
+        Range of frequencies in which the tuning is scored, over the resonance.
     proofs : bool
         Whether the peaks are proved, which takes seconds and needs the extra `optimise`.
     loads : Loads, optional
-        Loads whose measure is made small, in place of the peak near a resonance.
+        Loads whose measure is minimised, instead of the peak near a resonance.
 
     Returns
     -------
     TuningAnswer
-        With `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`; under loads without card
-        and figure.
+        Result with `str`, `to_json`, `to_markdown`, `to_html`, `plot` and `save`; under loads
+        without card and figure.
 
     Raises
     ------
     ParameterError
-        For numbers out of range, and for a resonance that no absorber at its place can reach.
+        A number is out of range, or an absorber at its place has no effect on the resonance.
 
     Examples
     --------
     >>> answer = tune(Beam(modes=2))
     >>> list(answer.to_json()["tunings"])[0]
     'none'
-
     """
     model = model_with_absorber_at(Beam() if structure is None else structure)
     if loads is not None:

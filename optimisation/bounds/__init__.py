@@ -87,7 +87,7 @@ def masses_of(model: ModalModel, mass: ArrayLike) -> Real:
 def strokes_of(model: ModalModel, gap: ArrayLike) -> Real:
     """Return R = 4 g0/pi in m, (n,), for gaps in m.
 
-    R is the largest spectral line of a signal within +-g0.
+    R is the largest amplitude of a spectral line of a signal within +-g0.
     """
     return 4 * _each(model, "gap", gap) / np.pi
 
@@ -109,7 +109,7 @@ def _each(model: ModalModel, name: str, values: ArrayLike) -> Real:
 
 
 def output_shape(model: ModalModel, at: ArrayLike | None) -> Real:
-    """Return the mode shape (N_m,) of the place where the level is read.
+    """Return the mode shape (N_m,) at the place of the response level.
 
     It is ``at`` if given, else that of the model.
     """
@@ -154,9 +154,7 @@ def _solve(matrix: Complex, row: Real, size: Real) -> tuple[Complex, Real]:
     """Return row H^-1 (..., N) of symmetric matrices H and a scale, 1 if H is regular.
 
     At an undamped resonance the first result is the eigenvector along which row H^-1 grows, and the
-    scale is infinity.
-
-    ``size`` (...): of the terms that a matrix is the sum of.
+    scale is infinity. ``size`` (...) is the size of the terms whose sum is a matrix.
     """
     try:
         answer = np.linalg.solve(
@@ -259,15 +257,14 @@ def stroke_limit_rms(
     omega: ArrayLike,
     at: ArrayLike | None = None,
 ) -> Real:
-    """Return the lower bound of the stationary RMS displacement in m.
+    """Return the lower bound of the stationary RMS displacement in m of any device in a cavity.
 
-    It has the broadcast shape of force and frequency.
-
-    ``mass`` m_a in kg and ``gap`` g0 in m, (n,) each if the model has the places of n absorbers;
-    ``force_amplitude`` f in N, ``omega`` in rad/s; ``at``: mode shape (N_m,) of the place whose
-    displacement is meant, in 1/sqrt(kg), the model's tip by default. The comment above has the
-    derivation and the assumptions. Multiplying gaps and force by one factor multiplies the bound by
-    it. Raises ParameterError for numbers out of range.
+    It has the broadcast shape of force and frequency. ``mass`` m_a is in kg and ``gap`` g0 in m,
+    (n,) each if the model has the places of n absorbers; ``force_amplitude`` f is in N and
+    ``omega`` in rad/s; ``at`` (N_m,) is the mode shape in 1/sqrt(kg) at the place of the
+    displacement, by default the tip. The comment above has the derivation and the assumptions. The
+    bound is proportional to a common factor of gaps and force. Raises ParameterError for numbers
+    out of range.
     """
     model = instance("model", model, ModalModel)
     return _rms(
@@ -287,9 +284,9 @@ def resonance_limit(
 ) -> Real:
     """Return the largest `stroke_limit_rms` in m over low..high times omega_r, of force's shape.
 
-    ``force`` in N; the other arguments as in `stroke_limit_rms`. No device keeps the largest of its
-    stationary levels over the range below it; a sweep's level is a windowed RMS in passing and is
-    only expected to follow it.
+    ``force`` is in N; the other arguments are as in `stroke_limit_rms`. Every device has a
+    stationary level at least as high somewhere in this range. The level of a sweep is a windowed
+    RMS of a transient, and the limit is only an estimate for it.
     """
     model = instance("model", model, ModalModel)
     forces = _amplitudes("force", force)
@@ -354,12 +351,11 @@ _LEAST = 0.5  # of the resonance with the mass stuck: where the range begins at 
 def near_range(model: ModalModel, mass: float, resonance: int = 1) -> tuple[float, float]:
     """Return the default (low, high) of `design_force` in units of omega_r.
 
-    It is `NEAR` for the paper's mass ratio and scaled for another ``mass`` in kg.
-
-    All that an absorber does to a resonance happens within a few times the shift of the frequency
-    by the stuck mass, so the lower end is as far below 1 as that shift is larger or smaller than
-    with the paper's mass ratio. At higher resonances and masses from a tenth of the beam's an
-    antiresonance comes into the range, and the rule then asks for too wide a gap.
+    It is `NEAR` for the paper's mass ratio, scaled for another ``mass`` in kg. An absorber
+    influences a resonance within a few times the frequency shift by its stuck mass, so the distance
+    of the lower end from 1 is proportional to this shift. At higher resonances and for masses from
+    a tenth of the beam's an antiresonance lies in the range, and the rule then gives too wide a
+    gap.
     """
     usual, shift = (
         1 - _stuck_ratio(model, m, resonance) for m in (DEFAULT_MASS_RATIO * model.beam_mass, mass)
@@ -385,17 +381,14 @@ def design_force(
 ) -> float:
     """Return f* in N, the force at which the limit leaves zero in low..high times omega_r.
 
-    f* is the minimum over Omega of |kappa| R/|G_f|.
-
-    ``mass`` m_a in kg, ``gap`` g0 in m. The paper's best operating points of the first two modes,
-    found by simulation, lie close to f*. For the paper's beam |kappa|/|G_f| grows with the
-    frequency, so the minimum sits at the lower end of the range, and f* depends on where "near the
-    resonance" begins: 1 % of frequency moves it by 2 % at the first mode and by 5 to 6 % at the
+    f* is the minimum over Omega of |kappa| R/|G_f|. ``mass`` m_a is in kg, ``gap`` g0 in m. The
+    paper's best operating points of the first two modes, found by simulation, lie close to f*. For
+    the paper's beam |kappa|/|G_f| grows with the frequency, so the minimum is at the lower end of
+    the range: 1 % of this frequency changes f* by 2 % at the first mode and by 5 to 6 % at the
     second. The default begins 7 % below the resonance for the paper's mass ratio, see `near_range`.
-    It is the absorber's own place whose limit is meant, also where the level is read elsewhere:
-    there the absorber gets its motion from. Raises ParameterError for numbers out of range, and for
-    a range without the resonance of the beam with the mass stuck to it, around which the limit is
-    largest.
+    The limit is that at the absorber's own place, even if the response level is that at another
+    place. Raises ParameterError for numbers out of range, and for a range without the resonance of
+    the beam with the mass stuck to it, around which the limit is largest.
     """
     model = instance("model", model, ModalModel)
     omega_r = model.resonance_omega(resonance)
@@ -461,10 +454,10 @@ def free_amplitude(model: ModalModel, mass: float, force: float, resonance: int 
 
 
 def reach(model: ModalModel, mass: float, resonance: int = 1) -> float:
-    """Return `free_amplitude` over `design_gap`, at any force: both are proportional to it.
+    """Return `free_amplitude` over `design_gap`; both are proportional to the force.
 
-    Below 1 the free structure does not fill the rule's cavity, so that an absorber without friction
-    never touches a wall there: at a node, with little motion, with much damping or a very light
+    If it is below 1, the motion of the free structure is smaller than the rule's gap, and an
+    absorber without friction does not touch a wall: near a node, with much damping or a very light
     mass. A narrower gap may help. Raises ParameterError as `design_gap` does.
     """
     return free_amplitude(model, mass, 1.0, resonance) / design_gap(model, mass, 1.0, resonance)
@@ -485,14 +478,11 @@ def expected_gap(model: ModalModel, mass: float, force: float, resonance: int = 
 
 
 def expected_factor(reach: float, damping: float) -> float:
-    """Return the best gap that simulations let expect, divided by the design rule's gap.
+    """Return the best gap in simulations of other structures over the design rule's gap, a fit.
 
     ``reach`` is the free amplitude over the rule's gap, ``damping`` the damping ratio of the
-    resonance.
-
-    A fit, not a theory (docs/gap_method.md says how good it is): (reach/2.5)^0.6 but at least 0.25
-    below 2.5, 1 up to 6, and above 1.2, times (0.005/damping)^0.2 for a damping from 0.5 % down to
-    0.15 %.
+    resonance. The fit is (reach/2.5)^0.6, at least 0.25, below a reach of 2.5; 1 up to 6; and 1.2
+    above, times (0.005/damping)^0.2 for a damping from 0.5 % down to 0.15 % (docs/gap_method.md).
     """
     if reach > LARGE_REACH:
         return 1.2 * max(1.0, LIGHT_DAMPING / max(damping, LEAST_DAMPING)) ** 0.2
@@ -510,11 +500,11 @@ def gap_unit(model: ModalModel, mass: float, force: float, resonance: int = 1) -
 
 
 def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> float:
-    """Return the smallest gap in m for which the limit is zero near several resonances at once.
+    """Return the smallest gap in m for which the limit is zero near several resonances.
 
-    ``forces`` gives the force in N for each resonance (counted from 1). It is the largest of the
-    single gaps: a smaller one lets the limit leave zero at one of the resonances, a larger one
-    costs level at all of them, since levels below f* are proportional to the gap.
+    ``forces`` has the force in N of each resonance (counted from 1). The result is the largest of
+    the single gaps. With a smaller gap the limit is above zero at one of the resonances; a larger
+    gap gives higher levels at all of them, because levels below f* are proportional to the gap.
     """
     model = instance("model", model, ModalModel)
     forces = table_of(finite)("forces", forces)
@@ -528,10 +518,10 @@ def common_gap(model: ModalModel, mass: float, forces: Mapping[int, float]) -> f
 def reduction_share(level: ArrayLike, without: ArrayLike, limit: ArrayLike) -> Real:
     """Return (without - level)/(without - limit), of the broadcast shape of the three levels in m.
 
-    ``without`` is the level without an absorber, ``limit`` what no device can go below. A limit
-    lies below the best device, so the share is a lower bound of what was reached; below 0 means
-    worse than no absorber, and above 1 a level that is not a stationary one (a sweep's). Raises
-    ParameterError where limit >= without: nothing can be gained there.
+    ``without`` is the level without absorber, ``limit`` a lower bound for all devices. The best
+    device has a level above the limit, so the share is a lower bound of the share that was reached.
+    It is negative if the absorber makes the level worse, and may be above 1 for a level that is not
+    stationary (a sweep's). Raises ParameterError if limit >= without.
     """
     every = {"level": level, "without": without, "limit": limit}
     reached, start, end = (
@@ -559,13 +549,11 @@ def share_reached(
 ) -> Real:
     """Return the share of the possible reduction that a ``level`` reaches near a resonance.
 
-    ``level`` is in m (RMS) and has any shape, which is the shape of the result.
-
-    ``level`` is a design's largest level over low..high times omega_r, simulated or measured, at a
-    ``force`` in N; ``mass`` m_a in kg and ``gap`` g0 in m are the design's, and the limit is
-    `resonance_limit`. It is compared with the free beam's largest stationary level over that range.
-    Raises ParameterError for numbers out of range, a force of 0, and an undamped resonance in the
-    range.
+    ``level`` is a design's largest level in m (RMS) over low..high times omega_r, simulated or
+    measured, of any shape, which is that of the result. ``force`` is in N, ``mass`` m_a in kg and
+    ``gap`` g0 in m. The level is compared with `resonance_limit` and with the free beam's largest
+    stationary level over the range. Raises ParameterError for numbers out of range, a force of 0,
+    and an undamped resonance in the range.
     """
     low, high = frequency_range(low, high)
     force = non_negative("force", force)

@@ -11,9 +11,9 @@ Im(B_a) <= 0 both constraints are convex, so r of the relaxation itself is admis
 level is that of the device's own place the limit is the closed form of `optimisation.bounds`;
 elsewhere it may be higher.
 
-The solver's number is not taken at its word. For any multipliers a >= 0 and c >= 0 the smallest
-value of the Lagrangian over all r is a lower bound (weak duality), and it has a closed form. So the
-number given back is a limit whatever the solver's accuracy.
+The result does not depend on the solver's accuracy. For any multipliers a >= 0 and c >= 0 the
+smallest value of the Lagrangian over all r is a lower bound (weak duality) in closed form. This
+value is returned.
 
 Everything is dimensionless: the level's line over |f A|, r over R, turned so that f A is 1; the
 power's constraint is divided by |f A_a|.
@@ -113,10 +113,10 @@ def passive_limit(
 ) -> PassiveLimit:
     """Return the limit of passive devices at one frequency.
 
-    ``mass`` m_a in kg, ``gap`` g0 in m, ``force`` in N, ``omega`` in rad/s, ``at``: mode shape
-    (N_m,) of the place where the level is read; assumptions as in `optimisation.bounds`, for one
-    absorber. Raises ParameterError for numbers out of range, NotOptimalError if the solver's status
-    is not ``optimal`` or its solution does not stand the checks.
+    ``mass`` m_a is in kg, ``gap`` g0 in m, ``force`` in N and ``omega`` in rad/s; ``at`` (N_m,) is
+    the mode shape at the place of the response level. The assumptions are those of
+    `optimisation.bounds`, for one absorber. Raises ParameterError for numbers out of range,
+    NotOptimalError if the solver's status is not ``optimal`` or its solution fails a check.
     """
     amplitude = non_negative("force", force)
     omega = positive("omega", omega)

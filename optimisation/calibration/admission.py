@@ -45,11 +45,9 @@ def require_plausible(
 ) -> None:
     """Raise ParameterError for a measurement that does not fit the structure.
 
-    The error is raised for a sensor or force at a node, for load and response that are exchanged,
-    and for wrong units.
-
-    The structure without absorber is simulated under the measured load: with an absorber the
-    response is within a factor of some tens of that, and its spectrum is alike.
+    Examples are a sensor or force at a node, load and response that are exchanged, and wrong units.
+    The response is compared with that of the structure without absorber under the measured load: an
+    absorber changes it by a factor of some tens at most, and its spectrum is similar.
     """
     for one in measurements:
         model = model_at_sensor(structure, one.sensor)
@@ -85,7 +83,7 @@ def require_moving_places(measurement: Measurement, model: ModalModel, resonance
 
 
 def require_rate(measurement: RecordMeasurement, model: ModalModel, resonance: int) -> None:
-    """Raise ParameterError where a record has too few samples for the resonance."""
+    """Raise ParameterError if a record has too few samples for the resonance."""
     own = model.resonance_omega(resonance) / (2 * np.pi)
     require(
         own < USABLE_SHARE * measurement.rate / 2,
@@ -213,10 +211,8 @@ def require_reachable_gap(
     """Raise ParameterError for a gap (m) that does not match the structure's motion.
 
     The gap must not be far larger or smaller than the motion of the structure alone at the
-    absorber.
-
-    Such a gap is one in another unit: the absorber never reaches a wall, or it sticks to the
-    structure.
+    absorber. Such a gap is probably in another unit: the absorber would never reach a wall, or
+    would stick to the structure.
     """
     model = scene.model
     largest = 0.0
@@ -252,10 +248,9 @@ def _usable_rms(values: Array, rate: float, lowest: float) -> float:
 def compare_responses(measurement: RecordMeasurement, predicted: Array) -> float:
     """Return the correlation, -1 to 1, of the logarithms of measured and predicted response.
 
-    Both are divided by the load and compared in the frequency band that the load excites.
-
-    For load and response that are exchanged the measured ratio is the reciprocal of the
-    structure's, and the correlation near -1.
+    Both are divided by the load and compared in the frequency band that the load excites. If load
+    and response are exchanged, the measured ratio is the reciprocal of the structure's and the
+    correlation is near -1.
     """
     load = measurement.load.values
     low, high = excited_band(load, measurement.rate)

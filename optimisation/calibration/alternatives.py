@@ -23,10 +23,11 @@ WITH_FRICTION = "friction"
 def list_alternatives(
     scene: Scene, priors: Sequence[Prior], resonance: int
 ) -> dict[str, tuple[Scene, tuple[Prior, ...]]]:
-    """Return other models by name: scene and priors of each.
+    """Return other models by name, each a scene and its priors.
 
-    Springs as walls, walls with a restitution that falls with the speed, and friction added or left
-    out. Unequal gaps are none: only the total clearance acts on a mass that nothing centres.
+    They are springs as walls, walls with a restitution that falls with the speed, and added or
+    omitted friction. Unequal gaps are not a further model, because only the total clearance acts on
+    a mass without centring force.
     """
     absorber = require_impact_absorber(scene)
     walls = absorber.walls

@@ -45,7 +45,7 @@ MOST_FAILED = 0.2  # of all runs
 
 
 class StatisticsSimulator(Protocol):
-    """What simulates summary statistics."""
+    """Simulator of summary statistics."""
 
     @property
     def observed(self) -> Array:
@@ -65,14 +65,14 @@ class Ensemble:
     statistics: Array
 
     def joined(self, other: Ensemble) -> Ensemble:
-        """Return both."""
+        """Return the simulations of both ensembles."""
         return Ensemble(
             np.concatenate([self.shares, other.shares]),
             np.concatenate([self.statistics, other.statistics]),
         )
 
     def selected(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Ensemble:
-        """Return some of the simulations."""
+        """Return the simulations of a mask, or with these indices."""
         return Ensemble(self.shares[which], self.statistics[which])
 
     @property
@@ -83,11 +83,17 @@ class Ensemble:
 
 @dataclass(frozen=True, eq=False)
 class StatisticSensitivity:
-    """What each statistic says of the parameters.
+    """Information of each of D statistics about the P parameters.
 
-    ``explained`` (D,): share of its variance over the prior that a cubic polynomial of the
-    parameters explains, of data left out; ``shifts`` (D, P): its change over the middle 90 % of
-    each parameter's prior, in deviations of its scatter; ``used`` (D,).
+    Attributes
+    ----------
+    explained : array, (D,)
+        Share of its variance over the prior that a cubic polynomial of the parameters explains, by
+        cross-validation.
+    shifts : array, (D, P)
+        Change over the middle 90 % of each parameter's prior, in deviations of its scatter.
+    used : array of bool, (D,)
+        Whether the statistic is used.
     """
 
     explained: Array
@@ -99,10 +105,24 @@ class StatisticSensitivity:
 class Inference:
     """The posterior and the rounds of simulations from which it was computed.
 
-    ``shares`` and ``values``: draws (N, P) as shares of the priors and as values in SI units.
-
-    ``history``: medians and deviations, (R, 2, P), in shares, of each round; ``settled``: whether
-    the last two agree; ``runs``: simulated measurements; ``ensemble``: all of them.
+    Attributes
+    ----------
+    priors : tuple of Prior
+        Prior distributions, (P,).
+    shares, values : array, (N, P)
+        Draws of the posterior, as shares of the priors and in SI units.
+    sensitivity : StatisticSensitivity
+        Information of the statistics.
+    statistic : RegressionStatistics
+        Linear statistics of the last round.
+    likelihood : SyntheticLikelihood
+        Likelihood of the last round.
+    history : array, (R, 2, P)
+        Medians and deviations of each round, in shares.
+    settled : bool
+        Whether the last two rounds agree.
+    ensemble : Ensemble
+        All simulated measurements.
     """
 
     priors: tuple[Prior, ...]
@@ -152,7 +172,10 @@ def simulate_ensemble(
 
 
 def measure_sensitivity(ensemble: Ensemble) -> StatisticSensitivity:
-    """Return what each statistic says of the parameters, from simulations over the whole prior."""
+    """Return the information of each statistic about the parameters.
+
+    ``ensemble`` are simulations over the whole prior.
+    """
     shares = ensemble.shares
     statistics = ensemble.statistics
     degree = degree_for(len(shares), shares.shape[1], PRIOR_DEGREE)
@@ -240,8 +263,8 @@ def fit_posterior(
 ) -> tuple[Array, RegressionStatistics, SyntheticLikelihood]:
     """Return draws (N, P) of an ensemble's posterior, the linear statistics and the likelihood.
 
-    Near a point only the simulations there are used; beyond them means and variances would be
-    extrapolated. None: the whole prior.
+    Only simulations in the neighbourhood ``near`` are used, because means and variances would be
+    extrapolated beyond it. None: the whole prior. ``used`` (D,) are the statistics that count.
     """
     if near is None:
         shares = ensemble.shares
@@ -375,7 +398,7 @@ def round_seed(seed: int, number: int) -> int:
 
 
 def require_runs(ensemble: Ensemble) -> Ensemble:
-    """Return the simulations that did not fail; raises ParameterError where too many did."""
+    """Return the simulations that did not fail; raise ParameterError if too many failed."""
     finite = ensemble.finite
     failed = len(ensemble.shares) - len(finite.shares)
     if failed > MOST_FAILED * len(ensemble.shares):

@@ -1,11 +1,11 @@
 """A Gaussian synthetic likelihood of a few linear statistics, and its posterior by Markov chains.
 
-The D summary statistics are reduced to one for each parameter: over the whole prior by ridge
-regression of the parameters on them (Fearnhead and Prangle, 2012,
+The D summary statistics are reduced to one statistic for each parameter: over the whole prior by
+ridge regression of the parameters on the summary statistics (Fearnhead and Prangle, 2012,
 doi:10.1111/j.1467-9868.2011.01010.x), near the posterior by generalised least squares. Mean and
-covariance of these, as functions of the parameters, are fitted to the simulated ensembles; a
-Gaussian with them is the synthetic likelihood (Wood, 2010, doi:10.1038/nature09319). Parameters are
-shares (P,) from 0 to 1 of their prior distributions.
+covariance of the reduced statistics, as functions of the parameters, are fitted to the simulated
+ensembles and define a Gaussian, the synthetic likelihood (Wood, 2010, doi:10.1038/nature09319).
+Parameters are shares (P,) from 0 to 1 of their prior distributions.
 """
 
 from collections.abc import Callable
@@ -63,7 +63,7 @@ def fit_regression_statistics(
     Returns
     -------
     RegressionStatistics
-        With the penalty that predicts best what is left out.
+        Statistics with the penalty that is best in cross-validation.
     array, (N, P)
         The regression statistics of the simulations, each by the fit without it, so that their
         scatter is that of new data.

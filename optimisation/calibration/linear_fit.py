@@ -49,10 +49,16 @@ GAIN_TOL = 0.1  # by which a measured response may differ in scale
 class LinearFit:
     """Fitted frequencies in Hz and damping ratios of modes, with standard errors of both.
 
-    ``modes``: numbers (M,) of the modes, from 1. All other arrays are (M,).
-
-    ``gain``: scale of the measured response over the model's, NaN of decays alone; ``explained``:
-    share of the response's mean square that the fit explains.
+    Attributes
+    ----------
+    modes : tuple of int, (M,)
+        Numbers of the modes, from 1.
+    hertz, damping, hertz_error, damping_error : array, (M,)
+        Frequencies in Hz, damping ratios, and standard errors.
+    gain : float
+        Scale of the measured response over the model's, NaN for decays alone.
+    explained : float
+        Share of the response's mean square that the fit explains.
     """
 
     modes: tuple[int, ...]
@@ -65,7 +71,7 @@ class LinearFit:
 
     @property
     def warnings(self) -> list[str]:
-        """What is wrong with the fit, in words."""
+        """Sentences about an implausible fit."""
         lines = []
         if self.explained < LEAST_EXPLAINED:
             lines.append(
@@ -180,7 +186,8 @@ class DecayResidual:
 def excited_band(values: Array, rate: float) -> tuple[float, float]:
     """Return the frequency band in Hz that a load excites.
 
-    Outside either end of the band lies `BAND_SHARE` of the load's mean square.
+    The share `BAND_SHARE` of the load's mean square lies below the band, and the same share above
+    it.
     """
     power = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
     share = np.cumsum(power) / np.sum(power)
@@ -372,8 +379,8 @@ def _standard_errors(
 ) -> Array:
     """Return the standard errors of the fitted logarithms.
 
-    The larger of those for independent residuals, and for residuals that depend on one another
-    within a block in any way.
+    They are the larger of those for independent residuals, and of those for residuals with any
+    dependence within a block.
     """
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
     scores = np.zeros_like(inverse)

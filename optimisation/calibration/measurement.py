@@ -48,7 +48,7 @@ RESPONSE_KEYS = ("noise", "noise_share", "place", "direction", "relative_to")
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """What a response was measured with.
+    """The sensor of a response.
 
     Attributes
     ----------
@@ -57,14 +57,13 @@ class Sensor:
     noise : float
         Standard deviation of the sensor's white noise, in SI units.
     place : float, optional
-        Place on a beam over its length; None: where the structure's response is read.
+        Position on a beam over its length; None: the structure's place of the response.
     direction : int
-        1, or -1 for a sensor that is mounted the other way round.
+        1, or -1 for a sensor with the opposite direction.
     relative : bool
         Whether the response is relative to the base.
     limit : float, optional
-        Largest absolute value of a record that is allowed to be clipped there; None: not clipped.
-
+        Absolute value at which the record is clipped; None: not clipped.
     """
 
     quantity: str
@@ -125,8 +124,7 @@ Measurement = RecordMeasurement | LevelMeasurement | DecayMeasurement
 def read_measurements(path: Path) -> tuple[Measurement, ...]:
     """Return the measurements of a file.
 
-    Raises ParameterError with the key, the value and what is allowed for everything that does not
-    fit.
+    Raises ParameterError with key, value and what is allowed for anything that does not fit.
     """
     return to_measurements(read_plain(path), path.parent)
 

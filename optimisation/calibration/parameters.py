@@ -98,9 +98,9 @@ PriorInput = Sequence[float | str] | None
 def read_priors(
     free: Mapping[str, PriorInput] | Sequence[str], scene: Scene, resonance: int
 ) -> tuple[Prior, ...]:
-    """Return the prior of each free parameter; those without a range get `usual_prior`.
+    """Return the prior of each free parameter; parameters without a range get `usual_prior`.
 
-    Raises ParameterError for an unknown name, a name that does not go with the scene, and an
+    Raises ParameterError for an unknown name, for a parameter that the scene lacks, and for an
     impossible range.
     """
     absorber = require_impact_absorber(scene)
@@ -152,7 +152,7 @@ def _number(path: str, word: float | str) -> float:
 def usual_prior(name: str, scene: Scene, resonance: int) -> Prior:
     """Return the prior of a parameter without a range, around the scene's own value.
 
-    Raises ParameterError for a parameter that has none.
+    Raises ParameterError for a parameter without usual prior.
     """
     absorber = require_impact_absorber(scene)
     model = scene.model
@@ -211,7 +211,8 @@ def require_impact_absorber(scene: Scene) -> SlidingAbsorber:
 def scene_with(scene: Scene, chosen: Mapping[str, float], resonance: int) -> Scene:
     """Return the scene with other values of parameters, by their names in `PARAMETERS`.
 
-    ``frequency`` (Hz) and ``damping`` are those of the resonance; those of all modes go with them.
+    ``frequency`` (Hz) and ``damping`` are those of the resonance; those of the other modes change
+    in proportion.
     """
     model = scene.model
     which = resonance - 1

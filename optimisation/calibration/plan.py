@@ -71,10 +71,7 @@ class MeasurementPlan:
 
 
 def scale_load(measurement: Measurement, factor: float) -> Measurement:
-    """Return a measurement with a load multiplied by a factor.
-
-    Its response is not that of any run.
-    """
+    """Return a measurement with a load multiplied by a factor; its response is unchanged."""
     if isinstance(measurement, RecordMeasurement):
         load = measurement.load
         return replace(measurement, load=Samples(load.times, factor * load.values, load.quantity))
@@ -155,8 +152,8 @@ def plan_measurement(
 def expect_deviations(parameters: Array, sweeps: Sequence[Array]) -> Array:
     """Return the expected deviations (P,) of ``parameters`` (N, P) after further sweeps.
 
-    The parameters have deviation 1 before the sweeps, so the expected deviations are at most 1.
-    Each sweep has statistics (N, D).
+    The parameters have deviation 1 before the sweeps, so the results are at most 1. Each of
+    ``sweeps`` has statistics (N, D).
     """
     statistics = np.concatenate(sweeps, axis=1)
     fine = np.all(np.isfinite(statistics), axis=1)
