@@ -15,7 +15,7 @@ settings.register_profile("workbench", derandomize=True, deadline=None)
 settings.load_profile("workbench")
 
 # their commands write some hundred figures, which would take a third of their time
-DRAWING = ("commands", "design", "studies")
+DRAWING = ("commands", "design", "environments", "periodic", "studies")
 
 
 @pytest.fixture(autouse=True, scope="module")

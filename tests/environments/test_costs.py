@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawing import line, saved_figures
 
 pytest.importorskip("stable_baselines3")
 gymnasium = pytest.importorskip("gymnasium")
@@ -101,7 +102,9 @@ def test_a_training_moves_the_multiplier_after_each_round() -> None:
     lanes.close()
 
 
-def test_the_tables_have_limits_and_weights(tmp_path: Path) -> None:
+def test_the_tables_have_limits_and_weights(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     rows = [
         {"task": "ActiveFriction-v0", "kind": kind, "value": value, "multiplier": multiplier}
         | {"scores": [-0.4, -0.2], "costs": [0.1, 0.1]}
@@ -118,8 +121,11 @@ def test_the_tables_have_limits_and_weights(tmp_path: Path) -> None:
     front = study.make_front_table(measured)
     assert "weight of the way of the actuator" in front
     assert front.count("-0.300") == 1
+    drawn = saved_figures(monkeypatch)
     study.save_front(tmp_path / "front.png", measured)
-    assert (tmp_path / "front.png").stat().st_size > 1000
+    panel = drawn[0].axes[list(study.COSTS).index("ActiveFriction-v0")]
+    for label in (EIGHT, study.LIMITED, "weights"):
+        np.testing.assert_allclose(line(panel, label), [[0.1], [-0.3]])
 
 
 @pytest.mark.filterwarnings("ignore:.*is different from the unwrapped")

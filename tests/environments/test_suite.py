@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import call
+from drawing import line, saved_figures
 
 gymnasium = pytest.importorskip("gymnasium")
 pytest.importorskip("cmaes")
@@ -392,7 +393,7 @@ def test_actions_are_averaged_where_a_state_was_visited() -> None:
     assert known.states[row] <= 0.55 <= known.states[row + 1]
 
 
-def test_agents_are_judged_seed_by_seed(tmp_path: Path) -> None:
+def test_agents_are_judged_seed_by_seed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Agents are judged for each training seed.
 
     The shipped agent represents two training seeds. Its own scores on test seeds are counted and
@@ -422,6 +423,7 @@ def test_agents_are_judged_seed_by_seed(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- agents -->\n<!-- /agents -->\n")
     options = ("--task", task, "--episodes", 4, "--out", tmp_path / "out", "--page", page)
+    drawn = saved_figures(monkeypatch)
     result = call(judge_agents.main, "--agents", tmp_path / "agents", *options)
     assert result.exit_code == 0, result.output
     rows = judge_agents.read_rows(tmp_path / "out" / "agents.csv", judge_agents.AgentScores)
@@ -437,7 +439,9 @@ def test_agents_are_judged_seed_by_seed(tmp_path: Path) -> None:
         assert (row.validation, row.steps) == (-0.6, 200)
     assert "| `ActiveGap-v0` |" in page.read_text()
     assert result.stdout.strip() in page.read_text()
-    assert (tmp_path / "out" / "learning_curves.png").stat().st_size > 5000
+    panel = drawn[0].axes[0]
+    assert panel.get_title() == task
+    np.testing.assert_allclose(line(panel, "PPO"), [[1e-4, 2e-4], [-0.6, -0.7]])
     again = call(judge_agents.main, *options)
     assert again.exit_code == 0
     assert again.stdout == result.stdout

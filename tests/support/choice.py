@@ -19,17 +19,18 @@ def _files(words: dict[str, str]) -> tuple[str, ...]:
 # Each group runs in a process of its own, two at a time, those that take longest first. What a
 # process has compiled and imported stays in its memory: hence groups, and files of one folder, which
 # import the same, in one of them.
-KERNELS = ("tests/kernels/test_[a-l]*.py", "tests/kernels/test_[m-z]*.py")
+KERNELS = ("tests/kernels/test_[m-z]*.py", "tests/kernels/test_[a-l]*.py")
 OTHERS = (
-    "tests/commands/test_[i-o]*.py",
-    "tests/commands/test_[p-z]*.py",
-    "tests/commands/test_[a-h]*.py",
     "tests/periodic/test_*.py",
     "tests/environments/test_*.py",
+    "tests/commands/test_[d-h]*.py",
+    "tests/design/test_[l-z]*.py",
+    "tests/commands/test_[i-o]*.py",
+    "tests/studies/test_*.py",
     "tests/simulator/test_*.py",
     "tests/design/test_[a-k]*.py",
-    "tests/design/test_[l-z]*.py",
-    "tests/studies/test_*.py",
+    "tests/commands/test_[a-c]*.py",
+    "tests/commands/test_[p-z]*.py",
     "tests/house/test_*.py",
 )
 GROUPS = (*KERNELS, *OTHERS)
