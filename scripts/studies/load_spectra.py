@@ -224,13 +224,6 @@ def random_rows(case: LoadCase, number: int, settings: SpectrumSettings) -> list
     ]
 
 
-def _shock(model: ModalModel, width: float) -> Loads:
-    period = model.pseudo_period(1)
-    return Loads(
-        (Shock("half-sine", 1.0, width * period, SHOCK_PERIODS * period),), float(model.omega[0])
-    )
-
-
 def _high_share(lane: Lane) -> float:
     """Return the share of the modes above the first in the structure's energy.
 
@@ -253,7 +246,9 @@ def shock_rows(case: LoadCase, width: float, settings: SpectrumSettings) -> list
     cavity.
     """
     model = case.model
-    unit = _shock(case.model, width)
+    period = model.pseudo_period(1)
+    shock = Shock("half-sine", 1.0, width * period, SHOCK_PERIODS * period)
+    unit = Loads((shock,), float(model.omega[0]))
     history = simulate(Scene(model), unit, record=SERIES).recorded.history
     per_newton = float(np.max(np.abs(history.tip_displacement)))
     tuned = tuned_for(model, MASS_RATIO, [unit])

@@ -84,11 +84,6 @@ def truth_of(it: AccuracyCase) -> Truth:
     return Truth(periods, ended.end_state, impact_times(ended))
 
 
-def state_error(it: AccuracyCase, state: Array, true: Array) -> float:
-    """Return the distance of two states in the norm of energy, relative to the true state's."""
-    return float(np.sqrt(np.sum(it.weights * (state - true) ** 2) / np.sum(it.weights * true**2)))
-
-
 ERRORS = (
     "state_error",
     "first_impact_error_periods",
@@ -130,7 +125,10 @@ def _errors(
         float(abs(times[k - 1] - truth.impact_time[k - 1]) / it.period) if k <= both else None
         for k in (1, IMPACTS)
     ]
-    return state_error(it, state, truth.end_state), *impacts, balance
+    # in the norm of energy
+    distance = np.sum(it.weights * (state - truth.end_state) ** 2)
+    error = float(np.sqrt(distance / np.sum(it.weights * truth.end_state**2)))
+    return error, *impacts, balance
 
 
 def own_row(starts: list[Start], method: Method, settings: AccuracySettings) -> Row:

@@ -30,12 +30,6 @@ MASS = 0.03  # kg
 LEAST_RUNS = CalibrationRuns(32, 16, 1, 20)  # compile
 
 
-def write_shaker_test(folder: Path) -> tuple[Measurement, ...]:
-    """Return the measurements of the page's synthetic shaker test, written into a folder."""
-    runpy.run_path(str(EXAMPLES / "shaker_test.py"))["main"](folder)
-    return read_measurements(folder / "shaker_test.toml")
-
-
 def time_calibration(measurements: tuple[Measurement, ...], runs: CalibrationRuns) -> Json:
     """Return simulated measurements, and CPU and wall time in s, of a calibration."""
     arm = load_structure(EXAMPLES / "arm.toml")
@@ -56,7 +50,8 @@ def time_calibration(measurements: tuple[Measurement, ...], runs: CalibrationRun
 def measure(runs: CalibrationRuns) -> Json:
     """Return the row of one sweep with the absorber, compilation apart."""
     with tempfile.TemporaryDirectory() as folder:
-        both = write_shaker_test(Path(folder))
+        runpy.run_path(str(EXAMPLES / "shaker_test.py"))["main"](Path(folder))
+        both = read_measurements(Path(folder) / "shaker_test.toml")
     own = tuple(one for one in both if one.absorber == MOVING)
     time_calibration(own, LEAST_RUNS)
     return {"threads": available_cores(), "rows": [time_calibration(own, runs)]}

@@ -255,11 +255,6 @@ STUDY: Study[GapSettings] = make_rows_study(
 )
 
 
-def by_run_time(cases: Sequence[StructureCase]) -> tuple[StructureCase, ...]:
-    """Return cases with the shortest sweeps first."""
-    return tuple(sorted(cases, key=lambda case: -default_rate(case.model(), (case.resonance,))))
-
-
 @command()
 @click.option("--quick", is_flag=True, help="A look: two structures, with a coarse scan.")
 @click.option(
@@ -291,8 +286,12 @@ def main(quick: bool, cluster: str | None, place: OutputPaths, **options: Any) -
             "judges": options["judges"] or (QUICK_JUDGES if quick else JUDGES),
             "threads": options["threads"] if result is None else None,
         }
+        # the shortest sweeps first
+        every = sorted(
+            CASES + HARD_CASES, key=lambda case: -default_rate(case.model(), (case.resonance,))
+        )
         settings = GapSettings(
-            tuple(CASES[k] for k in QUICK_CASES) if quick else by_run_time(CASES + HARD_CASES),
+            tuple(CASES[k] for k in QUICK_CASES) if quick else tuple(every),
             step=QUICK_STEP if quick else STEP,
             executor=result,
             **options,

@@ -65,13 +65,6 @@ def list_names(page: str) -> list[str]:
     ]
 
 
-def class_of(page: str) -> Any:
-    """Return the class of a page's environment."""
-    with optional():
-        import gymnasium
-    return type(gymnasium.make(PREFIX + EXAMPLES[page]).unwrapped)
-
-
 def read_sections(kind: type) -> dict[str, str]:
     """Return the sections of an environment's docstring by heading, as Markdown.
 
@@ -182,7 +175,9 @@ def make_scores(names: list[str]) -> str:
 
 def make_page(page: str, measured: dict[str, Any]) -> str:
     """Return the text of the page of one environment."""
-    kind = class_of(page)
+    with optional():
+        import gymnasium
+    kind: Any = type(gymnasium.make(PREFIX + EXAMPLES[page]).unwrapped)
     texts = read_sections(kind)
     names = list_names(page)
     env = kind()

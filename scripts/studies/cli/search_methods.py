@@ -273,12 +273,6 @@ METHODS: dict[str, tuple[str, Search]] = {
 }
 
 
-def make_problem(name: str, seed: int, comparison: ComparisonSettings) -> Problem:
-    """Return a problem with the comparison's members and rate."""
-    problem = PROBLEMS[name](comparison.members, seed)
-    return replace(problem, rate=comparison.speed * problem.rate)
-
-
 def judge_design(problem: Problem, design: Design, comparison: ComparisonSettings) -> Json:
     """Evaluate a design on fresh members.
 
@@ -300,7 +294,8 @@ def trial(name: str, method: str, seed: int, comparison: ComparisonSettings) -> 
     It has the search's cost, the winner's level ``found`` by the search, its level when it was
     ``chosen``, and the judged ``level``.
     """
-    problem = make_problem(name, seed, comparison)
+    problem = PROBLEMS[name](comparison.members, seed)
+    problem = replace(problem, rate=comparison.speed * problem.rate)
     row: Json = {"problem": name, "method": method, "seed": seed}
     if method == RULE:
         return [row | judge_design(problem, problem.space.default, comparison)]
@@ -346,17 +341,15 @@ class Standing(NamedTuple):
         return f"{middle:.3f} ({interval.low:.3f} to {interval.high:.3f})"
 
 
-def judged_level(row: Json) -> float:
-    """Return a winner's level; one that exceeds a limit by x percent counts x percent worse."""
-    return float(row["level"] * (1 + row["violation"]))
-
-
 def standings(rows: Sequence[Json]) -> list[Standing]:
     """Return the results of each method on each problem from the rows of `trial`.
 
     Within a problem the method with the lowest median level is first.
     """
-    levels = {(r["problem"], r["method"], r["seed"]): judged_level(r) for r in rows}
+    # a design that exceeds a limit by x percent counts x percent worse
+    levels = {
+        (r["problem"], r["method"], r["seed"]): r["level"] * (1 + r["violation"]) for r in rows
+    }
     summaries = []
     for name in dict.fromkeys(r["problem"] for r in rows):
         own = []

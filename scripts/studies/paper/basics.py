@@ -200,10 +200,6 @@ def compute_linear_numbers() -> Json:
     return result
 
 
-def _impact_times(lane: Lane) -> Array:
-    return simulate(lane.scene, lane.drive, record=Record(events=True)).recorded.impacts.time
-
-
 def compute_both_levels(lane: Lane) -> tuple[float, float]:
     """Return the level in m of a lane with the paper's window and with one twice as long."""
     record = FULL_RECORD if lane.scene.absorber is not None else Record(level=False, series=True)
@@ -290,7 +286,11 @@ def _scaling() -> Json:
         return Lane(scene, Drive(factor * 3.5, make_both_sweeps(scene)[0]))
 
     one, two = (compute_level_value(run(factor, factor * 0.1)) / factor for factor in (1.0, 2.0))
-    first, other = (_impact_times(run(factor, None))[:FIRST] for factor in (1.0, 3.0))
+    lanes = [run(factor, None) for factor in (1.0, 3.0)]
+    first, other = (
+        simulate(lane.scene, lane.drive, record=Record(events=True)).recorded.impacts.time[:FIRST]
+        for lane in lanes
+    )
     return {
         "level_by_2": two / one - 1,
         "times_by_3": float(np.max(np.abs(other / first - 1))),

@@ -433,11 +433,6 @@ def _group_blows(values: Json) -> dict[tuple[int, str, float], list[Json]]:
     return groups
 
 
-def find_least_blow(rows: list[Json]) -> float:
-    """Return the smallest blow after which a run has impacts; infinite if there is none."""
-    return min((row["blow"] for row in rows if row["impacting"]), default=np.inf)
-
-
 judge = partial(make_claim, LABEL)
 
 
@@ -537,7 +532,10 @@ def _judge_blows(values: Json) -> Claim:
 
     The statement holds if this blow is larger than a slight one.
     """
-    least = {case: find_least_blow(rows) for case, rows in _group_blows(values).items()}
+    least = {
+        case: min((row["blow"] for row in rows if row["impacting"]), default=np.inf)
+        for case, rows in _group_blows(values).items()
+    }
     cases = [ClaimVerdict.HOLDS if blow > LITTLE else ClaimVerdict.NOT for blow in least.values()]
     by_struck = {
         struck: min(blow for (_, own, _), blow in least.items() if own == struck)
