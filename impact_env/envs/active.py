@@ -4,29 +4,86 @@ Friction or walls are set every quarter of a period, or slow walls move during a
 the environments draw their scenes.
 """
 
-from functools import partial
+import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
-from impact_env.envs.active_task import (
-    ActiveFrictionTask,
-    ActiveGapTask,
-    ActiveSettings,
-    RawSensorsTask,
-    WallActuator,
+from impact_env.checks import require
+from impact_env.controlled import friction_limit
+from impact_env.envs.actuators import (
+    FrictionActuator,
+    FrictionRange,
+    MovingWallsActuator,
+    WallSettings,
+    require_cavity,
+    require_friction,
 )
-from impact_env.envs.adaptive_task import FrictionRange
 from impact_env.envs.choices import SEMI_ACTIVE
-from impact_env.envs.drawn_task import (
-    LimitedPassageTask,
-    RandomisedSettings,
-    StructurePool,
-    StructuresTask,
+from impact_env.envs.observation import (
+    ACCELERATIONS,
+    DISTANCE_TO_END,
+    FRICTION_IN_USE,
+    GAP_IN_USE,
+    KNOWN_TO_CONTROL,
+    RMS,
+    STATE,
+    STATE_IN_PERIOD,
+    STRUCTURE_NUMBERS,
+    SWEEP_RATE,
+    Feature,
 )
+from impact_env.envs.one_frequency import (
+    AccelerometerColumns,
+    ActiveSettings,
+    MachineErrors,
+    PeriodColumns,
+    PeriodReward,
+    SteadySchedule,
+    vary_damping,
+)
+from impact_env.envs.passages import (
+    PER_PERIOD,
+    PassageSettings,
+    RandomisedSettings,
+    RandomPassageReward,
+    RandomPassageSchedule,
+)
+from impact_env.envs.reference import stationary_amplitude
 from impact_env.envs.settings import TaskSettings
-from impact_env.envs.shells import TaskEnv, TaskSpec, one_number_space
+from impact_env.envs.shells import TaskEnv, TaskSpec
+from impact_env.envs.structure_families import StructureNumbers, StructurePool
+from impact_env.envs.task import LaneState, StateColumns, Task
 from impact_env.envs.vector_shell import environment
 
 SCENE: dict[str, Any] = SEMI_ACTIVE | {"interval": 0.25}
+ACTIVE_FRICTION_COLUMNS = (*STATE_IN_PERIOD, FRICTION_IN_USE)
+
+
+def compose_active_friction(
+    settings: TaskSettings,
+    cycle: ActiveSettings,
+    friction: FrictionRange,
+    count: int,
+    columns: Sequence[Feature] = ACTIVE_FRICTION_COLUMNS,
+    state: type[StateColumns] = PeriodColumns,
+) -> Task:
+    """Return lanes at one frequency each, with a friction limit that is set."""
+    require_friction(settings.scene)
+    scenes = vary_damping([settings.scene], cycle.damping_error)
+    lanes = LaneState(settings, count, cycle.fatigue_exponent, scenes)
+    schedule = SteadySchedule(lanes, cycle)
+    actuator = FrictionActuator(lanes, friction)
+    return Task(
+        lanes,
+        schedule,
+        PeriodReward(schedule, actuator, cycle.price),
+        actuators=(actuator,),
+        columns=columns,
+        state=state,
+        machine=(MachineErrors(lanes, cycle, actuator, draws_damping=len(scenes) > 1),),
+        arguments=(cycle, friction),
+    )
 
 
 @environment
@@ -83,10 +140,40 @@ class ActiveFrictionEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        ActiveFrictionTask,
+        compose_active_friction,
         (TaskSettings, ActiveSettings, FrictionRange),
         SCENE | {"price": 5e-5},
-        one_number_space,
+        ACTIVE_FRICTION_COLUMNS,
+    )
+
+
+ACTIVE_GAP_COLUMNS = (*STATE_IN_PERIOD, GAP_IN_USE)
+
+
+def compose_active_gap(
+    settings: TaskSettings, cycle: ActiveSettings, walls: WallSettings, count: int
+) -> Task:
+    """Return lanes at one frequency each, with walls that are moved."""
+    require_cavity(settings.scene)
+    require(
+        cycle.friction_error == (0.0, 0.0) or math.isfinite(friction_limit(settings.scene)),
+        "friction_error",
+        cycle.friction_error,
+        "0 for an absorber without rigid friction",
+    )
+    scenes = vary_damping([settings.scene], cycle.damping_error)
+    lanes = LaneState(settings, count, cycle.fatigue_exponent, scenes)
+    schedule = SteadySchedule(lanes, cycle)
+    actuator = MovingWallsActuator(lanes, walls)
+    return Task(
+        lanes,
+        schedule,
+        PeriodReward(schedule, actuator, cycle.price),
+        actuators=(actuator,),
+        columns=ACTIVE_GAP_COLUMNS,
+        state=PeriodColumns,
+        machine=(MachineErrors(lanes, cycle, draws_damping=len(scenes) > 1),),
+        arguments=(cycle, walls),
     )
 
 
@@ -130,10 +217,22 @@ class ActiveGapEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        ActiveGapTask,
-        (TaskSettings, ActiveSettings, WallActuator),
+        compose_active_gap,
+        (TaskSettings, ActiveSettings, WallSettings),
         SCENE | {"price": 5e-4},
-        one_number_space,
+        ACTIVE_GAP_COLUMNS,
+    )
+
+
+RAW_COLUMNS = (*ACCELERATIONS, *KNOWN_TO_CONTROL, FRICTION_IN_USE)
+
+
+def compose_raw_sensors(
+    settings: TaskSettings, cycle: ActiveSettings, friction: FrictionRange, count: int
+) -> Task:
+    """Return lanes whose friction limit is set from the signals of two accelerometers."""
+    return compose_active_friction(
+        settings, cycle, friction, count, RAW_COLUMNS, AccelerometerColumns
     )
 
 
@@ -174,14 +273,58 @@ class RawSensorsEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        RawSensorsTask,
+        compose_raw_sensors,
         (TaskSettings, ActiveSettings, FrictionRange),
         SCENE | {"price": 5e-5, "observation_noise": 0.05, "observation_drift": 0.01},
-        one_number_space,
+        RAW_COLUMNS,
     )
 
 
 PASSAGE: dict[str, Any] = SEMI_ACTIVE | {"gap_speed": 0.01e-3, "gap_lag": 0.0}
+RANDOM_PASSAGE_COLUMNS = (
+    *STATE[:-1],
+    RMS,
+    DISTANCE_TO_END,
+    GAP_IN_USE,
+    FRICTION_IN_USE,
+    SWEEP_RATE,
+)
+PASSAGE_FREQUENCY_UNIT = 0.05
+
+
+def compose_random_passage(
+    settings: TaskSettings,
+    randomised: RandomisedSettings,
+    walls: WallSettings,
+    friction: FrictionRange,
+    count: int,
+) -> Task:
+    """Return lanes that pass through a resonance, each in a random scene and at a random rate."""
+    require_cavity(settings.scene)
+    require_friction(settings.scene)
+    low, high = randomised.limits
+    longest = (high - low) / (randomised.sweep_rates[0] * PER_PERIOD)
+    passage = PassageSettings(
+        direction="random",
+        limits=randomised.limits,
+        rates=randomised.sweep_rates,
+        time_price=0.0,
+        frequency_unit=PASSAGE_FREQUENCY_UNIT,
+        level_unit="gap",
+        time_budget=1.01 * longest + 1,
+    )
+    scenes = randomised.pool(settings.scene)
+    lanes = LaneState(settings, count, randomised.fatigue_exponent, scenes, "scene")
+    schedule = RandomPassageSchedule(lanes, passage, randomised)
+    gap = MovingWallsActuator(lanes, walls, starts=randomised.gap_starts)
+    return Task(
+        lanes,
+        schedule,
+        RandomPassageReward(schedule, gap, randomised.price),
+        actuators=(gap, FrictionActuator(lanes, friction)),
+        columns=RANDOM_PASSAGE_COLUMNS,
+        arguments=(randomised, walls, friction),
+    )
 
 
 @environment
@@ -242,10 +385,52 @@ class PassageEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        LimitedPassageTask,
-        (TaskSettings, RandomisedSettings, WallActuator, FrictionRange),
+        compose_random_passage,
+        (TaskSettings, RandomisedSettings, WallSettings, FrictionRange),
         PASSAGE,
-        partial(one_number_space, 2),
+        RANDOM_PASSAGE_COLUMNS,
+        numbers=2,
+        frequency_unit=PASSAGE_FREQUENCY_UNIT,
+    )
+
+
+STRUCTURE_COLUMNS = (*ACTIVE_FRICTION_COLUMNS, *STRUCTURE_NUMBERS)
+
+
+def compose_structures(
+    settings: TaskSettings,
+    cycle: ActiveSettings,
+    friction: FrictionRange,
+    pool: StructurePool,
+    count: int,
+) -> Task:
+    """Return lanes with a random structure each, and a friction limit that is set."""
+    standard = settings.scene.model
+    require(
+        standard.modes == 2, "modes", standard.modes, "2: structures that are drawn have as many"
+    )
+    require_friction(settings.scene)
+    models = pool.models(standard)
+    amplitudes = [
+        stationary_amplitude(model, model.omega[0], settings.moves_base)
+        for model in (standard, *models)
+    ]
+    nominal = [replace(settings.scene, model=model) for model in models]
+    scenes = vary_damping(nominal, cycle.damping_error)
+    lanes = LaneState(settings, count, cycle.fatigue_exponent, scenes, "structure")
+    force_scale = [amplitudes[0] / amplitude for amplitude in amplitudes[1:]]
+    schedule = SteadySchedule(lanes, cycle, force_scale)
+    actuator = FrictionActuator(lanes, friction)
+    errors = MachineErrors(lanes, cycle, actuator, draws_damping=False)
+    return Task(
+        lanes,
+        schedule,
+        PeriodReward(schedule, actuator, cycle.price),
+        actuators=(actuator,),
+        columns=STRUCTURE_COLUMNS if pool.observe_structure else ACTIVE_FRICTION_COLUMNS,
+        state=PeriodColumns,
+        machine=(errors, StructureNumbers(lanes, models)),
+        arguments=(cycle, friction, pool),
     )
 
 
@@ -289,8 +474,8 @@ class StructuresEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        StructuresTask,
+        compose_structures,
         (TaskSettings, ActiveSettings, FrictionRange, StructurePool),
         SCENE | {"price": 5e-5},
-        one_number_space,
+        STRUCTURE_COLUMNS,
     )

@@ -3,26 +3,39 @@
 They are passages through a resonance, and a machine at one frequency under changing forces.
 """
 
-from functools import partial
 from typing import Any
 
-from impact_env.envs.adaptive_task import (
+from impact_env.envs.actuators import (
+    FrictionActuator,
     FrictionRange,
-    FrictionTask,
-    GapControl,
+    GapActuator,
     GapRange,
-    GapTask,
-    SweepGapTask,
+    require_cavity,
+    require_friction,
 )
-from impact_env.envs.observation import FEW_IMPACTS
+from impact_env.envs.observation import (
+    DISTANCE_TO_END,
+    FEW_IMPACTS,
+    FRICTION_IN_USE,
+    GAP_IN_USE,
+    LENGTH_UNIT,
+    LEVEL_FEATURE,
+    RMS,
+    STATE,
+    Feature,
+)
+from impact_env.envs.one_frequency import ChangingForceSchedule, GapControl, ResponseReward
+from impact_env.envs.passages import (
+    OneRateSettings,
+    PassageReward,
+    PassageSchedule,
+    PassageSettings,
+    RateActuator,
+)
 from impact_env.envs.settings import TaskSettings
-from impact_env.envs.shells import TaskEnv, TaskSpec, one_number_space
-from impact_env.envs.sweep_task import OneRateSettings, PassageSettings, PassiveTask, SweepTask
+from impact_env.envs.shells import TaskEnv, TaskSpec
+from impact_env.envs.task import LaneState, Task
 from impact_env.envs.vector_shell import environment
-from impact_env.extras import optional
-
-with optional():
-    from gymnasium.spaces import Discrete
 
 # The paper's example of a jump during a sweep (section 3.1), where the rate decides. Range, rates,
 # budget and price are chosen such that a slow passage pays in a part of the range only.
@@ -49,6 +62,18 @@ RATE_AND_GAP = (
 )
 SEMI_ACTIVE = RANDOM_FORCE_SETTINGS | {"modes": 2, "absorber_options": {"friction_limit": 0.1}}
 FRICTION_SETTINGS = SEMI_ACTIVE | RANGE_SETTINGS | {"rate": 4.0, "level_unit": "gap"}
+
+PASSAGE_COLUMNS = (*STATE, DISTANCE_TO_END)
+
+
+def compose_passive(settings: TaskSettings, way: OneRateSettings, count: int) -> Task:
+    """Return lanes that pass at one rate, without a choice and so without costs."""
+    passage = way.passage(settings)
+    lanes = LaneState(settings, count, passage.damage_exponent)
+    schedule = PassageSchedule(lanes, passage)
+    return Task(
+        lanes, schedule, PassageReward(schedule), columns=PASSAGE_COLUMNS, arguments=(passage,)
+    )
 
 
 @environment
@@ -81,7 +106,26 @@ class PassiveEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        PassiveTask, (TaskSettings, OneRateSettings), {"time_price": 0.0}, partial(Discrete, 1)
+        compose_passive,
+        (TaskSettings, OneRateSettings),
+        {"time_price": 0.0},
+        PASSAGE_COLUMNS,
+        numbers=0,
+    )
+
+
+def compose_sweep(settings: TaskSettings, passage: PassageSettings, count: int) -> Task:
+    """Return lanes that pass at a rate that is set."""
+    lanes = LaneState(settings, count, passage.damage_exponent)
+    schedule = PassageSchedule(lanes, passage)
+    rate = RateActuator(schedule)
+    return Task(
+        lanes,
+        schedule,
+        PassageReward(schedule, rate),
+        actuators=(rate,),
+        columns=PASSAGE_COLUMNS,
+        arguments=(passage,),
     )
 
 
@@ -144,7 +188,7 @@ class SweepRateEnv(TaskEnv):
       task, which v1 does not replace
     """
 
-    kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), HARD_SETTINGS, one_number_space)
+    kind = TaskSpec(compose_sweep, (TaskSettings, PassageSettings), HARD_SETTINGS, PASSAGE_COLUMNS)
 
 
 @environment
@@ -196,7 +240,28 @@ class SweepRateV1Env(TaskEnv):
       v0 is `SweepRateEnv`
     """
 
-    kind = TaskSpec(SweepTask, (TaskSettings, PassageSettings), RATE_V1, one_number_space)
+    kind = TaskSpec(compose_sweep, (TaskSettings, PassageSettings), RATE_V1, PASSAGE_COLUMNS)
+
+
+RATE_AND_GAP_COLUMNS = (*PASSAGE_COLUMNS, GAP_IN_USE)
+
+
+def compose_sweep_and_gap(
+    settings: TaskSettings, passage: PassageSettings, cavity: GapRange, count: int
+) -> Task:
+    """Return lanes that pass at a rate that is set, each with a cavity that is set."""
+    require_cavity(settings.scene)
+    lanes = LaneState(settings, count, passage.damage_exponent)
+    schedule = PassageSchedule(lanes, passage)
+    gap = GapActuator(lanes, cavity.gap_limits)
+    return Task(
+        lanes,
+        schedule,
+        PassageReward(schedule, gap),
+        actuators=(RateActuator(schedule), gap),
+        columns=RATE_AND_GAP_COLUMNS,
+        arguments=(passage, cavity),
+    )
 
 
 @environment
@@ -247,10 +312,33 @@ class SweepAndGapEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        SweepGapTask,
+        compose_sweep_and_gap,
         (TaskSettings, PassageSettings, GapRange),
         RATE_AND_GAP,
-        partial(one_number_space, 2),
+        RATE_AND_GAP_COLUMNS,
+        numbers=2,
+    )
+
+
+FRICTION_COLUMNS = (*PASSAGE_COLUMNS, FRICTION_IN_USE)
+
+
+def compose_friction_choice(
+    settings: TaskSettings, way: OneRateSettings, friction: FrictionRange, count: int
+) -> Task:
+    """Return lanes that pass at one rate, each with a friction limit that is set."""
+    require_friction(settings.scene)
+    passage = way.passage(settings)
+    lanes = LaneState(settings, count, passage.damage_exponent)
+    schedule = PassageSchedule(lanes, passage)
+    actuator = FrictionActuator(lanes, friction)
+    return Task(
+        lanes,
+        schedule,
+        PassageReward(schedule, actuator),
+        actuators=(actuator,),
+        columns=FRICTION_COLUMNS,
+        arguments=(passage, way, friction),
     )
 
 
@@ -302,10 +390,33 @@ class FrictionChoiceEnv(TaskEnv):
     """
 
     kind = TaskSpec(
-        FrictionTask,
+        compose_friction_choice,
         (TaskSettings, OneRateSettings, FrictionRange),
         FRICTION_SETTINGS,
-        one_number_space,
+        FRICTION_COLUMNS,
+    )
+
+
+GAP_COLUMNS = (
+    *STATE[:-1],
+    Feature(LEVEL_FEATURE.name, True, RMS.what, LENGTH_UNIT),
+    GAP_IN_USE,
+)
+
+
+def compose_gap_choice(settings: TaskSettings, control: GapControl, count: int) -> Task:
+    """Return lanes under a force that changes, each with a cavity that is set."""
+    require_cavity(settings.scene)
+    lanes = LaneState(settings, count, control.damage_exponent)
+    schedule = ChangingForceSchedule(lanes, control)
+    gap = GapActuator(lanes, control.gap_limits, is_logarithmic=False)
+    return Task(
+        lanes,
+        schedule,
+        ResponseReward(schedule, gap),
+        actuators=(gap,),
+        columns=GAP_COLUMNS,
+        arguments=(control,),
     )
 
 
@@ -360,4 +471,4 @@ class GapChoiceEnv(TaskEnv):
     - v0: first version, with ``impacts_limit=100``
     """
 
-    kind = TaskSpec(GapTask, (TaskSettings, GapControl), GAP_SETTINGS, one_number_space)
+    kind = TaskSpec(compose_gap_choice, (TaskSettings, GapControl), GAP_SETTINGS, GAP_COLUMNS)

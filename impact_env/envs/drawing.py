@@ -189,11 +189,11 @@ class Screen:
         """Return a lane's image (height, width, 3), or show it in the window."""
         info = self.task.info()
         new = (
-            Strip(f"{self.task.level_name} (1)", 0.0, 1.0, RED),
+            Strip(f"{self.task.reward.level_name} (1)", 0.0, 1.0, RED),
             Strip("frequency ratio (1)", 0.98, 1.02, GREEN),
         )
         level, frequency = self.strips.setdefault(lane, new)
-        level.push(float(info["time"][lane]), float(self.task.level()[lane]))
+        level.push(float(info["time"][lane]), float(self.task.reward.level()[lane]))
         frequency.push(float(info["time"][lane]), float(info["frequency_ratio"][lane]))
         pixels = self._draw(lane, info, level, frequency)
         if not self._wanted:
@@ -227,13 +227,17 @@ class Screen:
         task = self.task
         modes = self.shapes.shape[1]
         scale = LARGEST_DISPLACEMENT / max(
-            1.5 * task.length, float(task.expected_amplitude()[lane])
+            1.5 * task.lanes.length, float(task.reward.expected_amplitude()[lane])
         )
         state = task.runs.state[lane]
         report = task.runs.reports[lane]
         x = np.linspace(BEAM_LEFT, BEAM_RIGHT, POSITIONS + 1)
-        model = task.model(lane)
-        shapes = self.shapes if model is task.scene.model else straight_shapes(model)
+        model = task.lanes.model(lane)
+        own = task.settings.scene.model
+        is_beam = np.array_equal(model.omega, own.omega) and np.array_equal(
+            model.tip_shape, own.tip_shape
+        )
+        shapes = self.shapes if is_beam else straight_shapes(model)
         y = MIDDLE - scale * (shapes @ state[:modes])
         amplitude = float(np.hypot(report["in_phase"], report["quadrature"]))
         resonance = task.settings.resonance

@@ -1,17 +1,10 @@
-"""The observations of an agent: named, scaled features.
+"""Names, meanings and units of the features that agents observe.
 
-Features that a sensor would measure have noise and delay.
+A task's observation is a row of such features; its columns are named by them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from impact_env.kernels.control.episodes import limit_features
-
-Array = NDArray[np.float64]
 FEATURE_LIMIT = 100.0  # of a scaled feature; what lies outside is cut off
 FEW_IMPACTS = 4.0  # the same of feature 5 in newer tasks, so that chatter stays of order one
 
@@ -104,90 +97,41 @@ STATE = (
     TIME_LEFT,
     LEVEL_FEATURE,
 )
-
-
-class Sensors:
-    """Noise, drift and delay of the measured features of a number of lanes.
-
-    ``noise`` is the standard deviation of the noise of each scaled, measured feature. ``drift`` is
-    the standard deviation of the change of its bias in an interval; the bias is 0 at the start of
-    an episode. ``delay`` is a number of intervals; until they have passed, the first observation
-    of an episode is repeated.
-    """
-
-    def __init__(
-        self,
-        features: Sequence[Feature],
-        lanes: int,
-        noise: float,
-        delay: int,
-        drift: float = 0.0,
-    ) -> None:
-        self.measured = np.array([feature.measured for feature in features])
-        self.noise = noise
-        self.delay = delay
-        self.drift = drift
-        self._bias = np.zeros((lanes, int(self.measured.sum())))
-        self._past = np.zeros((delay + 1, lanes, len(features)))
-        self._at = 0
-
-    def see(
-        self,
-        values: Array,
-        generators: Sequence[np.random.Generator],
-        fresh: NDArray[np.bool_] | None = None,
-        resting: NDArray[np.bool_] | None = None,
-    ) -> NDArray[np.float32]:
-        """Return the observations (L, features) of the scaled values (L, features).
-
-        ``fresh`` (L,) marks lanes at the start of an episode: only their observations are then new.
-        Lanes in the mask ``resting`` (L,) draw no random numbers, because they are reset before
-        their observation is used.
-        """
-        observed = values
-        if self.noise > 0 or self.drift > 0:
-            observed = values.copy()
-            wanted = np.ones(len(values), dtype=np.bool_) if fresh is None else fresh
-            for lane in np.flatnonzero(wanted if resting is None else wanted & ~resting).tolist():
-                observed[lane, self.measured] += self._draw_error(
-                    lane, generators[lane], fresh is not None
-                )
-        if self.delay > 0:
-            size = len(self._past)
-            if fresh is None:
-                self._at = (self._at + 1) % size
-                self._past[self._at] = observed
-            else:
-                self._past[:, fresh] = observed[fresh]
-            observed = np.where(self.measured, self._past[(self._at + 1) % size], observed)
-        limited = np.empty(observed.shape, dtype=np.float32)
-        limit_features(observed, FEATURE_LIMIT, limited)  # type: ignore[no-untyped-call]
-        return limited
-
-    def _draw_error(self, lane: int, generator: np.random.Generator, is_start: bool) -> Array:
-        """Return the sum of bias and noise of each measured feature of a lane."""
-        bias = self._bias[lane]
-        if is_start:
-            bias[:] = 0.0
-        elif self.drift > 0:
-            bias += self.drift * generator.standard_normal(len(bias))
-        if self.noise == 0:
-            return bias
-        return np.asarray(bias + self.noise * generator.standard_normal(len(bias)))
-
-    def copy_from(self, source: "Sensors", times: int) -> None:
-        """Copy the delayed observations and biases of other sensors.
-
-        Each lane of ``source`` is copied ``times`` times.
-        """
-        self._past = np.repeat(source._past, times, axis=1)
-        self._at = source._at
-        self._bias = np.repeat(source._bias, times, axis=0)
-
-    def snapshot(self) -> tuple[Array, int, Array]:
-        """Return the delayed observations and the biases."""
-        return self._past.copy(), self._at, self._bias.copy()
-
-    def restore(self, snapshot: tuple[Array, int, Array]) -> None:
-        """Set delayed observations and biases to those of a snapshot."""
-        self._past[...], self._at, self._bias[...] = snapshot
+SWEEP_RATE = Feature(
+    "rate of the frequency", False, "rate of the frequency", "% per 100 pseudo periods / 4"
+)
+UNIT_VELOCITY = "m/s / unit of velocity"
+STATE_IN_PERIOD = (
+    Feature("tip displacement", True, "displacement of the tip", LENGTH_UNIT),
+    Feature("tip velocity", True, "velocity of the tip", UNIT_VELOCITY),
+    Feature(DISTANCE.name, True, "place of the absorber relative to the tip", LENGTH_UNIT),
+    Feature(VELOCITY.name, True, "velocity of the absorber relative to the tip", UNIT_VELOCITY),
+    IMPACTS,
+    Feature("cosine of the force's phase", False, "cosine of the force's phase"),
+    Feature("sine of the force's phase", False, "sine of the force's phase"),
+    FREQUENCY,
+    TIME_LEFT,
+    Feature("RMS of the last period", True, "RMS of the tip over the last period", LENGTH_UNIT),
+)
+UNIT_ACCELERATION = (
+    "m/s^2 / (half-clearance times the square of the resonance's circular frequency)"
+)
+ACCELERATIONS = (
+    Feature("acceleration of the tip", True, "mean acceleration of the tip", UNIT_ACCELERATION),
+    Feature(
+        "acceleration of the absorber", True, "mean acceleration of the absorber", UNIT_ACCELERATION
+    ),
+)
+KNOWN_TO_CONTROL = STATE_IN_PERIOD[5:9]  # phase of the force, frequency and time
+STRUCTURE_NUMBERS = (
+    Feature(
+        "damping ratio of the first mode", False, "damping ratio of the first mode", "1 / 0.01"
+    ),
+    Feature("second frequency over the first", False, "second frequency over the first", "1 / 5"),
+    Feature(
+        "absorber's mass over the first mode's",
+        False,
+        "absorber's mass times the square of the first mode's shape at it",
+        "1 / 0.08",
+    ),
+)

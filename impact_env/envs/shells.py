@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from impact_env.checks import ParameterError, count, require
 from impact_env.envs.arguments import list_own_arguments
-from impact_env.envs.observation import FEATURE_LIMIT, FEW_IMPACTS
+from impact_env.envs.observation import FEATURE_LIMIT, FEW_IMPACTS, Feature
 from impact_env.envs.settings import SCENE_PARTS
-from impact_env.envs.task import Task
+from impact_env.envs.task import FREQUENCY_SCALE, Task
 from impact_env.extras import optional
 from impact_env.kernels.control.episodes import limit_actions
 
@@ -36,20 +36,32 @@ class TaskSpec:
 
     Attributes
     ----------
-    task : callable
-        Returns a `Task` of an object of each of ``groups``, and of the number of lanes.
+    compose : callable
+        Returns a `Task` composed for an object of each of ``groups`` and the number of lanes.
     groups : tuple of type
         Dataclasses of the arguments.
     defaults : mapping
         Defaults of arguments that differ from those of the dataclasses.
-    actions : callable
-        Returns the action space of one lane.
+    columns : sequence of Feature
+        Columns of observations with these defaults.
+    numbers : int
+        Number of values in an action, 0 for a single discrete action.
+    frequency_unit : float
+        Unit of the observed frequency in a task without an argument of this name.
     """
 
-    task: Any  # a class of tasks
+    compose: Callable[..., Task]
     groups: tuple[type, ...]
     defaults: Mapping[str, Any]
-    actions: Callable[[], spaces.Space[Any]]
+    columns: Sequence[Feature]
+    numbers: int = 1
+    frequency_unit: float = FREQUENCY_SCALE
+
+    def action_space(self) -> spaces.Space[Any]:
+        """Return the space of one lane's actions: numbers from -1 to 1."""
+        if self.numbers == 0:
+            return spaces.Discrete(1)
+        return spaces.Box(-1.0, 1.0, (self.numbers,), np.float32)
 
     def make(self, lanes: int, arguments: Mapping[str, Any]) -> Task:
         """Return the task with these keyword arguments; raise ParameterError for a bad one."""
@@ -66,7 +78,7 @@ class TaskSpec:
                 f"{', '.join(sorted(set().union(*names)))}"
             )
         parts = [{name: value for name, value in merged.items() if name in own} for own in names]
-        return self.task(
+        return self.compose(
             *(group(**part) for group, part in zip(self.groups, parts, strict=True)), lanes
         )
 
@@ -83,13 +95,13 @@ def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
     """
     require(isinstance(wanted, bool), "vector_reward", wanted, "True or False")
     require(
-        not wanted or bool(task.cost_names),
+        not wanted or bool(task.reward.cost_names),
         "vector_reward",
         wanted,
         "False in a task without a vector of costs",
     )
     return (
-        spaces.Box(-np.inf, 0.0 - task.least_cost, task.costs.shape[1:], np.float64)
+        spaces.Box(-np.inf, 0.0 - task.reward.least_cost, task.reward.costs.shape[1:], np.float64)
         if wanted
         else None
     )
@@ -97,19 +109,13 @@ def reward_space(task: Task, wanted: bool) -> spaces.Box | None:
 
 def costs_as_rewards(task: Task, resting: NDArray[np.bool_] | None) -> NDArray[np.float64]:
     """Return minus the costs of the last interval (L, costs), 0 for ``resting`` lanes."""
-    return np.where(False if resting is None else resting[:, None], 0.0, -task.costs)
-
-
-def one_number_space(numbers: int = 1) -> spaces.Box:
-    """Return the action space of ``numbers`` float32 numbers from -1 to 1."""
-    return spaces.Box(-1.0, 1.0, (numbers,), np.float32)
+    return np.where(False if resting is None else resting[:, None], 0.0, -task.reward.costs)
 
 
 def check_actions(space: spaces.Space[Any], actions: Any) -> NDArray[Any]:
     """Return actions as an array of the space's shape.
 
-    Real numbers become float64 and are limited to [-1, 1], the range of the spaces of
-    `one_number_space`.
+    Real numbers become float64 and are limited to [-1, 1], the range of these spaces.
 
     Raises ParameterError for a wrong shape, for NaN, infinity and complex numbers, and for a
     discrete action that does not exist.
@@ -191,14 +197,13 @@ def list_features(kind: TaskSpec) -> list[tuple[str, str]]:
     words = {
         "few": f", clipped at {FEW_IMPACTS:g}" if limited else "",
         "origin": "the middle of ``limits``" if from_middle else "1",
-        "scale": "``frequency_unit``" if from_middle else kind.task.frequency_unit,
+        "scale": "``frequency_unit``" if from_middle else kind.frequency_unit,
         "level": "half-clearance of the scene"
         if values.get("level_unit") == "gap"
         else "reference level",
     }
     return [
-        (feature.what.format(**words), feature.unit.format(**words))
-        for feature in kind.task.features
+        (feature.what.format(**words), feature.unit.format(**words)) for feature in kind.columns
     ]
 
 
@@ -234,7 +239,7 @@ class TaskEnv(gymnasium.Env[Observation, Any]):
         self.task = self.kind.make(1, arguments)
         self.render_mode = render_mode
         self.reward_space = reward_space(self.task, vector_reward)
-        self.action_space = self.kind.actions()
+        self.action_space = self.kind.action_space()
         self.observation_space = observation_space(self.task)  # type: ignore[assignment]
         self._over: bool | None = None
         self._screen: Any = None

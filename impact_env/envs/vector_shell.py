@@ -92,7 +92,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         self.autoreset_mode = read_autoreset_mode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         task = self.kind.make(count("num_envs", num_envs, 1), arguments)
-        action_space = self.kind.actions()
+        action_space = self.kind.action_space()
         task.limit = (
             None
             if max_episode_steps in (None, -1)
@@ -100,7 +100,7 @@ class TaskVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         )
         self.task = task
         self.render_mode = render_mode
-        self.num_envs = task.lanes
+        self.num_envs = task.lanes.count
         self.reward_space = reward_space(task, vector_reward)
         self.single_action_space = action_space
         self.single_observation_space = observation_space(task)

@@ -39,8 +39,8 @@ def describe_observation(env_id: str, arguments: Any = None) -> list[dict[str, A
     task = task_of(env_id, arguments)
     words = {
         "few": "",
-        "origin": f"{task.frequency_origin:g}",
-        "scale": f"{task.frequency_unit:g}",
+        "origin": f"{task.schedule.frequency_origin:g}",
+        "scale": f"{task.schedule.frequency_unit:g}",
         "level": "reference",
     }
     return [

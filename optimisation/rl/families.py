@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 import impact_env  # noqa: F401 - registers the environments
 from impact_env.checks import ParameterError, require
-from impact_env.envs.adaptive_task import GapTask, SweepGapTask
+from impact_env.envs.actuators import GapActuator
 from impact_env.envs.observation import STATE
-from impact_env.envs.settings import check_range
-from impact_env.envs.sweep_task import SweepTask
-from impact_env.envs.task import FREQUENCY_SCALE
+from impact_env.envs.task import FREQUENCY_SCALE, Task
 from impact_env.extras import optional
 from impact_env.frequency import receptance
 from optimisation.bounds import design_force
@@ -90,9 +88,11 @@ class Rates:
     unit: float = FREQUENCY_SCALE
 
     @classmethod
-    def of(cls, task: SweepTask) -> Rates:
-        """Return the scale of a task."""
-        return cls(*task.passage.limits, task.frequency_origin, task.frequency_unit)
+    def of(cls, task: Task) -> Rates:
+        """Return the scale of a passage's task."""
+        schedule: Any = task.schedule
+        low, high = schedule.passage.limits
+        return cls(low, high, schedule.frequency_origin, schedule.frequency_unit)
 
     def share(self, observations: Observations) -> Array:
         """Return the position in the range of the frequencies in observations, (L,).
@@ -298,7 +298,7 @@ class FeedbackFriction(OverFrequency):
 
     def __init__(self, task: Any) -> None:
         super().__init__(task)
-        low, high = task.limits
+        low, high = task.actuators[0].limits
         self.per_e = 2 / np.log(high / low)  # of the action, for a factor of e in the limit
         self.begin(0)
 
@@ -332,17 +332,15 @@ class GapScale:
     absorber's mass.
     """
 
-    def __init__(self, task: GapTask | SweepGapTask) -> None:
-        limits = (
-            task.cavity.gap_limits if isinstance(task, SweepGapTask) else task.control.gap_limits
-        )
-        self.low, self.high = check_range("gap_limits", limits)
-        self.geometric = isinstance(task, SweepGapTask)
+    def __init__(self, task: Task) -> None:
+        actuator = next(one for one in task.actuators if isinstance(one, GapActuator))
+        self.low, self.high = actuator.limits
+        self.geometric = actuator.is_logarithmic
         self.column = [feature.name for feature in task.features].index("half-clearance in use")
-        self.origin = task.frequency_origin
-        self.unit = task.frequency_unit
-        self.length = task.length
-        self.omega = task.omega
+        self.origin = task.schedule.frequency_origin
+        self.unit = task.schedule.frequency_unit
+        self.length = task.lanes.length
+        self.omega = task.lanes.omega
         self.model = task.settings.scene.model
         mass = task.settings.scene.absorber_mass
         assert mass is not None  # the task has a cavity, so there is an absorber

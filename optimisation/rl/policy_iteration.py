@@ -63,13 +63,13 @@ def add_errors(task: Task, copies: int, generator: np.random.Generator) -> None:
     Each group of ``copies`` lanes has the same errors. A disturbance starts at another place of its
     record.
     """
-    groups = task.lanes // copies
+    groups = task.lanes.count // copies
 
     def draw_errors(low: float, high: float) -> Array:
         errors = generator.choice((-1.0, 1.0), groups) * generator.uniform(low, high, groups)
         return np.repeat(errors, copies)
 
-    task.force = task.force * (1 + draw_errors(*FORCE_ERRORS))
+    task.lanes.force *= 1 + draw_errors(*FORCE_ERRORS)
     task.runs.orders["phase"] += draw_errors(*PHASE_ERRORS)
     record = task.settings.record
     if record is not None:
@@ -185,7 +185,7 @@ class RolloutPolicyIteration(PPO):  # type: ignore[misc]
                 add_errors(trials, tried.shape[1], generator)
                 scores = score_candidates(trials, tried, agent, self.hold, self.horizon, self.gamma)
                 parts.append((observed, tried, scores.astype(np.float32)))
-                self.num_timesteps += self.horizon * trials.lanes
+                self.num_timesteps += self.horizon * trials.lanes.count
             actions = means + noise * generator.standard_normal(means.shape)
             new, _, done, infos = env.step(np.clip(actions, -1, 1).astype(np.float32))
             self.num_timesteps += env.num_envs

@@ -235,13 +235,13 @@ def disturb(task: Task, copies: int, generator: np.random.Generator) -> None:
 
     Each group of ``copies`` lanes gets the same offsets, as many to one side as to the other.
     """
-    groups = task.lanes // copies
+    groups = task.lanes.count // copies
     sides = np.where(np.arange(copies) % 2 == 0, 1.0, -1.0)
     off = (
         sides * generator.uniform(*FORCE_OFF, copies),
         sides * generator.permutation(sides) * generator.uniform(*PHASE_OFF, copies),
     )
-    task.force = task.force * (1 + np.tile(off[0], groups))
+    task.lanes.force *= 1 + np.tile(off[0], groups)
     task.runs.orders["phase"] += np.tile(off[1], groups)
     if task.settings.record is not None:
         task.runs.orders["place"] = np.tile(

@@ -49,6 +49,10 @@ SCENE: dict[str, Any] = {
 }
 
 
+def models(task: Any) -> list[Any]:
+    return [scene.model for scene in task.lanes.scenes]
+
+
 def walls(gap: float) -> float:
     """Return the action of a target from 0.1 mm to 3 mm."""
     return 2 * math.log(gap / 1e-4) / math.log(30) - 1
@@ -163,9 +167,9 @@ def test_lanes_of_a_pool_do_what_each_scene_does_by_itself() -> None:
     for action in actions(STRUCTURES, 19, 6):
         total += many.step(action)[1]
     for lane, number in enumerate(numbers):
-        scene = dataclasses.replace(task.settings.scene, model=task.models[number])
+        scene = dataclasses.replace(task.settings.scene, model=task.lanes.scenes[number].model)
         one = gymnasium.make(ACTIVE_FRICTION, whole_scene=scene, time_budget=5.0)
-        one.reset(seed=0, options={"force": task.force[lane], "frequency_ratio": 0.99})
+        one.reset(seed=0, options={"force": task.lanes.force[lane], "frequency_ratio": 0.99})
         one.unwrapped.task.runs.orders["phase"] = phases[lane]
         score = sum(one.step(action[lane])[1] for action in actions(STRUCTURES, 19, 6))
         assert total[lane] == pytest.approx(score, rel=1e-9)
@@ -196,12 +200,12 @@ def test_structures_are_in_units_of_the_default_beam_and_splits_have_others() ->
     }
     for task in drawn.values():
         scene = task.settings.scene
-        for model in task.models:
+        for model in models(task):
             assert model.omega[0] == pytest.approx(scene.model.omega[0], rel=1e-12)
             assert model.beam_mass == scene.model.beam_mass
             assert np.all((model.damping_ratio >= 0.005) & (model.damping_ratio <= 0.02))
     ratios = {
-        split: {round(model.omega[1] / model.omega[0], 3) for model in task.models}
+        split: {round(model.omega[1] / model.omega[0], 3) for model in models(task)}
         for split, task in drawn.items()
     }
     # R. D. Blevins 1979
@@ -219,12 +223,16 @@ def test_the_force_moves_every_structure_as_far() -> None:
     many.reset(seed=0, options={"structure": [0, 1, 2, 3, 4], "force": 1.5, "frequency_ratio": 1.0})
     task = many.unwrapped.task
     reached = []
-    for model in task.models:
+    for model in models(task):
         omega = model.omega[0]
         slots = model.omega**2 - omega**2 + 2j * model.damping_ratio * model.omega * omega
         reached.append(abs(np.sum(model.tip_shape * model.force_shape / slots)))
-    np.testing.assert_allclose(task.expected_amplitude(), reached * task.force, rtol=1e-9)
-    np.testing.assert_allclose(task.expected_amplitude(), task.expected_amplitude()[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        task.reward.expected_amplitude(), reached * task.lanes.force, rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        task.reward.expected_amplitude(), task.reward.expected_amplitude()[0], rtol=1e-9
+    )
 
 
 def test_a_passage_draws_what_it_says_and_its_walls_have_a_speed_and_a_price() -> None:
@@ -232,11 +240,11 @@ def test_a_passage_draws_what_it_says_and_its_walls_have_a_speed_and_a_price() -
     for env in (many, free):
         _, info = env.reset(seed=0)
     task = many.unwrapped.task
-    walls = [scene.absorber.walls.restitution for scene in many.unwrapped.task.scenes]
-    damping = [scene.model.damping_ratio[0] for scene in task.scenes]
+    walls = [scene.absorber.walls.restitution for scene in task.lanes.scenes]
+    damping = [scene.model.damping_ratio[0] for scene in task.lanes.scenes]
     assert set(info["scene"]) == set(range(12))
     ranges = (
-        (task.rates, 2, 6),
+        (task.schedule.rates, 2, 6),
         (info["gap"], 0.3e-3, 2e-3),
         (info["force"], 0.5, 6),
         (damping, 0.005, 0.02),
@@ -295,8 +303,8 @@ def test_a_passage_costs_what_simulate_says() -> None:
         times.append(info["time"])
         ratios.append(info["frequency_ratio"])
         costs.append(info["costs"])
-    scene = task.scenes[info["scene"]]
-    omega = task.settings.omega
+    scene = task.lanes.scenes[info["scene"]]
+    omega = task.lanes.omega
     absorber = dataclasses.replace(
         scene.absorber,
         walls=dataclasses.replace(scene.absorber.walls, gap=gap),
@@ -322,7 +330,7 @@ def test_a_passage_costs_what_simulate_says() -> None:
     impacts = np.histogram(run.impacts.time, edges)[0] / 5
     expected = (
         np.diff(levels),
-        np.diff(times) / 5 / task.steps,
+        np.diff(times) / 5 / task.schedule.steps,
         fatigue,
         np.zeros(len(costs)),
         impacts,

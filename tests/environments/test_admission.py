@@ -95,11 +95,14 @@ def test_copies_are_off_by_little_and_to_both_sides() -> None:
     env = gymnasium.make_vec(ACTIVE_FRICTION, num_envs=8, load=load)
     env.reset(seed=0)
     task = env.unwrapped.task
-    force = task.force.copy()
+    force = task.lanes.force.copy()
     phase = task.runs.orders["phase"].copy()
     place = task.runs.orders["place"].copy()
     disturb(task, 4, np.random.default_rng(0))
-    changes = (task.force / force - 1, 0.002, 0.01), (task.runs.orders["phase"] - phase, 0.02, 0.1)
+    changes = (
+        (task.lanes.force / force - 1, 0.002, 0.01),
+        (task.runs.orders["phase"] - phase, 0.02, 0.1),
+    )
     for change, least, most in changes:
         np.testing.assert_allclose(change[:4], change[4:], atol=1e-12)
         assert np.all((np.abs(change) >= least - 1e-12) & (np.abs(change) <= most + 1e-12))

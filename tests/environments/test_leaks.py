@@ -121,14 +121,14 @@ def test_only_first_versions_observe_the_scores_reference(name: str) -> None:
     env = gymnasium.make_vec(name, num_envs=8)
     usual = record_features(env, 3)[1]
     task = env.unwrapped.task
-    drawn = task.draw_machine
-    scale = "_scale" if hasattr(task, "_scale") else "level_scale"
+    start = task.reward.start
+    scale = "_scale" if hasattr(task.reward, "_scale") else "level_scale"
 
-    def draw_machine(lane: int, generator: np.random.Generator) -> None:
-        drawn(lane, generator)
-        getattr(task, scale)[lane] *= 3
+    def start_with_another_scale(lane: int, generator: np.random.Generator) -> None:
+        start(lane, generator)
+        getattr(task.reward, scale)[lane] *= 3
 
-    task.draw_machine = draw_machine
+    task.reward.start = start_with_another_scale
     np.testing.assert_equal(np.array_equal(record_features(env, 3)[1], usual), name in HIDDEN)
 
 

@@ -23,8 +23,7 @@ from environment_cases import (
 )
 
 from impact_env.checks import ParameterError
-from impact_env.envs.actuator import Actuator
-from impact_env.envs.observation import Sensors
+from impact_env.envs.signals import ActionDelay, Sensors
 
 DELAY = 2
 DELAYED = [ACTIVE_FRICTION, ACTIVE_GAP, STRUCTURES, LIMITED, GAP1, ADAPTIVE]
@@ -46,14 +45,14 @@ def play(env: Any, chosen: Any) -> tuple[np.ndarray, np.ndarray]:
 def test_steps_and_delay_are_those_of_a_queue_of_rounded_actions() -> None:
     generator = np.random.default_rng(0)
     start = np.array([0.3, -1.0])
-    actuator = Actuator(3, 4, 5, start)
+    actuator = ActionDelay(3, 4, 5, start)
     queue = [np.tile(start, (3, 1))] * 4
     for _ in range(20):
         chosen = generator.uniform(-1, 1, (3, 2))
         queue.append(np.array([-1.0, -0.5, 0.0, 0.5, 1.0])[np.round(2 * chosen + 2).astype(int)])
         np.testing.assert_array_equal(actuator.apply(chosen), queue.pop(0))
     actuator.restart(np.array([False, True, False]))
-    many = Actuator(6, 4, 5, start)
+    many = ActionDelay(6, 4, 5, start)
     many.copy_from(actuator, 2)
     for _ in range(4):
         applied = actuator.apply(np.zeros((3, 2)))
@@ -101,7 +100,7 @@ def test_an_action_is_one_of_equidistant_levels(levels: int) -> None:
 def test_a_friction_that_is_off_is_that_of_another_action_or_scene() -> None:
     off = make(ACTIVE_FRICTION, friction_error=0.2, price=0.0)
     exact = make(ACTIVE_FRICTION, price=0.0)
-    low, high = exact.unwrapped.task.limits
+    low, high = exact.unwrapped.task.actuators[0].limits
     shift = 2 * np.log(1.2) / np.log(high / low)
     chosen = actions(ACTIVE_FRICTION, 12, 1)[:, 0] * 0.9
     rewards, others = (
@@ -116,7 +115,7 @@ def test_a_friction_that_is_off_is_that_of_another_action_or_scene() -> None:
 
 @pytest.mark.parametrize("name", [ACTIVE_FRICTION, ACTIVE_GAP])
 def test_a_damping_that_is_off_is_that_of_another_beam(name: str) -> None:
-    nominal = make(name).unwrapped.task.scene.model.damping_ratio
+    nominal = make(name).unwrapped.task.settings.scene.model.damping_ratio
     off = make(name, damping_error=0.5)
     other = make(name, beam={"damping_ratio": tuple((1.5 * nominal).tolist())})
     chosen = actions(name, 12, 1)[:, 0]
@@ -127,11 +126,11 @@ def test_errors_are_drawn_from_their_ranges() -> None:
     env = vector(ACTIVE_FRICTION, 200, friction_error=(-0.2, 0.1), damping_error=(-0.3, 0.3))
     env.reset(seed=3)
     task = env.unwrapped.task
-    assert -0.2 < task.friction_factor.min() - 1 < -0.15
-    assert 0.05 < task.friction_factor.max() - 1 < 0.1
-    assert set(task.which) == set(range(16))
+    assert -0.2 < task.machine[0].friction_factor.min() - 1 < -0.15
+    assert 0.05 < task.machine[0].friction_factor.max() - 1 < 0.1
+    assert set(task.lanes.which) == set(range(16))
     nominal = task.settings.scene.model.damping_ratio
-    factors = np.array([scene.model.damping_ratio / nominal for scene in task.scenes])
+    factors = np.array([scene.model.damping_ratio / nominal for scene in task.lanes.scenes])
     np.testing.assert_allclose(factors, factors[:, :1].repeat(2, axis=1))
     np.testing.assert_allclose(
         np.sort(factors[:, 0]), 0.7 + 0.6 * (np.arange(16) + 0.5) / 16, rtol=1e-12
@@ -139,12 +138,17 @@ def test_errors_are_drawn_from_their_ranges() -> None:
     places = actions(ACTIVE_FRICTION, 1, 200)[0]
     info = env.step(places)[4]
     np.testing.assert_allclose(
-        task.runs.orders["limit"], info["friction_limit"] * task.friction_factor, rtol=1e-15
+        task.runs.orders["limit"],
+        info["friction_limit"] * task.machine[0].friction_factor,
+        rtol=1e-15,
     )
-    structures = make(STRUCTURES, damping_error=(0.1, 0.4)).unwrapped.task
+    exact, structures = (
+        make(STRUCTURES, damping_error=error).unwrapped.task for error in (0.0, (0.1, 0.4))
+    )
+    nominal = [scene.model for scene in exact.lanes.scenes]
     ratios = [
         scene.model.damping_ratio[0] / model.damping_ratio[0]
-        for scene, model in zip(structures.scenes, structures.models, strict=True)
+        for scene, model in zip(structures.lanes.scenes, nominal, strict=True)
     ]
     np.testing.assert_allclose(np.sort(ratios), 1.1 + 0.3 * (np.arange(5) + 0.5) / 5, rtol=1e-12)
 
@@ -182,13 +186,13 @@ def test_accelerometers_give_the_change_of_the_velocities() -> None:
     env = make(RAW, observation_noise=0.0, observation_drift=0.0, raw_state=True)
     env.reset(seed=2)
     task = env.unwrapped.task
-    duration = 0.25 * 2 * np.pi / task.omega
+    duration = 0.25 * 2 * np.pi / task.lanes.omega
     total = np.zeros(2)
     for action in actions(ACTIVE_FRICTION, 15, 1)[:, 0]:
         observed, _, _, _, info = env.step(action)
-        total += observed[:2] * 1e-3 * task.omega**2 * duration
+        total += observed[:2] * 1e-3 * task.lanes.omega**2 * duration
         rates = info["state"][3:]
-        velocities = (task.scene.model.tip_shape @ rates[:2], rates[2])
+        velocities = (task.settings.scene.model.tip_shape @ rates[:2], rates[2])
         np.testing.assert_allclose(total, velocities, rtol=1e-4, atol=1e-7)
     assert np.abs(total).max() > 1e-3
     known = make(ACTIVE_FRICTION)

@@ -209,7 +209,7 @@ def test_gap_score_is_the_mean_relative_response() -> None:
     env = make(GAP, frequency_ratio=0.99, time_budget=100.0)
     env.reset(seed=8)
     model = env.unwrapped.task.settings.scene.model
-    omega = env.unwrapped.task.settings.omega
+    omega = env.unwrapped.task.lanes.omega
     slots = (
         model.omega**2 - (0.99 * omega) ** 2 + 2j * model.damping_ratio * model.omega * 0.99 * omega
     )
@@ -404,7 +404,7 @@ def test_costs_add_up_to_the_score_and_are_what_was_done(name: str) -> None:
     env = make(name)
     vectors = make(name, vector_reward=True)
     task = env.unwrapped.task
-    price = 0.0 if name == GAP1 else task.passage.time_price / 100
+    price = 0.0 if name == GAP1 else task.schedule.passage.time_price / 100
     before = env.reset(seed=3)[1] | {"time": 0.0}
     vectors.reset(seed=3)
     assert vectors.unwrapped.reward_space.shape == (4,)
@@ -412,15 +412,15 @@ def test_costs_add_up_to_the_score_and_are_what_was_done(name: str) -> None:
         _, reward, end, cut, info = env.step(action)
         level, time, moved, impacts = info["costs"]
         passed = info["time"] - before["time"]
-        assert time == pytest.approx(passed / task.interval / task.steps)
-        late = (end or cut) and name != GAP1 and task.ratio != task.far
-        fine = task.passage.unfinished_price if late else 0.0
+        assert time == pytest.approx(passed / task.interval / task.schedule.steps)
+        late = (end or cut) and name != GAP1 and task.lanes.ratio != task.schedule.far
+        fine = task.schedule.passage.unfinished_price if late else 0.0
         assert reward == pytest.approx(-level - price * passed - fine, abs=1e-12)
         assert impacts == info["impacts"] / task.interval
         if name in (ADAPTIVE, GAP1):
-            assert moved == pytest.approx(abs(info["gap"] - before["gap"]) / task.length)
+            assert moved == pytest.approx(abs(info["gap"] - before["gap"]) / task.lanes.length)
         elif name == FRICTION:
-            low, high = task.limits
+            low, high = task.actuators[0].limits
             ratio = info["friction_limit"] / before["friction_limit"]
             assert moved == pytest.approx(abs(2 * np.log(ratio) / np.log(high / low)))
         else:

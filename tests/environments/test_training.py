@@ -704,9 +704,11 @@ def test_errors_are_those_of_a_group() -> None:
     load = {"kind": "random", "spectrum": [[20.0, 0.05], [60.0, 0.05]], "duration_s": 2.0}
     env = gymnasium.make_vec(FRICTION, num_envs=6, load={**load, "seed": 4}).unwrapped
     env.reset(seed=0)
-    force, phase = (values.copy() for values in (env.task.force, env.task.runs.orders["phase"]))
+    force, phase = (
+        values.copy() for values in (env.task.lanes.force, env.task.runs.orders["phase"])
+    )
     add_errors(env.task, 3, np.random.default_rng(0))
-    shares = env.task.force / force - 1
+    shares = env.task.lanes.force / force - 1
     turned = env.task.runs.orders["phase"] - phase
     places = env.task.runs.orders["place"]
     for values in (shares, turned, places):

@@ -41,11 +41,11 @@ from impact_env.drive import (
     linear_sweep,
 )
 from impact_env.ensemble import Lane, Members, Threads, draw_members
-from impact_env.envs.active_task import ActiveSettings
-from impact_env.envs.adaptive_task import FrictionRange, GapControl, GapRange
-from impact_env.envs.drawn_task import RandomisedSettings, StructurePool
+from impact_env.envs.actuators import FrictionRange, GapRange
+from impact_env.envs.one_frequency import ActiveSettings, GapControl
+from impact_env.envs.passages import PassageSettings, RandomisedSettings
 from impact_env.envs.settings import TaskSettings
-from impact_env.envs.sweep_task import PassageSettings
+from impact_env.envs.structure_families import StructurePool
 from impact_env.frequency import (
     frequency_range,
     natural_frequencies,

@@ -1,0 +1,175 @@
+"""Families of random structures, in units of the first resonance of a standard beam."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_env.checks import count_from, flag, word_of
+from impact_env.envs.observation import STRUCTURE_NUMBERS
+from impact_env.envs.task import Array, Generator, LaneState, MachineDifference
+from impact_env.fields import check_fields
+from impact_env.modes import ModalModel, modal_model
+from impact_env.parameters import Beam
+
+DAMPING_BOUNDS = (0.005, 0.02)
+
+
+def _beam(ends: str) -> Any:
+    def drawn(generator: Generator) -> ModalModel:
+        """Return a beam with force and absorber anywhere in the part that moves."""
+        free = ends.endswith("free")
+        force = generator.uniform(0.3, 0.7)
+        absorber = generator.uniform(0.8, 1.0) if free else generator.uniform(0.4, 0.65)
+        return modal_model(
+            Beam(
+                modes=2,
+                ends=ends,
+                force_position=float(force),
+                absorber_position=float(absorber),
+                damping_ratio=_damping(generator),
+            )
+        )
+
+    return drawn
+
+
+def _plate(generator: Generator) -> ModalModel:
+    """Return two modes of a rectangular plate on hinges.
+
+    Frequencies are proportional to m^2/a^2 + n^2/b^2, shapes are 2 sin sin/sqrt(mass) (A. W. Leissa
+    1969).
+    """
+    aspect = generator.uniform(1.1, 1.8)
+    force = generator.uniform(0.25, 0.45, 2)
+    absorber = generator.uniform(0.35, 0.65, 2)
+
+    def shape(m: int, place: NDArray[Any]) -> float:
+        return float(2 * math.sin(m * math.pi * place[0]) * math.sin(math.pi * place[1]))
+
+    omega = np.array([1.0, (4 / aspect**2 + 1) / (1 / aspect**2 + 1)])
+    rows = [np.array([shape(m, place) for m in (1, 2)]) for place in (force, absorber)]
+    return ModalModel(omega, np.full(2, _damping(generator)), rows[0], rows[1], 1.0)
+
+
+def _modes(generator: Generator) -> ModalModel:
+    """Return two modes as a measurement might give them.
+
+    The second frequency is between twice and eight times the first. The shapes have either sign.
+    """
+    signs = np.array([1.0, generator.choice([-1.0, 1.0])])
+    force = generator.uniform(0.4, 1.5, 2) * signs
+    absorber = generator.uniform(1.2, 2.2, 2)
+    return ModalModel(
+        np.array([1.0, generator.uniform(2.0, 8.0)]),
+        generator.uniform(*DAMPING_BOUNDS, 2),
+        force,
+        absorber,
+        1.0,
+    )
+
+
+def _damping(generator: Generator) -> float:
+    return float(DAMPING_BOUNDS[0] * (DAMPING_BOUNDS[1] / DAMPING_BOUNDS[0]) ** generator.uniform())
+
+
+TRAINING_FAMILIES = (_beam("clamped-free"), _beam("pinned-pinned"), _plate)
+TEST_FAMILIES = (_beam("clamped-clamped"), _modes)
+FAMILY_SPLITS = {
+    "train": (0, TRAINING_FAMILIES),
+    "validation": (1, TRAINING_FAMILIES),
+    "test": (2, TEST_FAMILIES),
+}
+
+
+def rescale_model(model: ModalModel, standard: ModalModel) -> ModalModel:
+    """Return a model with the first frequency and the mass of a standard model.
+
+    The structure is the same in other units of time and mass.
+    """
+    time = standard.omega[0] / model.omega[0]
+    mass = math.sqrt(model.beam_mass / standard.beam_mass)
+    force = model.force_shape * mass
+    tip = model.tip_shape * mass
+    omega = model.omega * time
+    base = None if model.base_participation is None else model.base_participation / mass
+    return replace(
+        model,
+        omega=omega,
+        force_shape=force,
+        tip_shape=tip,
+        beam_mass=standard.beam_mass,
+        response_shape=None,
+        base_participation=base,
+    )
+
+
+@dataclass(frozen=True)
+class StructurePool:
+    """Arguments of the choice of structures.
+
+    Parameters
+    ----------
+    split : str
+        ``"train"``, ``"validation"`` or ``"test"``.
+    structures : int
+        Number of structures from which episodes draw.
+    observe_structure : bool
+        Whether the last three features are observed.
+
+    """
+
+    split: str = "train"
+    structures: int = 24
+    observe_structure: bool = True
+
+    def __post_init__(self) -> None:
+        check_fields(
+            self,
+            split=word_of(FAMILY_SPLITS),
+            structures=count_from(1, 1000),
+            observe_structure=flag,
+        )
+
+    def models(self, standard: ModalModel) -> list[ModalModel]:
+        """Return the structures, each family in its turn, the same ones always."""
+        seed, kinds = FAMILY_SPLITS[self.split]
+        return [
+            rescale_model(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard)
+            for k in range(self.structures)
+        ]
+
+
+class StructureNumbers(MachineDifference):
+    """Numbers of the lanes' structures, as columns of observations."""
+
+    def __init__(self, lanes: LaneState, models: Sequence[ModalModel]) -> None:
+        """Compute the numbers of the ``models`` of the lanes' scenes, in their order."""
+        super().__init__(lanes)
+        mass = lanes.settings.scene.absorber_mass
+        assert mass is not None
+        first = [model.tip_shape[0] for model in models]
+        self._damping = np.array([model.damping_ratio[0] / 0.01 for model in models])
+        self._second = np.array([model.omega[1] / model.omega[0] / 5 for model in models])
+        self._mass = np.array([mass * shape**2 / 0.08 for shape in first])
+        damping, second, mass_ratio = (feature.name for feature in STRUCTURE_NUMBERS)
+        self.columns = {
+            damping: self.first_damping,
+            second: self.second_frequency,
+            mass_ratio: self.mass_ratio,
+        }
+
+    def first_damping(self) -> Array:
+        """Return the damping ratios (L,) of the first modes, scaled."""
+        return np.asarray(self._damping[self.lanes.which])
+
+    def second_frequency(self) -> Array:
+        """Return the second frequencies (L,) over the first, scaled."""
+        return np.asarray(self._second[self.lanes.which])
+
+    def mass_ratio(self) -> Array:
+        """Return the absorber's masses (L,) over those of the first modes, scaled."""
+        return np.asarray(self._mass[self.lanes.which])
