@@ -200,6 +200,15 @@ def test_an_absorber_at_a_node_can_be_drawn() -> None:
     np.testing.assert_array_equal(*frames)
 
 
+def test_a_beam_with_another_damping_is_drawn_as_a_beam(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the damping differs, so the beam's own shapes hold: no straight line is drawn."""
+    monkeypatch.setattr("impact_env.envs.drawing.straight_shapes", pytest.fail)
+    for name, arguments in ((ACTIVE_FRICTION, {"damping_error": (-0.3, 0.3)}), (LIMITED, {})):
+        env = make(name, render_mode="rgb_array", **arguments)
+        env.reset(seed=0)
+        assert env.render().shape == (420, 640, 3)
+
+
 # Calls in a wrong order, and impossible actions, arguments and resets.
 
 
