@@ -3,13 +3,13 @@
 The origin of a study's numbers is date, machine and sources. The saved work consists of pieces of
 long work, and of the runs of a search.
 
-The file is a SQLite database with one table. SQLite writes each piece whole or not at all, and lets
-no second process in meanwhile. A process that is killed loses nothing; a machine that loses its
-power may lose the last pieces.
+The file is a SQLite database with one table. SQLite writes each piece completely or not at all, and
+locks the file for other processes. A killed process loses nothing; after a power failure the last
+pieces may be missing.
 
-All searches follow from their seed and from what the runs have told them. Begun again, they ask for
-the same runs in the same order, and those that the file holds are not made again. A run is known by
-all that goes into it, so that a search which takes another way finds nothing, and only runs more.
+All searches are determined by their seed and by the results of their runs. Started again, a search
+requests the same runs in the same order, and runs in the file are not made again. A run is
+identified by all its inputs, so a search with other inputs finds no stored run and makes its own.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ UNNAMED = ("kernels", "numpy", "scipy", "llvmlite")  # in the sentence of `sourc
 
 
 def family() -> str:
-    """Return the name by which the compiler knows the processor: what kernels are compiled for."""
+    """Return the compiler's name of the processor, for which kernels are compiled."""
     return str(llvmlite.binding.get_host_cpu_name())
 
 
@@ -69,7 +69,7 @@ def processor() -> str:
 
 
 def installed(packages: Iterable[str]) -> dict[str, str]:
-    """Return the versions of packages, of those that are installed."""
+    """Return the versions of those packages that are installed, by name."""
     versions_known = {}
     for name in packages:
         with suppress(PackageNotFoundError):
@@ -180,13 +180,12 @@ SEARCHING = (*PACKAGES, "optuna", "cmaes")  # a search is proposed by these as w
 
 @cache
 def source_hash(packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict[str, str]:
-    """Return the hash of the sources on which numbers depend, and the versions of packages.
+    """Return the fingerprint of the sources on which numbers depend.
 
-    The hash is ``code``. The versions are those of installed ``packages``.
-
-    Two processes with the same fingerprint run the same instructions on one kind of processor. One
-    with another may get other numbers unnoticed: so it does not go on with a study of the first,
-    and does no work for it as a cluster's worker.
+    It has the hash ``code`` and the versions of installed ``packages``. Two processes with equal
+    fingerprints run the same instructions on the same kind of processor. Others may compute
+    different numbers, so a process with another fingerprint neither continues a study nor works for
+    it in a cluster.
     """
     known = hashlib.sha256()
     for file in sorted(
@@ -231,11 +230,9 @@ REFUSALS = {
 class Checkpoint:
     """JSON values by name, in memory and in a file.
 
-    ``known``: the values. ``path``: the file, or None for memory alone. The file belongs to this
-    process until `close`.
-
-    Raises ParameterError, which begins with the name of the ``option``, for a file that is
-    something else, of an earlier form, damaged, in use, or not writable.
+    ``known`` has the values, ``path`` is the file, or None for memory alone. The file is locked by
+    this process until `close`. Raises ParameterError, which begins with the name of the ``option``,
+    for a file that is no checkpoint or an old one, that is damaged, in use, or not writable.
     """
 
     def __init__(self, path: Path | None = None, option: str = "--resume") -> None:
@@ -402,10 +399,10 @@ def check_study_file(file: Path) -> None:
 def open_run_cache(
     executor: Executor, identity: dict[str, object], file: Path | None
 ) -> Iterator[RunCache]:
-    """Give an executor that goes on with the runs that a file holds; None keeps them in memory.
+    """Yield an executor that reuses the runs of a file; None stores them in memory.
 
-    The file belongs to this process until the end. Raises ParameterError if it cannot be used
-    (`Kept`), or is of another identity.
+    The file is locked until the end of the context. Raises ParameterError if it cannot be used, or
+    if it has another ``identity``.
     """
     with closing(Checkpoint(file, FILE)) as checkpoint:
         wanted = json.loads(json.dumps(identity))

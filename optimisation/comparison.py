@@ -137,12 +137,11 @@ def scaled_concepts(
 ) -> tuple[Concept, ...]:
     """Return the concepts for any structure, near a ``resonance`` at a ``force`` (N).
 
-    Their parameters follow from the rules behind the paper's choices for its beam.
-
-    The friction of the impact absorber follows the scaling law; the damper is the best of those
-    that are simulated (`find_best_damper`), by the function ``damper_level`` of a damper in m; the
-    tuned absorber is tuned to the resonance. All have the mass ratio, the impact absorber has the
-    ``gap`` in m.
+    Their parameters follow from the rules behind the paper's choices for its beam. All have the
+    mass ratio, and the impact absorber has the ``gap`` in m. The friction of the impact absorber
+    follows from the scaling law. The friction damper is the best of those simulated by
+    ``damper_level``, a function of a damper that returns the level in m (`find_best_damper`). The
+    tuned absorber is tuned to the resonance.
     """
     mass = mass_ratio * model.beam_mass
     absorber = impact_absorber(gap, RESTITUTION, scaled_friction(model, mass, gap), mass_ratio)
@@ -181,11 +180,22 @@ class ComparedLevels:
 class ResonanceComparison(ComparedLevels):
     """Levels near one resonance.
 
-    ``design_force`` in N. ``mass`` (kg) and ``gap`` (m) of the absorbers.
-
-    ``limits`` of the sweeps over the resonance, but for concepts with wider ones of their own.
-    ``own_force``: that of the forces (N) at which the concepts are compared; None for the impact
-    absorber's best. ``cases``: the sweeps behind the curves.
+    Attributes
+    ----------
+    model : ModalModel
+        Modes of the structure.
+    resonance : int
+        Number of the resonance, from 1.
+    design_force : float
+        Force of the design rule in N.
+    mass, gap : float
+        Mass in kg and clearance in m of the absorbers.
+    own_force : float or None
+        Force in N at which the concepts are compared, None: the impact absorber's best force.
+    limits : (float, float)
+        Range of the sweeps over the resonance, except for concepts with a wider range.
+    cases : dict of str to CurveCase
+        Sweeps of the curves.
     """
 
     model: ModalModel
@@ -325,16 +335,14 @@ def compare(
 ) -> Comparison:
     """Compute all curves near the ``resonances``.
 
-    Other arguments and the interruption are those of `performance_curves`. A rate of None is
-    `default_rate`.
-
-    On the paper's beam (None), with any number of modes, the absorbers have the paper's parameters.
-    On another structure, or with another mass, gap or force, they follow from rules
-    (`scaled_concepts`): the gap in m, by default 1 mm, or that which the design rule gives for a
-    ``force`` in N near the first of the resonances. A ``device`` with rigid walls stands in the
-    place of the impact absorber, and gives mass and gap; a ``force`` beside it is one at which all
-    are compared near the first resonance, the damper at its best for it. Forces go around the
-    design force of each resonance.
+    ``mass_ratio``, ``gap`` (m, default 1 mm) and ``force`` (N) define the absorbers. On the paper's
+    beam (``beam`` None), with any number of modes, they have the paper's parameters. On another
+    structure, or with another mass, gap or force, they follow from rules (`scaled_concepts`), and a
+    ``force`` near the first of the resonances gives the gap by the design rule. A ``device`` with
+    rigid walls replaces the impact absorber and defines mass and gap; a ``force`` is then one at
+    which all concepts are compared near the first resonance, with the best damper for it. The range
+    of forces encloses the design force of each resonance. Other arguments and the interruption are
+    those of `performance_curves`; a rate of None is `default_rate`.
     """
     if device is not None:
         require(gap is None, "gap", gap, "left out beside a device")
@@ -474,8 +482,9 @@ class BandComparison(ComparedLevels):
 class LoadComparison:
     """Measures of each concept over the loads' intensity, band by band.
 
-    ``free_size`` in m: size of the free motion at the absorber's place. ``readings``: where each
-    concept's level is read under the loads as they are (`optimisation.load_cases.find_reading`).
+    ``free_size`` is the size of the free motion at the absorber's place in m, and ``readings`` has
+    the frequency at which each concept's level occurs under the loads
+    (`optimisation.load_cases.find_reading`).
     """
 
     case: AppliedLoads
@@ -523,11 +532,10 @@ def compare_loads(
 ) -> LoadComparison:
     """Return the comparison over a number of ``factors`` of the loads' intensity.
 
-    A given ``gap`` in m replaces the best one.
-
-    The absorbers are chosen on ``members`` runs, and compared on as many others. ``progress`` takes
-    what is looked for, the number of runs so far, and how many there will be (0: not known). An
-    ``executor`` runs them elsewhere. Raises KeyboardInterrupt if the runs are stopped.
+    A given ``gap`` in m replaces the best one. The absorbers are chosen with ``members`` runs, and
+    compared with as many others. ``progress`` is called with a text, the number of finished runs,
+    and the number of all runs (0: not known). An ``executor`` makes the runs elsewhere. Raises
+    KeyboardInterrupt if the runs are stopped.
     """
     model = case.model
     loads = case.loads

@@ -237,11 +237,10 @@ FORCE_SPAN = (
 def equivalent_sector(disk: BladedDisk, resonance: int | None = None) -> ModalModel:
     """Return a model of one mode that moves as the most excited sector of the tuned disk.
 
-    It does so in steady vibration at a resonance.
-
-    All modes at the frequency of the resonance count: under a travelling force those of a pair. The
-    shapes are those of a unit wave of forces at the sectors' force and absorber places; the mass is
-    that of a sector. Rules for one absorber then hold for an absorber in every sector.
+    The motion is the stationary one at a resonance. All modes at the frequency of the resonance are
+    included, a pair of modes under a travelling force. The shapes are those of a unit wave of
+    forces at the sectors' places of force and absorber; the mass is that of a sector. Rules for one
+    absorber then hold for an absorber in every sector.
     """
     resonance = find_excited_resonance(disk) if resonance is None else resonance
     tuned = disk.tuned()
@@ -292,10 +291,8 @@ def friction_dampers(disk: BladedDisk, force: float, resonance: int | None = Non
 class DiskCase:
     """Sweeps of disks near a ``resonance`` of the tuned disk.
 
-    ``force``: amplitude in N on each sector. ``limits``: ends of the sweep over the resonance's
-    frequency.
-
-    ``rate`` in % per 100 pseudo periods.
+    ``force`` is the amplitude in N on each sector, ``limits`` are the ends of the sweep over the
+    resonance's frequency, and ``rate`` is in % per 100 pseudo periods.
     """
 
     disk: BladedDisk
@@ -446,9 +443,9 @@ def choose_disk_gap(
     resonance : int, optional
         Resonance of the tuned disk, from 1. None: the one that the force excites most.
     tolerance : float
-        Share by which the force may be larger or smaller.
+        Force tolerance: relative range of the force in which the recommended gap is robust.
     members, seed : int
-        Disks at each gap of an answer, mistuned by further seeds, and the seed of phases and
+        Disks at each gap of a result, mistuned by further seeds, and the seed of phases and
         forces.
     rate : float, optional
         Sweep rate in % per 100 pseudo periods.
@@ -509,10 +506,9 @@ def choose_disk_gap(
 class DiskComparisonLevels:
     """Levels in m of the worst sector of M disks under F forces.
 
-    ``levels``: the levels (F, M) of each absorber by its name.
-
-    ``tuned``: level in m without absorbers and without mistuning, at the first force; ``dampers``:
-    the disk with friction dampers.
+    ``levels`` (F, M) are those of each absorber, by name. ``tuned`` is the level in m without
+    absorbers and without mistuning at the first force, and ``dampers`` the disk with friction
+    dampers.
     """
 
     case: DiskCase

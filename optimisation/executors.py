@@ -252,7 +252,7 @@ class Bar(tqdm):  # type: ignore[misc]
         return True
 
     def close(self) -> None:
-        """Leave the bar or take it away; what stands in lines stays."""
+        """Erase the bar or keep it; lines of text remain."""
         if self.plain:
             self.disable = True  # or it would draw once more
         super().close()

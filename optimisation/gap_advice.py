@@ -71,9 +71,10 @@ SPAN = 2.5  # gaps reach from the rule's over this to the rule's times this
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits that a device must meet; None: no limit.
+    """Limits of a device; None: no limit.
 
-    ``stroke``: in m from the middle of the cavity. ``impact_speed``: largest impact speed in m/s.
+    ``stroke`` is in m from the middle of the cavity, ``impact_speed`` the largest impact speed in
+    m/s.
     """
 
     stroke: float | None = None
@@ -88,15 +89,25 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A device that was simulated, with its levels.
+    """A simulated device with its levels.
 
-    ``level``: median level in m at the force. ``worst``: highest level over the tolerance of the
-    force.
-
-    ``members``: number of runs, each up and down. ``prediction``: of a fresh run's level; None
-    where no gap ran twice. ``frequency_ratio``: where the level was read, over the resonance (the
-    median of the runs); NaN under loads. ``impact_speed``: the largest in m/s; None if not
-    recorded.
+    Attributes
+    ----------
+    absorber : SlidingAbsorber
+        The device.
+    level : float
+        Median level in m at the force.
+    worst : float
+        Highest level over the tolerance of the force in m.
+    members : int
+        Number of runs, each up and down.
+    prediction : Prediction or None
+        Prediction of a further run's level; None if no gap ran twice.
+    frequency_ratio : float
+        Median over the runs of the frequency at the level's maximum over the resonance; NaN under
+        loads.
+    impact_speed : float or None
+        Largest impact speed in m/s, None if not recorded.
     """
 
     absorber: SlidingAbsorber
@@ -138,9 +149,20 @@ class Answer:
 class GapCheck:
     """Levels over the gap under a load case.
 
-    ``absorber``: mass, restitution and friction of the device. ``rule``: the design rule's gap in
-    m, NaN where there is no rule. ``gaps`` (G,) in m, rising. ``curves`` has the runs at each gap,
-    ``without`` those without absorber.
+    Attributes
+    ----------
+    case : LoadCase
+        Structure and load.
+    absorber : SlidingAbsorber
+        Mass, restitution and friction of the device.
+    rule : float
+        The design rule's gap in m, NaN if the rule does not apply.
+    gaps : array, (G,)
+        Gaps in m, ascending.
+    curves : tuple of PerformanceCurve
+        Runs at each gap.
+    without : PerformanceCurve
+        Runs without absorber.
     """
 
     case: LoadCase
@@ -278,13 +300,32 @@ class GapCheck:
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """The gap with the lowest level (``sharp``) and the recommended one, and what they rest on.
+    """The gap with the lowest level (``sharp``) and the recommended one, with the runs behind them.
 
-    ``check`` has the runs; ``samples`` has their levels by steps from the gap ``reference`` (m).
-    ``sweeps`` counts all runs, one member and one direction each. ``tried`` has what was tried of
-    free variables: name, value, the lowest level of a single run there and its gap (m). The answers
-    are None where nothing was finished. ``widest``: step of the widest gap that was allowed.
-    ``reading``: where the level of the recommended device was read under loads with a schedule.
+    Attributes
+    ----------
+    check : GapCheck
+        The runs.
+    samples : LevelSamples
+        Levels by steps from the gap ``reference`` (m).
+    tolerance : float
+        Force tolerance.
+    members : int
+        Members of the gaps of a result.
+    sweeps : int
+        Number of all runs, one member and one direction each.
+    sharp, recommended : Answer or None
+        Results, None if no gap is finished.
+    complete : bool
+        Whether the search was finished.
+    limits : Limits
+        Limits of the device.
+    narrowest, widest : int
+        Steps of the narrowest and the widest allowed gap.
+    tried : tuple
+        Trials of free variables: name, value, lowest level of a single run and its gap (m).
+    reading : Reading or None
+        Where the level of the recommended device occurs, under loads with a schedule.
     """
 
     check: GapCheck
@@ -378,10 +419,10 @@ RunLanes = Callable[[Sequence[Lane], int], tuple[LaneLevels, Array | None]]
 
 @dataclass(eq=False)
 class GapRuns:
-    """Runs at gaps by steps from the absorber's own gap, kept and continued member by member.
+    """Runs at gaps, by steps from the absorber's own gap; more members can be added to each.
 
-    ``friction_goes``: the friction limit is in proportion to the gap. ``runs``: number of runs so
-    far.
+    ``friction_goes``: whether the friction limit is proportional to the gap. ``runs`` is the number
+    of runs so far.
     """
 
     case: LoadCase

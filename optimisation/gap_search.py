@@ -3,8 +3,8 @@
 This module runs nothing itself.
 
 Gaps are counted in steps of ``STEP`` of ln gap from a reference gap. On the narrow side of the best
-gap the level climbs a cliff, on the wide side it is in proportion to the gap, and members part by
-chance, so that a single run misleads.
+gap the level rises steeply, on the wide side it is proportional to the gap. Levels scatter over the
+members, so a single run is not sufficient.
 
 1. Single runs at four gaps around the start, and at the reference gap; further ones outwards while
   the lowest level is at an end.
@@ -59,10 +59,11 @@ RunGap = Callable[[float, int], Array]
 
 @dataclass
 class LevelSamples:
-    """The members' levels by step of the gap, a whole number in a search; ``power`` see above.
+    """The members' levels by step of the gap; in a search steps are whole numbers.
 
-    ``excess`` has, by step, the ln of how far a gap is beyond the limits on other quantities, 0 or
-    less within them (see `limited`).
+    ``power`` is that of the scaling law (see the module). ``excess`` has, by step, the logarithm of
+    the largest ratio of other quantities to their limits, 0 or less within the limits (see
+    `limited`).
     """
 
     levels: dict[float, Array] = field(default_factory=dict)
@@ -90,9 +91,9 @@ class LevelSamples:
     def mean(self, step: float) -> float:
         """Return the mean of ln levels at a gap.
 
-        Where `CHECK_MEMBERS` or more ran, their standard deviation beyond `ONE_BRANCH` is added:
-        members that part over two branches count nearly as the upper one, as few of them do not say
-        which share takes it.
+        If `CHECK_MEMBERS` or more ran, their standard deviation beyond `ONE_BRANCH` is added:
+        members on two branches then count almost as the upper branch, because few members do not
+        determine the share of each.
         """
         logarithms = np.log(self.levels[step])
         mean = float(np.mean(logarithms))
@@ -118,10 +119,9 @@ class LevelSamples:
     def worst(self, step: float, tolerance: float) -> float:
         """Return the largest level over the tolerance of the force, by means of ln levels.
 
-        It is at least the median at the force itself (see `means`).
-
-        A median of few members hides a branch that every other run takes. NaN where a gap that this
-        rests on is not known.
+        It is at least the median at the force itself (see `means`), because a median of few members
+        does not show a branch that every other run is on. NaN if the level of a gap needed for it
+        is not known.
         """
         level = float(np.median(self.levels[step]))
         if tolerance == 0:
@@ -131,7 +131,7 @@ class LevelSamples:
         return float(np.maximum(level, largest))
 
     def cost(self, step: float) -> float:
-        """Return the mean ln level of a gap, raised where it breaks a limit."""
+        """Return the mean ln level of a gap, increased if it breaks a limit."""
         excess = max(0.0, self.excess.get(step, 0.0))
         return self.mean(step) + PENALTY * excess
 
@@ -173,10 +173,9 @@ def find_best(
 ) -> tuple[float, float]:
     """Return the steps with the lowest level (sharp) and the lowest `worst_level` (robust).
 
-    They are chosen from the gaps that were run with at least ``members`` members.
-
-    ``between``: the robust one may be a gap between those that were run. Gaps that break a limit
-    count only where no other is left. Raises ValueError where no gap has so many members.
+    They are chosen from the gaps that were run with at least ``members`` members. ``between``: the
+    robust gap may lie between gaps that were run. Gaps that break a limit count only if there are
+    no others. Raises ValueError if no gap has so many members.
     """
     steps, levels = samples.means()
     ran = [n for n in steps.tolist() if len(samples.levels[n]) >= members]
@@ -288,11 +287,11 @@ def search_gaps(
     ends: tuple[int, int] | None = None,
     also: float | None = None,
 ) -> None:
-    """Fill ``samples`` from a step on, see above.
+    """Fill ``samples`` from the step ``start``, as the module describes.
 
-    ``pairs``: of sweeps, up and down, after which no runs are added but those of the checks, at
-    most `CHECK_PAIRS`. ``ends``: steps of the narrowest and the widest gap; ``also``: a further
-    step that competes, that of the design rule's gap, if it lies between.
+    ``pairs`` is the number of sweeps up and down after which only runs of the checks are added, at
+    most `CHECK_PAIRS`. ``ends`` are the steps of the narrowest and the widest gap; ``also`` is a
+    further step, that of the design rule's gap, which is run if it lies between.
     """
     narrowest, widest = ends or (start + NARROWEST, start + WIDEST)
 

@@ -68,9 +68,20 @@ class Sensitivity:
 
     An index is the share of the value's variance that a variable causes.
 
-    Arrays (variables,), intervals (variables, 2). ``first`` is a variable's own share, ``total``
-    includes what it does with others. ``low`` and ``high`` are the ends of the box of values in SI
-    units, ``spread`` the standard deviation of the value in it.
+    Attributes
+    ----------
+    names : tuple of str
+        Variables, (V,).
+    low, high : array, (V,)
+        Ends of the box of values in SI units.
+    first, total : array, (V,)
+        Share of each variable alone, and including its interactions with others.
+    first_band, total_band : array, (V, 2)
+        Their intervals.
+    spread : float
+        Standard deviation of the value in the box.
+    designs : int
+        Number of designs that were run.
     """
 
     names: tuple[str, ...]
@@ -271,12 +282,18 @@ SPREAD = 0.2  # of a value, to either side: the neighbourhood of a design
 class Levels:
     """Response levels in m of designs under conditions.
 
-    ``median``: of the members. ``low`` and ``high``: ends of the interval that holds 90 % of fresh
-    runs. ``without``: without absorber.
-
-    Each is (designs, conditions), but for the level ``without`` absorber, (conditions,). Ends are
-    NaN where the spread is not known. ``ratios`` (designs, conditions): where a level was read,
-    over the resonance, 0 under loads; None if that was not asked for.
+    Attributes
+    ----------
+    conditions : tuple of Condition
+        The conditions.
+    median : array, (designs, conditions)
+        Median over the members.
+    low, high : array, (designs, conditions)
+        Ends of the interval that contains 90 % of further runs, NaN if the spread is not known.
+    without : array, (conditions,)
+        Level without absorber.
+    ratios : array, (designs, conditions), or None
+        Frequency at each level's maximum over the resonance, 0 under loads.
     """
 
     conditions: tuple[Condition, ...]

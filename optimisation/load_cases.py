@@ -78,7 +78,7 @@ NO_READING = Reading()
 
 
 class LoadCase(Protocol):
-    """What acts on a structure while absorbers are judged: `SweptForce` or `AppliedLoads`."""
+    """Structure and load for the comparison of absorbers: `SweptForce` or `AppliedLoads`."""
 
     @property
     def model(self) -> ModalModel:
@@ -120,7 +120,7 @@ class LoadCase(Protocol):
         ...
 
     def reference_members(self, members: int) -> int:
-        """Return how many of the members run without absorber."""
+        """Return the number of members that run without absorber."""
         ...
 
     def lanes(self, absorber: Absorber | None, members: Members, first: int = 0) -> list[Lane]:
@@ -141,8 +141,8 @@ class LoadCase(Protocol):
 class SweptForce:
     """A harmonic ``force`` in N, swept up and down near a resonance.
 
-    ``limits``: ends of the sweeps over the resonance's frequency; ``rate`` in % of it per 100
-    pseudo periods.
+    ``limits`` are the ends of the sweeps over the resonance's frequency; ``rate`` is in % of this
+    frequency per 100 pseudo periods.
     """
 
     model: ModalModel

@@ -4,8 +4,8 @@ The measures are level, fatigue damage, stroke, impacts and heat, under loads ot
 are ratios of two designs with intervals, predictions of a fresh run, and ensembles with two
 branches of response.
 
-A chunk is a handful of lanes with what to measure in them: plain data, so that a thread, or a
-worker on another machine, turns it into the same numbers.
+A chunk consists of a few lanes and the measures to compute. It can be pickled, so that a thread or
+a worker on another machine computes the same numbers.
 """
 
 import hashlib
@@ -67,7 +67,7 @@ def _level(response: Response) -> float:
 
 
 def settled_after(response: Response) -> float:
-    """Return how long the start is that is left out, in s: none of sweeps and shocks."""
+    """Return the duration of the start that is left out, in s; 0 for sweeps and shocks."""
     drive = response.drive
     model = response.scene.model
     if measure_of(drive) != RMS if isinstance(drive, Loads) else np.ptp(drive.schedule.omegas) > 0:
@@ -526,13 +526,11 @@ class Prediction:
 
 
 def predict(values: ArrayLike, groups: Sequence[ArrayLike]) -> Prediction | None:
-    """Return the prediction of a fresh run of a design from its own ``values`` (M,).
+    """Return the prediction of a further run of a design from its own ``values`` (M,).
 
-    The spread is pooled over all designs that were run.
-
-    ``groups`` has the values of each of these designs, those of this one among them. Their
-    logarithms have means of their own and one spread in common; for M values the mean's own
-    uncertainty adds 1/M. None where no design ran twice.
+    ``groups`` has the values of all designs, including this one. Their logarithms have separate
+    means and a common spread; the uncertainty of the mean of M values adds 1/M to the variance.
+    None if no design ran twice.
     """
     own = np.log(_members("values", values))
     rows = [np.log(_members("groups", group)) for group in groups]

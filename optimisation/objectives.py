@@ -3,10 +3,10 @@
 They determine how good a design is.
 
 A design is run under every condition (a resonance, a force, a detuning), swept up and down, for
-every member of an ensemble. The members are the same for all designs, which makes a study
-repeatable and no more: runs part after some impacts, so the same members of two designs have no
-luck in common (their levels' correlation was measured as -0.17). All that is reported after a
-search is judged on members that it has not seen.
+every member of an ensemble. The members are the same for all designs, so that a study is
+repeatable. This does not reduce the variance of differences: runs diverge after some impacts, and
+the levels of equal members of two designs are not correlated (measured: -0.17). All results after a
+search are computed with members that the search has not used.
 
 The value of a member is, as in the paper, that of the worse of the two directions. ``over`` says
 how conditions join: the ``worst`` or the ``mean``. The value of the design is the ``quantile`` of
@@ -128,12 +128,20 @@ def _check_limits(_name: str, value: Any) -> tuple[float, float]:
 class Condition:
     """A condition under which a design is run.
 
-    A resonance (counted from 1) is swept through ``limits`` times its frequency by a force in N.
-
-    ``detuning`` shifts all of the beam's frequencies by this share: the bending stiffness is not
-    what it was thought to be. The sweep follows the frequency that the resonance then has. Other
-    ``loads`` take the place of resonance and limits, and ``force`` is a factor on them; what is the
-    level elsewhere is then their measure (`optimisation.measures`).
+    Attributes
+    ----------
+    resonance : int
+        Resonance that is swept, from 1.
+    force : float
+        Amplitude of the force in N, or a factor of ``loads``.
+    limits : (float, float)
+        Range of the sweep over the resonance's frequency.
+    detuning : float
+        Relative shift of all frequencies of the beam, for an uncertain bending stiffness. The sweep
+        follows the shifted frequency.
+    loads : Loads or None
+        Loads instead of a swept force; their measure (`optimisation.measures`) replaces the
+        response level.
     """
 
     resonance: int
@@ -173,18 +181,18 @@ class Condition:
 
     @property
     def place(self) -> str:
-        """What acts, in words, without how much."""
+        """The load without its size, as text."""
         return f"resonance {self.resonance}" if self.loads is None else self.loads.describe()
 
     @property
     def measure_and_unit(self) -> tuple[str, str]:
-        """Name and unit of what is measured."""
+        """Name and unit of the measure."""
         name = LEVEL if self.loads is None else measure_of(self.loads)
         return name, UNITS[name]
 
     @property
     def words(self) -> str:
-        """What acts, in words, and how much."""
+        """The load with its size, as text."""
         return f"{self.place}, {format_number(self.force)} {'N' if self.loads is None else 'times'}"
 
 
@@ -277,12 +285,12 @@ class Objective:
 
     @property
     def of_kind(self) -> Kind:
-        """What it is."""
+        """The kind of objective."""
         return Kind(self.kind, LEVEL, False, "", False) if self.own else KINDS[self.kind]
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """What runs have to be measured by."""
+        """Names of the measures that it needs."""
         return HANDED if self.own else (self.of_kind.measure,)
 
     @property
@@ -428,16 +436,16 @@ class Constraint:
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """What runs have to be measured by."""
+        """Names of the measures that it needs."""
         return HANDED if _is_own(self.name) else () if self.name == MASS_RATIO else (self.name,)
 
     @property
     def unit(self) -> str:
-        """Unit of what is limited."""
+        """Unit of the limited quantity."""
         return LIMITABLE.get(self.name, "")
 
     def violation(self, design: Design, measured: dict[str, Array]) -> float:
-        """Return by which share the limit is exceeded; 0 or below if it is kept."""
+        """Return the relative excess over the limit; 0 or below if the constraint is satisfied."""
         return self.value(design, measured) / self.limit - 1
 
     def describe(self) -> dict[str, object]:
@@ -449,8 +457,8 @@ class Constraint:
 class Score:
     """Score of a design.
 
-    ``values``: one for each objective. ``violations``: those of the constraints, above 0 if broken.
-    ``failed``: whether a run failed.
+    ``values`` has one number for each objective, ``violations`` one for each constraint (above 0 if
+    it is violated), and ``failed`` says whether a run failed.
     """
 
     values: tuple[float, ...]
@@ -464,5 +472,5 @@ class Score:
 
     @property
     def violation(self) -> float:
-        """Sum of what is broken; infinite for a failed design."""
+        """Sum of the violations above 0; infinite for a failed design."""
         return math.inf if self.failed else sum(max(v, 0.0) for v in self.violations)

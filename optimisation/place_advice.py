@@ -2,10 +2,9 @@
 
 1. `optimisation.place_map` ranks all places for each mass by the linear structure, without a run.
 2. The best few of each mass run at three gaps with one member.
-3. The best of these, and the second where it is close, have their gap searched as by `design gap`
-  (`optimisation.gap_search`), for all resonances
-   together: the search makes small the largest level over that without absorber. Member m of every
-   resonance is one member.
+3. For the best of these, and the second if it is close, the gap is searched as by `design gap`
+   (`optimisation.gap_search`), for all resonances together: the search minimises the largest level
+   over that without absorber. Member m of every resonance is one member.
 
 All sweeps go over one range for each resonance, that of the heaviest mass at the places that run,
 and start from the steady state.
@@ -82,14 +81,27 @@ FLAT = 1.1  # times the level at the recommended gap: the range of gaps that lea
 
 @dataclass(frozen=True, eq=False)
 class ResonanceLevel:
-    """A device's level in m near one resonance.
+    """A device's level near one resonance.
 
-    ``level``: median at ``force`` (N). ``worst``: largest level over the tolerance of the force.
-
-    ``without``: level without absorber. ``prediction``: of a further run's level; None where no gap
-    ran twice. ``frequency_ratio``: where the level was read, over the resonance. ``sweep_range``
-    over the resonance, ``rate`` in % per 100 pseudo periods. ``limit``: no device in this cavity
-    comes below it.
+    Attributes
+    ----------
+    resonance : int
+        Number of the resonance, from 1.
+    force : float
+        Amplitude in N.
+    level, worst, without : float
+        Median level at the force, largest level over the tolerance of the force, and level without
+        absorber, in m.
+    prediction : Prediction or None
+        Prediction of a further run's level; None if no gap ran twice.
+    frequency_ratio : float
+        Frequency at the level's maximum over the resonance.
+    sweep_range : (float, float)
+        Range of the sweep over the resonance.
+    rate : float
+        Sweep rate in % per 100 pseudo periods.
+    limit : float
+        Passive limit in m for this cavity.
     """
 
     resonance: int
@@ -118,11 +130,31 @@ class ResonanceLevel:
 class PlacedDevice:
     """A device at a place that was simulated near all resonances.
 
-    ``place``: index of `Places`. ``share``: median over the members of the largest level over that
-    without absorber; ``worst``: its largest value over the tolerance of the force; ``prediction``
-    of a further run's. ``parts``: near each resonance. ``members``: runs, each up and down.
-    ``gaps``: the narrowest and the widest gap in m around this one that leave at most `FLAT` times
-    its share. ``runs``: its runs by resonance. ``impact_speed`` in m/s, None if not recorded.
+    Attributes
+    ----------
+    place, name : int and str
+        Index and name of the place in `Places`.
+    mass_ratio : float
+        Mass of the absorber over that of the structure.
+    absorber : SlidingAbsorber
+        The device.
+    share, worst : float
+        Median over the members of the largest level over that without absorber, and its largest
+        value over the tolerance of the force.
+    prediction : Prediction or None
+        Prediction of a further run's share.
+    parts : tuple of ResonanceLevel
+        Levels near each resonance.
+    members : int
+        Number of runs, each up and down.
+    gaps : (float, float)
+        Narrowest and widest gap in m around this one with at most `FLAT` times its share.
+    sweeps : int
+        Number of all sweeps.
+    runs : dict of int to PerformanceCurve
+        Runs by resonance.
+    impact_speed : float or None
+        Largest impact speed in m/s, None if not recorded.
     """
 
     place: int
@@ -234,7 +266,7 @@ class PlaceAdvice:
 
     @property
     def keeps_limit(self) -> bool:
-        """Whether the recommended device keeps the limit of the level."""
+        """Whether the recommended device satisfies the limit of the level."""
         best = self.recommended
         return (
             self.limit_level is None
@@ -263,7 +295,7 @@ class PlaceAdvice:
         )
 
     def keeps_speed(self, device: PlacedDevice) -> bool:
-        """Return whether a device keeps the limit of the impact speed at its place."""
+        """Return whether a device satisfies the limit of the impact speed at its place."""
         model = self.places.model_at(device.place)
         speed = device.impact_speed
         return speed is None or speed <= self.study.speed_limit(model, device.mass_ratio)
@@ -298,11 +330,10 @@ def probability_lower(first: Prediction, second: Prediction) -> float:
 class PlaceStudy:
     """Requirements and settings that are the same for all devices of a search.
 
-    They are forces in N, sweeps and levels without absorber (m) by resonance, and the settings of
-    the gap search.
-
-    ``friction_limit`` in N, None: the paper's by the scaling law, in proportion to the gap.
-    ``yield_limit`` becomes a limit on the impact speed for each place and mass.
+    ``forces`` (N), ``ranges``, ``rates`` and levels ``without`` absorber (m) are given by
+    resonance. ``friction_limit`` is in N; None: the paper's by the scaling law, proportional to the
+    gap. ``yield_limit`` gives a limit of the impact speed for each place and mass. The others are
+    settings of the gap search.
     """
 
     forces: dict[int, float]
@@ -727,7 +758,7 @@ class _PlaceSearch:
         return PAIRS if self.study.members <= MEMBERS else 10 + 5 * self.study.members
 
     def plan(self) -> SweepPlan:
-        """Return what will run at most."""
+        """Return the largest numbers of runs."""
         trials = sum(len(ks) for ks in self.chosen.values()) * len(TRIAL_FACTORS)
         searches = sum(min(SEARCHED, len(ks)) for ks in self.chosen.values())
         each = 2 * (1 + trials + (self.pairs + CHECK_PAIRS + 1) * searches)
@@ -855,13 +886,11 @@ class _PlaceSearch:
 
 
 def recommend(devices: Sequence[PlacedDevice], limit_level: float | None) -> PlacedDevice | None:
-    """Return the lightest device that meets the limit of the level.
+    """Return the lightest device that satisfies the limit of the level.
 
-    It does so with a probability of `SURE`. If no device does, the one most likely to meet the
-    limit is returned.
-
-    Without a limit: the lightest that leaves no more than `LIGHTEST` times the lowest level over
-    the tolerance. None if there is no device.
+    It does so with a probability of `SURE`. If there is none, the device with the highest
+    probability is returned. Without a limit the result is the lightest device with at most
+    `LIGHTEST` times the lowest level over the tolerance. None if there are no devices.
     """
     if not devices:
         return None

@@ -8,7 +8,7 @@ amplitude and the limit that no device in a gap can beat:
     q_e = f A + B r,   |r| <= 4 g0/pi,
     A = G_ef + G_ep m_a Omega^2 G_pf/(1 - kappa),   B = G_ep m_a Omega^2/(1 - kappa).
 
-No run is made here. `optimisation.place_advice` simulates the few places that come out best.
+No runs are made here. `optimisation.place_advice` simulates the few best places.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,24 +52,23 @@ NODAL = ("universal", "nastran", "ansys", "matrices")  # tables of files with sh
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places at which an absorber may sit.
+    """Possible places of an absorber.
 
     Attributes
     ----------
     structure : Beam or ModalModel
         The structure, with the places of force and level.
     model : ModalModel
-        Its modes, the level at the place that `optimisation.mounting.with_response_point` says.
+        Its modes, with the place of the level as in `optimisation.mounting.with_response_point`.
     names : tuple of str
-        What a place is called (P,): the share of a beam's length, the number of a node, of a row of
+        Name of each place (P,): fraction of a beam's length, or the number of a node, of a row of
         the matrices or of a place of a modal model.
     kind : str
-        What the names are: "of the length", "node", "row" or "place".
+        Kind of the names: "of the length", "node", "row" or "place".
     shapes : array
         Mode shapes (P, N_m) at the places in 1/sqrt(kg).
     points : array or None
-        Coordinates (P, 3) in m; None where the structure has none.
-
+        Coordinates (P, 3) in m; None if the structure has none.
     """
 
     structure: Structure
@@ -83,7 +82,10 @@ class Places:
         return len(self.names)
 
     def model_at(self, k: int) -> ModalModel:
-        """Return the modal model with the absorber at place ``k``, the level where it was."""
+        """Return the modal model with the absorber at place ``k``.
+
+        The place of the level is unchanged.
+        """
         if isinstance(self.structure, Beam):
             return model_with_absorber_at(self.structure, float(self.names[k]))
         own = self.shapes[k]
@@ -108,10 +110,10 @@ class Places:
         return f"{self.kind} {self.names[k]}"
 
     def subset(self, wanted: Sequence[float]) -> "Places":
-        """Return the places that are named.
+        """Return the places with these names.
 
-        Raises ParameterError for a place that does not exist. A beam has a place for every share of
-        its length.
+        Raises ParameterError for a place that does not exist. A beam has a place for every fraction
+        of its length.
         """
         if isinstance(self.structure, Beam):
             beam = self.structure
@@ -265,23 +267,21 @@ class PlaceMap:
     Attributes
     ----------
     mass_ratio : float
-        Absorber mass over the structure's.
+        Mass of the absorber over that of the structure.
     forces : dict
         Force in N by resonance, counted from 1.
-    reach : array
-        (R, P), free amplitude over the design rule's gap, for one resonance alone; it does not
-        depend on the force. NaN where the mass is too heavy for the rule, 0 at a node.
-    rule : array
-        (R, P), the design rule's gap in m for one resonance alone.
-    gap : array
-        (P,), the gap in m that may be expected to suit all resonances together; NaN where none is
+    reach : array, (R, P)
+        Free amplitude over the design rule's gap, for one resonance alone; it does not depend on
+        the force. NaN if the mass is too large for the rule, 0 at a node.
+    rule : array, (R, P)
+        The design rule's gap in m for one resonance alone.
+    gap : array, (P,)
+        Expected best gap in m for all resonances together; NaN if not known.
+    share : array, (P,)
+        Expected level with this gap over that without absorber, at the worst resonance; 1 if not
         known.
-    share : array
-        (P,), the level to expect with that gap over that without absorber, of the worst resonance;
-        1 where nothing is known.
-    limit : array
-        (P,), the share below which no device of this mass in that gap comes, of the worst
-        resonance.
+    limit : array, (P,)
+        Lower bound of this share for all devices of this mass in that gap, at the worst resonance.
     """
 
     mass_ratio: float
@@ -415,13 +415,12 @@ def _linear_terms(
 
 
 def expected_gap_and_share(rule: Array, reach: Array) -> tuple[Array, Array]:
-    """Return the gap (P,) in m that suits all resonances together, and the expected level.
+    """Return the gap (P,) in m for all resonances together, and the expected level (P,).
 
-    The level (P,) is that of the worst resonance over the level without absorber.
-
-    ``rule`` (R, P) in m and ``reach`` (R, P) are those of single resonances. Near one resonance the
-    level is lowest at the gap from which searches start, in proportion to wider gaps, and climbs a
-    cliff at narrower ones.
+    The level is that of the worst resonance over the level without absorber. ``rule`` (R, P) in m
+    and ``reach`` (R, P) are those of single resonances. Near one resonance the level is lowest at
+    the gap at which searches start; it is proportional to wider gaps and rises steeply at narrower
+    gaps.
     """
     usable = np.isfinite(reach) & np.isfinite(rule) & (reach > 0)
     factor = np.vectorize(expected_factor, otypes=[float])(np.where(usable, reach, 1.0))

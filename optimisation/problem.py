@@ -206,7 +206,7 @@ class Problem:
 
     @cached_property
     def spreads(self) -> tuple[Distribution, ...]:
-        """What is uncertain."""
+        """Distributions of the uncertain quantities."""
         return spreads(self.uncertain)
 
     def _require_loads(self) -> None:
@@ -245,7 +245,7 @@ class Problem:
         return self.conditions[0].loads is not None
 
     def _place(self) -> None:
-        """Put the absorber where the structure says, if the space leaves its place open."""
+        """Put the absorber at the structure's own place if the space has no place."""
         if isinstance(self.beam, ModalModel):
             object.__setattr__(self, "space", self.space.on_places(len(self.beam.places)))
             return
@@ -473,11 +473,9 @@ class Problem:
     def reference(self, ensemble: Members, rate: float) -> Array:
         """Return the measures without absorber, under the conditions' forces.
 
-        Their shape is (members, conditions, up or down, measures). They are measured on the beam
-        without absorber.
-
-        It is linear, so that one newton serves all forces; loads are simulated as they are. The
-        result is stored for the next call.
+        Their shape is (members, conditions, up or down, measures). The structure is linear, so
+        swept forces are computed with 1 N and scaled; loads are simulated as they are. The result
+        is stored for the next call.
         """
         key = (rate, ensemble.key)
         if key not in self._references:
@@ -564,7 +562,10 @@ class Problem:
         return value if score.feasible else math.inf
 
     def penalised_cost(self, score: Score) -> float:
-        """Return `cost`, or a finite number far above all costs that rises with what is broken."""
+        """Return `cost`, or a finite number far above all costs if a constraint is violated.
+
+        The number grows with the violation.
+        """
         return self.cost(score) if score.feasible else PENALTY * (1 + min(score.violation, PENALTY))
 
 
@@ -618,13 +619,11 @@ def evaluate(
     executor: Executor,
     progress: Progress | None = None,
 ) -> Iterator[tuple[int, Array]]:
-    """Yield (number of the design, its measures) as designs are finished.
+    """Yield (index of the design, its measures) as designs are finished.
 
-    The measures are (members, conditions, up or down, measures). ``rate`` as in `Problem`.
-
-    Designs begin in the order given, so that an interrupted call leaves the first ones whole.
-    Raises ParameterError if the simulator refuses a design; a run that the integrator gives up is
-    NaN.
+    The measures are (members, conditions, up or down, measures). ``rate`` is as in `Problem`.
+    Designs begin in the given order, so that after an interruption the first ones are complete.
+    Raises ParameterError if the simulator refuses a design; a run with an IntegrationError is NaN.
     """
     owned = [problem.chunks(design, ensemble, rate) for design in designs]
     owners = [k for k, own in enumerate(owned) for _ in own]
@@ -648,12 +647,16 @@ def evaluate(
 class ProblemValues(NamedTuple):
     """Values, constraints and spread of N designs, in the order of their rows.
 
-    The rows of designs that failed are NaN.
+    NaN for failed designs.
 
-    ``F`` (N, objectives): values, all to be minimised (the width of a range and the like have their
-    sign turned). ``G`` (N, constraints): share by which a limit is exceeded, 0 or below if it is
-    kept. ``spread`` (N, objectives): the bootstrap's standard error of F over the members, NaN for
-    one member.
+    Attributes
+    ----------
+    F : array, (N, objectives)
+        Values, all to be minimised; those to be maximised have the opposite sign.
+    G : array, (N, constraints)
+        Relative excess over each limit, 0 or below if it is satisfied.
+    spread : array, (N, objectives)
+        Bootstrap standard error of F over the members, NaN for one member.
     """
 
     F: Array
@@ -669,15 +672,13 @@ def evaluate_arrays(
     progress: Progress | None = None,
     failures: dict[int, str] | None = None,
 ) -> ProblemValues:
-    """Return F, G and spread of designs at coordinates ``X`` (N, variables).
-
-    The rows are in the order of X, see `ProblemValues`.
+    """Return F, G and spread of designs at coordinates ``X`` (N, variables), see `ProblemValues`.
 
     Coordinates are those of ``problem.space`` (`DesignSpace.low` and `high`). ``ensemble`` None is
-    the search's own members (what is to be reported takes `Problem.fresh_ensemble`), ``executor``
-    None all cores. A row out of bounds, one that the simulator refuses, and one of which the
-    integrator gives up a run are NaN, and ``failures`` takes the reason by the row's number. Raises
-    ParameterError unless X has one column a variable.
+    the search's own members (use `Problem.fresh_ensemble` for results to report), ``executor`` None
+    all cores. Rows are NaN if they are out of bounds, if the simulator refuses them, or if a run
+    fails; ``failures`` receives the reason by the row's index. Raises ParameterError unless X has a
+    column for each variable.
     """
     rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
     free = problem.space.free

@@ -81,10 +81,10 @@ class ImpactLoads:
 
 @dataclass(frozen=True, eq=False)
 class ServiceLoads:
-    """What a device bears and what else there is: levels in m (RMS).
+    """Service loads of a device and levels in m (RMS) with other absorbers.
 
-    ``works`` and ``helps``: lowest and highest force in N of those known where it at least halves
-    the level, and where it lowers it; NaN for none.
+    ``works`` and ``helps`` are the lowest and highest of the simulated forces in N at which the
+    device at least halves the level, and at which it lowers the level; NaN for none.
     """
 
     answer: Answer
@@ -245,18 +245,28 @@ LASTING_PERIODS = 200.0
 
 @dataclass(frozen=True, eq=False)
 class Service:
-    """Service data of a design at each of the problem's C conditions.
+    """Service data of a design at each of the problem's C conditions, the last axis of all arrays.
 
-    The conditions are the last axis of all arrays.
-
-    ``measures``: for each of `SERVICE_MEASURES` the median of the members between the ends of the
-    interval that holds 90 % of fresh runs, (3, C), in the units of
-    `optimisation.measures.MEASURES`. ``forces`` (2, C) in N: between them it at least halves the
-    level; NaN where it does not at the condition's own force. ``single``: for each tolerance the
-    median level in m with the number too small and too large, (2, C). ``joint`` (quantiles, C) in
-    m: `QUANTILES` of the levels of ``draws`` with all of them off. ``level`` (C,) in m: the median
-    with none off. ``lasting`` (C,) in m: the largest RMS of a vibration of constant frequency over
-    the range of the sweep.
+    Attributes
+    ----------
+    conditions : tuple of Condition
+        The conditions.
+    measures : dict of str to array, (3, C)
+        For each of `SERVICE_MEASURES` the lower end, the median and the upper end of the interval
+        that contains 90 % of further runs, in the units of `optimisation.measures.MEASURES`.
+    forces : array, (2, C)
+        Forces in N between which the level is at least halved; NaN if it is not at the condition's
+        own force.
+    single : dict of str to array, (2, C)
+        Median level in m with a number too small and too large by its tolerance.
+    joint : array, (quantiles, C)
+        `QUANTILES` of the levels in m of ``draws`` with all numbers drawn.
+    level : array, (C,)
+        Median level in m of the nominal design.
+    lasting : array, (C,)
+        Largest stationary RMS in m over the range of the sweep.
+    draws : int
+        Number of draws.
     """
 
     conditions: tuple[Condition, ...]
@@ -277,7 +287,7 @@ def _shifted(value: float, kind: str, size: float, at: float) -> float:
 
 
 def tolerances(design: Design) -> list[str]:
-    """Return the names of what can be off: the design's own numbers, then the beam's."""
+    """Return the names of the uncertain numbers: the design's own, then the beam's."""
     own = [
         name
         for name in design.values

@@ -64,10 +64,9 @@ HALVINGS = 6  # of the largest velocity: thresholds of impacts
 class SignalOptions:
     """Options of the signals that are measured in a lane.
 
-    They are plain data. ``samples``: samples in a pseudo period. ``absolute``: whether the motion
-    is measured in space instead of relative to the base.
-
-    ``stress_shape`` (N_m,) as `measures.stress_shape` has it.
+    ``samples`` is the number of samples in a pseudo period; ``absolute`` says whether the motion is
+    measured in space instead of relative to the base; ``stress_shape`` (N_m,) is as in
+    `measures.stress_shape`.
     """
 
     samples: int
@@ -126,9 +125,9 @@ def signal_measures(response: Response, options: SignalOptions) -> dict[str, Any
 
 
 def signals_of(response: Response, options: SignalOptions) -> dict[str, Array]:
-    """Return displacement (m), acceleration (m/s^2) and stress at the samples of a run.
+    """Return displacement (m), acceleration (m/s^2) and stress (S,) at the samples of a run.
 
-    The stress is included if it is known.
+    The stress is included if the model has one.
     """
     history = require_recorded("history", response.history)
     model = response.scene.model

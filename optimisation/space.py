@@ -79,12 +79,24 @@ ABSORBER_IDS = (1, 2)  # numbers of the absorbers of SEVERAL
 class Variable:
     """A variable of a design.
 
-    ``low`` and ``high``: bounds of the search in ``unit``. ``log``: whether ratios matter instead
-    of differences.
-
-    ``default`` is in the SI unit ``si``. The bounds of a ``scaled`` variable are in a unit of the
-    structure, those of another are in SI units too. ``whole``: a choice among whole numbers, bounds
-    included; each has the same share of the range.
+    Attributes
+    ----------
+    name : str
+        Plain name.
+    unit : str
+        Unit of the bounds.
+    low, high : float
+        Bounds of the search in ``unit``.
+    default : float
+        Default in the SI unit ``si``.
+    log : bool
+        Whether the search scale is logarithmic.
+    si : str
+        SI unit.
+    scaled : bool
+        Whether the bounds are in a unit of the structure; else they are in SI units.
+    whole : bool
+        Whether the values are whole numbers, bounds included, with equal shares of the range.
     """
 
     name: str
@@ -497,11 +509,10 @@ class Design:
 class DesignSpace:
     """A concept with its free and fixed variables.
 
-    ``free``: variables within their bounds. ``fixed``: values of other variables in SI units.
-
-    ``units`` are those of the structure (a problem puts in its own), which scaled bounds and the
-    values of what is neither free nor fixed follow; None: the paper's beam, on which the start is
-    the paper's design.
+    ``free`` are variables with their bounds, ``fixed`` values of other variables in SI units.
+    ``units`` are those of the structure, set by a problem: they define scaled bounds, and the
+    values of variables that are neither free nor fixed. None: the paper's beam, for which the start
+    is the paper's design.
     """
 
     concept: str
@@ -746,12 +757,10 @@ def design_space(
 ) -> DesignSpace:
     """Return a concept's space with the named variables free.
 
-    Their ``bounds`` (SI) are the given ones, or else those of the concept.
-
-    Without names those of `FREE` are free that are not fixed.
-
-    What is neither free nor fixed has the paper's value, scaled to the structure. Raises
-    ParameterError for a name that the concept lacks, and for bounds that are empty or inverted.
+    Without names, the variables of `FREE` that are not fixed are free. Their ``bounds`` (SI) are
+    the given ones, or else those of the concept. A variable that is neither free nor fixed has the
+    paper's value, scaled to the structure. Raises ParameterError for a name that the concept lacks,
+    and for bounds that are empty or inverted.
     """
     known = _known(concept)
     fixed = {} if fixed is None else instance("fixed", fixed, Mapping)

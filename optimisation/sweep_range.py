@@ -39,12 +39,11 @@ END_SHARES = (0.01, 0.05)  # of the range: the narrowest and widest end
 def find_sweep_range(
     model: ModalModel, mass_ratio: float, resonance: int = 1
 ) -> tuple[float, float]:
-    """Return (low, high) in units of omega_r as the range of sweeps near a resonance.
+    """Return (low, high) in units of omega_r, the range of sweeps near a resonance.
 
-    The range is for absorbers up to a mass ratio (of the structure's mass).
-
-    It holds the paper's range, 0.9 to 1.06, the resonance with the mass stuck to the structure, and
-    both peaks of a tuned absorber. Raises ParameterError for a resonance that the model lacks.
+    It is for absorbers up to a mass ratio (over the structure's mass), and contains the paper's
+    range, 0.9 to 1.06, the resonance with the mass stuck to the structure, and both peaks of a
+    tuned absorber. Raises ParameterError for a resonance that the model lacks.
     """
     mass = positive("mass_ratio", mass_ratio) * model.beam_mass
     omega_r = model.resonance_omega(resonance)

@@ -67,10 +67,10 @@ UncertainInput = Mapping[str, str | Sequence[float | str]]
 
 @dataclass(frozen=True)
 class Distribution:
-    """Distribution of the quantity ``name``.
+    """Distribution of the uncertain quantity ``name``.
 
-    It is uniform from ``low`` to ``high``, which are shares if ``relative``. If ``normal``,
-    ``high`` is the standard deviation.
+    It is uniform from ``low`` to ``high``; these are relative to the nominal value if ``relative``.
+    If ``normal``, it is normal with the standard deviation ``high``.
     """
 
     name: str
@@ -343,17 +343,24 @@ SCALE_STEPS = 2000  # scales
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances with which a device's level stays below ``limit`` (m).
+    """Tolerances with which a device's level is below ``limit`` (m) with a probability of `SURE`.
 
-    It does so with a probability of `SURE`.
-
-    Tolerances are half widths: shares of gap and friction limit, differences of restitution.
-    ``alone``: of each quantity while the others are exact; ``together``: of all at once, the same
-    share of each one's own. One that equals `WIDEST_TOLERANCES` may be larger: no wider box was
-    tried. ``nominal``: share of `NOMINAL_RUNS` runs of the exact device below the limit; where it
-    is below `SURE`, all tolerances are 0. ``checked`` and ``below``: fresh draws within
-    ``together``, and how many of them stayed below the limit; 0 and 0 where the tolerances are 0.
-    ``draws``: those from which each of ``alone``, and ``together``, are estimated.
+    Attributes
+    ----------
+    alone, together : dict of str to float
+        Half widths of each quantity while the others are exact, and of all at once with the same
+        share of each one's own tolerance: relative for gap and friction limit, absolute for
+        restitution. A value equal to `WIDEST_TOLERANCES` is the widest that was tried.
+    nominal : float
+        Share of `NOMINAL_RUNS` runs of the exact device below the limit; if it is below `SURE`, all
+        tolerances are 0.
+    checked, below : int
+        New draws within ``together``, and how many of them were below the limit; 0 if the
+        tolerances are 0.
+    runs : int
+        Number of all runs.
+    draws : (int, int)
+        Draws for each of ``alone``, and for ``together``.
     """
 
     limit: float
@@ -485,8 +492,8 @@ def find_tolerances(
     limit : float
         Level in m.
     uncertain : sequence of Distribution
-        What else is not known, drawn in all runs; those of gap, restitution and friction are left
-        out.
+        Further uncertain quantities, drawn in all runs; those of gap, restitution and friction are
+        left out.
     draws : tuple of int
         Draws of each quantity alone, of all together, and of the check.
     seed : int

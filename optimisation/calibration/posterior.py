@@ -26,12 +26,19 @@ INTERVAL = (0.05, 0.5, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws (N, P) in SI units of the parameters ``names``.
+    """Posterior of a calibration.
 
-    ``explains``: whether the model explains the measurement (None: not checked).
-
-    ``device``: all values of the absorber by their plain names, those of free parameters at their
-    medians; empty where they are not known.
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters, (P,).
+    draws : array, (N, P)
+        Draws in SI units.
+    explains : bool or None
+        Whether the model explains the measurement, None if not checked.
+    device : mapping of str to float
+        All values of the absorber by their plain names, with the medians of free parameters; empty
+        if not known.
     """
 
     names: tuple[str, ...]

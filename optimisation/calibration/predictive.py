@@ -1,13 +1,13 @@
 """Posterior predictive check: whether the model explains the measured statistics.
 
-Parameters are drawn from the posterior and the measurement is simulated with each. Whatever the
-model can absorb by other values of its parameters says nothing of it. So the statistics (D,) of a
-simulated or real measurement are compared with those that simulations have on average whose fitted
-parameters are the same. The rest is judged by three distances: the Mahalanobis distance with a
-shrunk covariance, which notices many small deviations; the largest single deviation; and, with
-several measurements, how much the parameters that each alone gives differ. The simulations have
-distances, too, so that the probability of one as large as the real measurement's needs no
-distribution.
+Parameters are drawn from the posterior and the measurement is simulated with each draw. Deviations
+that other values of the parameters would remove do not contradict the model. The statistics (D,) of
+a simulated or real measurement are therefore compared with the mean statistics of simulations with
+the same fitted parameters. The residuals are summarised by three distances: the Mahalanobis
+distance with a shrunk covariance, which is sensitive to many small deviations; the largest single
+deviation; and, with several measurements, the difference between the parameters fitted to each
+measurement. The distances of the simulations give the probability of a distance as large as the
+real measurement's without an assumed distribution.
 """
 
 from collections.abc import Sequence
@@ -54,15 +54,31 @@ class MeasurementEstimate:
 
 @dataclass(frozen=True, eq=False)
 class PredictiveCheck:
-    """How the measured statistics lie among simulated ones.
+    """Position of the measured statistics among simulated ones.
 
-    ``quantiles`` (3, D): 5, 50 and 95 % of the replicates' statistics; ``deviations`` (D,): of the
-    measured ones from those that the fitted parameters give, in standard deviations of simulations;
-    ``probability``: of a distance at least as large as the measured one if the model is right;
-    ``log_score``: logarithm of the replicates' Gaussian density at the measured statistics;
-    ``simulations``: how many the distances are compared with; ``estimates``: parameters by each of
-    several measurements; ``contradiction``: probability of estimates that differ as much, 1 for one
-    measurement; ``parameters``: how many are fitted.
+    Attributes
+    ----------
+    statistics : tuple of Statistic
+        Names of the statistics, (D,).
+    observed : array, (D,)
+        Measured statistics.
+    quantiles : array, (3, D)
+        5, 50 and 95 % quantiles of the replicates' statistics.
+    deviations : array, (D,)
+        Deviations of the measured statistics from those of the fitted parameters, in standard
+        deviations of simulations.
+    probability : float
+        Probability of a distance at least as large as the measured one if the model is right.
+    log_score : float
+        Logarithm of the replicates' Gaussian density at the measured statistics.
+    simulations : int
+        Number of simulations with whose distances the measured one is compared.
+    estimates : tuple of MeasurementEstimate
+        Parameters fitted to each of several measurements.
+    contradiction : float
+        Probability of estimates that differ at least as much, 1 for one measurement.
+    parameters : int
+        Number of fitted parameters.
     """
 
     statistics: tuple[Statistic, ...]
@@ -119,12 +135,10 @@ def standardise(statistics: Array) -> tuple[Array, Array]:
 def subtract_fit(
     estimates: Array, statistics: Array, own_estimate: Array, observed: Array
 ) -> tuple[Array, Array]:
-    """Return the residuals of simulated statistics (N, D) and of observed ones (D,).
+    """Return residuals of simulated statistics (N, D) and of observed ones (D,) from a fit.
 
-    They are what the fitted parameters do not explain.
-
-    A quadratic polynomial of the ``estimates`` (N, P) of the parameters is fitted to the simulated
-    statistics, for each of these without itself; ``own_estimate`` (P,) are the observed one's.
+    The fit is a quadratic polynomial of the parameters' ``estimates`` (N, P), for each simulation
+    without itself. ``own_estimate`` (P,) is the estimate for the observed statistics.
     """
     mean = np.mean(estimates, axis=0)
     deviation = np.maximum(np.std(estimates, axis=0), 1e-9)
@@ -200,10 +214,11 @@ def compare_statistics(
     estimates : tuple of arrays (N, P) and (P,), optional
         Parameters fitted to the simulations and to the measurement. None: no parameter is fitted.
     replicates : array, (R, D), optional
-        Simulations with draws of the posterior, which quantiles and score are of. Default: all.
+        Simulations with draws of the posterior, from which quantiles and score are computed.
+        Default: all.
     contradiction : array, (N + 1,), optional
-        How far estimates of single measurements differ, in each simulation, and last in the
-        measurement.
+        Difference between the estimates from single measurements, for each simulation and, last,
+        for the measurement.
 
     """
     rest = simulated - np.mean(simulated, axis=0)
@@ -299,8 +314,7 @@ def check_posterior(
 ) -> PredictiveCheck:
     """Return the posterior predictive check; raises KeyboardInterrupt if it is stopped.
 
-    The simulations near the posterior that the inference has used serve here, too, beside
-    ``replicates`` new ones.
+    Simulations of the inference near the posterior are used in addition to ``replicates`` new ones.
     """
     generator = np.random.default_rng([seed, 4])
     rows = generator.choice(len(inference.shares), replicates, replace=False)

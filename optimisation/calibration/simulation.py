@@ -66,7 +66,7 @@ def model_at_sensor(structure: Structure, sensor: Sensor) -> ModalModel:
 
 
 def absorber_in(measurement: Measurement, absorber: SlidingAbsorber) -> object:
-    """Return the absorber as it was during a measurement; None where it was removed."""
+    """Return the absorber during a measurement, None if it was removed."""
     if measurement.absorber == MOVING:
         return absorber
     return StuckAbsorber(absorber.mass_ratio) if measurement.absorber == STUCK else None
@@ -103,10 +103,10 @@ class ResponseRecorder:
 
 
 def read_sensor(response: Response, measurement: RecordMeasurement) -> Array:
-    """Return what a sensor without noise measures of a run, (K,) in SI units.
+    """Return the signal (K,) of a sensor without noise in a run, in SI units.
 
-    An acceleration is the velocity's change over a sampling interval that is centred on the sample,
-    impacts included.
+    An acceleration is the change of the velocity, impacts included, over a sampling interval
+    centred on the sample.
     """
     history = require_recorded("history", response.history)
     shape = response.scene.model.level_shape

@@ -63,11 +63,22 @@ class Statistic:
 class RecordSummary:
     """Computation of the summary statistics of a record.
 
-    ``edges``: samples at which the bins begin and end, (B + 1,). The masks select frequencies of
-    the spectrum.
-
-    ``resonant`` and ``higher``: whether a line of the spectrum is in the part of the resonance, or
-    above it; ``bands``: of each mode.
+    Attributes
+    ----------
+    measurement : RecordMeasurement
+        The record.
+    edges : array of int, (B + 1,)
+        Samples at which the bins begin and end.
+    bin_hz : array, (B,)
+        Frequency of each bin in Hz.
+    resonant, higher : array of bool
+        Lines of the spectrum near the resonance, and above it.
+    bands : tuple of (float, array of bool)
+        Frequency of each mode in Hz and its lines of the spectrum.
+    period : float
+        Pseudo period in s.
+    statistics : tuple of Statistic
+        Names of the statistics.
     """
 
     measurement: RecordMeasurement

@@ -10,12 +10,20 @@ from impact_env.checks import ParameterError
 class Control:
     """A numerical control of the page.
 
-    Its value in SI units lies from ``low`` to ``high``. The page shows the value times ``per`` in
-    ``unit``.
-
-    ``log``: its slider is logarithmic; ``zero``: with 0 at the left end. ``concepts`` and
-    ``loads``: those that it is for, empty for all. ``group``: the key of `GROUPS` under which it
-    stands; ``about``: a sentence for who does not know it.
+    Attributes
+    ----------
+    name, label, about : str
+        Name, text of the label, and a sentence of explanation.
+    low, high, value : float
+        Range and default value in SI units.
+    unit, per : str and float
+        Unit on the page, and the factor from SI units to it.
+    log, zero, whole : bool
+        Whether the slider is logarithmic, has 0 at its left end, and has whole numbers only.
+    concepts, loads : tuple of str
+        Kinds of absorber and loads for which the control is present, empty for all.
+    group : str
+        Key of its heading in `GROUPS`.
     """
 
     name: str
@@ -46,9 +54,8 @@ class Control:
 class ControlValues:
     """The checked values of a page's controls in SI units.
 
-    ``instant``: time in s from the start of the sweep around which the motion is drawn.
-
-    None: the time of the level.
+    ``instant`` is the time in s from the start of the sweep around which the motion is drawn, None:
+    the time of the response level.
     """
 
     concept: str
@@ -78,7 +85,7 @@ class ControlValues:
 
 
 class Refused(ParameterError):  # noqa: N818 - an answer
-    """Values that are not allowed: ``errors`` says why, by control ("" for several at once)."""
+    """Values that are not allowed; ``errors`` has the reasons by control ("": several controls)."""
 
     def __init__(self, errors: dict[str, str]) -> None:
         super().__init__("; ".join(errors.values()))

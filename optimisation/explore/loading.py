@@ -43,7 +43,7 @@ class Loading:
 
     @property
     def swept(self) -> bool:
-        """Whether it goes through the resonance, up and down."""
+        """Whether the frequency sweeps through the resonance, up and down."""
         return self.kind != "random"
 
     def file(self, intensity: float, schedule: FrequencySchedule) -> Plain:
@@ -95,9 +95,9 @@ class Loading:
 
     @property
     def worth(self) -> float:
-        """The equivalent harmonic force in N of one unit of a swept load.
+        """The harmonic force in N that moves the resonance's mode as one unit of a swept load does.
 
-        It moves the resonance's mode as the load does. It is infinite if no force can do so.
+        It is infinite if no force does so.
         """
         k = self.resonance - 1
         omega = self.model.resonance_omega(self.resonance)
@@ -115,9 +115,9 @@ class Loading:
     def rule_gap(self, mass: float, intensity: float) -> float:
         """Return the gap in m from which a search would begin for an absorber of a ``mass`` in kg.
 
-        It is the design rule's for the force that a swept load is worth; of a random force `START`
-        times the free motion's RMS, near enough: the resonance's mode alone counts, and its damping
-        is 1e-4 at least.
+        For a swept load it is the design rule's gap for the equivalent force; for a random force it
+        is `START` times the free motion's RMS of the resonance's mode, with a damping ratio of at
+        least 1e-4.
         """
         if self.swept:
             return design_gap(self.model, mass, intensity * self.worth, self.resonance)

@@ -439,10 +439,10 @@ def make_app(
 
 
 def bound(host: str, port: int) -> socket.socket:
-    """Return a socket that listens at an address; port 0 is any that is free.
+    """Return a socket that listens at an address; port 0 stands for any free port.
 
-    Raises ParameterError for an address that this machine does not have, and for a port that cannot
-    be had there.
+    Raises ParameterError for an address that this machine does not have, and for a port that is not
+    available.
     """
     try:
         family, kind, _, _, address = socket.getaddrinfo(

@@ -35,10 +35,8 @@ def judge_level(
 ) -> LevelVerdict:
     """Return the verdict on a ``level`` in m with its ``band``.
 
-    ``without``: level in m of the structure without absorber.
-
-    ``numbers``: those of the card by their keys (impacts_a_period, gap, rule_gap), missing or None
-    where they are not known.
+    ``without`` is the level in m of the structure without absorber. ``numbers`` are those of the
+    card by their keys (impacts_a_period, gap, rule_gap); unknown ones are missing or None.
     """
     low, high = band
     if concept == "none":

@@ -154,7 +154,7 @@ class Work:
         )  # decades: it stays while the marked intensity moves
 
     def rule(self, intensity: float) -> float | None:
-        """Return the gap in m from which a search would begin, None where the rule says nothing."""
+        """Return the gap in m from which a search would begin, None if the rule does not apply."""
         says = reach(self.alone, self.mass, self.resonance) > 0.5 and np.isfinite(
             self.loading.worth
         )

@@ -238,16 +238,16 @@ Draw = Callable[[], "Figure"]
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """The content of an answer, in SI units unless a unit is named.
+    """The content of a result, in SI units unless a unit is named.
 
     Attributes
     ----------
     title : str
         Heading of the card.
     verdict : str
-        The answer in a sentence, with which the card begins.
+        The result in one sentence, with which the card begins.
     text : sequence of blocks
-        Lines and tables that are printed, a blank line between blocks.
+        Lines and tables that are printed, with a blank line between blocks.
     numbers : dict or list
         Content of summary.json, or of the file of --json.
     tables : dict
@@ -255,18 +255,17 @@ class Report:
     data : dict
         Further JSON files by their names.
     figures : dict
-        Functions that draw, by the names of their files; the first is the answer's figure.
+        Functions that draw, by the names of their files; the first is the main figure.
     resolution : float
-        Dots an inch of figures.
+        Dots per inch of figures.
     groups : tuple
-        Rows of the card under their headings; without them there is no card.
+        Rows of the card under their headings; empty: no card.
     charts : tuple of Chart
         Curves of the card.
     warnings : tuple of str
-        What the card warns of.
+        Warnings on the card.
     prints_card : bool
         Whether the card is printed below the text.
-
     """
 
     title: str
@@ -551,19 +550,19 @@ def silent_stages(_label: str, _runs: int) -> Iterator[LaneProgress | None]:
 
 
 class CompleteAnswer(ABC):
-    """An answer; `report` has its content, from which all forms are rendered."""
+    """A result with all its output formats, which are rendered from `report`."""
 
     @abstractmethod
     def make_report(self) -> Report:
-        """Return the content of the answer."""
+        """Return the content of the result."""
 
     @cached_property
     def report(self) -> Report:
-        """The content of the answer: text, numbers, tables, figures and card."""
+        """The content of the result: text, numbers, tables, figures and card."""
         return self.make_report()
 
     def __str__(self) -> str:
-        """Return what the command prints."""
+        """Return the text that the command prints."""
         return render_text(self.report)
 
     def to_json(self) -> Json:
@@ -586,16 +585,16 @@ class CompleteAnswer(ABC):
         return render_html(self.report)
 
     def plot(self) -> Figure:
-        """Return the first matplotlib figure of the answer.
+        """Return the first matplotlib figure of the result.
 
-        Raises ParameterError if nothing was run that can be drawn.
+        Raises ParameterError if there is nothing to draw.
         """
         for draw in self.report.figures.values():
             return draw()
         raise ParameterError("this answer has no figure: nothing was run that could be drawn")
 
     def worst_run(self) -> WorstRun | None:
-        """Return the recorded run of the answer's device with the highest level, or None."""
+        """Return the recorded run with the highest level of the device, or None."""
         return None
 
     def device_scene(self) -> Json | None:
@@ -608,9 +607,7 @@ class CompleteAnswer(ABC):
     def save(self, folder: Path | str) -> list[Path]:
         """Write summary, tables, figures and card into a folder and return their paths.
 
-        The folder is made if it does not exist.
-
-        Raises ParameterError if nothing can be written there.
+        The folder is created if it does not exist. Raises ParameterError if it is not writable.
         """
         folder = Path(folder)
         require_writable("folder", folder)

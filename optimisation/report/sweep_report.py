@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """The recorded run of member 0, and what was measured besides.
+    """The recorded run of member 0, and further results of a sweep.
 
     Attributes
     ----------
@@ -44,20 +44,19 @@ class SweepResult:
     resonance : int
         Resonance that the sweep passes, from 1.
     beam : Beam, optional
-        The structure where it is one.
+        The structure if it is a beam.
     wall_time : float, optional
         Time of an integration alone in s.
     sweep_ratio : float, optional
         Level of such sweeps without absorber over the stationary one; None at a constant frequency.
     measures : list of dict, optional
-        Measures of each member, as `optimisation.signals` has them.
+        Measures of each member, as in `optimisation.signals`.
     steady : bool
         Whether runs start from the steady state of the linear structure, not from rest.
     drawn : bool
-        Whether members after the first have parameters of a posterior's draws.
+        Whether members after the first have parameters drawn from a posterior.
     band : LevelBand, optional
-        Their levels over the frequency; None where nothing is swept.
-
+        Their levels over the frequency; None without a sweep.
     """
 
     response: Response

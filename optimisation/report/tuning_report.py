@@ -73,7 +73,8 @@ _PRINTED = 1e-3  # the paper prints its values to this accuracy
 class Tuning:
     """A tuned absorber (None: no absorber) with its scores.
 
-    ``peak``: in m/N, at ``peak_ratio`` (to omega_r). ``h2``: H2 norm in m/(N sqrt(s)).
+    ``peak`` is in m/N, at ``peak_ratio`` (frequency over omega_r); ``h2`` is the H2 norm in
+    m/(N sqrt(s)).
     """
 
     key: str
@@ -176,13 +177,12 @@ def tuning_table(
     low: float = LOW,
     high: float = HIGH,
 ) -> TuningTable:
-    """Return all tunings of an absorber of ``mass_ratio`` (to the beam's mass).
+    """Return all tunings of an absorber of ``mass_ratio`` (over the beam's mass) to a resonance.
 
-    They are tuned to a resonance and scored over low..high times omega_r.
-
-    An undamped structure has an infinite peak and H2 norm without absorber. Raises ParameterError
-    for numbers out of range, a mode that nothing damps, a node at the absorber, and a scoring range
-    that cannot hold both split peaks (`require_wide_range`).
+    They are scored over low..high times omega_r. Without absorber an undamped structure has an
+    infinite peak and H2 norm. Raises ParameterError for numbers out of range, an undamped mode, a
+    node at the absorber, and a scoring range that does not contain both split peaks
+    (`require_wide_range`).
     """
     require_wide_range(model, mass_ratio, resonance, low, high)
     case = (mass_ratio, resonance)

@@ -73,14 +73,24 @@ class Memory:
 
 @dataclass(frozen=True, eq=False)
 class Agent:
-    """A policy that depends on the observation alone.
+    """A policy that depends on the observation alone: fully connected layers without randomness.
 
-    It returns its mean action through fully connected layers, without randomness.
-
-    ``layers``: weights (out, in) and biases (out,) from first to last, with ``activation`` between
-    them and ``squash`` behind the last. ``cells`` of a `Memory` ahead of them; None: no memory.
-    ``arguments`` are those of the environment ``env_id`` it was trained on with ``seed``, for
-    ``steps`` steps.
+    Attributes
+    ----------
+    env_id : str
+        Environment of the training.
+    algorithm : str
+        Name of the algorithm.
+    seed, steps : int
+        Seed and number of steps of the training.
+    arguments : mapping
+        Arguments of the environment.
+    activation, squash : str
+        Functions between the layers, and after the last one.
+    layers : sequence of (array, array)
+        Weights (out, in) and biases (out,) of each layer, from first to last.
+    cells : Cells or None
+        Recurrent cells (`Memory`) before the layers, None without memory.
     """
 
     env_id: str
@@ -190,9 +200,8 @@ def shipped() -> dict[str, list[str]]:
 def packaged_file(task: str, algorithm: str = "ppo") -> Path:
     """Return the file of an agent that ships with the package.
 
-    stable-baselines3 can continue the training from this file: ``PPO.load(file, env=...)``.
-
-    It holds critic and optimiser, too, and beside them the small file that needs no torch. Raises
+    stable-baselines3 can continue the training from this file, which includes critic and optimiser:
+    ``PPO.load(file, env=...)``. It also contains the small file that needs no torch. Raises
     ParameterError if there is none.
     """
     known = shipped()
@@ -235,10 +244,9 @@ def load_agent(place: Path | str, algorithm: str = "ppo") -> Agent:
 
 
 def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> list[Agent]:
-    """Return the agents of all files called ``name`` under a folder.
+    """Return the agents of all files called ``name`` under a folder, optionally of one environment.
 
-    They are in the order of environment, algorithm and seed. With ``env_id`` only those of this
-    environment are returned.
+    They are in the order of environment, algorithm and seed.
     """
     agents = [load_agent(path) for path in sorted(folder.rglob(name))]
     return sorted(
@@ -248,9 +256,9 @@ def find_agents(folder: Path, name: str = FINAL, env_id: str | None = None) -> l
 
 
 def actor_of(model: Any, env_id: str, seed: int, arguments: Mapping[str, Any]) -> Agent:
-    """Return the agent that acts as a model of stable-baselines3 does deterministically.
+    """Return the agent with the deterministic actions of a model of stable-baselines3.
 
-    The model is PPO, SAC or recurrent PPO.
+    The model is PPO, SAC or recurrent PPO. The other arguments are attributes of `Agent`.
     """
     stochastic_squash = hasattr(model, "actor")
     policy = model.policy
@@ -295,10 +303,11 @@ EVALUATIONS = "evaluations.csv"
 
 @dataclass(frozen=True)
 class TrainingEvaluation:
-    """What an agent reached after ``steps`` of training, over the evaluation seeds.
+    """Scores of an agent after ``steps`` of training, over the evaluation seeds.
 
-    ``score``: mean; ``iqm``: mean of the middle half; ``low``, ``high``: 10th and 90th percentile;
-    ``intervals``: mean length of an episode.
+    ``score`` is the mean, ``iqm`` the mean of the middle half, ``low`` and ``high`` the 10th and
+    90th percentile, and ``intervals`` the mean length of an episode. ``leg`` is the number of the
+    leg.
     """
 
     leg: int
@@ -338,7 +347,7 @@ class Run:
 
     @property
     def score(self) -> float:
-        """Score of the leg that was best on the evaluation seeds, whose agent the run keeps."""
+        """Score of the best leg on the evaluation seeds, whose agent the run stores."""
         return max(evaluation.score for evaluation in self.evaluations)
 
 

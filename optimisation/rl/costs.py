@@ -76,8 +76,8 @@ def mean_costs(
 ) -> Array:
     """Return the mean costs (E, C) of a control interval in one episode for each seed.
 
-    The means are taken over the intervals of the episode. ``policy`` has the form that `evaluate`
-    takes.
+    The means are over the intervals of the episode. ``policy`` is of any kind that `evaluate`
+    accepts.
     """
     played = play(policy, env_id, seeds, {"vector_reward": True, **(arguments or {})})
     costs: Array = -played.scores / played.steps[:, None]

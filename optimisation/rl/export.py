@@ -292,13 +292,12 @@ def _write_rule_in_c(policy: FamilyPolicy, env_id: str) -> str:
 
 
 def write_c(policy: Agent | FamilyPolicy, env_id: str) -> str:
-    """Return C source with a function ``impact_agent_act`` that acts as a policy does.
+    """Return C source with a function ``impact_agent_act`` that computes the actions of a policy.
 
-    The source is C99 and needs only the mathematical library.
-
-    An agent computes in single precision, a rule in double. An agent with memory takes a structure
-    in which its memory is, and which is zero at the start. Raises ParameterError for a rule that
-    has a memory.
+    The source is C99 and needs only the mathematical library. An agent computes in single
+    precision, a rule in double. The function of an agent with memory has an argument for the
+    memory, a structure that must be zero at the start. Raises ParameterError for a rule with
+    memory.
     """
     if isinstance(policy, Agent):
         return _write_agent_in_c(policy, env_id)

@@ -2,8 +2,8 @@
 
 Each lane has its own parameters. The policies are schedules and rules that an engineer would use.
 
-A family is made from the task behind its environment, whose scales it may need. What lies outside
-[-1, 1] of its actions is cut off.
+A family is made from the task of its environment, whose scales it may need. Its actions are clipped
+to [-1, 1].
 """
 
 from __future__ import annotations
@@ -35,12 +35,21 @@ Start = Callable[[Sequence[float]], Sequence[float]]
 class Family(ABC):
     """A family of policies with a few parameters.
 
-    Lane i acts by row i of ``parameters`` (L, P), which have ``names`` and ``limits`` (P pairs, by
-    default `LARGEST` to either side).
+    Lane i acts by row i of ``parameters`` (L, P).
 
-    ``begins``: where a search begins, for the numbers of the best constant action. The first
-    ``few`` numbers alone are a rule, with the others at ``neutral``; ``few`` is 0 for a family that
-    has no such rule in it.
+    Attributes
+    ----------
+    names : sequence of str
+        Names of the parameters.
+    limits : sequence of (float, float)
+        Range of each parameter, by default +- `LARGEST`.
+    begins : sequence of Start
+        Starts of a search, as functions of the best constant action.
+    neutral : sequence of float
+        Values of the parameters after the first ``few`` for which the family is a rule with ``few``
+        parameters.
+    few : int
+        Number of parameters of this smaller rule, 0 without one.
     """
 
     names: Sequence[str] = ()
@@ -58,7 +67,7 @@ class Family(ABC):
         return np.array(self.limits or [(-LARGEST, LARGEST)] * len(self.names), dtype=np.float64)
 
     def begin(self, lanes: int) -> None:  # noqa: B027 - most have no memory
-        """Forget what was seen in earlier episodes."""
+        """Reset the memory of earlier episodes."""
 
     @abstractmethod
     def act(self, parameters: Array, observations: Observations) -> Array:
@@ -212,7 +221,7 @@ SMALLEST = 1e-9  # of a look: what a passage that was never looked at counts as
 
 
 class OverFrequency(Family):
-    """What looks at the frequency."""
+    """A family whose policies depend on the frequency."""
 
     def __init__(self, task: Any) -> None:
         self.rates = Rates.of(task)
@@ -238,10 +247,10 @@ class FrequencyWindow(OverFrequency):
 
 
 class SmallRule(OverFrequency):
-    """A rule with full speed down to a frequency, then a slow rate, and a rate back.
+    """A rule with full speed down to a frequency, then a slow rate, and a rate backwards.
 
-    The slow rate holds while there are impacts and time is left. Beyond another frequency the rate
-    goes back under the same conditions. Otherwise the sweep has full speed.
+    The slow rate holds while there are impacts and time remains. Beyond another frequency the rate
+    is negative under the same conditions. Otherwise the sweep has full speed.
     """
 
     names = ("slow from", "action when slow", "back at", "action back")
@@ -303,7 +312,7 @@ class FeedbackFriction(OverFrequency):
         self.begin(0)
 
     def begin(self, lanes: int) -> None:
-        """Forget what was seen."""
+        """Reset the stored amplitude."""
         self.amplitude = np.zeros(lanes)
         self.measured = np.zeros(lanes, dtype=np.bool_)
 
@@ -410,7 +419,7 @@ class GapByEstimatedForce(Family):
         self.begin(0)
 
     def begin(self, lanes: int) -> None:
-        """Start with what the first gap would be right for."""
+        """Start with the force for which the first gap is best."""
         self.force = np.full(lanes, self.scale.length * self.scale.force_per_gap)
         self._first = True
 

@@ -97,15 +97,32 @@ PACKAGED = Path(__file__).with_name("hyperparameters.yaml")
 
 @dataclass(frozen=True)
 class Hyperparameters(ABC):
-    """What all algorithms have.
+    """Hyperparameters of all algorithms.
 
-    ``steps`` of the environment, counted over all ``lanes``, trained in ``legs`` of equal length:
-    after each the agent is evaluated and a checkpoint is written. The learning rate falls from
-    ``learning_rate`` to ``final_learning_rate``, linearly from leg to leg. Rewards are multiplied
-    by ``reward_scale`` for the algorithm alone. ``hidden``: widths of the layers of actor and
-    critic. ``gamma`` is the discount for one step. The first policy does about ``initial_action``
-    wherever it is. ``start``: the policy that the actor imitates before training: `FRESH` for no
-    policy, `RULE`, `AGENT`, or the path of an agent's file or of a data set of demonstrations.
+    Attributes
+    ----------
+    steps : int
+        Steps of the environment, counted over all lanes.
+    legs : int
+        Number of equal parts of the training; after each the agent is evaluated and a checkpoint is
+        written.
+    lanes : int
+        Number of lanes.
+    reward_scale : float
+        Factor of rewards, for the algorithm alone.
+    hidden : tuple of int
+        Widths of the layers of actor and critic.
+    learning_rate, final_learning_rate : float
+        First and last learning rate, linear from leg to leg.
+    gamma : float
+        Discount for one step.
+    batch_size : int
+        Samples in a gradient step.
+    initial_action : float
+        Approximate action of the first policy for any observation.
+    start : str
+        Policy that the actor imitates before training: `FRESH` for no policy, `RULE`, `AGENT`, or
+        the path of an agent's file or of a data set of demonstrations.
     """
 
     steps: int
@@ -352,10 +369,8 @@ def settings_for(
 ) -> Settings:
     """Return the hyperparameters of an algorithm on an environment.
 
-    They are those of the package, overridden by those of ``file``, and these by ``options``.
-
-    Raises ParameterError for an unknown environment or algorithm, and for a value that is not
-    allowed.
+    Values of ``file`` override those of the package, and ``options`` override both. Raises
+    ParameterError for an unknown environment or algorithm, and for a value that is not allowed.
     """
     require(algorithm in ALGORITHMS, "algorithm", algorithm, f"one of {', '.join(ALGORITHMS)}")
     packaged = read()

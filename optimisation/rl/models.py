@@ -196,7 +196,7 @@ def _start_at(layer: Any, action: float) -> None:
 def begin_leg(model: Model, seed: int, leg: int, learning_rate: float) -> None:
     """Seed all generators, and set the leg's learning rate.
 
-    So the further training depends on the model and its lanes alone.
+    Further training then depends only on the model and its lanes.
     """
     own = int(np.random.SeedSequence((seed, leg)).generate_state(1)[0] >> 1)
     if leg == 0:

@@ -87,10 +87,8 @@ def score_candidates(
 ) -> Array:
     """Return the discounted rewards (L, C) of candidate actions (L, C, A).
 
-    Each action is taken for ``hold`` intervals and followed by the actions of an agent.
-
-    ``trials`` has L times C lanes, C copies of each lane, and is left where the horizon, in
-    intervals, or the episodes end.
+    Each action is held for ``hold`` intervals and followed by the actions of an agent, up to
+    ``horizon`` intervals. ``trials`` has L times C lanes, C copies of each lane, and is advanced.
     """
     lanes, copies, numbers = candidates.shape
     actions = candidates.reshape(lanes * copies, numbers)

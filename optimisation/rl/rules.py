@@ -59,9 +59,8 @@ def _columns(observations: Observations) -> tuple[Array, Array, Array]:
 class Switch(Family):
     """A rule with one action while the slip takes energy from a motion, another otherwise.
 
-    The motion has a given phase.
-
-    Eight numbers; the first four alone are a rule, with the others at `neutral`.
+    The motion has a given phase. There are eight parameters; the first four define a rule by
+    themselves, with the others at `neutral`.
     """
 
     few = 4
@@ -333,9 +332,16 @@ OF_AGENTS = Path(__file__).with_name("agent_rules.json")  # the same, of rules r
 class Families(NamedTuple):
     """Families of policies of a task.
 
-    ``constant``: the same action always. ``blind``: schedules that do not depend on the response.
-    ``feedback``: rules that depend on it. ``planned``: whether a planner over such a rule is
-    promising.
+    Attributes
+    ----------
+    constant : type
+        Policies with a constant action.
+    blind : type
+        Schedules that do not depend on the response.
+    feedback : tuple of type
+        Rules that depend on the response.
+    planned : bool
+        Whether a planner over such a rule is promising.
     """
 
     constant: type[Family]
@@ -345,7 +351,7 @@ class Families(NamedTuple):
 
     @property
     def numbers(self) -> int:
-        """How many numbers an action has."""
+        """Number of values in an action."""
         return len(self.constant.names)
 
 

@@ -162,13 +162,11 @@ def clone_policy(
     seed: int,
     effort: CloneEffort = EFFORT,
 ) -> float:
-    """Fit the mean action of a PPO or SAC model to that of a policy.
+    """Fit the mean action of a PPO or SAC model to that of a policy; return the mean squared error.
 
-    The mean squared error over all decisions is returned.
-
-    The first fit is to the teacher's own episodes, without and with noise. In further rounds the
-    model acts, and the data get what the teacher would have done (S. Ross, G. Gordon and D. Bagnell
-    2011, dataset aggregation, DAgger): they cover states that only the clone visits.
+    The error is over all decisions. The first fit uses the teacher's own episodes, without and with
+    noise. In further rounds the model acts, and the teacher's actions for the visited observations
+    are added to the data (S. Ross, G. Gordon and D. Bagnell 2011, dataset aggregation, DAgger).
     """
     generator = np.random.default_rng(seed)
     first = seed * (effort.rounds + 2) * effort.episodes
@@ -242,7 +240,7 @@ def apply_start(
     arguments: Mapping[str, Any],
     seed: int,
 ) -> None:
-    """Let the actor of a fresh model imitate what its hyperparameters name as ``start``."""
+    """Train the actor of a new model to imitate the policy ``start`` of its hyperparameters."""
     start = chosen_settings.start
     if start == FRESH:
         return

@@ -2,10 +2,9 @@
 
 A run that was killed continues from its last checkpoint.
 
-A checkpoint holds the model, where its lanes are in their episodes, and for SAC what it remembers;
-a leg seeds all generators anew from the run's seed and the leg's number. So a run that was resumed
-equals one that never stopped, number by number (on one machine, with the same versions and compiled
-kernels).
+A checkpoint contains the model, the states of its lanes, and for SAC the replay buffer; each leg
+seeds all generators from the run's seed and the leg's number. A resumed run therefore equals an
+uninterrupted one, number by number (on one machine, with the same versions and compiled kernels).
 """
 
 import json
@@ -170,14 +169,11 @@ def train(
 ) -> list[TrainingEvaluation]:
     """Train an agent in a folder, or continue its training, and return its evaluations.
 
-    A finished agent is not trained again.
-
-    The folder gets settings.json, evaluations.csv, final.npz (`load_agent`), checkpoints/ and
-    tensorboard/. The agent of final.npz is that of the leg with the best evaluation. ``show`` is
-    called with the number of steps done and the evaluations so far. A KeyboardInterrupt costs the
-    leg that was under way.
-
-    Raises ParameterError if the folder holds a run of other settings, or is in use.
+    A finished agent is not trained again. The folder gets settings.json, evaluations.csv, final.npz
+    (`load_agent`), checkpoints/ and tensorboard/. The agent of final.npz is that of the leg with
+    the best evaluation. ``show`` is called with the number of finished steps and the evaluations so
+    far. After a KeyboardInterrupt the present leg is lost. Raises ParameterError if the folder
+    contains a run with other settings, or is in use.
     """
     require_writable("folder", folder)
     with _folder_lock(folder):
@@ -207,7 +203,7 @@ def train(
 
 @contextmanager
 def _folder_lock(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process; the system lets go of it however the process ends."""
+    """Lock a folder for this process; the system releases the lock when the process ends."""
     try:
         with FileLock(folder / ".lock", blocking=False):
             yield
@@ -251,7 +247,7 @@ def _train(job: Job, folder: Path, env: ScaledRewards, show: Show) -> list[Train
 
 
 class _Watch(BaseCallback):
-    """Tells how far a leg is."""
+    """Callback that reports the progress of a leg."""
 
     def __init__(self, show: Show, evaluations: list[TrainingEvaluation]) -> None:
         super().__init__()
@@ -337,7 +333,7 @@ class Planned:
         )
 
     def share(self, steps: int) -> int:
-        """Return so many steps, at most those that the job wants."""
+        """Return ``steps``, limited to the steps of the job."""
         return min(steps, self.job.hyperparameters.steps)
 
 
@@ -370,7 +366,7 @@ class TrainingProgress:
 def train_all(
     runs: Sequence[Planned], workers: int, format_line: LogFormatter | None = None
 ) -> list[str]:
-    """Train or go on with all runs; return what went wrong, a line for each run that failed."""
+    """Train or continue all runs; return a line with the error of each run that failed."""
     total = sum(planned.job.hyperparameters.steps for planned in runs)
     with Bar(total=total, desc="training", unit="step", bar_format=BAR, smoothing=0.05) as bar:
         show = TrainingProgress(bar, format_line)

@@ -35,14 +35,10 @@ def lane_info(infos: Info, lane: int) -> Info:
 class NativeVecEnv(VecEnv):
     """A `VecEnv` around a vector environment with autoreset in the same step.
 
-    Put `VecMonitor` around it for episode statistics.
-
-    Info is given at the end of an episode only, unless ``all_info``: with thousands of lanes its
-    dicts cost more than the simulation. At an end it holds ``terminal_observation``,
-    ``TimeLimit.truncated`` (cut off and not ended by itself, so that the value of the last state is
-    counted), and what the environment's own info says. Rewards are float32, as stable-baselines3
-    has them; the float64 sum of an episode is info's ``score``.
-
+    Put `VecMonitor` around it for episode statistics. Info is given only at the end of an episode,
+    unless ``all_info``, because the dicts of thousands of lanes take longer than the simulation. It
+    then contains ``terminal_observation``, ``TimeLimit.truncated`` and the environment's own info.
+    Rewards are float32, as in stable-baselines3; the float64 sum of an episode is info's ``score``.
     Raises ParameterError if the vector environment resets in another way.
     """
 

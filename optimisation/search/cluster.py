@@ -1,11 +1,10 @@
 """Runs on other machines: pieces of work sent to the workers of a Dask scheduler (``distributed``).
 
-A piece is the same plain data that a thread of this machine would get, and a worker does it with
-the same function, so the results are the same bit for bit on machines of one kind (docs/method.md
-says what another processor may change). Each piece names the sources that it must be done by, and
-the worker that does it looks at its own: whether it was there from the beginning or came later, no
-result is of other sources. A worker that dies costs time only: the scheduler gives its pieces to
-another.
+A piece has the same data as for a thread of this machine, and a worker calls the same function, so
+the results are bit for bit the same on machines of one kind (docs/method.md has the effect of other
+processors). Each piece contains the fingerprint of its sources, which the worker compares with its
+own, so no result comes from other sources. If a worker dies, the scheduler gives its pieces to
+another one.
 """
 
 from __future__ import annotations

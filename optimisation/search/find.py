@@ -106,10 +106,18 @@ QUIET = ProgressBars()
 class SearchOptions:
     """Options of a search.
 
-    They are the number of ``designs``, the ``sampler`` (None: `method`), and others as in
-    `default_settings`. ``audit`` as in `judge.audit`.
-
-    ``modes``: whether the winner runs again with more modes.
+    Attributes
+    ----------
+    designs : int
+        Number of designs.
+    sampler : str or None
+        Name of the sampler, None: `method`.
+    batch, seed, screening, from_scratch
+        As in `default_settings`.
+    audit : int
+        Number of designs of `judge.audit`.
+    modes : bool
+        Whether the winner runs again with more modes.
     """
 
     designs: int
@@ -188,14 +196,11 @@ def find(
     executor: Executor | None = None,
     bars: ProgressBars = QUIET,
 ) -> SearchResult:
-    """Search, choose and judge.
+    """Search designs, choose a winner and evaluate it with new members.
 
-    Results that a KeyboardInterrupt prevents are left out. The same call continues from the
-    ``journal``.
-
-    ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises
-    ParameterError for a plan that the problem does not allow and for a journal that is another
-    study's.
+    Results that a KeyboardInterrupt prevents are left out; the same call continues from the
+    ``journal``. ``journal`` None keeps the study in memory, ``executor`` None is all cores. Raises
+    ParameterError for a plan that the problem does not allow, and for the journal of another study.
     """
     executor = executor or Threads()
     concept = problem.space.concept
@@ -334,14 +339,11 @@ def smooth_search(
     from_scratch: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[list[Evaluated], bool]:
-    """Return the designs that were run, by number, and a flag.
+    """Return the designs that were run, by number, and whether the search was finished.
 
     They are the start of the space (unless ``from_scratch``), scattered designs, and descents from
-    the best of these.
-
-    Ends after about ``designs`` of them, or when every descent has come to rest. The flag is
-    False if a KeyboardInterrupt ended it early. Raises ParameterError
-    for several objectives and for impact absorbers.
+    the best of these. The search ends after about ``designs`` of them, or when every descent has
+    converged. Raises ParameterError for several objectives and for impact absorbers.
     """
     designs = count("designs", designs, 2)
     require(

@@ -51,11 +51,18 @@ PRIOR_WIDTHS = (1.0, 1.5)  # standard deviations of their logarithms
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """A Gaussian process of the mean cost, fitted to N designs at ``points`` (N, d).
+    """A Gaussian process of the mean cost, fitted to N designs.
 
-    ``means`` (N,) of ``members`` (N,) values each; ``square``: sum of squares of the values around
-    their designs' means; ``logs`` (d + 2,): logarithms of the lengths, of the standard deviation of
-    the mean and of the members around it.
+    Attributes
+    ----------
+    points : array, (N, d)
+        Designs in the unit cube.
+    means, members : array, (N,)
+        Mean cost and number of members of each design.
+    square : float
+        Sum of squares of the members' values around their designs' means.
+    logs : array, (d + 2,)
+        Logarithms of the lengths, and of the standard deviations of the mean and of the members.
     """
 
     points: Array
@@ -208,11 +215,10 @@ class DesignRuns:
         return bool(finite.size) and float(finite.min()) > 0
 
     def transformed(self) -> list[list[float]]:
-        """Return what the process models, a value for each member of each design.
+        """Return the values of the members of each design in the form that the process models.
 
-        It is the logarithm of the cost (the cost itself if it is not above 0 everywhere), and more
-        by `VIOLATION_WEIGHT` where a constraint is broken; a failed run is as bad as the worst of
-        the others.
+        They are logarithms of the cost (the cost itself if it is not always positive), plus
+        `VIOLATION_WEIGHT` for a violated constraint; a failed run has the value of the worst one.
         """
         positive = self.positive
         costs = np.array([x for own in self.costs for x in own])

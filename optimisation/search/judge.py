@@ -1,9 +1,9 @@
 """A search's finalists judged again on fresh members: the best of many noisy values is biased.
 
-The finalists of a study run again on members of the ensemble that the search has not seen, and the
-best of them there is the winner. What the winner is worth is then read from yet other members, on
-which the designs that it is compared with run as well. A gain is the ratio of two designs' values
-with a bootstrap interval (`optimisation.measures`).
+The finalists of a study run again with members of the ensemble that the search has not used, and
+the best of them is the winner. Its value is then computed with further new members, which are also
+used for the designs to which it is compared. A gain is the ratio of two designs' values with a
+bootstrap interval (`optimisation.measures`).
 """
 
 from __future__ import annotations
@@ -44,14 +44,24 @@ AUDIT = 3
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A design with its results on fresh members.
+    """A design with its results for new members.
 
-    ``score``: its score. ``members`` (objectives, M): one value for each objective and member.
-
-    ``levels`` (M, conditions) in m of the free end, the larger of up and down, and that ``without``
-    absorber of the same members. ``ratios`` (conditions,): where the level was read, over the
-    resonance, the median of the members; 0 under loads. ``alike``: designs near this one, whose
-    spread is used where there are few members.
+    Attributes
+    ----------
+    design : Design
+        The design.
+    score : Score
+        Its score.
+    members : array, (objectives, M)
+        Value of each objective and member.
+    levels, without : array, (M, conditions)
+        Level in m at the place of the response, the larger of up and down, with the device and
+        without absorber.
+    ratios : array, (conditions,)
+        Median over the members of the frequency at the level's maximum over the resonance; 0 under
+        loads.
+    alike : tuple of Judged
+        Similar designs, whose spread is used if there are few members.
     """
 
     design: Design
@@ -88,11 +98,11 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The winner of a study, the paper's design and the space's start, on the same fresh members.
+    """The winner of a study, the paper's design and the space's start, for the same new members.
 
-    The winner is the best of the search's designs and these two by other fresh members (`verdict`);
-    ``search_best`` is the search's best, with the score that the search knew. Where no design keeps
-    the constraints the winner is the one that breaks them least, which `feasible` tells.
+    The winner is the best of the search's designs and these two with other new members (`verdict`).
+    ``search_best`` is the search's best design with its score in the search. If no design satisfies
+    the constraints, the winner is the one with the smallest violation, and `feasible` is False.
     """
 
     search_best: Evaluated
@@ -104,7 +114,7 @@ class Verdict:
 
     @property
     def feasible(self) -> bool:
-        """Whether the winner keeps all constraints on fresh members."""
+        """Whether the winner satisfies all constraints with new members."""
         return self.winner.score.feasible
 
     def levels(self, conditions: Sequence[Condition]) -> Levels:
@@ -238,13 +248,12 @@ REPAIR_SPAN = (0.8, 1.05)
 
 
 def repaired(problem: Problem, candidates: Sequence[Evaluated]) -> list[Design]:
-    """Return designs to try if no candidate meets the constraints.
+    """Return designs to try if no candidate satisfies the constraints.
 
-    They are the candidate with the smallest violation, with other gaps.
-
-    By the scaling law stroke and speeds go with the gap, so that a quantity s times its limit asks
-    for a gap 1/s times as wide; friction limits go with it. Empty where a candidate keeps all
-    constraints, and for concepts without walls.
+    They are the candidate with the smallest violation, with other gaps. By the scaling law stroke
+    and speeds are proportional to the gap, so for a quantity s times its limit the gap is divided
+    by s; friction limits are proportional to it. Empty if a candidate satisfies all constraints,
+    and for concepts without walls.
     """
     best = min(candidates, key=lambda e: (problem.penalised_cost(e.score), e.number))
     gaps = [name for name in best.design.values if parts_of(name)[0] == GAP]
@@ -322,8 +331,8 @@ def more_modes(
 class Audit:
     """Results of designs that were abandoned early and then run in full.
 
-    ``designs``: their number. ``missed``: number of those that beat the best design.
-    ``rank_correlation``: that of both values.
+    ``designs`` is their number, ``missed`` the number of those better than the best design, and
+    ``rank_correlation`` that of their values before and after.
     """
 
     designs: int

@@ -61,13 +61,23 @@ def find_front(costs: Array) -> list[int]:
 class Front:
     """A study of two objectives.
 
-    It has all designs, the indices of those not dominated, and the results of these and of the
-    paper's design on fresh members.
-
-    ``corner`` is what hypervolumes refer to, ``volume`` that of the front as the search saw it;
-    ``against`` has seed, hypervolume of the method and of a random search with the same budget,
-    both of their fronts run again on fresh members. ``service``: `Service.measures` of some
-    designs, by their number.
+    Attributes
+    ----------
+    problem : Problem
+        The problem.
+    evaluated : list of Evaluated
+        All designs.
+    index : list of int
+        Indices of designs that are not dominated.
+    corner, volume : (float, float) and float
+        Reference point of hypervolumes, and the hypervolume of the front in the search.
+    fresh, paper : list of Judged and Judged, or None
+        Results of the front and of the paper's design for new members.
+    against : tuple
+        Seed, hypervolume of the method and of a random search with the same number of runs, both
+        with new members.
+    service : dict
+        `Service.measures` of some designs, by index.
     """
 
     problem: Problem

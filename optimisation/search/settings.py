@@ -71,8 +71,8 @@ def seed_of(seed: int, *numbers: int) -> int:
 class Rung:
     """A rung of successive halving.
 
-    ``members``: number of ensemble members, from the first. ``speed``: sweep rate over the
-    problem's. ``keep``: share of designs that continue to the next rung.
+    ``members`` is the number of ensemble members, from the first; ``speed`` the sweep rate over the
+    problem's; ``keep`` the share of designs that continue to the next rung.
     """
 
     members: int

@@ -45,11 +45,11 @@ CMA_STEP = 1 / 6  # standard deviation of CMA-ES's first generation, in shares o
 
 @dataclass(frozen=True)
 class BatchCosts:
-    """What a batch of n designs cost; all to be minimised.
+    """Costs of a batch of n designs, all to be minimised.
 
-    ``costs`` (n, objectives); ``violations`` (n, constraints), 0 or below where a constraint is
-    kept; ``penalised`` (n,): the first objective's cost, or more than any cost where a constraint
-    is broken.
+    ``costs`` (n, objectives) are the objectives; ``violations`` (n, constraints) are 0 or below if
+    a constraint is satisfied; ``penalised`` (n,) is the first objective's cost, or more than any
+    cost if a constraint is violated.
     """
 
     costs: Array
@@ -61,10 +61,9 @@ class Sampler(Protocol):
     """A method that proposes points from the costs of earlier ones."""
 
     def ask(self, count: int, first: Array | None = None) -> Array:
-        """Return ``count`` points (count, variables).
+        """Return ``count`` points (count, variables) of the unit cube.
 
-        If the point ``first`` (variables,) is given, it comes first, followed by the ``count``
-        points.
+        If the point ``first`` (variables,) is given, it comes first, followed by ``count`` points.
         """
         ...
 
@@ -276,7 +275,7 @@ class DesignStudy:
 
     @property
     def complete(self) -> list[Evaluated]:
-        """The finished designs that kept all constraints on the last rung: one of them wins."""
+        """The finished designs of the last rung; one of them wins."""
         return [
             e for e in self.evaluated if e.score.feasible and e.rungs == len(self.settings.rungs)
         ]

@@ -349,11 +349,9 @@ def highest_amplitude(
 ) -> tuple[float, float]:
     """Return the largest amplitude over low..high times omega_r, including ends and flanks.
 
-    The result is (m/N, its frequency over omega_r).
-
-    It serves for limits and certificates, which know no difference between a peak and a flank;
-    `peak` is the score. A range of any width may be asked for. Infinite if an undamped pole lies in
-    the range.
+    The result is (m/N, its frequency over omega_r), infinite if an undamped pole lies in the range,
+    which may have any width. It is used for limits and certificates, which do not distinguish peaks
+    from flanks; `peak` is the score.
     """
     omega_r = model.resonance_omega(resonance)
     low, high = frequency_range(low, high)
@@ -479,14 +477,11 @@ def minimax(
 def smallest_amplitude(
     model: ModalModel, mass_ratio: float, resonance: int, low: float, high: float
 ) -> TunedAbsorber:
-    """Return the stiffness and damping with the smallest `highest_amplitude`.
+    """Return the stiffness and damping with the smallest `highest_amplitude` over low..high.
 
-    The amplitude of the absorber is taken over low..high times omega_r, including flanks and other
-    resonances.
-
-    It is judged as other absorbers are whose sweeps go over the range. A peak of the split
-    resonance that lies beyond the range counts as well (`_visible_range`), so that no design is
-    best because its peak is out of sight.
+    The range is in units of omega_r, and flanks and other resonances count. A peak of the split
+    resonance outside of the range counts as well (`_visible_range`), so that no design is best
+    because its peak is outside.
     """
     exact = undamped_minimax(model, mass_ratio, resonance)
     rule = den_hartog(model, mass_ratio, resonance)

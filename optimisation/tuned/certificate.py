@@ -57,11 +57,11 @@ _CONDITION = 1e9  # of the poles' coordinates
 
 @dataclass(frozen=True)
 class Certificate:
-    """``bound`` in m/N: the tip's amplitude per newton stays below it.
+    """A proved bound of the tip's amplitude per newton.
 
-    ``grid`` in m/N: the largest amplitude found on a refined grid, at ``frequency_ratio`` (to
-    omega_r). ``everywhere``: the bound holds at all frequencies, otherwise within the range that
-    was asked for.
+    ``bound`` is in m/N. ``grid`` in m/N is the largest amplitude on a refined grid, at
+    ``frequency_ratio`` (over omega_r). ``everywhere``: the bound holds at all frequencies,
+    otherwise within the requested range.
     """
 
     bound: float
@@ -81,10 +81,10 @@ def certify(
 ) -> Certificate:
     """Return a certificate for low..high times omega_r, or for all frequencies.
 
-    ``everywhere`` None takes all frequencies (the cheaper proof, under a second against several)
-    where the largest amplitude of all lies in the range. The flanks of neighbouring resonances
+    ``everywhere`` None proves the bound at all frequencies if the largest amplitude lies in the
+    range: this takes less than a second instead of several. The flanks of neighbouring resonances
     count, unlike in `peak`. Raises ParameterError for bad input and for an undamped pole,
-    NotOptimalError if the solver's status is not ``optimal`` or the proof does not hold.
+    NotOptimalError if the solver's status is not ``optimal`` or the proof fails.
     """
     omega_r = model.resonance_omega(resonance)
     inside = highest_amplitude(model, absorber, resonance, low, high)

@@ -125,10 +125,9 @@ def tuned_for(
 class TunedUnder:
     """Tuned absorbers under ``loads``.
 
-    ``best``: absorber with the least measure. ``peak``: absorber with the smallest peak. ``ratios``
-    (2, M): their measures over those without absorber.
-
-    Under several tones that is of the band of which most is left.
+    ``best`` is the absorber with the least measure, ``peak`` the absorber with the smallest peak,
+    and ``ratios`` (2, M) are their measures over those without absorber. Under several tones the
+    measure is that of the band with the largest ratio.
     """
 
     loads: Loads
