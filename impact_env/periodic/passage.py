@@ -297,12 +297,14 @@ def _list_marks(case: Case, run: Response) -> list[_Mark]:
     assert run.reversals is not None
     begins = run.phases.start
     ends = run.phases.end
-    at = run.impacts.time
-    impulse = run.impacts.impulse
+    effective = run.impacts.impulse != 0  # one of zero, by rounding, changes nothing
+    at = run.impacts.time[effective]
+    impulse = run.impacts.impulse[effective]
+    velocity = run.impacts.relative_velocity[effective]
     same = np.append(False, begins[1:] <= ends[:-1])[
         : len(begins)
     ]  # as the phase before, but for what holds
-    rest = impulse + run.impacts.relative_velocity / case.structure.compliance
+    rest = impulse + velocity / case.structure.compliance
     marks = []
     holds = set()
     for begin, kind in zip(begins[~same], run.phases.kind[~same], strict=True):
@@ -313,8 +315,7 @@ def _list_marks(case: Case, run: Response) -> list[_Mark]:
             marks.append(_Mark(float(begin), _MarkKind.JOINING, HOLDING_WALLS[int(kind)]))
     for k, time in enumerate(at):
         whole = abs(rest[k]) > abs(
-            rest[k]
-            + case.restitution * run.impacts.relative_velocity[k] / case.structure.compliance
+            rest[k] + case.restitution * velocity[k] / case.structure.compliance
         )
         marks.append(
             _Mark(
@@ -355,10 +356,20 @@ class _TrajectoryBuilder:
 
     def follow(self, state: Array, run: Response) -> None:
         """Go through the events of the exact method's run from a ``state`` at its start."""
-        self._go_on(self.free, 0.0, state, 1 if float(self.speed @ state) > 0 else -1)
+        self._go_on(self.free, 0.0, state, self._first_direction(state))
         for mark in _list_marks(self.case, run):
             self._follow_event(mark)
         self.trajectory.end = self._advance(self.trajectory.span)[1]
+
+    def _first_direction(self, state: Array) -> int:
+        """Return the sign of the relative velocity just after the start.
+
+        Without relative velocity it is the sign of the relative acceleration.
+        """
+        sign = int(np.sign(self.speed @ state))
+        if sign == 0:
+            sign = 1 if self._piece(self.free, 0.0, state, 1).bend(0.0, state) > 0 else -1
+        return sign
 
     def _follow_event(self, mark: _Mark) -> None:
         piece, state, bend = self._advance(mark.time)
@@ -424,6 +435,8 @@ class _TrajectoryBuilder:
     def _turn(self, piece: Piece, time: float, state: Array, bend: float) -> None:
         """Apply a slip reversal: the absorber continues to slide in the other direction."""
         if piece.sign * bend >= 0:
+            if time == 0.0:  # the motion starts after the reversal, at rest but for rounding
+                return
             raise TrajectoryError("the relative velocity only touches zero at a reversal")
         self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
         self._note(time, Event(self.sliding, 0, -piece.sign))

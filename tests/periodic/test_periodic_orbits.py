@@ -48,6 +48,7 @@ from impact_env.periodic.survey import (
     crossings,
     is_same_orbit,
     orbit_of_simulation,
+    state_after,
 )
 from impact_env.periodic.symmetric import closed_form, symmetric_schedule
 from impact_env.periodic.validation import (
@@ -84,6 +85,25 @@ def orbit_of(name: str) -> Orbit:
     orbit = FLYING[name]() if name in FLYING else orbit_of_simulation(HELD[name], settle=300)
     assert isinstance(orbit, Orbit), orbit.reason
     return orbit
+
+
+@pytest.mark.parametrize("rounding", [-1e-16, -3e-17, 0.0, 3e-17, 1e-16])
+def test_a_motion_may_start_where_the_relative_velocity_is_zero_but_for_rounding(
+    rounding: float,
+) -> None:
+    case = HELD["held on another structure"]
+    state, phase = state_after(case, 300)
+    period = 2 * np.pi / case.omega
+    run = follow_trajectory(case, phase, state, period)
+    reversals = [each.time for each in run.happenings if each.event.wall == 0]
+    assert len(reversals) > 15  # in two accumulations of impacts
+    n = case.model.modes
+    for time in reversals:
+        start = run.states(np.array([time]))[0]
+        start[-1] = case.model.tip_shape @ start[n + 1 : -1] + rounding
+        again = follow_trajectory(case, phase + case.omega * time, start, period)
+        assert np.max(np.abs(again.end[: n + 1] - start[: n + 1])) < 1e-6 * case.gap
+        assert all(each.event.sign in (-1, 1) for each in again.happenings if each.impulse != 0)
 
 
 @pytest.mark.parametrize("name", [*FLYING, *HELD])
