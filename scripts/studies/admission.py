@@ -179,8 +179,8 @@ class Planner:
     """The action sequences that a planner tries.
 
     Each of the constant ``actions`` is applied for each of ``lasting`` numbers of intervals,
-    followed by the rule, over ``horizon`` intervals in all. Each trial runs on ``copies`` disturbed
-    copies of the environment.
+    followed by the rule, over ``horizon`` intervals in all. Each trial runs on ``copies`` copies of
+    the environment with different disturbances.
     """
 
     actions: Sequence[Sequence[float]]
@@ -205,7 +205,10 @@ class Planner:
 
 @dataclass(frozen=True)
 class RuledLanes:
-    """The lanes of an environment, and what a rule of a number of families does in them."""
+    """The lanes of an environment, and the actions of a rule in them.
+
+    ``numbers`` (L, P) are the parameters of the rule's ``family`` in each lane.
+    """
 
     task: Task
     family: Family
@@ -363,7 +366,7 @@ QUICK = Effort(searched=12, judged=8, grid=5, four=FEW, eight=FEW, horizon=4, po
 
 
 class Held(Family):
-    """A family with its last numbers held at what leaves it a rule of few."""
+    """A family whose last parameters are fixed, which leaves a rule with few parameters."""
 
     def __init__(self, family: Family) -> None:
         self.family = family

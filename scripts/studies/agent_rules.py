@@ -101,9 +101,9 @@ def read_rule(
 
 
 def compare_with_rule(task: str, numbers: Sequence[float], split: str) -> Array:
-    """Return the differences (E,) between a rule's scores and those of the rule of eight.
+    """Return the differences (E,) between a rule's scores and those of the eight-parameter rule.
 
-    They are for the seeds of a split.
+    ``numbers`` are the parameters of the rule. The scores are for the seeds of a split.
     """
     own, other = (
         evaluate(policy, env_of(task), split).scores

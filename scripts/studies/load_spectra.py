@@ -89,7 +89,7 @@ class LoadCase:
 
     @cached_property
     def node(self) -> float:
-        """Where the second mode stands still, a share of the length."""
+        """Node of the second mode, as a fraction of the length."""
         return float(scipy.optimize.brentq(lambda x: mode_shapes(self.beam, [x])[0, 1], 0.3, 0.95))
 
     def at(self, *positions: float) -> ModalModel:
@@ -130,7 +130,7 @@ class LoadVariant(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What a table calls it."""
+        """The name in a table."""
         usual = LoadVariant()._asdict()
         words = {
             "spectrum": "{}",

@@ -61,10 +61,9 @@ def not_none(value: T | None) -> T:
 
 @dataclass(frozen=True)
 class Measurement:
-    """The known values of a part.
+    """The known values of a part, with the ``conditions`` under which they were measured.
 
-    They come with the `conditions` under which they were measured, and with whether they are
-    ``complete``.
+    ``complete`` says whether all values are known.
     """
 
     values: Json
@@ -130,13 +129,21 @@ def from_file_content(content: Json) -> Measurement:
 class Study(Generic[S]):
     """Parts by name; each has its own JSON file.
 
-    ``notes(settings)`` is added to the conditions once a part is measured. A run goes on from an
-    earlier one if the conditions named in ``same`` are the same. ``stopped_message`` says what is
-    left of a run that is stopped.
-
-    ``key(name, settings)``: all that a part's numbers depend on, as JSON has it; a file with
-    another key is no earlier run of the part, which is measured anew. None: the conditions alone
-    tell.
+    Attributes
+    ----------
+    parts : tuple of Part
+        The parts.
+    notes : callable
+        Returns entries of the conditions, from the settings.
+    packages : tuple of str
+        Packages whose versions are conditions.
+    same : tuple of str
+        Conditions that must be equal for a run to continue an earlier one.
+    stopped_message : str
+        Message after an interruption.
+    key : callable or None
+        Returns all values on which a part's numbers depend; a file with another key is not
+        continued. None: only the conditions decide.
     """
 
     parts: tuple[Part[S], ...]
@@ -256,7 +263,7 @@ def run(
 
 
 def find_measured_parts(parts: list[Part[S]], place: OutputPaths, named: bool) -> list[Part[S]]:
-    """Return the parts that there are files of; all of those that the caller has named."""
+    """Return the parts for which files exist, or all if the caller has ``named`` them."""
     files = {part.name: place.numbers(part.name) for part in parts}
     present = [
         part
@@ -274,7 +281,7 @@ def find_measured_parts(parts: list[Part[S]], place: OutputPaths, named: bool) -
 def read_measurement(part: Part[S], place: OutputPaths, option: str = "--redraw") -> Measurement:
     """Return the measurement of an earlier run.
 
-    Raises ParameterError if it does not exist or is something else.
+    Raises ParameterError if the file does not exist or has other content.
     """
     path = place.numbers(part.name)
     assert path is not None

@@ -37,11 +37,12 @@ SCALES = {
 
 @dataclass(frozen=True)
 class TrainingMethod:
-    """An algorithm and how it differs from its usual settings.
+    """An algorithm with settings that differ from its usual ones.
 
-    ``gamma``: discount, None for the task's. ``frames``: observations on which the network acts.
-    ``rounds``: length of PPO's rounds over the usual one. ``period``: intervals over which a reward
-    is spread. ``horizon`` of the trials of rollout policy iteration, in intervals.
+    ``gamma`` is the discount, None for the task's. ``frames`` is the number of observations on
+    which the network acts, ``rounds`` the length of PPO's rounds over the usual one, ``period`` the
+    number of intervals over which a reward is spread, and ``horizon`` that of the trials of rollout
+    policy iteration, in intervals.
     """
 
     algorithm: str

@@ -135,7 +135,7 @@ def make_residual_model(task: str, method: TrainingMethod, seed: int) -> Any:
 
 
 def train_actor_too(model: Any, trains: bool) -> None:
-    """Let the actor of a model be trained, or hold it while its critic learns."""
+    """Enable or disable the training of a model's actor; its critic is always trained."""
     for name, values in model.policy.named_parameters():
         is_critic = name.startswith(
             ("critic", "value_net", "mlp_extractor.value_net", "lstm_critic")

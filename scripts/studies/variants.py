@@ -80,7 +80,7 @@ class KernelVariant:
 
     @property
     def name(self) -> str:
-        """Absorber, method, and what is recorded beside the level."""
+        """Absorber, method, and records in addition to the level."""
         return f"{self.absorber}, {self.method}" + (
             "" if self.record == "level" else f", {self.record} recorded"
         )

@@ -3,11 +3,11 @@
 The module has the regimes of each absorber, and the effects that an event of one absorber has on
 all.
 
-A regime says what the force lambda between an absorber and its place on the beam (on the absorber,
-minus its shape times lambda on the modes) is: either a law of the relative displacement y and
-velocity gamma, or, where both are joined, what keeps them together. A regime lasts as long as all
-its guards are positive. A guard is a constant plus weights times y, gamma and lambda. Nothing here
-knows how a motion between two events is computed.
+A regime defines the force lambda between an absorber and its place on the beam (lambda acts on the
+absorber, minus its shape times lambda on the modes): a law of the relative displacement y and
+velocity gamma, or, if both are joined, the joint force. A regime lasts as long as all its guards
+are positive. A guard is a constant plus weights times y, gamma and lambda. The module does not
+depend on the computation of the motion between events.
 """
 
 from collections.abc import Mapping, Sequence
@@ -69,10 +69,9 @@ class Regime:
     """A regime with its law of the contact force.
 
     The law is ``lambda = constant - stiffness (y - rest) - slider (y - slider_rest) - damping
-    gamma``, or the joint's force.
-
-    ``side``: the wall that a joined absorber rests on, or whose spring is touched. ``sliding``: the
-    sign of the relative velocity in friction.
+    gamma``, or lambda is the joint force if ``joined``. ``side`` is the wall of a joined absorber,
+    or the wall whose spring is touched; ``sliding`` is the sign of the relative velocity in
+    friction.
     """
 
     name: str
@@ -248,7 +247,7 @@ class Automaton:
 
 
 def automata_of(scene: Scene) -> list[Automaton]:
-    """Return the automaton of each absorber; one without regimes where there is none."""
+    """Return the automaton of each absorber, or one automaton without regimes for no absorber."""
     absorber = scene.absorber
     if isinstance(absorber, SeveralAbsorbers):
         return [Automaton(one) for one in absorber.absorbers]
@@ -282,10 +281,10 @@ class Motion(Protocol):
 
 
 class Contacts:
-    """What the absorbers of a scene are doing, as a motion goes on.
+    """Regimes of the absorbers of a scene during a motion.
 
-    ``zeros``: for each absorber the order of the root that each guard of its regime has at the
-    regime's start, 0 where it has none.
+    ``zeros`` has for each absorber the order of the root that each guard of its regime has at the
+    regime's start, 0 for none.
     """
 
     def __init__(self, scene: Scene, motion: Motion, rest_speed: float) -> None:
@@ -360,7 +359,7 @@ class Contacts:
         self.zeros[which] = tuple(order(guard) for guard in regime.guards)
 
     def go_on(self) -> None:
-        """Say that the motion has left the start of its regimes behind, without an event."""
+        """Reset the orders of roots, because the motion has left the start of its regimes."""
         self.zeros = [(0,) * len(regime.guards) for regime in self.regimes]
 
     def jump(self, which: int, guard: Guard) -> None:
@@ -442,14 +441,12 @@ class Contacts:
         self._settle(rests)
 
     def _settle(self, resting: Mapping[int, int]) -> None:
-        """Decide which of the absorbers without relative velocity stay joined.
+        """Decide which of the absorbers without relative velocity stay joined; release the others.
 
-        Each is on the wall of a side or on none. Those that do not stay joined get their next
-        regime.
-
-        All assignments are tried: joined with a force within its bounds, or sliding away under a
-        force at a bound. One alone is consistent, since the mobility is positive definite; where
-        rounding leaves none or two, the first of those that are wrong by least.
+        ``resting`` maps absorbers to the side of their wall, or 0. All assignments are tried:
+        joined with a force within its bounds, or sliding under a force at a bound. Exactly one is
+        consistent, because the mobility is positive definite; if rounding gives none or two, the
+        first of those with the smallest violation is used.
         """
         if not resting:
             return
@@ -483,7 +480,7 @@ class Contacts:
 def _wrongness(
     choice: Sequence[int], drift: Array, coupling: Array, bounds: Sequence[tuple[float, float]]
 ) -> float:
-    """Return by how much (N) an assignment violates its conditions.
+    """Return the violation (N) of the conditions of an assignment.
 
     ``choice`` is 0 for a joined absorber, else the sign of the relative motion.
     """

@@ -2,11 +2,11 @@
 
 Events are found by root finding. The reference is slow, short and independent.
 
-It shares no algorithm with the methods it judges: no modes of coupled regimes, no expansion of the
-drive, no bounds. A regime is a dense first-order matrix (`mechanics`); a step is its exponential
-plus Gauss-Legendre quadrature of the force. Between two grid points a guard is taken to change sign
-at most once, which the grid's fineness makes likely and nothing proves. Where the reference cannot
-go on safely it ends early.
+It shares no algorithm with the methods that it tests: no modes of coupled regimes, no expansion of
+the drive, no bounds. A regime is a dense first-order matrix (`mechanics`); a step is its
+exponential plus Gauss-Legendre quadrature of the force. A guard is assumed to change its sign at
+most once between two grid points; this is likely on the fine grid, but not proved. Where the
+reference is not reliable it ends early.
 """
 
 from collections.abc import Callable, Sequence
@@ -114,7 +114,7 @@ def _exponential(matrix: Array, length: float, x: Array) -> Array:
 
 
 class Walk:
-    """A reference under way: what `contact` asks for, and steps from event to event."""
+    """State of a reference run for `contact`, with steps from event to event."""
 
     def __init__(
         self,
@@ -201,7 +201,7 @@ class Walk:
         return tip, relative
 
     def to(self, end: float) -> bool:
-        """Advance to a time in s; return False where the reference cannot go on."""
+        """Advance to a time in s; return False if the reference must end before."""
         before = self.events
         breaks = self.drive.breaks
         while self.time < end:
@@ -417,12 +417,11 @@ def follow(
     most_events: int = MOST_EVENTS,
     long_steps: bool = False,
 ) -> Truth:
-    """Return the reference at ``times`` (S,) in s, rising from 0, or as far as it goes.
+    """Return the reference at ``times`` (S,) in s, ascending from 0, or as far as it goes.
 
     It ends at the first of the times after more than ``most_impacts``, or before an interval with
-    more than ``most_events``, or with events so close to one another that the grid cannot tell them
-    apart. ``long_steps`` are quicker where nothing ends a regime; a force far above all modes then
-    loses digits.
+    more than ``most_events``, or with events that are too close for the grid. ``long_steps`` are
+    faster if no event ends a regime, but less accurate for a force far above all modes.
     """
     inputs = harmonic(drive) if isinstance(drive, Drive) else drive
     walk = Walk(

@@ -87,10 +87,10 @@ def value_at(rows: Whole, at: int) -> tuple[Whole, Whole]:
 
 
 def first_root(row: list[int], end: int) -> int | None:
-    """Return the first place in (0, end], in steps, where a guard turns negative.
+    """Return the first place in (0, end], in steps, where a guard becomes negative.
 
-    ``row`` is the guard's series less the powers of time that it starts with: so a regime that
-    starts on its guard lasts until that is met again.
+    ``row`` is the guard's series without the powers of time with which it starts, so that a regime
+    that starts at a zero of its guard lasts until the next zero.
     """
     numbers = np.array(row, dtype=object).astype(float) * UNIT
     if numbers[0] < 0:
@@ -156,7 +156,7 @@ class Trajectory:
 
 
 class Run:
-    """State and constants of one trajectory: what `contact` asks for, and steps."""
+    """State and constants of one trajectory for `contact`, with its steps."""
 
     def __init__(
         self, scene: Scene, drive: Drive, initial: InitialState, rate: float | None

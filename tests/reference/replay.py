@@ -29,13 +29,25 @@ WALL_TOL = 1e-6  # of the clearance: an absorber on a wall
 class Violations:
     """Largest violations of the contact conditions in a reconstruction.
 
-    Lengths are relative to the clearance, velocities to the largest relative one, and joint forces
-    to the friction limit.
+    Lengths are relative to the clearance, velocities to the largest relative velocity, and joint
+    forces to the friction limit.
 
-    ``distance`` beyond a wall, ``touch``: distance to the wall at an impact, ``sense``: relative
-    velocity against the sense of sliding, ``rest``: relative velocity where an absorber begins to
-    stick or turns, ``force``: joint force beyond its limit, ``release``: joint force off its limit
-    at a release.
+    Attributes
+    ----------
+    distance : float
+        Distance beyond a wall.
+    touch : float
+        Distance from the wall at an impact.
+    sense : float
+        Relative velocity against the direction of sliding.
+    rest : float
+        Relative velocity when an absorber begins to stick or reverses.
+    force : float
+        Joint force beyond its limit.
+    release : float
+        Difference of the joint force from its limit at a release.
+    events : int
+        Number of events.
     """
 
     distance: float = 0.0
@@ -230,7 +242,7 @@ def _release(run: Replay, worst: Violations, which: int, force: float, alone: bo
 def _check(
     run: Replay, worst: Violations, joined: Mask, sides: Array, matrix: Array, fastest: float
 ) -> None:
-    """Note what violates the conditions of contact."""
+    """Record the largest violations of the contact conditions."""
     worst.note("distance", float(np.max(np.abs(run.distance) / run.gaps - 1, initial=0.0)))
     sliding = ~joined & (run.limits > 0)
     against = -run.senses[sliding] * run.speed[sliding] / fastest

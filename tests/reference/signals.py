@@ -87,7 +87,7 @@ class Signals:
 
     @property
     def fastest(self) -> float:
-        """Largest |s|, or what the force brings, in 1/s."""
+        """Largest |s|, or the largest rate of the force, in 1/s."""
         return float(max(np.max(np.abs(self.s)), self.force.omega))
 
     def of(self, which: Integers) -> Signals:

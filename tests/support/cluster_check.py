@@ -50,8 +50,7 @@ def problem() -> Problem:
 class Murderous(Workers):
     """An executor that kills one of the workers after ``mercy`` results.
 
-    After the first result, which comes from this process, the workers have not received any task
-    yet.
+    The first result comes from this process, before the workers have received any task.
     """
 
     victim: int | None = None

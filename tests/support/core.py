@@ -99,7 +99,7 @@ def scene_of(absorber: Absorber | None = None, **beam: object) -> Scene:
 
 
 def relative_displacement(response: Response) -> Array:
-    """Return the absorber's, (S,), or those of several, (S, n), in m."""
+    """Return the absorber's relative displacement (S,), or those of several (S, n), in m."""
     history = response.history
     absorber = response.history.absorber_displacement
     return np.asarray(
@@ -118,10 +118,8 @@ def check(
     """Check energies, walls and lists of a response.
 
     The energy is balanced, losses are not negative, no rigid wall is penetrated, and the lists of
-    impacts and of phases are consistent.
-
-    ``error``: of the largest term of the balance, or of what else passes through the run, ``scale``
-    in J; ``noise``: of the displacements.
+    impacts and of phases are consistent. ``error`` is relative to the largest term of the balance,
+    or to ``scale`` in J if that is larger; ``noise`` is relative to the displacements.
     """
     energy = response.energy
     impacts = response.impacts

@@ -265,7 +265,7 @@ def numbers(values: Values) -> dict[str, list[float]]:
 
 
 def agree(numbers: list[float], stored: list[float]) -> bool:
-    """Return whether two arrays' `numbers` are those of the same array up to rounding."""
+    """Return whether the `numbers` of two arrays agree up to rounding."""
     if numbers[0] != stored[0]:
         return False
     pairs = zip(numbers[1:], stored[1:], strict=True)
@@ -281,7 +281,7 @@ def hashes(values: Values) -> dict[str, str]:
 
 
 def run_cases(pattern: str = "") -> dict[str, Values]:
-    """Return what the cases give whose names contain a pattern."""
+    """Return the results of the cases whose names contain a pattern."""
     return {name: case() for name, case in CASES.items() if pattern in name}
 
 

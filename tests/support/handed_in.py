@@ -131,10 +131,7 @@ def opened(hint: Any) -> Any:
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Return whether a value is of the kind of a type hint.
-
-    An array of one number is also a number.
-    """
+    """Return whether a value is of the kind of a type hint."""
     hint = opened(hint)
     origin = typing.get_origin(hint)
     parts = typing.get_args(hint)

@@ -320,7 +320,7 @@ def walk(name: str, make: Callable[..., Any], good: Mapping[str, Any]) -> Iterat
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Return whether a value is of the kind that a type hint says."""
+    """Return whether a value is of the kind of a type hint."""
     if value is NOTHING or (callable(value) and not isinstance(value, type)):
         return False
     if isinstance(value, np.timedelta64 | np.datetime64 | bytearray | memoryview):
@@ -350,7 +350,7 @@ def fits(value: Any, hint: Any) -> bool:
 
 
 def targets() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
-    """Return what is walked: a name, the callable, and arguments with which a call succeeds."""
+    """Return the tested callables: name, callable, and arguments of a call that succeeds."""
     model = SCENE.model
     omega = model.resonance_omega(1)
     schedule = handed_in.DRIVE.schedule

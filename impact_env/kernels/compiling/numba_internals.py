@@ -170,7 +170,32 @@ class _WholeCompiler(_FunctionCompiler):  # type: ignore[misc]
 
 
 class Part(CPUDispatcher):  # type: ignore[misc]
-    """A kernel as other kernels call it."""
+    """A part of a study: values that are measured together and stored in one JSON file.
+
+    Attributes
+    ----------
+    name, title : str
+        Name of the file, and title.
+    measure : callable
+        ``measure(settings, known)`` yields all known values after each step; the last ones are
+        stored, even after an interruption. ``known`` are the values of an earlier run to continue,
+        else empty.
+    markers : tuple of str
+        Markers of the page's sections.
+    sections : callable
+        Returns the text between the markers.
+    steps : callable or None
+        Number of steps, None if ``measure`` shows its own progress.
+    tables, figures : callable
+        CSV files, and figures by file name (PNG without ending).
+    summary : callable or None
+        Printed text; None: the sections.
+    failures : callable
+        Failures, for which the exit code is 1.
+    key_values : callable
+        Values on which all others depend. A part continues from its file if they are the same in
+        it.
+    """
 
     def __init__(
         self, function: Callable[..., Any], options: dict[str, Any], compiler: type[_PartCompiler]

@@ -1,4 +1,4 @@
-"""What a band stands for: level distributions of ensembles of different kinds.
+"""Level distributions of ensembles of different kinds, to explain the meaning of a band.
 
 Members differ in the force's phase, by at most a millionth in its amplitude, or in both. A further
 sample measures the share of the scatter that the phase explains.

@@ -1,8 +1,6 @@
-"""Amount of computation, and scenes of the work-precision diagrams with their starts.
+"""Amount of computation, and scenes of the work-precision diagrams with their initial states.
 
-Runs start during the motion, after a run-in.
-
-So errors and times are those of impacts.
+The initial states are taken from a running motion, so that errors and times are those of impacts.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -188,7 +186,7 @@ Cases = Mapping[
 
 @dataclass(frozen=True)
 class AccuracySettings:
-    """How much to compute in the accuracy study.
+    """Amount of computation of the accuracy study.
 
     ``steps`` are per period of the highest mode. Sweep rates are in pseudo periods per 1 % of the
     resonance frequency.
@@ -226,7 +224,7 @@ class AccuracySettings:
     quick: bool = False
 
     def scenes_and_modes(self, names: Iterable[str]) -> list[tuple[str, int]]:
-        """Return each of the scenes that is asked for with each number of modes."""
+        """Yield each of the selected scenes with each number of modes."""
         return [
             (name, modes)
             for name in names
@@ -287,7 +285,7 @@ MARKERS = "osD^vPX*"
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a number in words, nothing for None."""
+    """Return a number as text with ``digits`` significant digits, an empty text for None."""
     return "" if value is None else f"{value:.{digits}g}"
 
 
@@ -295,7 +293,7 @@ MODES_ON_PAGE = 10  # a page shows these alone, where they were measured; figure
 
 
 def select_page_rows(rows: list[Row]) -> list[Row]:
-    """Return the rows that a page shows."""
+    """Return the rows that are on the page."""
     return [row for row in rows if row["modes"] == MODES_ON_PAGE] or rows
 
 
@@ -309,7 +307,7 @@ def named(row: Row) -> str:
 
 
 def made_with(measured: Measurement) -> str:
-    """Say when, where and with what a part was measured."""
+    """Return a sentence with the date, machine and versions of a measured part."""
     words = f"{sources(measured.conditions)} {measured.conditions['wall_s']:g} s."
     if measured.conditions["quick"]:
         words += " A quick look: few cases and runs."

@@ -248,7 +248,7 @@ def cost_figures(all_rows: list[Row]) -> dict[str, Figure]:
 
 
 def _widen_axis(panel: Axes, rows: list[Row]) -> None:
-    """Show a decade at least, so that what is constant looks so."""
+    """Set limits of at least a decade, so that an almost constant quantity looks constant."""
     values = [row["us_per_period"] for row in rows]
     if values and max(values) < 10 * min(values):
         middle = float(np.sqrt(min(values) * max(values)))

@@ -136,7 +136,7 @@ def distance_at_size(sample: ArrayLike, truth: ArrayLike, size: int) -> float:
 
 @dataclass(frozen=True)
 class Compared:
-    """The levels of one method beside the truth's."""
+    """The levels of one method and the reference levels."""
 
     scene: str
     modes: int

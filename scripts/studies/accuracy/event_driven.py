@@ -3,9 +3,9 @@
 They are integrators that a user would choose otherwise. They integrate the regimes of
 `reference.contact`.
 
-A peer integrates one regime until a guard turns negative; what is between regimes is the same for
-all peers. Events are directional, and a run in which a guard is found violated is refused: a missed
-event otherwise gives a wrong trajectory without a word.
+A peer integrates one regime until a guard becomes negative; the changes between regimes are the
+same for all peers. Events have a direction, and a run with a violated guard is refused, because a
+missed event would give a wrong trajectory without notice.
 """
 
 import time

@@ -80,7 +80,7 @@ class HeyokaRegimes:
     compiled: dict[str, tuple[Any, Any]] = field(default_factory=dict)  # with events, and without
 
     def __call__(self, mechanics: Mechanics, automaton: Automaton) -> Integrator:
-        """Compile the regimes that a run can meet, and return what integrates them."""
+        """Compile the regimes that can occur in a run, and return their integrator."""
         for name in _reachable(automaton):
             if name not in self.compiled:
                 self.compiled[name] = self._compile(mechanics, automaton.regime(name))
@@ -131,7 +131,7 @@ class HeyokaRegimes:
 
 
 def _reachable(automaton: Automaton) -> list[str]:
-    """Return the regimes that a run can meet."""
+    """Return the regimes that can occur in a run."""
     if automaton.gap is None and automaton.limit is None:
         return ["linear"]
     names = ["free"] if automaton.limit is None else ["slide +", "slide -", "stuck"]

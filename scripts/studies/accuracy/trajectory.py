@@ -41,10 +41,23 @@ LONGEST = 100.0  # pseudo periods of a timed run
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The reference solution of a case.
+    """Samples of a reference run, up to the time at which the reference ended.
 
-    ``periods`` is the end of the compared interval in pseudo periods, ``end_state`` the state at
-    this end, and ``impact_time`` has the impact times (s) before it.
+    Attributes
+    ----------
+    time, tip : array, (S,)
+        Times in s and tip displacements in m.
+    relative : array, (S,) or (S, n)
+        Relative displacements in m of one absorber (or none), or of n absorbers.
+    states : array, (S, 2 N_m + 2 n)
+        States, as `InitialState.vector`.
+    impacts, impact_velocity, impact_absorber : array, (K,)
+        Times in s of impacts and contacts up to the last sample, relative velocity before in m/s,
+        and absorber.
+    events : int
+        Number of all events.
+    complete : bool
+        Whether the reference reached the end.
     """
 
     periods: float

@@ -113,10 +113,10 @@ class Chain:
 
 
 def classify_response(impacts: Array) -> str:
-    """Return the kind of a response by the impacts a period that turn each absorber (N,).
+    """Return the kind of a response by the impacts per period (N,) that reverse each absorber.
 
-    All absorbers are turned twice a period: "synchronised"; some are: "localised"; one of them:
-    "solitary"; none: "modulated".
+    "synchronised": all absorbers are reversed twice a period; "localised": some are; "solitary":
+    one is; "modulated": none is.
     """
     number = int(np.sum(np.asarray(impacts) >= SYNCHRONISED))
     if number == len(impacts):

@@ -61,7 +61,8 @@ QUICK_REPEATS = 1
 class SpeedCase:
     """One line of the benchmark.
 
-    The Moreau scheme runs over at most ``moreau_periods``, since all its steps cost the same.
+    The Moreau scheme runs over at most ``moreau_periods``, because all its steps take the same
+    time.
     """
 
     modes: int
@@ -72,7 +73,7 @@ class SpeedCase:
 
     @property
     def name(self) -> str:
-        """What a table calls it."""
+        """The name in a table."""
         friction = "" if self.friction_limit is None else f", muN = {self.friction_limit:g} N"
         return f"{self.modes} modes, {self.force:g} N, e = {self.restitution:g}{friction}"
 

@@ -59,7 +59,7 @@ class ExplorerSettings(NamedTuple):
 
 @contextmanager
 def serving() -> Iterator[str]:
-    """Serve the page in a process of its own and give its address."""
+    """Serve the page in a separate process and yield its address."""
     words = [
         sys.executable,
         "-c",
@@ -79,7 +79,7 @@ def serving() -> Iterator[str]:
 
 @contextmanager
 def browsing() -> Iterator[Any]:
-    """Give a page of a headless browser; raises ParameterError where there is none."""
+    """Yield a page of a headless browser; raise ParameterError without a browser."""
     from playwright.sync_api import sync_playwright
 
     result = next((path for name in BROWSERS if (path := shutil.which(name))), None)

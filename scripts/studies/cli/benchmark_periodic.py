@@ -237,9 +237,9 @@ def fold_line() -> Json:
 
 
 def held_orbits() -> dict[str, Orbit]:
-    """Return stationary orbits of runs in which the absorber is held in part of the period.
+    """Return stationary orbits of runs in which the absorber is joined in part of the period.
 
-    In one a wall holds the absorber after complete chatter, in the other friction holds it.
+    In one the joined phase is wall contact after complete chatter, in the other it is stick.
     """
     cases = {
         "chatter": (case_at(3, 0.9, 20.0, 0.1), 300.0),

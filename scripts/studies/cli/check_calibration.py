@@ -76,9 +76,8 @@ SMALL_PROBABILITY = 0.05  # of the predictive check, below which the model is re
 class TestRig:
     """A structure with a sensor and swept forces that represents a shaker test.
 
-    The truth is drawn from ``priors``.
-
-    ``rounds``: the most rounds of a posterior, None: the study's number.
+    The truth is drawn from ``priors``. ``rounds`` is the largest number of rounds of a posterior,
+    None: the study's number.
     """
 
     name: str
@@ -203,7 +202,9 @@ def scale_by(factor: float) -> Change:
 class TruthKind(NamedTuple):
     """A kind of truth that differs from the model.
 
-    It has another absorber or structure than the model, or a change of the measured response.
+    It has another ``absorber`` or structure (``damping``, ``modes``) than the model, or a
+    ``change`` of the measured response. ``outside`` says whether the model lacks it, ``known`` has
+    the parameters that are not free in the model.
     """
 
     absorber: Callable[[SlidingAbsorber], SlidingAbsorber] = lambda absorber: absorber
@@ -260,7 +261,7 @@ KINDS: dict[str, TruthKind] = {
 
 
 def make_simulator(rig: TestRig, measurements: Sequence[RecordMeasurement]) -> Simulator:
-    """Return what simulates a rig's measurements, in one thread."""
+    """Return a simulator of a rig's measurements that runs in one thread."""
     return Simulator(rig.beam, rig.scene, measurements, 1, threads=1)
 
 

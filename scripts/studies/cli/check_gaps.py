@@ -51,8 +51,9 @@ SEED = 2026
 class GapSettings(NamedTuple):
     """Settings of the comparison.
 
-    The cases, runs for each gap of the search, the scan's step of ln gap, the sweeps' rate (None:
-    the default), and the runs that judge the designs.
+    ``members`` are the runs for each gap of the search, ``step`` is the scan's step of ln gap,
+    ``rate`` that of the sweeps (None: the default), and ``judges`` the runs with which designs are
+    compared.
     """
 
     cases: tuple[StructureCase, ...]
@@ -189,7 +190,7 @@ def judged(case: StructureCase, result: Advice, gaps: Array, levels: LevelsOf, j
 
 
 def within(answer: Answer, runs: Array) -> Array:
-    """Return which fresh levels lie in an answer's interval."""
+    """Return which of the new levels lie in a result's interval."""
     return np.asarray((runs >= answer.low) & (runs <= answer.high))
 
 

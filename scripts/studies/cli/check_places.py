@@ -116,8 +116,9 @@ CASES = (
 class PlaceSettings(NamedTuple):
     """Settings of the comparison.
 
-    The cases, runs for each gap of the search, the scan's step of ln gap, the number of places on a
-    beam, and the runs that judge the designs.
+    ``members`` are the runs for each gap of the search, ``step`` is the scan's step of ln gap,
+    ``scanned`` the number of places on a beam, and ``judges`` the runs with which designs are
+    compared.
     """
 
     cases: tuple[Case, ...]

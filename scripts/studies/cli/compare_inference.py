@@ -99,7 +99,7 @@ class Answer(NamedTuple):
 
 
 def import_method(name: str) -> ModuleType:
-    """Return an optional package; raises BadInput where it is not installed."""
+    """Return an optional package; raise BadInput if it is not installed."""
     package, _, _ = name.partition(".")
     try:
         return importlib.import_module(name)
@@ -157,7 +157,10 @@ def train_on_prior(sweeps: int) -> tuple[Any, RegressionStatistics, float]:
 
 
 class SilentTracker:
-    """Takes the metrics of a training; sbi writes them into a folder ``sbi-logs`` otherwise."""
+    """Tracker of sbi that discards the metrics of a training.
+
+    The default writes a folder ``sbi-logs``.
+    """
 
     log_dir = None
 
@@ -174,7 +177,7 @@ class SilentTracker:
         """Take a figure."""
 
     def flush(self) -> None:
-        """Finish what is written."""
+        """Do nothing; sbi calls it at the end."""
 
 
 class NeuralTrainer:

@@ -128,7 +128,7 @@ def describe_example(page: str) -> str:
 
 
 def measure_page(page: str) -> dict[str, Any]:
-    """Return the ranges of the features under random actions, and what the example prints."""
+    """Return the ranges of the features under random actions, and the example's output."""
     with optional():
         import gymnasium
     env: Any = gymnasium.make_vec(PREFIX + EXAMPLES[page], num_envs=LANES)

@@ -50,7 +50,10 @@ MEMBERS = 32  # at the paper's damping
 
 
 class BranchSettings(NamedTuple):
-    """Runs for each point at the paper's damping, cases of `CASES`, and what makes the runs."""
+    """Settings of the study.
+
+    ``members`` are the runs for each point at the paper's damping, ``cases`` those of `CASES`.
+    """
 
     members: int
     cases: tuple[tuple[float, float], ...]

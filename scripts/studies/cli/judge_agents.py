@@ -60,8 +60,9 @@ WIDE = 2  # panels side by side
 class AgentScores(NamedTuple):
     """Result of one training seed.
 
-    Its steps, its score on the validation seeds, that on the test seeds, and its mean difference to
-    the rule on the test seeds with the interval from ``low`` to ``high``.
+    ``validation`` and ``test`` are its mean scores on the validation and test seeds, and
+    ``over_rule`` is the mean difference to the rule on the test seeds with its interval from
+    ``low`` to ``high``.
     """
 
     task: str

@@ -73,7 +73,7 @@ def rows_of(scans: dict[tuple[str, int, float], tuple[float, float]]) -> Iterato
 
 
 def summary(rows: list[Row]) -> str:
-    """Return how far fit and manifold, and the geometric mean of both, are from the best gaps."""
+    """Return the deviations of fit, manifold and their geometric mean from the best gaps."""
     best = np.log([row.best for row in rows])
     fit = np.log([row.fit for row in rows])
     manifold = np.log([row.manifold for row in rows])

@@ -35,13 +35,20 @@ EXPECTED = "survives, as explained"
 
 @dataclass(frozen=True)
 class Fault:
-    """A planted fault.
+    """A fault planted in the sources.
 
-    In ``file``, ``old`` (which occurs once) becomes ``new``. ``tests`` are the tests that should
-    detect the fault.
-
-    ``survives``: why none of the tests can notice it, where that is so. ``plain``: the tests run in
-    plain Python, without compiled code, as all do of a fault below impact_env/kernels.
+    Attributes
+    ----------
+    name, part : str
+        Name and part of the project.
+    file, old, new : str
+        In the file the text ``old``, which occurs once, is replaced by ``new``.
+    tests : str
+        Tests that should detect the fault.
+    survives : str
+        Reason why no test can detect it, if that is so.
+    plain : bool
+        Whether the tests run in plain Python; all tests of faults below impact_env/kernels do.
     """
 
     name: str
@@ -89,7 +96,7 @@ def read_faults(file: Path = FAULTS) -> list[Fault]:
 
 
 def _misfit(fault: Fault) -> str:
-    """Return what a fault must be and is not, empty if it fits the sources."""
+    """Return the reason why a fault does not fit the sources, empty if it fits."""
     source = ROOT / fault.file
     if not source.is_file():
         return f"a file of the checkout, not {fault.file!r}"
@@ -162,7 +169,7 @@ def judge_fault(fault: Fault) -> FaultOutcome:
 
 
 def check_unchanged(faults: Iterable[Fault]) -> None:
-    """Raise ParameterError if tests fail without any fault: they could not judge one."""
+    """Raise ParameterError if tests fail without any fault, because they could not detect one."""
     with copied_checkout() as folder:
         for tests, plain in dict.fromkeys((fault.tests, fault.plain) for fault in faults):
             passed, test = run_tests(folder, tests, plain)

@@ -107,11 +107,11 @@ PAST = Column("past the plateau", PAPERS_BEST, (PAST_PLATEAU,), ("above 0.57",),
 
 
 def compared(median: float, low: float, high: float, earlier: str) -> Json:
-    """Return how median and band over the members stand to an earlier number or span, all in mm.
+    """Return the relation of median and band over the members to an earlier number or span, in mm.
 
-    ``inside``: whether the number, to half a unit of its last digit to either side, is in the band;
-    for a span, whether the median is in it. ``deviation_percent``: median less the number, in
-    percent of it; None for a span.
+    ``inside``: whether the number, within half a unit of its last digit, is in the band; for a
+    span, whether the median is in it. ``deviation_percent``: median less the number, in percent of
+    the number; None for a span.
     """
     ends = earlier.split(" to ")
     first, last = (

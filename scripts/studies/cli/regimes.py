@@ -189,7 +189,10 @@ def about(result: Hazard | None) -> str:
 
 
 def with_sweeps(result: Hazard | None, sweeps: list[Row]) -> Hazard | None:
-    """Return the hazard with the factor that sweeps show; as it is where none of them tells."""
+    """Return the hazard with the factor estimated from sweeps.
+
+    Unchanged without suitable sweeps.
+    """
     measured = {row["at"]: Jumps(row["jumped"], row["present"], row["runs"]) for row in sweeps}
     informative = [one for one in measured.values() if 0 < one.jumped < one.present]
     return result.with_sweeps(measured) if result is not None and informative else result

@@ -143,7 +143,7 @@ PROBLEMS: dict[str, Callable[[int, int], Problem]] = {
 
 
 class ComparisonSettings(NamedTuple):
-    """What is searched, and how large (`FULL`); and where it runs."""
+    """Problems and sizes of the searches (`FULL`), and their executor."""
 
     executor: Executor
     problems: tuple[str, ...]
@@ -155,14 +155,14 @@ class ComparisonSettings(NamedTuple):
 
     @property
     def key_values(self) -> Json:
-        """What the numbers depend on, as the file holds it."""
+        """The settings on which numbers depend, in the form of the file."""
         return {name: x for name, x in self._asdict().items() if name != "executor"} | {
             "problems": list(self.problems)
         }
 
 
 def batch_cost(settings: SearchSettings) -> float:
-    """Return what a batch costs, in members at the problem's own rate."""
+    """Return the cost of a batch, in members at the problem's own rate."""
     return settings.members_a_design * settings.batch
 
 
@@ -311,8 +311,8 @@ def trial(name: str, method: str, seed: int, comparison: ComparisonSettings) -> 
 class Standing(NamedTuple):
     """Results of a method on one problem, or on all.
 
-    The levels of its winners over the seeds, and their ratios to those of random search, seed by
-    seed.
+    ``levels`` are those of its winners over the seeds, and ``ratios`` are their ratios to random
+    search, seed by seed.
     """
 
     problem: str

@@ -102,13 +102,11 @@ def choose_sampler(problem: Problem) -> str | None:
 
 @dataclass(frozen=True)
 class FindingsSettings:
-    """Place and size of the studies.
+    """Folders and sizes of the studies.
 
-    ``folder`` has the journals. A search has ``designs``, each with ``members``, of which figures
-    with many ``points`` use ``few``.
-
-    ``data`` is the folder of the numbers: the robustness is that of the designs that are found
-    there.
+    ``folder`` has the journals and ``data`` the numbers of earlier parts; the robustness is that of
+    the designs in them. A search has ``designs``, each with ``members``. Figures with many
+    ``points`` use ``few`` members.
     """
 
     executor: Executor

@@ -28,14 +28,24 @@ APART = 0.05
 class EnergyShares:
     """Level of a sweep, and the energies of its N modes within the level's window.
 
-    ``level`` is in m, and ``at`` is the frequency ratio of the maximum.
-
-    ``loss`` (N,): dissipated in each mode in J (paper, Eq. edmi). ``contacts`` in each pseudo
-    period. ``passed`` (N,): mean energy that a contact gives to a mode, over the energy of the
-    first mode before the contact. ``left`` (N,): share of a mode's energy after a contact that
-    remains until the next one, both summed over all contacts. ``single`` (C,): energy that each
-    contact gives to the second mode, over that of the first mode before it. ``tip`` (N,): RMS of
-    each mode's part in the tip's displacement in m.
+    Attributes
+    ----------
+    level, at : float
+        Level in m, and the frequency ratio at the maximum.
+    loss : array, (N,)
+        Energy dissipated in each mode in J (paper, Eq. edmi).
+    contacts : float
+        Contacts in each pseudo period.
+    passed : array, (N,)
+        Mean energy that a contact gives to a mode, over the energy of the first mode before the
+        contact.
+    left : array, (N,)
+        Share of a mode's energy after a contact that remains until the next contact, both summed
+        over all contacts.
+    single : array, (C,)
+        Energy that each contact gives to the second mode, over that of the first mode before it.
+    tip : array, (N,)
+        RMS of each mode's part in the tip's displacement in m.
     """
 
     level: float
@@ -49,7 +59,7 @@ class EnergyShares:
 
     @property
     def shares(self) -> Array:
-        """Share of each mode in what all modes dissipate, (N,)."""
+        """Share of each mode in the dissipated energy, (N,)."""
         return np.asarray(self.loss / np.sum(self.loss))
 
 

@@ -161,7 +161,7 @@ def find_extent(values: ArrayLike) -> Interval:
 
 
 class ClaimVerdict(StrEnum):
-    """What the computation says of a statement."""
+    """Result of the comparison of a statement with computed values."""
 
     HOLDS = "holds"
     SPREAD = "holds within spread"
@@ -173,14 +173,26 @@ class ClaimVerdict(StrEnum):
 class Claim:
     """A statement of the paper with its verdict.
 
-    ``statement`` is a short form in our own words, ``section`` that of the paper, ``computed`` the
-    computed value with its interval, and ``figure`` the figure to which it belongs.
-
-    ``definitional``: it follows from the definition of the model, or from the structure without
-    contact, by arithmetic. ``why``: for a verdict other than "holds", a paragraph on the cause with
-    its evidence; the page leaves it out where the statement holds. ``reason``: its kind, a key of
-    `REASONS`. ``value``, ``low``, ``high``: median and 5 to 95 % of the computed values, which the
-    statement allows from ``least`` to ``most``; None where several numbers decide.
+    Attributes
+    ----------
+    name, statement : str
+        Key, and the statement in short form in our own words.
+    section, figure : str
+        Section of the paper, and figure to which it belongs.
+    computed : str
+        Computed value with its interval.
+    verdict : ClaimVerdict
+        The verdict.
+    why, reason : str
+        For a verdict other than "holds": a paragraph on the cause with its evidence, and the kind
+        of cause, a key of `REASONS`.
+    definitional : bool
+        Whether the statement follows from the definition of the model, or from the structure
+        without contact, by arithmetic.
+    value, low, high : float or None
+        Median and 5 to 95 % of the computed values; None if several numbers decide.
+    least, most : float or None
+        Range that the statement allows.
     """
 
     name: str
@@ -278,7 +290,7 @@ def judge_share(low: float, high: float) -> ClaimVerdict:
 
 
 def compute_bands(values: ArrayLike) -> Array:
-    """Return 5 %, median and 95 % over the last axis, the members; NaN is left out."""
+    """Return 5 %, median and 95 % over the last axis, the members; NaN is ignored."""
     return quantiles(values, (BAND[0], 0.5, BAND[1]))
 
 
@@ -308,7 +320,7 @@ def format_range(values: ArrayLike, form: str = "{:.3g}", factor: float = 1.0) -
 
 
 def compute_band(values: ArrayLike) -> tuple[float, float]:
-    """Return the 5 and the 95 % of members; NaN is left out."""
+    """Return the 5 and the 95 % quantile over members; NaN is ignored."""
     low, high = quantiles(np.ravel(values), BAND)
     return float(low), float(high)
 

@@ -41,11 +41,17 @@ SERIES = Record(level=False, events=True, series=True)
 class SweepContacts(NamedTuple):
     """Contacts of a sweep.
 
-    ``level`` (m), the frequency ratio ``at`` the maximum, the largest |q_tip| ``tip`` (m), and the
-    number of ``impacts``.
-
-    Then, of the level's window: impacts per pseudo period, and the longest pause between impacts in
-    pseudo periods.
+    Attributes
+    ----------
+    level, at : float
+        Level in m, and the frequency ratio at the maximum.
+    tip : float
+        Largest |q_tip| in m.
+    impacts : float
+        Number of impacts.
+    rate, pause : float
+        Impacts per pseudo period, and the longest pause between impacts in pseudo periods, in the
+        level's window.
     """
 
     level: float
@@ -162,12 +168,19 @@ PAUSE = (
 class LevelCurve:
     """A performance curve by member.
 
-    Forces (F,) are in N. The other arrays are (F, M): the ``level`` in m is the larger of the
-    sweeps up and down, and the further values are those of that direction.
-
-    ``at``: frequency ratio of the maximum; ``down``: 1 where it is the sweep down. ``impacts``: the
-    larger number of both directions. The rest is NaN where the contacts were not measured: largest
-    |q_tip| in m, impacts per pseudo period and longest pause in the level's window.
+    Attributes
+    ----------
+    forces : array, (F,)
+        Forces in N.
+    level, at : array, (F, M)
+        The larger level of the sweeps up and down in m, and its frequency ratio.
+    down : array, (F, M)
+        1 if it is that of the sweep down, else 0.
+    impacts : array, (F, M)
+        The larger number of impacts of both directions.
+    tip, rate, pause : array, (F, M)
+        Largest |q_tip| in m, impacts per pseudo period and longest pause in the level's window; NaN
+        if contacts were not measured.
     """
 
     forces: Array
@@ -186,7 +199,7 @@ class LevelCurve:
 
     @property
     def sustained(self) -> Array:
-        """Share of the members whose impacts go on without pause around the maximum, (F,)."""
+        """Share of the members with impacts without pause around the maximum, (F,)."""
         return np.asarray(np.mean((self.pause * self.at < PAUSE) & (self.rate > 0), axis=1))
 
     @property
@@ -372,11 +385,10 @@ def find_ranges(curve: LevelCurve) -> Ranges:
 
 
 def compute_slopes(curve: LevelCurve, inside: NDArray[np.bool_]) -> Array:
-    """Return d log(level)/d log(force) of each member, (M,).
+    """Return d log(level)/d log(force) of each member, (M,), by least squares.
 
-    It is found by least squares over the forces ``inside`` (F,): 1 is proportional, 0 saturated.
-
-    NaN where that is fewer than two forces.
+    The forces are those of the mask ``inside`` (F,). 1 is proportional, 0 saturated; NaN for fewer
+    than two forces.
     """
     if np.count_nonzero(inside) < 2:
         return np.full(curve.level.shape[1], np.nan)

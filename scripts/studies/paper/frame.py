@@ -376,7 +376,7 @@ def draw_band(
 
 
 def draw_unit_level(axes: Axes, label: str | None = None) -> None:
-    """Draw the level without absorber where levels are over it, or what else is 1."""
+    """Draw a line at 1, the level without absorber where levels are relative to it."""
     axes.axhline(1, color=REFERENCE.colour, ls=REFERENCE.dashes, lw=0.9, label=label)
 
 

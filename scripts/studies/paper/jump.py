@@ -235,9 +235,9 @@ def _jumps(settings: PaperSettings, size: Size, name: str) -> list[Json]:
 
 
 def measure_drift(lane: Lane, method: Method) -> tuple[float, int]:
-    """Return how far the absorber's mean place wanders in a sweep, in m, and the number of impacts.
+    """Return the range of the absorber's mean position in a sweep, in m, and the number of impacts.
 
-    Without impacts the friction of whole periods should leave the place where it is.
+    Without impacts, friction over whole periods should not change the mean position.
     """
     response = simulate(lane.scene, lane.drive, method, record=Record(level=False, series=True))
     place = (

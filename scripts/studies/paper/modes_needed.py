@@ -149,7 +149,7 @@ def _off(values: Json, modes: int, resonance: int) -> dict[float, float]:
 
 
 def _apart(one: Row, other: Row) -> bool:
-    """Return whether the members' bands lie beside each other."""
+    """Return whether the bands of two rows do not overlap."""
     return one[1] > other[2] or other[1] > one[2]
 
 

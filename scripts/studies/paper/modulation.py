@@ -2,10 +2,10 @@
 
 With many modes, impacts remove energy from the resonant mode for good.
 
-An impact changes the velocity of each mode by its share of one impulse. What the off-resonant modes
-get of it is mostly gone before the next impact, so that for the resonant mode alone the impact is a
-lossy one. With G_n = 1/m_a + sum of phi_i^2 over n modes the impulse is (1 + e) gamma/G_n; the same
-impulse comes from a beam of one mode with the restitution
+An impact changes the velocity of each mode by its share of one impulse. Most of the energy of the
+off-resonant modes is dissipated before the next impact, so that for the resonant mode the impact
+has losses. With G_n = 1/m_a + sum of phi_i^2 over n modes the impulse is (1 + e) gamma/G_n; a beam
+of one mode has the same impulse with the restitution
 
     e_1 = (1 + e) G_1/G_n - 1.
 
@@ -78,10 +78,10 @@ def compute_equivalent_restitution(scene: Scene, restitution: float = 1.0) -> fl
 
 
 def measure_exchange(lane: Lane, periods: int) -> dict[str, float]:
-    """Return depth of the modulation, level, impacts a period, and what becomes of the energy.
+    """Return depth of the modulation, level, impacts a period, and shares of the energy.
 
-    Of a window of ``periods`` after the lane's own run, at the frequency and phase that it ended
-    with.
+    They are those of a window of ``periods`` after the lane's own run, at the frequency and phase
+    of its end.
     """
     scene = lane.scene
     settled = lane.drive
@@ -290,7 +290,7 @@ def _compared(values: Json) -> str:
 
 
 def _answer(values: Json) -> str:
-    """Say in a line what makes the modulation less obvious, and where that falls short."""
+    """Return a sentence on the cause of the weaker modulation, and its limits."""
     row, other = _worst(values)
     return (
         "What makes the modulation less obvious: energy that impacts scatter for good; one "

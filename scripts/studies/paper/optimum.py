@@ -149,7 +149,7 @@ def _summary(rows: list[Json]) -> str:
 
 
 def _answer(values: Json) -> str:
-    """Say in a line where the best force goes."""
+    """Return a sentence on the change of the best force."""
     rows = read_rows(values)
     masses = [group["mass"] for group in values.values()]
     light, heavy = (

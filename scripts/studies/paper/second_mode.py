@@ -129,12 +129,22 @@ def find_points(values: Json) -> list[float]:
 
 @dataclass(frozen=True)
 class ParameterStudy:
-    """What is changed of the second mode from point to point, and how it is called.
+    """A study of one parameter of the second mode.
 
-    ``beam(number)``: the beam of a point; ``drawn``: those drawn over time. ``column``, ``axis``
-    and ``each`` name the number in the table, below the figure and above a drawing over time,
-    ``scale`` times as large as it is; ``about`` is the sentence above the table, which ends with
-    the number of members. ``numbers`` is the name of the points in the sizes.
+    Attributes
+    ----------
+    label, about : str
+        Name of the parameter, and the sentence above the table.
+    numbers : str
+        Name of its values in the sizes.
+    beam : callable
+        Returns the beam of a value.
+    drawn : tuple of float
+        Values whose energies are drawn over time.
+    column, axis, each : str
+        Name of the parameter in the table, at the figure's axis, and above a drawing over time.
+    scale : float
+        Factor of the value in these.
     """
 
     label: str

@@ -172,7 +172,7 @@ def make_key(name: str, settings: PaperSettings) -> Json:
 
 
 def make_claims_part(figures: Sequence[PaperFigure]) -> Part[PaperSettings]:
-    """Return the part whose JSON file holds the claims of each figure that has been finished."""
+    """Return the part whose JSON file has the claims of all finished figures."""
     return Part(
         CLAIMED,
         "what the paper says, and what was computed",
@@ -291,7 +291,7 @@ def _plural(verdict: ClaimVerdict) -> str:
 
 
 def _counted(claims: Sequence[Claim]) -> str:
-    """Return how many there are of each verdict, in words."""
+    """Return the number of claims with each verdict, as text."""
     counts = Counter(claim.verdict for claim in claims)
     return ", ".join(
         f"{counts[verdict]} {verdict.value if counts[verdict] == 1 else _plural(verdict)}"

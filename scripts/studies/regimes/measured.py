@@ -33,10 +33,18 @@ class RegimeCase:
 
     Ratios are relative to its first resonance, and times are in its pseudo periods.
 
-    ``stay_ratios``: where rates of leaving are measured; ``kind_ratios``: where responses are
-    classified; ``slownesses`` of sweeps, in pseudo periods per percent, over ``sweep`` (None: no
-    sweeps). ``approach_ratio``: where runs come into impact. ``high_level`` in m, to compare with;
-    None: not. ``both_ways``: ratios between which sweeps down and up are compared, None: not.
+    Attributes
+    ----------
+    approach_ratio : float
+        Frequency ratio at which runs begin to have impacts.
+    stay_ratios, kind_ratios : tuple of float
+        Ratios at which escape rates are measured, and at which responses are classified.
+    slownesses, sweep : tuple of float, and Range or None
+        Pseudo periods per percent of the sweeps, and their range (None: no sweeps).
+    high_level : float or None
+        Level of the high branch in m.
+    both_ways : tuple or None
+        Ratios between which sweeps down and up are compared.
     """
 
     name: str
@@ -59,7 +67,7 @@ class RegimeCase:
 
     @property
     def approach(self) -> Approach:
-        """How lanes come into impact."""
+        """The approach to the regime of impacts."""
         return Approach(self.scene.model.resonance_omega(1), self.approach_ratio)
 
 

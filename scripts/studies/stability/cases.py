@@ -47,12 +47,10 @@ METHODS = (EXACT, MOREAU, RUNGE_KUTTA)
 class StabilityCase:
     """One line of the matrix.
 
-    ``build`` returns scene, drive and start, or raises ParameterError if the parameters are already
-    refused.
-
-    ``impacts``: up to which impact the reference is followed. ``must_refuse``: there is no right
-    answer, every method has to say so. ``conserved``: nothing takes or gives energy. ``methods``:
-    those that can be asked for in a reasonable time.
+    ``build`` returns scene, drive and start, or raises ParameterError if the parameters are
+    refused. ``impacts`` is the number of impacts up to which the reference is followed.
+    ``must_refuse``: every method must refuse the case, because it has no correct result.
+    ``conserved``: energy is conserved. ``methods`` are those that take a reasonable time.
     """
 
     group: str
@@ -378,7 +376,7 @@ def _peak_per_newton(modes: int, periods: float) -> float:
 
 
 def _peak_at(scene: Scene, displacement: float) -> Drive:
-    """Return a constant drive at which the bare beam's tip comes as far as this (m)."""
+    """Return a constant drive under which the bare beam's tip reaches a ``displacement`` (m)."""
     return _near(scene, displacement / _peak_per_newton(3, 6.0))
 
 
@@ -575,7 +573,10 @@ def cases(quick: bool = False) -> list[StabilityCase]:
 
 
 def _applicable(case: StabilityCase) -> StabilityCase:
-    """Leave out methods that cannot do the scene; that they say so is tested elsewhere."""
+    """Return the case without methods that cannot compute its scene.
+
+    Other tests cover their refusal.
+    """
     try:
         scene, _, _ = case.build()
     except ParameterError:

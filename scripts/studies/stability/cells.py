@@ -58,12 +58,21 @@ class Cell:
     Energies are relative to the largest term of their balance. None stands for a quantity that does
     not exist.
 
-    ``balance``: as the package reports it. ``identity``: what is left of the balance when the part
-    that the scheme's step accounts for exactly is taken out (Moreau). ``drift``: change of the
-    balance per pseudo period over the run's second half. ``penetration``: deepest, relative to gap
-    and motion. ``deviation``: largest distance from the reference, relative to its largest
-    displacement, over ``followed`` pseudo periods; ``finer``: with a finer step. ``wall_s`` is the
-    time of one run, ``memory_mb`` the most that the process has used.
+    Attributes
+    ----------
+    balance : float or None
+        Error of the energy balance as the package reports it.
+    identity : float or None
+        This error without the part that follows exactly from the step (Moreau).
+    drift : float or None
+        Change of the balance per pseudo period over the run's second half.
+    penetration : float or None
+        Largest penetration of a wall over the sum of gap and motion.
+    deviation, finer : float or None
+        Largest distance from the reference over ``followed`` pseudo periods, relative to its
+        largest displacement, and the same with a finer step.
+    wall_s, memory_mb : float or None
+        Time of a run in s, and largest memory of the process in MB.
     """
 
     group: str
@@ -218,9 +227,8 @@ def _penetration(scene: Scene, response: Response) -> float | None:
 def _left_over(scene: Scene, initial: InitialState, response: Response) -> float:
     """Return the relative balance error of the Moreau scheme without a known term.
 
-    The term is dt^2/8 times the change of sum omega^2 u^2 (and of k r'^2 in a tuned absorber).
-
-    With the mean velocity of each step the scheme's balance closes exactly but for that term.
+    The term is dt^2/8 times the change of sum omega^2 u^2 (and of k r'^2 for a tuned absorber).
+    With the mean velocity of each step the scheme's balance is exact except for this term.
     """
     n = scene.model.modes
     model = scene.model

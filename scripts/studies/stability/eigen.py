@@ -98,12 +98,11 @@ def continuous_roots(count: int) -> np.ndarray:
 def accuracy(elements: int) -> Json:
     """Return relative errors of the frequencies of a beam by mode, counted from 1.
 
-    The beam has ``elements`` elements, with all modes included.
-
-    ``rounding``: against the same finite elements in many digits; ``discretisation``: of these
-    against the beam; ``highest``: rounding of the last mode, None where it was not computed;
-    ``tip``: of the first mode's tip amplitude against 2/sqrt(mass). ``wrong``: a frequency has lost
-    so many digits that it is none of these elements. ``error`` tells why there are no numbers.
+    The beam has ``elements`` elements and all modes. ``rounding``: relative to the same finite
+    elements in many digits; ``discretisation``: of the finite elements relative to the beam;
+    ``highest``: rounding of the last mode, None if not computed; ``tip``: of the first mode's tip
+    amplitude relative to 2/sqrt(mass). ``wrong``: whether a frequency belongs to none of the modes.
+    ``error`` is the reason if there are no numbers.
     """
     result: Json = {
         "elements": elements,

@@ -1,4 +1,4 @@
-"""Largest stable steps of the two stepping methods: found by bisection on runs, beside theory."""
+"""Largest stable steps of the two stepping methods, by bisection on runs and by theory."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -194,10 +194,9 @@ def grows(case: LimitCase, scene: Scene, dt: float) -> bool:
 
 
 def find_limit(case: LimitCase) -> Json:
-    """Bisect for the largest stable step of a case; theory has no part in it.
+    """Return the largest stable step of a case by theory, bisection, and the paper's setting.
 
-    Steps are in s: by theory, by bisection, and the method's own at the paper's setting.
-    ``agrees``: whether the first two do.
+    Steps are in s. The bisection does not use the theory; ``agrees`` says whether both agree.
     """
     scene = case.scene()
     fastest = float(np.max(np.abs(np.linalg.eigvals(first_order(scene)))))

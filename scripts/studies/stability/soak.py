@@ -1,4 +1,4 @@
-"""Very long runs: does memory grow, and does the energy balance."""
+"""Very long runs, to test that memory does not grow and that the energy balance holds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
