@@ -9,6 +9,7 @@ a worker on another machine computes the same numbers.
 """
 
 import hashlib
+import re
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 
@@ -53,6 +54,11 @@ START = 1.5  # of the size of the free motion at the absorber: a gap where there
 def format_number(value: float) -> str:
     """Return a number for people, with at most four significant digits, as "2.149" or "12350"."""
     return f"{float(f'{value:.4g}'):g}"
+
+
+def shorten_numbers(text: str) -> str:
+    """Return a text whose decimal numbers have at most four significant digits, for a title."""
+    return re.sub(r"\d+\.\d+", lambda number: format_number(float(number[0])), text)
 
 
 def measure_of(loads: Loads) -> str:

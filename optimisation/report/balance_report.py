@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from impact_env.periodic.balance_branches import BALANCE_COLUMNS, BalanceRow, ReferenceOrbit
-from optimisation.measures import format_number
+from optimisation.measures import format_number, shorten_numbers
 from optimisation.report.report import (
     BLUE,
     GREEN,
@@ -136,11 +136,9 @@ def draw_balance(exact: ReferenceOrbit, rows: Sequence[BalanceRow], growing: boo
         axes.axvline(PAPERS, color="0.8", lw=1.0, zorder=0)
         draw_grid(axes)
     error.legend(fontsize=8)
+    scene = shorten_numbers(f"{exact.case.scene}, {exact.case.force:g} N")
     figure.suptitle(
-        (
-            f"{exact.case.scene}, {format_number(exact.case.force)} N\nweights in "
-            f"$m_a\\omega_1^2$; the paper took {PAPERS} harmonics"
-        ),
+        f"{scene}\nweights in $m_a\\omega_1^2$; the paper took {PAPERS} harmonics",
         fontsize=10,
     )
     return figure

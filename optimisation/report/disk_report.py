@@ -22,7 +22,7 @@ from optimisation.disks import (
     DiskGapChoice,
 )
 from optimisation.files import numbers
-from optimisation.measures import format_number, prediction_interval
+from optimisation.measures import format_number, prediction_interval, shorten_numbers
 from optimisation.report.report import (
     MM,
     Chart,
@@ -181,7 +181,7 @@ def draw_disk_sweep(title: str, responses: Sequence[SectorResponse]) -> Figure:
     worst of all disks.
     """
     figure, axes = figure_of(12, 4.6, 1, 2, width_ratios=[2, 1])
-    figure.suptitle(title, fontsize=10)
+    figure.suptitle(shorten_numbers(title), fontsize=10)
     windows = responses[0].windows
     assert windows is not None
     windows.plot(axes[0])

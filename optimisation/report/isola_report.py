@@ -10,7 +10,7 @@ import numpy as np
 from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaMap
 from impact_env.periodic.orbit_table import ORBIT_COLUMNS, isola_rows
 from impact_env.periodic.symmetric import BIRTH
-from optimisation.measures import format_number
+from optimisation.measures import format_number, shorten_numbers
 from optimisation.report.report import BLUE, ORANGE, Report, Table, draw_grid, figure_of
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def draw_isolas(isola_map: IsolaMap) -> Figure:
     _force(axes[0], isola_map)
     for place, name in zip(axes[1:], maps, strict=False):
         _map(place, isola_map, name)
-    figure.suptitle(str(isola_map.case.scene), fontsize=10)
+    figure.suptitle(shorten_numbers(str(isola_map.case.scene)), fontsize=10)
     return figure
 
 

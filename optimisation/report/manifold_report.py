@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.periodic.slow_manifold import VARIANTS, ManifoldCheck, manifold_gap
+from optimisation.measures import shorten_numbers
 from optimisation.report.report import (
     BLUE,
     GREEN,
@@ -179,7 +180,7 @@ def draw_manifold(check: ManifoldCheck) -> Figure:
         xlabel="amplitude of the absorber over the gap",
         ylabel="amplitude of the resonant mode over the gap",
     )
-    axes.set_title(str(check.case.scene), fontsize=9)
+    axes.set_title(shorten_numbers(str(check.case.scene)), fontsize=9)
     axes.legend(fontsize=9, frameon=False)
     draw_grid(axes)
     return figure

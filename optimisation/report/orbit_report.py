@@ -29,6 +29,7 @@ from impact_env.periodic.orbit_branches import GRAZING, PULLING
 from impact_env.periodic.orbit_table import ORBIT_COLUMNS, bifurcation_rows, branch_rows, orbit_rows
 from impact_env.periodic.response_curve import ResponseCurve
 from impact_env.periodic.survey import OrbitSearch
+from optimisation.measures import shorten_numbers
 from optimisation.report.report import (
     BLUE,
     GREEN,
@@ -501,7 +502,7 @@ def draw_curves(curves: Sequence[Json], title: str, parameter: CurveParameter) -
     if any(confirmed != "yes" for curve in curves for confirmed in curve["orbit"]):
         axes.plot([], [], color="black", lw=1.0, ls=":", label="no orbit of the true motion")
     axes.set(xlabel="frequency over the first resonance's", ylabel=parameter.label)
-    axes.set_title(title, fontsize=10)
+    axes.set_title(shorten_numbers(title), fontsize=10)
     draw_grid(axes)
     figure.legend(loc="outside lower center", ncols=3, fontsize=9)  # not over the curves
     return figure

@@ -20,7 +20,7 @@ from impact_env.periodic.orbit_table import ORBIT_COLUMNS, branch_rows
 from impact_env.periodic.overview import Overview
 from impact_env.periodic.response_curve import EXACT, CurvePoint, ResponseCurve
 from impact_env.periodic.stationary import QUANTILES, StationaryPoint
-from optimisation.measures import format_number
+from optimisation.measures import format_number, shorten_numbers
 from optimisation.report.report import (
     BLUE,
     GREEN,
@@ -205,7 +205,8 @@ def draw_response(overview: Overview) -> Figure:
     _draw_marks(axes, overview.curves)
     axes.set_xlabel(f"frequency of the force over {overview.reference / (2 * np.pi):.2f} Hz")
     axes.set_ylabel(f"largest displacement {overview.where} in mm")
-    axes.set_title(f"{overview.scene}, {format_number(overview.force)} N", fontsize=10)
+    scene = shorten_numbers(str(overview.scene))
+    axes.set_title(f"{scene}, {format_number(overview.force)} N", fontsize=10)
     draw_grid(axes)
     return figure
 

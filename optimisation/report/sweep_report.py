@@ -22,7 +22,7 @@ from impact_env.parameters import Beam, NonlinearSink, SlidingAbsorber, TunedAbs
 from impact_env.plain import from_scene
 from impact_env.results import EnergyAccount, History, Response, require_recorded
 from optimisation.calibration.drawn_scenes import LevelBand
-from optimisation.measures import format_number, prediction_interval
+from optimisation.measures import format_number, prediction_interval, shorten_numbers
 from optimisation.report.report import MM, Report, figure_of
 from optimisation.sweep_range import LEAST_RATIO
 
@@ -355,7 +355,7 @@ def draw_sweep(
     moving = isinstance(response.scene.absorber, SlidingAbsorber | TunedAbsorber | NonlinearSink)
     rows = 3 if moving else 2
     figure, axes = figure_of(12, 3.1 * rows, rows, 2, width_ratios=[2, 1])
-    figure.suptitle(title, fontsize=10)
+    figure.suptitle(shorten_numbers(title), fontsize=10)
     _displacement(axes[0, 0], response, history, axis)
     if band is not None:
         low, _, high = MM * band.quantiles

@@ -31,7 +31,13 @@ from optimisation.gap_search import (
     search_gaps,
     worst_level,
 )
-from optimisation.measures import format_number, predict, prediction_band, prediction_interval
+from optimisation.measures import (
+    format_number,
+    predict,
+    prediction_band,
+    prediction_interval,
+    shorten_numbers,
+)
 from optimisation.report.gap_report import draw_levels
 from optimisation.sweep_range import find_sweep_range
 from optimisation.tuned import den_hartog, peaks, smallest_amplitude
@@ -511,6 +517,12 @@ def test_numbers_of_the_figure_have_four_digits(advice: Advice) -> None:
 )
 def test_numbers_for_people_have_four_digits(value: float, text: str) -> None:
     assert format_number(value) == text
+
+
+def test_numbers_of_a_title_have_four_digits() -> None:
+    scene = "10 modes, impact absorber, mass ratio 0.0214899, gap 2.26257 mm, friction limit 0.5 N"
+    short = "10 modes, impact absorber, mass ratio 0.02149, gap 2.263 mm, friction limit 0.5 N"
+    assert shorten_numbers(scene) == short
 
 
 def test_structures_of_the_study_are_those_of_the_books() -> None:
