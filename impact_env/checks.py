@@ -1,4 +1,4 @@
-"""Validation of single values.
+"""Checks of single values.
 
 A check returns an allowed value. For any other it raises `ParameterError` with the name and the
 value.

@@ -21,12 +21,14 @@ says so. All that depends on these facts reads them here:
   `impact_env.laws.CONCEPTS`;
 - `list_file_keys`: keys of the tables of files, through `impact_env.plain_files.dataclass_keys`.
 
-What depends on several fields is checked in ``__post_init__``, after `check_fields`.
+What depends on several fields is checked in ``__post_init__``, by `require` or by `check_fields` of
+these fields. So are all values of a class that is read from no file and has no options.
 """
 
 import re
 from collections.abc import Mapping
 from dataclasses import Field, fields
+from functools import cache
 from typing import Any
 
 from impact_env.checks import Check, ParameterError
@@ -111,6 +113,16 @@ def list_file_keys(kind: type) -> dict[str, str]:
     return result
 
 
+@cache
+def _list_checks(kind: Any) -> dict[str, Check]:
+    """Return the checks that the fields of a dataclass declare, by field."""
+    return {
+        field.name: field.metadata["check"]
+        for field in fields(kind)
+        if field.metadata.get("check") is not None
+    }
+
+
 def check_fields(group: Any, /, **checks: Check) -> None:
     """Replace fields of a frozen dataclass by the values that their checks return.
 
@@ -122,10 +134,7 @@ def check_fields(group: Any, /, **checks: Check) -> None:
     ParameterError
         A value is not allowed. Its ``argument`` is the field.
     """
-    if not checks:
-        declared = {field.name: field.metadata.get("check") for field in fields(group)}
-        checks = {name: check for name, check in declared.items() if check is not None}
-    for name, check in checks.items():
+    for name, check in (checks or _list_checks(type(group))).items():
         try:
             value = check(name, getattr(group, name))
         except ParameterError as error:

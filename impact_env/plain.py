@@ -6,8 +6,8 @@ exact in both directions.
 `load_structure` reads a structure from a file of its own.
 
 `docs/scenes.md` describes the form. A missing key has the default of the class. Anything else that
-does not fit raises ParameterError with the key's path, the value and what is allowed. The tables
-below define the form: key -> argument of the class, and its codec.
+does not fit raises ParameterError with the key's path, the value and what is allowed. Fields of
+the classes declare the keys (`impact_env.fields`); the codecs below convert the values.
 """
 
 import math

@@ -54,7 +54,7 @@ def _read_sector_list(path: str, plain: Any) -> list[Any]:
     return list(plain)
 
 
-MATRIX_OR_NAME = Codec(_read_matrix_or_name, ROWS_CODEC.write)
+MATRIX_OR_NAME_CODEC = Codec(_read_matrix_or_name, ROWS_CODEC.write)
 SECTORS_CODEC = Codec(_read_sector_list, list)
 MISTUNING_CODEC = dataclass_codec(Mistuning, dataclass_keys(Mistuning))
 CYCLIC_KEYS: Keys = {
@@ -63,9 +63,9 @@ CYCLIC_KEYS: Keys = {
     "frequency_hz": ("frequency", NUMBER_CODEC),
     "mass_kg": ("sector_mass", NUMBER_CODEC),
     "damping_ratio": ("damping_ratio", NUMBER_CODEC),
-    "mass": ("mass", MATRIX_OR_NAME),
-    "stiffness": ("stiffness", MATRIX_OR_NAME),
-    "coupling_stiffness": ("coupling_stiffness", MATRIX_OR_NAME),
+    "mass": ("mass", MATRIX_OR_NAME_CODEC),
+    "stiffness": ("stiffness", MATRIX_OR_NAME_CODEC),
+    "coupling_stiffness": ("coupling_stiffness", MATRIX_OR_NAME_CODEC),
     "units": ("units", TEXT_CODEC),
     "force": ("force", WHOLE_CODEC),
     "absorber": ("absorber", WHOLE_CODEC),

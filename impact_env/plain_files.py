@@ -153,7 +153,7 @@ class Codec:
 
 Keys = Mapping[
     str, tuple[str, Codec]
-]  # key of the plain form -> argument and attribute of the class, and its sort
+]  # key of a table -> argument and attribute of the class, and the codec of its value
 
 
 def _numbers(path: str, plain: Any) -> list[float]:
@@ -251,8 +251,8 @@ def dataclass_codec(
     def read(path: str, plain: Any) -> Any:
         require_keys(path, plain, keys, needed)
         arguments = {
-            name: sort.read(f"{path}.{key}", plain[key])
-            for key, (name, sort) in keys.items()
+            name: codec.read(f"{path}.{key}", plain[key])
+            for key, (name, codec) in keys.items()
             if key in plain
         }
         try:
@@ -261,8 +261,8 @@ def dataclass_codec(
             raise error.at_key(path, {name: key for key, (name, _) in keys.items()}) from error
 
     def write(value: Any) -> dict[str, Any]:
-        result = {key: (getattr(value, name), sort) for key, (name, sort) in keys.items()}
-        return {key: sort.write(part) for key, (part, sort) in result.items() if part is not None}
+        result = {key: (getattr(value, name), codec) for key, (name, codec) in keys.items()}
+        return {key: codec.write(part) for key, (part, codec) in result.items() if part is not None}
 
     return Codec(read, write)
 

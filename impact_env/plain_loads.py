@@ -62,7 +62,7 @@ Array = NDArray[np.float64]
 MOST_RECORD_BYTES = 32 * MOST_RECORD_SAMPLES  # of a record's file
 
 
-IN_G = Codec(
+IN_G_CODEC = Codec(
     lambda path, plain: STANDARD_GRAVITY * finite(path, plain),
     lambda value: float(value) / STANDARD_GRAVITY,
 )
@@ -73,7 +73,7 @@ def _amplitude(name: str, quantity: str, plain: object) -> Keys:
     if quantity == FORCE_QUANTITY:
         return {f"{name}_n": (name, NUMBER_CODEC)}
     if isinstance(plain, Mapping) and f"{name}_g" in plain:
-        return {f"{name}_g": (name, IN_G)}
+        return {f"{name}_g": (name, IN_G_CODEC)}
     return {f"{name}_m_s2": (name, NUMBER_CODEC)}
 
 
@@ -171,7 +171,7 @@ def _load_codec(kind: str, path: str, plain: Mapping[str, Any], quantity: str) -
     return dataclass_codec(partial(Shock, quantity=quantity), {**pulse, **keys})
 
 
-WORD_OR_NUMBER_CODEC = "the number of a channel, from 1, or its name"
+ALLOWED_CHANNEL = "the number of a channel, from 1, or its name"
 
 
 def _read_options(path: str, plain: Mapping[str, Any], quantity: str) -> RecordOptions:
@@ -193,7 +193,7 @@ def _read_options(path: str, plain: Mapping[str, Any], quantity: str) -> RecordO
     if "channel" in plain:
         channel = plain["channel"]
         ok = isinstance(channel, str | int) and not isinstance(channel, bool)
-        require(ok, f"{path}.channel", channel, WORD_OR_NUMBER_CODEC)
+        require(ok, f"{path}.channel", channel, ALLOWED_CHANNEL)
         arguments["channel"] = channel
     arguments["sample_rate"] = arguments.pop("sample_rate_hz", None)
     return RecordOptions(quantity, **arguments)
@@ -285,10 +285,10 @@ def _read_single_load(path: str, plain: Any, folder: Path) -> Load:
         kind = next((other for key, other in OF_BASE.items() if key in rest), kind)
     if kind == "samples":
         return _read_samples(path, rest, quantity, folder)
-    sort = _load_codec(kind, path, rest, quantity)
+    codec = _load_codec(kind, path, rest, quantity)
     if kind == "random":
         rest.pop("unit", None)
-    return sort.read(path, rest)
+    return codec.read(path, rest)
 
 
 LOAD_KINDS = ("force", "unbalance", "base", "tones", "samples", "random", "shock")

@@ -62,7 +62,7 @@ from impact_env.structures.matrix_files import (
     without_freedoms,
 )
 from impact_env.structures.modal import (
-    DAMPING_RATIO,
+    DAMPING_RATIO_CODEC,
     TEXT_CODEC,
     choose_damping_ratios,
     model_codec_for,
@@ -171,17 +171,17 @@ def _ratios(path: str, plain: Any) -> dict[int, float]:
 RATIOS_CODEC = Codec(
     _ratios, lambda ratios: {str(mode): float(ratio) for mode, ratio in ratios.items()}
 )
-VECTOR = Codec(
+VECTOR_CODEC = Codec(
     lambda path, plain: (
         require_text(path, plain) if isinstance(plain, str) else ROW_CODEC.read(path, plain)
     ),
     list,
 )  # or the name of a file
-BEAM_TABLE = dataclass_codec(
+BEAM_VALUES_CODEC = dataclass_codec(
     Beam,
     dataclass_keys(
         Beam,
-        damping_ratio=DAMPING_RATIO,
+        damping_ratio=DAMPING_RATIO_CODEC,
         modal_frequency_ratio=RATIOS_CODEC,
         ends=TEXT_CODEC,
         sections=list_codec(Section, dataclass_keys(Section)),
@@ -197,7 +197,7 @@ def _read_beam(path: str, plain: Any) -> Beam:
     Its bending stiffness and mass are given, or follow from material and section.
     """
     if not (isinstance(plain, Mapping) and any(key in plain for key in OF_MATERIAL)):
-        return BEAM_TABLE.read(path, plain)
+        return BEAM_VALUES_CODEC.read(path, plain)
     result = dict(plain)
     for key in OF_MATERIAL:
         require(
@@ -219,10 +219,10 @@ def _read_beam(path: str, plain: Any) -> Beam:
         "bending_stiffness_n_m2": young * profile.second_moment,
         "mass_per_length_kg_m": density * profile.area,
     }
-    return BEAM_TABLE.read(path, result)
+    return BEAM_VALUES_CODEC.read(path, result)
 
 
-BEAM_CODEC = Codec(_read_beam, BEAM_TABLE.write)
+BEAM_CODEC = Codec(_read_beam, BEAM_VALUES_CODEC.write)
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ PLACE_CODEC = dataclass_codec(_NodeDirection, dataclass_keys(_NodeDirection, dir
 
 # a term of a strain: a weight, and the displacement it multiplies, of a node in a direction or of a
 # row of the matrices
-STRAINED = dataclass_codec(
+STRAIN_CODEC = dataclass_codec(
     lambda node, direction, weight: (weight, _NodeDirection(node, direction)),
     {
         "node": ("node", WHOLE_CODEC),
@@ -256,7 +256,7 @@ STRAINED = dataclass_codec(
         "weight": ("weight", NUMBER_CODEC),
     },
 )
-STRAINED_ROW = dataclass_codec(
+ROW_STRAIN_CODEC = dataclass_codec(
     lambda row, weight: (weight, row),
     {"row": ("row", WHOLE_CODEC), "weight": ("weight", NUMBER_CODEC)},
 )
@@ -274,10 +274,10 @@ def _read_row(path: str, plain: Any) -> Any:
     )
 
 
-ROW_OR_PLACE = Codec(_read_row, WHOLE_CODEC.write)
-STRAINED_ROW_OR_PLACE = Codec(
+ROW_OR_PLACE_CODEC = Codec(_read_row, WHOLE_CODEC.write)
+ROW_OR_PLACE_STRAIN_CODEC = Codec(
     lambda path, plain: (
-        STRAINED if isinstance(plain, Mapping) and "node" in plain else STRAINED_ROW
+        STRAIN_CODEC if isinstance(plain, Mapping) and "node" in plain else ROW_STRAIN_CODEC
     ).read(path, plain),
     list,
 )
@@ -343,14 +343,14 @@ def _place_or_forces(place_codec: Codec) -> Codec:
     return Codec(read, place_codec.write)
 
 
-def _one_or_list(sort: Codec) -> Codec:
+def _one_or_list(codec: Codec) -> Codec:
     """Return the codec of a list of items, or of one item, which is read as a list of one."""
 
     def read(path: str, plain: Any) -> list[Any]:
         if not isinstance(plain, list | tuple):
-            return [sort.read(path, plain)]
+            return [codec.read(path, plain)]
         require(len(plain) > 0, path, plain, "one place, or a list of them")
-        return [sort.read(f"{path}[{i}]", part) for i, part in enumerate(plain)]
+        return [codec.read(f"{path}[{i}]", part) for i, part in enumerate(plain)]
 
     return Codec(read, list)
 
@@ -518,8 +518,8 @@ MODE_KEYS: Keys = {
     "response": ("response", PLACE_CODEC),
     "mass_kg": ("mass", NUMBER_CODEC),
     "modes": ("modes", WHOLE_CODEC),
-    "damping_ratio": ("damping_ratio", DAMPING_RATIO),
-    "stress": ("stress", _one_or_list(STRAINED)),
+    "damping_ratio": ("damping_ratio", DAMPING_RATIO_CODEC),
+    "stress": ("stress", _one_or_list(STRAIN_CODEC)),
     "base_participation_sqrt_kg": ("base_participation", ROW_CODEC),
     "base_at_absorber": ("base_at_absorber", NUMBER_CODEC),
 }
@@ -577,15 +577,15 @@ MATRIX_KEYS: Keys = {
     "stiffness": ("stiffness", TEXT_CODEC),
     "damping": ("damping", TEXT_CODEC),
     "units": ("units", TEXT_CODEC),
-    "force": ("force", _place_or_forces(ROW_OR_PLACE)),
-    "absorber": ("absorber", _one_or_list(ROW_OR_PLACE)),
-    "response": ("response", ROW_OR_PLACE),
+    "force": ("force", _place_or_forces(ROW_OR_PLACE_CODEC)),
+    "absorber": ("absorber", _one_or_list(ROW_OR_PLACE_CODEC)),
+    "response": ("response", ROW_OR_PLACE_CODEC),
     "mass_kg": ("structure_mass", NUMBER_CODEC),
     "modes": ("modes", WHOLE_CODEC),
-    "damping_ratio": ("damping_ratio", DAMPING_RATIO),
+    "damping_ratio": ("damping_ratio", DAMPING_RATIO_CODEC),
     "suspension_frequency_hz": ("suspension_frequency", NUMBER_CODEC),
-    "stress": ("stress", _one_or_list(STRAINED_ROW_OR_PLACE)),
-    "base_vector": ("base_vector", VECTOR),
+    "stress": ("stress", _one_or_list(ROW_OR_PLACE_STRAIN_CODEC)),
+    "base_vector": ("base_vector", VECTOR_CODEC),
     "coordinates": ("coordinates", TEXT_CODEC),
 }
 
@@ -848,7 +848,7 @@ def _ring_codec_for(folder: Path) -> Codec:
 # places in the tables of structures: how they are read, of those whose table has one for the force
 PLACE_CODECS = {
     "universal": PLACE_CODEC,
-    "matrices": ROW_OR_PLACE,
+    "matrices": ROW_OR_PLACE_CODEC,
     "nastran": PLACE_CODEC,
     "ansys": PLACE_CODEC,
 }

@@ -27,7 +27,7 @@ from impact_env.structures.checks import StructureWarning
 from impact_env.structures.matrix_files import read_columns
 
 # one number for all modes, or one each
-DAMPING_RATIO = Codec(
+DAMPING_RATIO_CODEC = Codec(
     lambda path, plain: (
         tuple(ROW_CODEC.read(path, plain))
         if isinstance(plain, list | tuple)
@@ -202,7 +202,7 @@ READ_KEYS: Keys = {
     "omega_rad_s": MODEL_KEYS["omega_rad_s"],
     "frequencies_hz": ("frequencies", ROW_CODEC),
     **MODEL_KEYS,
-    "damping_ratio": ("damping_ratio", DAMPING_RATIO),
+    "damping_ratio": ("damping_ratio", DAMPING_RATIO_CODEC),
 }
 MODEL_CODEC = Codec(
     dataclass_codec(_model, READ_KEYS).read, dataclass_codec(ModalModel, MODEL_KEYS).write
