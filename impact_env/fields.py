@@ -114,7 +114,7 @@ def list_file_keys(kind: type) -> dict[str, str]:
 
 
 @cache
-def _list_checks(kind: Any) -> dict[str, Check]:
+def _list_checks(kind: type) -> dict[str, Check]:
     """Return the checks that the fields of a dataclass declare, by field."""
     return {
         field.name: field.metadata["check"]
@@ -123,7 +123,7 @@ def _list_checks(kind: Any) -> dict[str, Check]:
     }
 
 
-def check_fields(group: Any, /, **checks: Check) -> None:
+def check_fields(group: object, /, **checks: Check) -> None:
     """Replace fields of a frozen dataclass by the values that their checks return.
 
     It is called in ``__post_init__``. Without ``checks`` all fields are checked as declared; with
