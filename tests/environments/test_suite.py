@@ -148,6 +148,7 @@ def test_candidates_are_scored_as_if_each_played_alone_and_a_search_is_no_worse_
     assert (sum(counted), best.candidates) == (48, 48 + 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", TASKS)
 def test_the_chosen_rule_and_shipped_agents_beat_open_loop_baselines(task: str) -> None:
     played = policies(task) | {
