@@ -134,7 +134,9 @@ def check_fields(group: object, /, **checks: Check) -> None:
     ParameterError
         A value is not allowed. Its ``argument`` is the field.
     """
-    for name, check in (checks or _list_checks(type(group))).items():
+    # mypy takes the method __hash__ of the class's objects for that of the class
+    declared = _list_checks(type(group))  # type: ignore[arg-type]
+    for name, check in (checks or declared).items():
         try:
             value = check(name, getattr(group, name))
         except ParameterError as error:
