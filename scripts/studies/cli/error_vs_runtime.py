@@ -13,7 +13,7 @@ from types import ModuleType
 import click
 from matplotlib.figure import Figure
 
-from optimisation.cli.common import command
+from optimisation.cli.common import command, seed_option
 from optimisation.files import published
 from optimisation.report.report import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
@@ -90,13 +90,7 @@ PARTS = tuple(part.name for part in STUDY.parts)
     "--quick", is_flag=True, help="A look in about two minutes: few scenes, methods and runs."
 )
 @click.option("--no-peers", is_flag=True, help="Leave SciPy and heyoka out.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of phases and perturbations.",
-)
+@seed_option
 @click.option(
     "--redraw",
     is_flag=True,

@@ -15,7 +15,7 @@ from impact_env.curve import DEFAULT_MEMBERS
 from impact_env.drive import PAPER_RATE
 from impact_env.ensemble import Executor
 from optimisation.checkpoint import peak_memory
-from optimisation.cli.common import cluster_option, command
+from optimisation.cli.common import cluster_option, command, seed_option, threads_option
 from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import executor
 from optimisation.files import markdown, published, require_writable
@@ -411,18 +411,8 @@ STUDY: Study[FindingsSettings] = Study(
         "mean little."
     ),
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of searches and members.",
-)
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the numbers do not depend on it.  [default: all cores]",
-)
+@seed_option
+@threads_option
 @cluster_option
 @click.option(
     "--out",

@@ -18,7 +18,7 @@ from impact_env.curve import BAND
 from impact_env.drive import PAPER_DAMPING
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
-from optimisation.cli.common import cluster_option, command
+from optimisation.cli.common import cluster_option, command, threads_option
 from optimisation.executors import executor, runs_bar
 from optimisation.insight import REPORT_SEEDS
 from optimisation.measures import branches
@@ -147,11 +147,7 @@ STUDY: Study[BranchSettings] = make_rows_study(
     show_default=True,
     help="Runs for each point at 1 %; half and a quarter at less.",
 )
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the result does not depend on it.  [default: all cores]",
-)
+@threads_option
 @cluster_option
 @add_table_options(NAME, "docs/findings.md")
 def main(

@@ -20,7 +20,7 @@ from impact_env.curve import (
 )
 from impact_env.parameters import Absorber, Beam, friction_damper, impact_absorber
 from impact_env.scene import beam_scene
-from optimisation.cli.common import command
+from optimisation.cli.common import command, seed_option
 from optimisation.executors import sweeps_bar
 from studies.study import (
     Json,
@@ -252,13 +252,7 @@ STUDY = make_table_study(NAME, "levels beside those of another code", _measure, 
     show_default=True,
     help="Runs for each point, other in phase and 1e-6 of force.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the phases and forces.",
-)
+@seed_option
 @add_table_options(NAME, "docs/methods.md")
 def main(members: int, seed: int, place: OutputPaths) -> None:
     """Compute response levels of the paper's scenes.

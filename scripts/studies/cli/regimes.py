@@ -20,7 +20,7 @@ from impact_env.ensemble import Executor
 from impact_env.periodic.residence import ExitRate, Hazard, Jumps, Range, hazard
 from impact_env.periodic.stationary import ResponseKind
 from optimisation.checkpoint import sources
-from optimisation.cli.common import BadInput, cluster_option, command
+from optimisation.cli.common import BadInput, cluster_option, command, seed_option, threads_option
 from optimisation.cli.scene_options import (
     SLIDING_VALUES,
     SceneOptions,
@@ -667,18 +667,8 @@ def _thinned(case: RegimeCase) -> RegimeCase:
     is_flag=True,
     help=f"A look: few frequencies and runs, into {QUICK_OUT} unless told otherwise.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the force's phases.",
-)
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the numbers do not depend on it.  [default: all cores]",
-)
+@seed_option
+@threads_option
 @cluster_option
 @click.option(
     "--redraw",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from optimisation.cli.common import cluster_option, command
+from optimisation.cli.common import cluster_option, command, seed_option, threads_option
 from optimisation.executors import workers
 from studies.paper.frame import PaperSettings
 from studies.paper.study import CLAIMS, LABELS, OUT, QUICK_OUT, STUDY, make_paths
@@ -28,14 +28,8 @@ from studies.study import run
     is_flag=True,
     help=f"Few points and members, by default into {QUICK_OUT}.",
 )
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the members."
-)
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the numbers do not depend on it.  [default: all cores]",
-)
+@seed_option
+@threads_option
 @cluster_option
 @click.option(
     "--redraw",

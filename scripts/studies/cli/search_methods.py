@@ -27,7 +27,7 @@ import scipy
 from impact_env.ensemble import Executor
 from impact_env.parameters import Beam
 from optimisation.checkpoint import sources
-from optimisation.cli.common import cluster_option, command
+from optimisation.cli.common import cluster_option, command, threads_option
 from optimisation.executors import executor
 from optimisation.files import DOCS, published
 from optimisation.objectives import Condition, Constraint
@@ -472,11 +472,7 @@ STUDY: Study[ComparisonSettings] = make_rows_study(
     type=click.Choice(list(PROBLEMS)),
     help="What is searched; may be repeated.  [default: all]",
 )
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    help="Number of threads; the result does not depend on it.  [default: all cores]",
-)
+@threads_option
 @cluster_option
 @click.option(
     "--out",
