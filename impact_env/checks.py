@@ -40,6 +40,15 @@ class ParameterError(ValueError):
         What is allowed, in words.
     argument : str or None
         The argument of the constructor or function, without an index.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, ParameterError
+    >>> try:
+    ...     Beam(length=-0.5)
+    ... except ParameterError as error:
+    ...     print(error.name, error.value)
+    length -0.5
     """
 
     def __init__(

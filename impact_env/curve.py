@@ -100,6 +100,13 @@ class CurveCase:
     ------
     ParameterError
         A value is out of range, or the structure lacks the resonance.
+
+    Examples
+    --------
+    >>> from impact_env import CurveCase, beam_scene, impact_absorber
+    >>> case = CurveCase(beam_scene(absorber=impact_absorber()), [1.0, 2.0, 4.0])
+    >>> [round(schedule.periods) for schedule in case.schedules()]
+    [1600, 1600]
     """
 
     scene: Scene
@@ -524,6 +531,12 @@ class Pass:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import Pass
+    >>> Pass(forces=4, faster=5.0).members
+    1
     """
 
     forces: int | None = None

@@ -77,6 +77,13 @@ class FrequencySchedule:
     ------
     ParameterError
         Times do not rise from 0, lengths differ, or a value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import FrequencySchedule
+    >>> schedule = FrequencySchedule([0.0, 10.0, 20.0], [90.0, 100.0, 100.0], reference=100.0)
+    >>> float(schedule.omega_at(5.0))
+    95.0
     """
 
     times: NDArray[np.float64] = field(metadata=parameter(row_of(ALLOWED_TIMES), unit="s"))

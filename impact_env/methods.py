@@ -69,6 +69,12 @@ class Exact:
 
     The default method. It has no step, and its error is that of rounding. Not for a nonlinear
     spring.
+
+    Examples
+    --------
+    >>> from impact_env import Exact
+    >>> str(Exact())
+    'Exact()'
     """
 
 
@@ -85,6 +91,13 @@ class Moreau:
     ------
     ParameterError
         The value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import Moreau, beam_scene, impact_absorber
+    >>> step = Moreau(steps_per_period=100).step(beam_scene(absorber=impact_absorber()))
+    >>> bool(step < 1e-5)
+    True
     """
 
     steps_per_period: int = field(default=PAPER_STEPS, metadata=STEPS)
@@ -114,6 +127,13 @@ class RungeKutta:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import CompliantWalls, RungeKutta, SlidingAbsorber, beam_scene
+    >>> scene = beam_scene(absorber=SlidingAbsorber(walls=CompliantWalls(stiffness=1e6)))
+    >>> bool(RungeKutta(steps_per_period=40).step(scene) < RungeKutta().step(scene))
+    True
     """
 
     steps_per_period: int = field(default=PAPER_STEPS, metadata=STEPS)

@@ -619,6 +619,12 @@ def mode_shapes(beam: Beam, positions: ArrayLike) -> NDArray[np.float64]:
     ------
     ParameterError
         A position is not on the beam.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, mode_shapes
+    >>> mode_shapes(Beam(modes=2), [0.0, 0.5, 1.0]).shape
+    (3, 2)
     """
     beam = instance("beam", beam, Beam)
     allowed = "one or more shares of the length, 0 to 1"

@@ -85,6 +85,13 @@ class Section:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import Beam, Section
+    >>> beam = Beam(sections=(Section(10, bending_stiffness=700.0, mass_per_length=1.5),))
+    >>> round(beam.mass, 3)
+    0.626
     """
 
     elements: int = field(
@@ -314,6 +321,12 @@ class RigidWalls:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import RigidWalls
+    >>> RigidWalls(gap=5e-4, restitution=0.7).restitution
+    0.7
     """
 
     gap: float = field(default=1e-3, metadata=_gap(check_gap))
@@ -351,6 +364,13 @@ class YieldingWalls:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import SlidingAbsorber, YieldingWalls
+    >>> absorber = SlidingAbsorber(walls=YieldingWalls(yield_velocity=0.1, restitution=0.8))
+    >>> absorber.walls.gap
+    0.001
     """
 
     yield_velocity: float = field(
@@ -407,6 +427,13 @@ class CompliantWalls:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import CompliantWalls, SlidingAbsorber
+    >>> absorber = SlidingAbsorber(walls=CompliantWalls(stiffness=1e6, gap=5e-4))
+    >>> absorber.walls.gap
+    0.0005
     """
 
     stiffness: float = field(
@@ -511,6 +538,12 @@ class CoulombFriction:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import CoulombFriction, SlidingAbsorber
+    >>> SlidingAbsorber(friction=CoulombFriction(limit=0.5)).friction.limit
+    0.5
     """
 
     limit: float = field(metadata=FRICTION_LIMIT)
@@ -543,6 +576,13 @@ class ElasticCoulombFriction:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import ElasticCoulombFriction, SlidingAbsorber
+    >>> friction = ElasticCoulombFriction(limit=0.5, stiffness=1e5)
+    >>> SlidingAbsorber(friction=friction).friction.stiffness
+    100000.0
     """
 
     limit: float = field(metadata=FRICTION_LIMIT)
@@ -587,6 +627,13 @@ class StuckAbsorber:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import StuckAbsorber, beam_scene
+    >>> scene = beam_scene(absorber=StuckAbsorber(mass_ratio=0.02))
+    >>> round(scene.absorber_mass, 6)
+    0.011275
     """
 
     mass_ratio: float = field(default=DEFAULT_MASS_RATIO, metadata=MASS_RATIO)
@@ -617,6 +664,13 @@ class TunedAbsorber:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import TunedAbsorber, beam_scene
+    >>> scene = beam_scene(absorber=TunedAbsorber(stiffness=650.0, damping=0.7))
+    >>> scene.absorber.mass_ratio
+    0.02
     """
 
     mass_ratio: float = field(default=DEFAULT_MASS_RATIO, metadata=MASS_RATIO)
@@ -655,6 +709,13 @@ class NonlinearSink:
     ------
     ParameterError
         A value is out of range.
+
+    Examples
+    --------
+    >>> from impact_env import NonlinearSink, beam_scene
+    >>> scene = beam_scene(absorber=NonlinearSink(cubic_stiffness=1e9))
+    >>> scene.absorber.mass_ratio
+    0.02
     """
 
     cubic_stiffness: float = field(

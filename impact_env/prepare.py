@@ -133,6 +133,11 @@ def is_ready(
     See Also
     --------
     prepare : Compile them in another process.
+
+    Examples
+    --------
+    >>> from impact_env import beam_scene, impact_absorber, is_ready
+    >>> ready = is_ready(beam_scene(absorber=impact_absorber()))
     """
     _checked(scene, method, record)
     return not COMPILED or is_cached(partial(short_run, scene, method, record, loads))

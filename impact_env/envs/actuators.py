@@ -262,7 +262,7 @@ class FrictionActuator(Actuator):
         return min(max(self._place_at_start, -1.0), 1.0)
 
     def start(self, lane: int, generator: Generator) -> None:  # noqa: ARG002 - nothing is drawn
-        """Show the friction limit of the scene."""
+        """Set the friction limit and its position to those of the scene."""
         self.friction[lane] = self._friction_at_start
         self.place[lane] = self._place_at_start
 

@@ -302,7 +302,7 @@ class SteadySchedule(ForceSchedule):
 
 
 class MachineErrors(MachineDifference):
-    """Errors of damping and friction, in a part of which episodes draw theirs.
+    """Errors of damping and friction; each episode draws them from their ranges.
 
     ``friction_factor`` (L,) is the friction limit of the machine over that of the control.
     """

@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 class ActionDelay:
     """Steps and delay of the actions of a number of lanes.
 
-    ``levels``: number of equidistant values from -1 to 1 that an action is rounded to, 0 for any
-    value. ``delay``: control intervals until an action has an effect; until then each number of an
-    action has its value of ``start`` (A,).
+    ``levels`` is the number of equidistant values from -1 to 1 to which an action is rounded, 0 for
+    any value. ``delay`` is the number of control intervals until an action has an effect; until
+    then the action is ``start`` (A,).
     """
 
     def __init__(self, lanes: int, delay: int, levels: int, start: Array) -> None:
@@ -32,7 +32,7 @@ class ActionDelay:
     def apply(self, actions: Array) -> Array:
         """Return the actions (L, A) that take effect now.
 
-        ``actions`` (L, A) are those chosen now, from -1 to 1.
+        ``actions`` (L, A) are chosen now, from -1 to 1.
         """
         if self.levels > 0:
             steps = self.levels - 1
@@ -45,7 +45,7 @@ class ActionDelay:
         return applied
 
     def restart(self, which: NDArray[np.bool_]) -> None:
-        """Forget the earlier actions of the lanes of a mask (L,)."""
+        """Reset the lanes of a mask (L,): their earlier actions have no effect."""
         self._past[:, which] = self.start
 
     def copy_from(self, source: "ActionDelay", times: int) -> None:
@@ -58,7 +58,7 @@ class ActionDelay:
         return self._past.copy(), self._at
 
     def restore(self, snapshot: tuple[Array, int]) -> None:
-        """Go on from a snapshot."""
+        """Set the actions that have no effect yet to those of a snapshot."""
         self._past[...], self._at = snapshot
 
 

@@ -56,7 +56,7 @@ def _plate(generator: Generator) -> ModalModel:
 
 
 def _modes(generator: Generator) -> ModalModel:
-    """Return two modes as a measurement might give them.
+    """Return two modes as from a measurement.
 
     The second frequency is between twice and eight times the first. The shapes have either sign.
     """
@@ -135,7 +135,7 @@ class StructurePool:
         )
 
     def models(self, standard: ModalModel) -> list[ModalModel]:
-        """Return the structures, each family in its turn, the same ones always."""
+        """Return the structures, from each family in turn; they are the same at every call."""
         seed, kinds = FAMILY_SPLITS[self.split]
         return [
             rescale_model(kinds[k % len(kinds)](np.random.default_rng([seed, k])), standard)
