@@ -144,7 +144,7 @@ class GapActuator(Actuator):
         self.is_logarithmic = is_logarithmic
         self.wanted = np.zeros(lanes.count)
         self.gap_before = np.zeros(lanes.count)
-        self.columns = {GAP_IN_USE.name: self.relative_gap}
+        self.columns = {GAP_IN_USE.name: self.compute_relative_gap}
 
     def starting_action(self) -> float:
         """Return the position of the scene's half-clearance in the range."""
@@ -170,11 +170,11 @@ class GapActuator(Actuator):
         )
         orders["gap"] = self.wanted
 
-    def moved(self) -> Array:
+    def compute_displacement(self) -> Array:
         """Return the displacement of the walls (L,) in half-clearances of the scene."""
         return np.abs(self.lanes.runs.orders["gap"] - self.gap_before) / self.lanes.length
 
-    def relative_gap(self) -> Array:
+    def compute_relative_gap(self) -> Array:
         """Return the half-clearances in use (L,) over that of the scene."""
         return self.lanes.runs.orders["gap"] / self.lanes.length
 
@@ -197,8 +197,8 @@ class MovingWallsActuator(Actuator):
         self.starts = starts
         self._motion = (*walls.gap_limits, *walls.motion(lanes.interval))
         self.gap_before = np.zeros(lanes.count)
-        self._moved = np.zeros(lanes.count)
-        self.columns = {GAP_IN_USE.name: self.relative_gap}
+        self._displacement = np.zeros(lanes.count)
+        self.columns = {GAP_IN_USE.name: self.compute_relative_gap}
 
     def starting_action(self) -> float:
         """Return the position of the scene's half-clearance in the range."""
@@ -218,14 +218,14 @@ class MovingWallsActuator(Actuator):
             actions[:, column:], *self._motion, self.lanes.runs.orders, self.gap_before
         )
 
-    def moved(self) -> Array:
+    def compute_displacement(self) -> Array:
         """Return the displacement of the walls (L,) in half-clearances of the scene."""
         measure_wall_motion(  # type: ignore[no-untyped-call]
-            self.lanes.runs.orders, self.gap_before, self.lanes.length, self._moved
+            self.lanes.runs.orders, self.gap_before, self.lanes.length, self._displacement
         )
-        return self._moved
+        return self._displacement
 
-    def relative_gap(self) -> Array:
+    def compute_relative_gap(self) -> Array:
         """Return the half-clearances in use (L,) over that of the scene."""
         return self.lanes.runs.orders["gap"] / self.lanes.length
 
@@ -254,8 +254,8 @@ class FrictionActuator(Actuator):
         )
         self.friction = np.full(lanes.count, self._friction_at_start)
         self.place = np.zeros(lanes.count)
-        self._moved = np.zeros(lanes.count)
-        self.columns = {FRICTION_IN_USE.name: self.place_in_range}
+        self._displacement = np.zeros(lanes.count)
+        self.columns = {FRICTION_IN_USE.name: self.read_place}
 
     def starting_action(self) -> float:
         """Return the position of the scene's friction limit in the range."""
@@ -275,14 +275,14 @@ class FrictionActuator(Actuator):
             self.lanes.runs.orders,
             self.friction,
             self.place,
-            self._moved,
+            self._displacement,
         )
 
-    def moved(self) -> Array:
+    def compute_displacement(self) -> Array:
         """Return the displacement (L,) in the range, which is 2 wide."""
-        return self._moved
+        return self._displacement
 
-    def place_in_range(self) -> Array:
+    def read_place(self) -> Array:
         """Return the positions (L,) of the friction limits in the range, from -1 to 1."""
         return self.place
 

@@ -175,7 +175,7 @@ class ResponseReward(Reward):
         )
         self.costs[:, 0] = -rewards
         self.costs[:, 1] = 1 / self.schedule.steps
-        self.costs[:, 2] = self.actuator.moved()
+        self.costs[:, 2] = self.actuator.compute_displacement()
         self.costs[:, 3] = reports["impact_count"] / lanes.interval
         return rewards
 
@@ -288,7 +288,7 @@ class SteadySchedule(ForceSchedule):
         """Draw the frequency."""
         low, high = self._ratios
         drawn = low if low == high else generator.uniform(low, high)
-        self.lanes.ratio[lane] = self.lanes.chosen_or(drawn, "frequency_ratio", lane)
+        self.lanes.ratio[lane] = self.lanes.apply_choice(drawn, "frequency_ratio", lane)
 
     def start_force(self, lane: int, generator: Generator) -> None:
         """Draw the force, in units of the lane's scene."""
@@ -385,10 +385,10 @@ class PeriodReward(Reward):
     def compute(self) -> Array:
         """Return the rewards (L,) of the last interval."""
         lanes = self.lanes
-        moved = self.actuator.moved()
+        displacement = self.actuator.compute_displacement()
         fill_costs(  # type: ignore[no-untyped-call]
             lanes.runs.reports,
-            moved,
+            displacement,
             lanes.duration,
             float(lanes.interval),
             self.schedule.steps,
@@ -404,7 +404,7 @@ class PeriodReward(Reward):
             self._mass_rate,
             lanes.force,
             self._scale,
-            moved,
+            displacement,
             self.squares,
             self._speed,
             self._rms,

@@ -306,7 +306,7 @@ class PassageSchedule(ForceSchedule):
         self.sign = np.ones(lanes.count)
         self.far = np.ones(lanes.count)
         self.rates = np.full(lanes.count, passage.rates[0])
-        self.columns = {DISTANCE_TO_END.name: self.distance_to_end}
+        self.columns = {DISTANCE_TO_END.name: self.compute_distance_to_end}
 
     def start(self, lane: int, generator: Generator) -> None:
         """Draw the direction."""
@@ -338,7 +338,7 @@ class PassageSchedule(ForceSchedule):
         )
         return duration, ratio, ended
 
-    def distance_to_end(self) -> Array:
+    def compute_distance_to_end(self) -> Array:
         """Return the distances (L,) to the far end in the unit of frequency."""
         return (self.far - self.lanes.ratio) / self.frequency_unit
 
@@ -351,7 +351,7 @@ class RandomPassageSchedule(PassageSchedule):
     ) -> None:
         super().__init__(lanes, passage)
         self.randomised = randomised
-        self.columns[SWEEP_RATE.name] = self.scaled_rate
+        self.columns[SWEEP_RATE.name] = self.scale_rate
 
     def start(self, lane: int, generator: Generator) -> None:
         """Draw direction, start and rate."""
@@ -360,7 +360,7 @@ class RandomPassageSchedule(PassageSchedule):
         self.lanes.ratio[lane] += offset
         self.rates[lane] = generator.uniform(*self.randomised.sweep_rates)
 
-    def scaled_rate(self) -> Array:
+    def scale_rate(self) -> Array:
         """Return the rates (L,) over 4 % per 100 pseudo periods."""
         return self.rates / 4
 
@@ -480,18 +480,18 @@ class PassageReward(Reward):
             rewards,
         )
         if self.actuator is not None:
-            self.charge(self.relative - before, self.actuator.moved())
+            self.charge(self.relative - before, self.actuator.compute_displacement())
         return rewards
 
-    def charge(self, rise: Array, moved: Array) -> None:
+    def charge(self, rise: Array, displacement: Array) -> None:
         """Fill the costs of the last interval.
 
-        ``rise`` (L,) is that of the relative level, ``moved`` (L,) the motion of the actuator.
+        ``rise`` (L,) is that of the relative level, ``displacement`` (L,) that of the actuator.
         """
         lanes = self.lanes
         self.costs[:, 0] = rise
         self.costs[:, 1] = lanes.duration / lanes.interval / self.schedule.steps
-        self.costs[:, 2] = moved
+        self.costs[:, 2] = displacement
         self.costs[:, 3] = lanes.runs.reports["impact_count"] / lanes.interval
 
     def level(self) -> Array:
@@ -533,12 +533,12 @@ class RandomPassageReward(PassageReward):
         distance = np.abs(self.lanes.runs.orders["gap"] - self.walls.gap_before)
         return rewards - self.price * distance / self.lanes.length
 
-    def charge(self, rise: Array, moved: Array) -> None:
+    def charge(self, rise: Array, displacement: Array) -> None:
         """Fill the costs of the last interval, see `PassageReward.charge`."""
         lanes = self.lanes
         fill_costs(  # type: ignore[no-untyped-call]
             lanes.runs.reports,
-            moved,
+            displacement,
             lanes.duration,
             float(lanes.interval),
             self.schedule.steps,

@@ -157,19 +157,19 @@ class StructureNumbers(MachineDifference):
         self._mass = np.array([mass * shape**2 / 0.08 for shape in first])
         damping, second, mass_ratio = (feature.name for feature in STRUCTURE_NUMBERS)
         self.columns = {
-            damping: self.first_damping,
-            second: self.second_frequency,
-            mass_ratio: self.mass_ratio,
+            damping: self.read_damping,
+            second: self.read_second_frequency,
+            mass_ratio: self.read_mass_ratio,
         }
 
-    def first_damping(self) -> Array:
+    def read_damping(self) -> Array:
         """Return the damping ratios (L,) of the first modes, scaled."""
         return np.asarray(self._damping[self.lanes.which])
 
-    def second_frequency(self) -> Array:
+    def read_second_frequency(self) -> Array:
         """Return the second frequencies (L,) over the first, scaled."""
         return np.asarray(self._second[self.lanes.which])
 
-    def mass_ratio(self) -> Array:
+    def read_mass_ratio(self) -> Array:
         """Return the absorber's masses (L,) over those of the first modes, scaled."""
         return np.asarray(self._mass[self.lanes.which])

@@ -153,7 +153,7 @@ class LaneState(LaneArrays):
         shapes = self._level_shapes
         return shapes if len(shapes) == 1 else np.asarray(shapes[self.which])
 
-    def choose(self, chosen: Mapping[str, Any], options: Mapping[str, Range]) -> None:
+    def set_choices(self, chosen: Mapping[str, Any], options: Mapping[str, Range]) -> None:
         """Set what the next episodes have in place of random values.
 
         Each value is a number, or one for each lane, in the range of its name in ``options``.
@@ -178,7 +178,7 @@ class LaneState(LaneArrays):
         )
         return values
 
-    def chosen_or(self, drawn: float, name: str, lane: int) -> float:
+    def apply_choice(self, drawn: float, name: str, lane: int) -> float:
         """Return the value that a reset chose for a lane under this name, else the drawn one."""
         return float(self._chosen[name][lane]) if name in self._chosen else drawn
 
@@ -188,13 +188,13 @@ class LaneState(LaneArrays):
             values[lane] = 0
         if self.scene_option:
             number = float(generator.integers(len(self.scenes)))
-            self.which[lane] = int(self.chosen_or(number, self.scene_option, lane))
+            self.which[lane] = int(self.apply_choice(number, self.scene_option, lane))
 
     def draw_force(self, lane: int, generator: Generator) -> float:
         """Return an episode's force in N."""
         low, high = self._force_range
         drawn = low if low == high else float(generator.uniform(low, high))
-        return self.chosen_or(drawn, "force", lane)
+        return self.apply_choice(drawn, "force", lane)
 
     def info(self) -> dict[str, NDArray[Any]]:
         """Return the entries of info that all tasks have, new arrays (L,)."""
@@ -270,7 +270,7 @@ class Actuator(TaskPart, ABC):
     def apply(self, actions: Array, column: int) -> None:
         """Order the next interval by a column of the actions (L, A), from -1 to 1."""
 
-    def moved(self) -> Array:
+    def compute_displacement(self) -> Array:
         """Return how far the actuator moved in the last interval (L,), in the unit of its price."""
         return np.zeros(self.lanes.count)
 
@@ -453,12 +453,12 @@ class Task:
         for each lane.
         """
         lanes = self.lanes
-        lanes.choose(chosen or {}, self.options)
+        lanes.set_choices(chosen or {}, self.options)
         for lane in np.flatnonzero(which).tolist():
             self._start(lane, generators[lane])
         self.runs.restart(which)
         self.action_delay.restart(which)
-        return self.sensors.see(self._observe_exactly(), generators, which)
+        return self.sensors.see(self._compute_features(), generators, which)
 
     def _start(self, lane: int, generator: Generator) -> None:
         """Start an episode in a lane: draw all random values, in a fixed order."""
@@ -544,9 +544,9 @@ class Task:
         self, generators: Sequence[Generator], resting: Mask | None = None
     ) -> NDArray[np.float32]:
         """Return the observations (L, features) after a step."""
-        return self.sensors.see(self._observe_exactly(), generators, None, resting)
+        return self.sensors.see(self._compute_features(), generators, None, resting)
 
-    def _observe_exactly(self) -> Array:
+    def _compute_features(self) -> Array:
         """Return the scaled features (L, features) without errors of the sensors."""
         values = np.empty((self.lanes.count, len(self.features)))
         self.state_columns.fill(values)
