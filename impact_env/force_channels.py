@@ -82,14 +82,6 @@ def _without_places(scene: Scene) -> Scene:
     return Scene(model, scene.absorber)
 
 
-def _turn_ahead(piece: Pieces) -> Array:
-    """Return the rows of a piece that is a quarter period ahead."""
-    ahead = np.array(piece.rows)
-    ahead[:, 3::2] = -piece.rows[:, 4::2]
-    ahead[:, 4::2] = piece.rows[:, 3::2]
-    return ahead
-
-
 def split_forces(scene: Scene, drive: Excitation) -> tuple[Scene, Excitation]:
     """Return scene and drive in the form that the kernels read.
 
@@ -117,8 +109,11 @@ def split_forces(scene: Scene, drive: Excitation) -> tuple[Scene, Excitation]:
             result.append(replace(piece, place=None, channel=channel_of.get(piece.place, 0)))
         else:
             result.append(piece)
-            if quadrature:
-                result.append(Pieces(piece.times, _turn_ahead(piece), False, channel=first))
+            if quadrature:  # the same force a quarter period ahead
+                rows = np.array(piece.rows)
+                rows[:, 3::2] = -piece.rows[:, 4::2]
+                rows[:, 4::2] = piece.rows[:, 3::2]
+                result.append(Pieces(piece.times, rows, False, channel=first))
     part = _ChannelLoads(tuple(result), drive.duration)
     return _with_channels(scene, channels), Loads((part,), drive.schedule.reference)
 

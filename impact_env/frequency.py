@@ -346,7 +346,11 @@ def find_steady_start(scene: Scene, drive: Excitation) -> InitialState | None:
     shapes = scene.absorber_shapes
     masses = scene.absorber_masses
     moved = scene.model.base_at_absorber
-    sliding = _sliding_absorbers(scene)
+    sliding: tuple[SlidingAbsorber, ...] = ()
+    if isinstance(scene.absorber, SeveralAbsorbers):
+        sliding = scene.absorber.absorbers
+    elif isinstance(scene.absorber, SlidingAbsorber):
+        sliding = (scene.absorber,)
     limits = np.zeros(len(masses))
     if isinstance(scene.absorber, StuckAbsorber):
         limits[:] = np.inf
@@ -407,13 +411,6 @@ def _harmonics_of(drive: Excitation) -> list[_Harmonic]:
             force, base = (0j, size) if piece.moves_base else (size, 0j)
             harmonics.append(_Harmonic(omega, force, base, part.force_place))
     return harmonics
-
-
-def _sliding_absorbers(scene: Scene) -> tuple[SlidingAbsorber, ...]:
-    """Return the absorbers that slide."""
-    if isinstance(scene.absorber, SeveralAbsorbers):
-        return scene.absorber.absorbers
-    return (scene.absorber,) if isinstance(scene.absorber, SlidingAbsorber) else ()
 
 
 def _load_on_modes(scene: Scene, harmonic: _Harmonic) -> Complex:

@@ -14,12 +14,6 @@ DIGIT_TOL = 1e-6  # of a decimal place: a number is a multiple of it
 MOST_DIGITS = 12  # of a decimal number: beyond it, multiples of a place cannot be told from others
 
 
-def _are_multiples(times: Array, places: Array | float) -> bool:
-    whole = times / places
-    error = np.abs(whole - np.round(whole))
-    return bool(np.all(error <= DIGIT_TOL + 4 * np.finfo(float).eps * np.abs(whole)))
-
-
 def possible_roundings(times: Array) -> Iterator[Array]:
     """Yield the possible rounding steps (K,) in s of times (K,) in s.
 
@@ -35,8 +29,11 @@ def possible_roundings(times: Array) -> Iterator[Array]:
     decades = np.floor(np.log10(np.where(sizes > 0, sizes, np.max(sizes))) + DIGIT_TOL)
     for places in (np.full(len(times), np.max(decades)), decades):
         for digits in range(MOST_DIGITS):
-            if _are_multiples(times, 10.0 ** (places - digits)):
-                yield 10.0 ** (places - digits)
+            steps = 10.0 ** (places - digits)
+            multiples = times / steps
+            error = np.abs(multiples - np.round(multiples))
+            if np.all(error <= DIGIT_TOL + 4 * np.finfo(float).eps * np.abs(multiples)):
+                yield steps
                 break
 
 

@@ -68,7 +68,7 @@ def processor() -> str:
     return f"{name} ({family()})"
 
 
-def installed(packages: Iterable[str]) -> dict[str, str]:
+def installed_versions(packages: Iterable[str]) -> dict[str, str]:
     """Return the versions of those packages that are installed, by name."""
     versions_known = {}
     for name in packages:
@@ -79,7 +79,7 @@ def installed(packages: Iterable[str]) -> dict[str, str]:
 
 def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
     """Return the versions of the installed packages, and the hash of the kernels' sources."""
-    return installed(packages) | {"kernels": hash_sources()}
+    return installed_versions(packages) | {"kernels": hash_sources()}
 
 
 def conditions(packages: Iterable[str] = PACKAGES) -> dict[str, Any]:
@@ -135,7 +135,7 @@ BARE = Record(level=False)
 
 
 @dataclass(frozen=True)
-class Timed:
+class TimedRun:
     """A run that can be timed repeatedly.
 
     Its kernels are compiled and its tables made in advance, by one pseudo period at the resonance
@@ -201,7 +201,7 @@ def source_hash(packages: tuple[str, ...] = PACKAGES, root: Path = ROOT) -> dict
                 + file.read_bytes().replace(b"\r\n", b"\n")
                 + b"\0"
             )
-    return {"code": known.hexdigest()[:16], **installed(packages)}
+    return {"code": known.hexdigest()[:16], **installed_versions(packages)}
 
 
 def difference(held: object, wanted: object, path: str = "") -> str:

@@ -69,7 +69,7 @@ from optimisation.sweep_range import (
     usable_rate,
 )
 from optimisation.tuned import HIGH, LOW, minimax, smallest_amplitude
-from optimisation.tuned.under_loads import MeanRatio, mean_ratio, tuned_for
+from optimisation.tuned.under_loads import MeanRatio, mean_ratio, tune_for_loads
 
 Array = NDArray[np.float64]
 WIDE_LIMITS = (LOW, HIGH)
@@ -565,7 +565,7 @@ def compare_loads(
     impact = _best(left, lambda gap: impact_absorber(gap, RESTITUTION, None, mass_ratio), gaps)
     scale = mass * float(model.omega[0]) ** 2 * size
     friction = _best(left, lambda limit: friction_damper(limit, mass_ratio), scale * LIMITS)
-    tuned = tuned_for(model, mass_ratio, drives, run)
+    tuned = tune_for_loads(model, mass_ratio, drives, run)
     compared = (
         Concept(NONE, "no absorber", None),
         Concept(IMPACT, "impact absorber", impact),

@@ -28,7 +28,7 @@ from impact_env.extras import how_to_install
 from impact_env.loads import Loads
 from impact_env.scene import Scene
 from impact_env.sweep import simulate
-from optimisation.measures import measured
+from optimisation.measures import measure_lane
 
 if TYPE_CHECKING:
     from optimisation.search.cluster import Workers
@@ -377,11 +377,11 @@ def announce_load_runs(scene: Scene, loads: Loads, runs: int, threads: int | Non
     """
     lane = Lane(scene, loads, steady_start=True)
     started = time.perf_counter()
-    measured(lane)
+    measure_lane(lane)
     seconds = time.perf_counter() - started
     if seconds > 1.0:  # it may have been the compilation
         started = time.perf_counter()
-        measured(lane)
+        measure_lane(lane)
         seconds = time.perf_counter() - started
     total = runs * seconds / max(1, min(threads or available_cores(), runs))
     _announce(total, runs, f" of {loads.parts[0].duration:.4g} s", "Fewer --members take less.")

@@ -147,7 +147,7 @@ DOCS = (
 )  # the pages with their text: where a page is written anew, it starts from the one here
 
 
-def published(docs: Path, results: Path) -> Path:
+def publication_folder(docs: Path, results: Path) -> Path:
     """Return the folder to which a whole study is written by default.
 
     It is that of the checkout's docs, or ``results`` without a checkout.

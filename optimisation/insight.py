@@ -24,7 +24,7 @@ from optimisation.measures import (
     LEVEL,
     prediction_band,
 )
-from optimisation.mounting import detuned as detuned_structure
+from optimisation.mounting import detune as detuned_structure
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem, Progress, evaluate
 from optimisation.space import (
@@ -368,7 +368,7 @@ def over_force(condition: Condition, forces: ArrayLike) -> list[Condition]:
     ]
 
 
-def detuned(condition: Condition, shares: ArrayLike) -> list[Condition]:
+def detuned_conditions(condition: Condition, shares: ArrayLike) -> list[Condition]:
     """Return a condition with the beam's frequencies shifted by shares (D,)."""
     condition = instance("condition", condition, Condition)
     return [
@@ -387,7 +387,7 @@ def with_gaps(design: Design, gaps: ArrayLike) -> list[Design]:
     ]
 
 
-def varied(space: DesignSpace) -> list[Variable]:
+def list_varied(space: DesignSpace) -> list[Variable]:
     """Return the free variables that have a neighbourhood: all but choices among whole numbers."""
     return [v for v in space.free if not v.whole]
 
@@ -397,13 +397,13 @@ def neighbourhood(
 ) -> tuple[Array, Array]:
     """Return the ends (variables,) of a box around a design.
 
-    The box is the design's `varied` values (SI) times 1 -+ spread, cut to the bounds of the space
-    at the design.
+    The box is the design's values (SI) of `list_varied` times 1 -+ spread, cut to the bounds of the
+    space at the design.
     """
     space = instance("space", space, DesignSpace)
     design = instance("design", design, Design)
     share = fraction("spread", spread)
-    free = varied(space)
+    free = list_varied(space)
     at = space.coordinates(design)
     values = np.array([design.values[v.name] for v in free])
     units = values / np.array([at[v.name] for v in free])
@@ -427,7 +427,7 @@ def sensitivity(
     ``members``. Constraints are left out. The objective's own
     noise counts as an interaction: it shows in the total indices only.
     """
-    names = tuple(v.name for v in varied(problem.space))
+    names = tuple(v.name for v in list_varied(problem.space))
     require(
         len(names) > 1, "free variables", list(names), "two or more: one alone causes everything"
     )

@@ -42,7 +42,15 @@ from impact_env.solvers import check_load
 from impact_env.sweep import simulate
 from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_gap, reach
-from optimisation.measures import DECAY, LEVEL, START, free_size, measure_of, measured, record_of
+from optimisation.measures import (
+    DECAY,
+    LEVEL,
+    START,
+    free_size,
+    measure_lane,
+    measure_of,
+    record_of,
+)
 from optimisation.signals import band_levels, edges_of
 from optimisation.sweep_range import find_sweep_range, is_at_end, usable_force, usable_rate
 
@@ -387,7 +395,7 @@ class AppliedLoads:
     ) -> tuple[LaneLevels, Array | None]:
         """Run lanes; return the loads' measure of each as the level, and no speeds."""
         assert not speeds
-        values = _measure_lanes(lanes, measured, options)
+        values = _measure_lanes(lanes, measure_lane, options)
         level = np.array([math.nan if one is None else one for one in values], dtype=np.float64)
         other = np.full(len(lanes), np.nan)
         complete = not np.isnan(level).any()
@@ -429,7 +437,7 @@ def measure_bands(lane: Lane) -> tuple[float, ...]:
     returned.
     """
     edges = edges_of(lane.scene.model, lane.drive)
-    return band_levels(lane) if len(edges) > 2 else (measured(lane),)
+    return band_levels(lane) if len(edges) > 2 else (measure_lane(lane),)
 
 
 def runs_of(
@@ -437,7 +445,7 @@ def runs_of(
     absorbers: Sequence[Absorber | None],
     drives: Sequence[Excitation],
     threads: int | None = None,
-    measure: Callable[[Lane], Any] = measured,
+    measure: Callable[[Lane], Any] = measure_lane,
     executor: Executor | None = None,
     progress: LaneProgress | None = None,
 ) -> Array:

@@ -137,7 +137,7 @@ def check_sampling(lane: Lane, measures: Container[str] = ()) -> None:
         require_sampled(lane.scene, lane.drive, record.samples_per_period, lane.start)
 
 
-def measured(lane: Lane) -> float:
+def measure_lane(lane: Lane) -> float:
     """Return the measure of a lane's loads."""
     check_sampling(lane)
     return read(simulate(lane.scene, lane.drive, initial=lane.start, record=record_of(lane.drive)))

@@ -66,7 +66,7 @@ def scene_on(structure: Structure, absorber: Absorber | None, *positions: float)
     return beam_scene(with_response_point(structure), absorber)
 
 
-def detuned(structure: Structure, share: float) -> Structure:
+def detune(structure: Structure, share: float) -> Structure:
     """Return a structure whose frequencies are shifted by a share, a beam by its stiffness."""
     share = finite("share", share)
     structure = instance("structure", structure, Structure)

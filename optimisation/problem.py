@@ -52,7 +52,7 @@ from optimisation.measures import (
     standard_error,
     stress_shape,
 )
-from optimisation.mounting import detuned, model_with_absorber_at, to_dict
+from optimisation.mounting import detune, model_with_absorber_at, to_dict
 from optimisation.objectives import Condition, Constraint, Objective, Score, own_values
 from optimisation.space import (
     GAP,
@@ -71,7 +71,7 @@ from optimisation.tolerances import (
     FREQUENCY,
     Distribution,
     UncertainInput,
-    drawn,
+    draw_lane,
     plain,
     require_parts,
     shares,
@@ -428,7 +428,7 @@ class Problem:
         if self.spreads:
             own = [share for share in shares(self.spreads, ensemble) for _ in range(2)]
             lanes = tuple(
-                drawn(lane, self.spreads, share, condition.resonance, condition.force)
+                draw_lane(lane, self.spreads, share, condition.resonance, condition.force)
                 for lane, share in zip(lanes, own, strict=True)
             )
         return Chunk(
@@ -450,7 +450,7 @@ class Problem:
         """
         every = {}
         for detuning in {condition.detuning for condition in self.conditions}:
-            structure = detuned(self.beam, detuning)
+            structure = detune(self.beam, detuning)
             every[detuning] = (
                 structure,
                 stress_shape(structure),

@@ -53,7 +53,7 @@ from optimisation.space import (
     Design,
     parts_of,
 )
-from optimisation.tolerances import Distribution, drawn, on_another_structure, shares
+from optimisation.tolerances import Distribution, draw_lane, on_another_structure, shares
 
 Array = NDArray[np.float64]
 UNCERTAIN_DRAWS = 64
@@ -184,7 +184,7 @@ def uncertain_levels(
         *(ensemble.drives(check.force, schedule) for schedule in case.schedules()), strict=True
     )
     lanes = [
-        drawn(
+        draw_lane(
             Lane(case.scene, drive, case.steady_start), every, share, check.resonance, check.force
         )
         for pair, share in zip(pairs, shares(every, ensemble), strict=True)

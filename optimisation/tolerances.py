@@ -1,6 +1,6 @@
 """Uncertain quantities as distributions, and the tolerances that a device may have.
 
-`spreads` and `drawn` make runs with all uncertain quantities drawn. `find_tolerances` finds the
+`spreads` and `draw_lane` make runs with all uncertain quantities drawn. `find_tolerances` finds the
 largest manufacturing tolerances of gap, restitution and friction with which a device's level stays
 below a limit.
 
@@ -95,7 +95,7 @@ class Distribution:
             else f"{self.name} {self.low:g} {self.high:g}"
         )
 
-    def drawn(self, share: float, nominal: float) -> float:
+    def value_at(self, share: float, nominal: float) -> float:
         """Return the value at a ``share`` (0 to 1) of the quantity's distribution.
 
         ``nominal``: nominal value of the quantity.
@@ -130,7 +130,7 @@ class PosteriorDistribution(Distribution):
         low, median, high = np.quantile(self.values, (0.05, 0.5, 0.95))
         return f"{self.name} {median:.4g} ({low:.4g} to {high:.4g})"
 
-    def drawn(self, share: float, nominal: float) -> float:  # noqa: ARG002 - of every distribution
+    def value_at(self, share: float, nominal: float) -> float:  # noqa: ARG002 - of every distribution
         """Return the value of the row at a ``share`` (0 to 1) of all rows."""
         return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
 
@@ -239,7 +239,7 @@ def shares(every: Sequence[Distribution], members: Members) -> list[dict[str, fl
     return [{one.name: row[one.column] for one in every} for row in columns]
 
 
-def drawn(
+def draw_lane(
     lane: Lane,
     every: Sequence[Distribution],
     share: Mapping[str, float],
@@ -266,7 +266,7 @@ def drawn(
             "left out: the number itself is 0",
         )
     factor = {
-        one.name: one.drawn(share[one.name], nominal[one.name]) / nominal[one.name]
+        one.name: one.value_at(share[one.name], nominal[one.name]) / nominal[one.name]
         for one in every
         if one.name in nominal
     }
@@ -314,16 +314,16 @@ def _absorber(
     friction = absorber.friction
     for one in every:
         if one.name == GAP and walls is not None:
-            walls = replace(walls, gap=one.drawn(share[GAP], walls.gap))
+            walls = replace(walls, gap=one.value_at(share[GAP], walls.gap))
         elif one.name == RESTITUTION and isinstance(walls, RigidWalls):
             walls = replace(
                 walls,
                 restitution=float(
-                    np.clip(one.drawn(share[RESTITUTION], walls.restitution), 0.0, 1.0)
+                    np.clip(one.value_at(share[RESTITUTION], walls.restitution), 0.0, 1.0)
                 ),
             )
         elif one.name == FRICTION and friction is not None:
-            limit = one.drawn(share[FRICTION], friction.limit)
+            limit = one.value_at(share[FRICTION], friction.limit)
             friction = replace(friction, limit=limit) if limit > 0 else None
     return replace(absorber, walls=walls, friction=friction)
 
@@ -582,7 +582,7 @@ class _Draws:
             for drives in sweeps:
                 lane = Lane(self.case.scene, drives[k], self.case.steady_start)
                 lanes.append(
-                    drawn(
+                    draw_lane(
                         lane,
                         [*own, *self.others],
                         share | placed,

@@ -60,11 +60,11 @@ if TYPE_CHECKING:
     from impact_env.periodic.offspring import descendants
     from impact_env.periodic.orbit import (
         Orbit,
-        confirmed,
+        confirm_orbit,
         orbit_of,
         plain_orbit,
-        shot_orbit,
-        unpacked,
+        shoot_orbit,
+        unpack_orbits,
     )
     from impact_env.periodic.orbit_branches import OrbitBranch, orbit_branch, orbit_branches
     from impact_env.periodic.orbit_map import critical_point_of
@@ -76,7 +76,7 @@ if TYPE_CHECKING:
         exit_rate,
         hazard,
         jumps,
-        stays,
+        residence_times,
     )
     from impact_env.periodic.shooting import Exponent, largest_exponent
     from impact_env.periodic.slow_manifold import (
@@ -110,7 +110,7 @@ __all__ += [
     "case_of",
     "check_manifold",
     "closed_form_orbits",
-    "confirmed",
+    "confirm_orbit",
     "confirmed_bifurcation",
     "critical_multipliers",
     "critical_point_of",
@@ -131,7 +131,7 @@ __all__ += [
     "orbit_of_simulation",
     "plain_orbit",
 ]
-__all__ += ["shot_orbit", "stays", "unpacked"]
+__all__ += ["residence_times", "shoot_orbit", "unpack_orbits"]
 __all__ += [
     "Attractor",
     "AttractorMap",
@@ -203,11 +203,11 @@ _MODULES = {
     ),
     "normal_forms": ("MapForms",),
     "offspring": ("descendants",),
-    "orbit": ("Orbit", "confirmed", "orbit_of", "plain_orbit", "shot_orbit", "unpacked"),
+    "orbit": ("Orbit", "confirm_orbit", "orbit_of", "plain_orbit", "shoot_orbit", "unpack_orbits"),
     "orbit_branches": ("OrbitBranch", "orbit_branch", "orbit_branches"),
     "orbit_map": ("critical_point_of",),
     "quasi_periodic": ("RotationNumber", "rotation_number"),
-    "residence": ("Approach", "Hazard", "Range", "exit_rate", "hazard", "jumps", "stays"),
+    "residence": ("Approach", "Hazard", "Range", "exit_rate", "hazard", "jumps", "residence_times"),
     "shooting": ("Exponent", "largest_exponent"),
     "slow_manifold": (
         "ManifoldCheck",
@@ -220,7 +220,17 @@ _MODULES = {
 }
 
 
+# names before, for one release
+_FORMER_NAMES = {
+    "confirmed": "confirm_orbit",
+    "shot_orbit": "shoot_orbit",
+    "stays": "residence_times",
+    "unpacked": "unpack_orbits",
+}
+
+
 def __getattr__(name: str) -> Any:
+    name = _FORMER_NAMES.get(name, name)
     module = next((module for module, names in _MODULES.items() if name in names), None)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

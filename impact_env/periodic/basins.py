@@ -27,7 +27,7 @@ from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.orbit import Orbit, mirror_orbit
 from impact_env.periodic.passage import RECORD
-from impact_env.periodic.residence import ExitRate, Stays, exit_rate
+from impact_env.periodic.residence import ExitRate, ResidenceTimes, exit_rate
 from impact_env.periodic.shooting import units_of
 from impact_env.periodic.survey import (
     MOST_MULTIPLE,
@@ -407,14 +407,14 @@ def fit_lifetimes(
     burn_in = non_negative("burn_in", burn_in)
     times = np.array([non_negative("durations", float(x)) for x in durations])
     left = np.array(ended, dtype=np.bool_)
-    rest = Stays(times, left).after(burn_in)
-    rate = exit_rate(Stays(times, left), burn_in)
+    rest = ResidenceTimes(times, left).after(burn_in)
+    rate = exit_rate(ResidenceTimes(times, left), burn_in)
     return Lifetimes(
         int(np.sum(rest.ended)), int(np.sum(~rest.ended)), rate, _constancy(rest), burn_in
     )
 
 
-def _constancy(rest: Stays) -> float:
+def _constancy(rest: ResidenceTimes) -> float:
     """Return the two-sided p-value of a test for a constant rate of exits.
 
     The test compares the numbers of exits in the two halves of the time at risk, in the order of

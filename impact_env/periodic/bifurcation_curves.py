@@ -72,11 +72,11 @@ from impact_env.periodic.motion import Motion, motion_of
 from impact_env.periodic.normal_forms import Vector
 from impact_env.periodic.orbit import (
     Orbit,
-    confirmed,
+    confirm_orbit,
     drop_held,
     is_consistent,
     order_of_motion,
-    packed,
+    pack_orbits,
 )
 from impact_env.periodic.orbit_branches import (
     GRAZING,
@@ -84,7 +84,7 @@ from impact_env.periodic.orbit_branches import (
     PULLING,
     OrbitBranch,
     OrbitContinuation,
-    Scheduled,
+    ScheduledBranch,
     compute_size,
     follow_to_both_sides,
     located_schedules,
@@ -298,7 +298,7 @@ class CurveContinuation(OrbitContinuation):
 
 
 @dataclass(frozen=True, eq=False)
-class BifurcationCurve(Scheduled):
+class BifurcationCurve(ScheduledBranch):
     """A curve of bifurcations of a ``kind`` over the frequency and another parameter.
 
     The other parameter is ``branch.parameter``, and its values are ``branch.parameters``. A `FOLD`
@@ -308,7 +308,7 @@ class BifurcationCurve(Scheduled):
     kind: str
 
     def at(self, schedule: EventSchedule, z: Array, value: float) -> Solution:
-        """See `Scheduled`; the frequency is the last unknown."""
+        """See `ScheduledBranch`; the frequency is the last unknown."""
         return solution_in(
             self.case, schedule, z[:-1], {"omega": float(z[-1]), self.branch.parameter: value}
         )
@@ -360,7 +360,7 @@ class BifurcationCurve(Scheduled):
         if values is not None:
             ends = [np.sum(np.abs(values - side) < DOUBLE_MULTIPLIER_TOL) for side in (1.0, -1.0)]
             if max(ends) > 1:
-                return confirmed(motion)
+                return confirm_orbit(motion)
         return confirmed_bifurcation(self.kind, motion)
 
     @cached_property
@@ -390,7 +390,7 @@ class BifurcationCurve(Scheduled):
     def to_plain(self) -> dict[str, Any]:
         """Return lists, numbers and strings.
 
-        Values of the parameter are in SI units, and orbits are in the form of `packed`.
+        Values of the parameter are in SI units, and orbits are in the form of `pack_orbits`.
         """
         events = [event for event in self.branch.located if event.kind != KINK]
         first_resonance = float(self.case.model.omega[0])
@@ -426,7 +426,7 @@ class BifurcationCurve(Scheduled):
             ],
             "orbit": [_describe_orbit(orbit) for orbit in self.orbits],
             "located": places,
-            "orbits": packed(self.orbits),
+            "orbits": pack_orbits(self.orbits),
         }
 
 

@@ -17,7 +17,7 @@ from impact_env.periodic.branch import BRANCH_POINT, FOLD
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit, Solution, read_unknowns, solve
 from impact_env.periodic.motion import AnyMotion, Motion, motion_of
-from impact_env.periodic.orbit import Orbit, confirmed
+from impact_env.periodic.orbit import Orbit, confirm_orbit
 from impact_env.periodic.schedule import EventSchedule
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def confirmed_bifurcation(kind: str, motion: AnyMotion) -> Orbit | NoOrbit:
     if reason is not None:
         solution = motion.solution
         return NoOrbit(solution.case, solution.schedule, reason, solution.phases)
-    return confirmed(motion)
+    return confirm_orbit(motion)
 
 
 def _orientation_of_impacts(motion: Motion) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from impact_env.periodic.green import NoOrbit, Solution, read_unknowns, solve
 from impact_env.periodic.motion import Motion, motion_of
-from impact_env.periodic.orbit import Orbit, confirmed
+from impact_env.periodic.orbit import Orbit, confirm_orbit
 
 TRIAL_SHARE = 1e-6  # of the force: the difference that says how the touch depends on it
 MOST_SHARE = (
@@ -68,7 +68,7 @@ def _confirm_nearby(
             reason = "the absorber passes another wall or another impact pulls"
             result = NoOrbit(solution.case, solution.schedule, reason, solution.phases)
             continue
-        confirmation = confirmed(near)
+        confirmation = confirm_orbit(near)
         if isinstance(confirmation, Orbit):
             return confirmation
         result = confirmation

@@ -61,7 +61,7 @@ from impact_env.periodic.hybrid_trajectory import (
     follow_hybrid,
     piece_lengths,
 )
-from impact_env.periodic.orbit import packed_plain
+from impact_env.periodic.orbit import pack_plain_orbits
 from impact_env.periodic.orbit_branches import (
     PARAMETER_SHARE,
     compute_size,
@@ -174,7 +174,9 @@ class HybridBranch:
             tuple(refused.items()),
             first.period_multiple,
             first.symmetric,
-            packed_plain([None if orbit is None else plain_hybrid_orbit(orbit) for orbit in good]),
+            pack_plain_orbits(
+                [None if orbit is None else plain_hybrid_orbit(orbit) for orbit in good]
+            ),
         )
 
 
@@ -230,7 +232,7 @@ class _HybridContinuation:
         matrix = self.condition.mirror * self.trajectory(z, value).derivative
         return np.linalg.eigvals(matrix).astype(complex)
 
-    def turning_back(self, z: Array, value: float) -> float:
+    def period_doubling_monitor(self, z: Array, value: float) -> float:
         """Return a monitor that is zero where a multiplier is -1."""
         values = self.multipliers(z, value)
         return float(np.prod((values + 1) / (1 + np.abs(values))).real)
@@ -245,7 +247,7 @@ class _HybridContinuation:
     def monitors(self) -> tuple[Monitor, ...]:
         """Return the monitors of a branch."""
         kind = SYMMETRY_BREAKING if self.condition.symmetric else PERIOD_DOUBLING
-        return Monitor(kind, self.turning_back), Monitor(TORUS, self.on_circle)
+        return Monitor(kind, self.period_doubling_monitor), Monitor(TORUS, self.on_circle)
 
     def set_gate(
         self, z: Array, value: float, steps: Steps, scale: float, direction: float

@@ -176,7 +176,7 @@ class _Builder:
         """Return the trajectory from a state (2 N_m + 2 n,) through all events."""
         raise NotImplementedError
 
-    def go_on(self, regime: ContactRegime, time: float, state: Array) -> LinearPiece:
+    def begin_piece(self, regime: ContactRegime, time: float, state: Array) -> LinearPiece:
         """Begin a piece in a regime at a time (s) and return it."""
         trajectory = self.trajectory
         piece = LinearPiece(
@@ -198,7 +198,9 @@ class _Builder:
         trajectory.columns = matrix @ trajectory.columns + piece.parameter_columns(dt)
         return piece, piece.states(np.array([dt]))[0], dt
 
-    def jump(self, guard: Array, before: Array, after: Array, matrix: Array | None = None) -> None:
+    def apply_saltation(
+        self, guard: Array, before: Array, after: Array, matrix: Array | None = None
+    ) -> None:
         """Multiply the derivatives by a saltation matrix.
 
         ``guard`` (S,) is the row of the guard function, ``before`` and ``after`` (S,) are the time
@@ -215,7 +217,7 @@ class _Builder:
             moved = values if matrix is None else matrix @ values
             setattr(trajectory, name, moved + shift @ values)
 
-    def note(self, *event: object) -> None:
+    def add_event(self, *event: object) -> None:
         """Append an event."""
         self.trajectory.events.append(HybridEvent(*event))  # type: ignore[arg-type]
 
@@ -263,7 +265,7 @@ class _RigidBuilder(_Builder):
         joined = tuple(self._wall_of(a, 0.0) is not None for a in range(self.places))
         rates = self.speed @ begin
         sign = tuple(self._direction(a, float(rates[a]), joined[a], 1) for a in range(self.places))
-        self.go_on(ContactRegime(joined, sign), 0.0, begin)
+        self.begin_piece(ContactRegime(joined, sign), 0.0, begin)
         for marks in self._groups():
             self._handle(marks)
         self.trajectory.end = self.advance(self.trajectory.span)[1]
@@ -332,12 +334,12 @@ class _RigidBuilder(_Builder):
         if turning is not None:
             sign[turning] = 0 if joined[turning] else -sign[turning]
         regime = self._release(piece, dt, state, joined, sign)
-        now = self.go_on(regime, time, self._at_rest(state, regime))
+        now = self.begin_piece(regime, time, self._at_rest(state, regime))
         if turning is not None and time > 0:
-            self.jump(self.speed[turning], before, now.rate(0.0, now.begin))
+            self.apply_saltation(self.speed[turning], before, now.rate(0.0, now.begin))
         for mark in marks:
             if mark.kind != REVERSAL or not joined[mark.absorber]:
-                self.note(*mark)
+                self.add_event(*mark)
 
     def _release(
         self, piece: LinearPiece, dt: float, state: Array, joined: tuple[bool, ...], sign: list[int]
@@ -403,7 +405,7 @@ class _RigidBuilder(_Builder):
             kicks += self.case.compliance[:, a] * impulse
             own = np.eye(len(state)) + bounce * np.outer(self.impulses[:, a], self.speed[a])
             matrix = own @ matrix
-            self.note(time, IMPACT, a, mark.wall, impulse)
+            self.add_event(time, IMPACT, a, mark.wall, impulse)
         joined = tuple(self._wall_of(b, time) is not None for b in range(self.places))
         rates = self.speed @ after
         still = self.case.units[-1] * AT_REST_TOL
@@ -415,11 +417,11 @@ class _RigidBuilder(_Builder):
             for b in range(self.places)
         )
         regime = ContactRegime(joined, sign)
-        now = self.go_on(regime, time, self._at_rest(after, regime))
-        self.jump(self.displacement[first], before, now.rate(0.0, now.begin), matrix)
+        now = self.begin_piece(regime, time, self._at_rest(after, regime))
+        self.apply_saltation(self.displacement[first], before, now.rate(0.0, now.begin), matrix)
         for b in range(self.places):
             if held[b] != joined[b]:
-                self.note(time, STICK if joined[b] else SLIP, b, self._wall_of(b, time) or 0)
+                self.add_event(time, STICK if joined[b] else SLIP, b, self._wall_of(b, time) or 0)
 
     def _apply_law(self, mark: HybridEvent, rate: float) -> tuple[float, float]:
         """Return impulse over relative velocity (N s^2/m), and the impulse (N s) of an impact.
@@ -444,7 +446,7 @@ class _CompliantBuilder(_Builder):
         relative = float(self.displacement[0, : len(begin)] @ begin)
         wall = 0 if abs(relative) <= laws.gap[0] else int(np.sign(relative))
         state = np.append(begin, relative) if laws.has_slider else begin
-        self.go_on(ContactRegime((False,), (0,), wall, laws.has_slider), 0.0, state)
+        self.begin_piece(ContactRegime((False,), (0,), wall, laws.has_slider), 0.0, state)
         for mark in self._marks():
             self._handle(mark)
         self.trajectory.end = self.advance(self.trajectory.span)[1]
@@ -481,9 +483,9 @@ class _CompliantBuilder(_Builder):
             regime = regime._replace(sticks=False, sign=(int(np.sign(stretch)),))
             guard = guard.copy()
             guard[-1] = -1.0
-        now = self.go_on(regime, mark.time, state)
-        self.jump(guard, piece.rate(dt, state), now.rate(0.0, state))
-        self.note(*mark)
+        now = self.begin_piece(regime, mark.time, state)
+        self.apply_saltation(guard, piece.rate(dt, state), now.rate(0.0, state))
+        self.add_event(*mark)
 
 
 def piece_lengths(trajectory: HybridTrajectory) -> list[tuple[LinearPiece, float]]:

@@ -122,7 +122,7 @@ def find_folds(
         Threshold
     ] = []  # without repetitions, and those that are no orbits where none is
     for fold in sorted(result, key=lambda fold: isinstance(fold.orbit, NoOrbit)):
-        if not any(_same(fold, other) for other in confirmed):
+        if not any(_is_same_fold(fold, other) for other in confirmed):
             confirmed.append(fold)
     return tuple(sorted(confirmed, key=lambda fold: fold.omega_ratio))
 
@@ -156,7 +156,8 @@ def _locate_folds(case: Case, fold: Fold | NoOrbit) -> Threshold:
     )
 
 
-def _same(one: Threshold, other: Threshold) -> bool:
+def _is_same_fold(one: Threshold, other: Threshold) -> bool:
+    """Return whether two folds have the same frequency and tip amplitude."""
     if abs(one.omega_ratio - other.omega_ratio) > SAME_FOLD_TOL:
         return False
     tips = [fold.orbit.motion.tip_max for fold in (one, other) if isinstance(fold.orbit, Orbit)]
@@ -217,7 +218,7 @@ class IsolaCell:
     modes: int
     restitution: float
     friction_limit: float
-    found: tuple[LevelPoint, ...]
+    points: tuple[LevelPoint, ...]
 
     @property
     def pair(self) -> tuple[LevelPoint | None, LevelPoint | None]:
@@ -226,12 +227,12 @@ class IsolaCell:
         They are the last merger below the resonance (or, without any, the last merger of the
         range), and the last birth before this merger.
         """
-        mergers = [t for t in self.found if t.kind == MERGER]
+        mergers = [t for t in self.points if t.kind == MERGER]
         mergers = [t for t in mergers if t.omega_ratio < 1] or mergers
         if not mergers:
             return None, None
         births = [
-            t for t in self.found if t.kind == BIRTH and t.omega_ratio < mergers[-1].omega_ratio
+            t for t in self.points if t.kind == BIRTH and t.omega_ratio < mergers[-1].omega_ratio
         ]
         return (births[-1] if births else None), mergers[-1]
 
@@ -243,12 +244,13 @@ class IsolaCell:
         own = (self.modes, self.restitution, self.friction_limit)
         return [
             (*own, level.kind, level.force, level.omega_ratio, level.refused or "yes")
-            for level in self.found
+            for level in self.points
         ]
 
     def to_plain(self) -> dict[str, Any]:
-        """Return names and plain values."""
-        return asdict(self)
+        """Return names and plain values; ``found`` are the points."""
+        plain = asdict(self)
+        return {("found" if name == "points" else name): value for name, value in plain.items()}
 
     @staticmethod
     def from_plain(plain: dict[str, Any]) -> IsolaCell:

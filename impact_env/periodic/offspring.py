@@ -293,10 +293,10 @@ def all_orbits_over(
     search = _DescendantSearch(case, ratios, longest, progress)
     try:
         search.symmetric()
-        search.leave(search.branches)
+        search.follow_offspring(search.branches)
         if settle:
-            search.settle()
-            search.draw(starts, seed)
+            search.add_orbits_of_runs()
+            search.add_orbits_of_random_starts(starts, seed)
     except KeyboardInterrupt:
         yield from search.groups
         raise
@@ -343,7 +343,7 @@ class _DescendantSearch:
             )
         )
 
-    def leave(self, branches: Iterable[OrbitBranch]) -> None:
+    def follow_offspring(self, branches: Iterable[OrbitBranch]) -> None:
         """Follow what leaves some branches, and what leaves that."""
         self._join(
             descendants(
@@ -374,7 +374,7 @@ class _DescendantSearch:
         if new and new[-1].branch.ended == INTERRUPTED:  # what was followed before Ctrl-C counts
             raise KeyboardInterrupt
 
-    def settle(self) -> None:
+    def add_orbits_of_runs(self) -> None:
         """Make runs at frequencies without a stable orbit, and follow the orbits that they find.
 
         The runs start from rest and from states close to the orbits.
@@ -386,7 +386,7 @@ class _DescendantSearch:
                 for result in attractors(group.case, group.orbits, most_multiple=self.longest):
                     self._add(k, result)
 
-    def draw(self, starts: int, seed: int) -> None:
+    def add_orbits_of_random_starts(self, starts: int, seed: int) -> None:
         """Make runs from random initial states at each frequency, and follow the orbits found."""
         for k in range(len(self.groups)):
             self._report_progress("random starts", k, len(self.groups))
@@ -411,4 +411,4 @@ class _DescendantSearch:
         if result.schedule.flies:
             branch = follow_descendants(result.solution, self.limits, most_wrong=MOST_WRONG_POINTS)
             self._join([branch])
-            self.leave([] if isinstance(branch, NoOrbit) else [branch])
+            self.follow_offspring([] if isinstance(branch, NoOrbit) else [branch])

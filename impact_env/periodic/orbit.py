@@ -120,7 +120,7 @@ class Orbit:
         return tuple(sorted(result, key=lambda impact: impact.phase))
 
 
-def confirmed(motion: AnyMotion) -> Orbit | NoOrbit:
+def confirm_orbit(motion: AnyMotion) -> Orbit | NoOrbit:
     """Return the orbit of a motion if the exact method confirms it, or the reason why not."""
     solution = motion.solution
     reason = find_physical_objection(motion) if isinstance(motion, Motion) else None
@@ -150,7 +150,7 @@ def _is_chatter(motion: AnyMotion, validation: Validation) -> tuple[Impact, ...]
     )
 
 
-def shot_orbit(
+def shoot_orbit(
     case: Case, phase: float, state: ArrayLike, symmetric: bool = False, period_multiple: int = 1
 ) -> Orbit | NoOrbit:
     """Return the confirmed orbit found by shooting, or the reason why there is none.
@@ -159,7 +159,7 @@ def shot_orbit(
     joined. The other arguments are as in `EventSchedule`.
     """
     result = shoot(case, phase, np.asarray(state, dtype=float), symmetric, period_multiple)
-    return result if isinstance(result, NoOrbit) else confirmed(result)
+    return result if isinstance(result, NoOrbit) else confirm_orbit(result)
 
 
 def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
@@ -169,7 +169,7 @@ def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
     the motion without this phase. If the motion has another fault, or no orbit is found, the reason
     is returned.
     """
-    result = confirmed(motion)
+    result = confirm_orbit(motion)
     case = motion.solution.case
     if (
         isinstance(result, Orbit)
@@ -179,7 +179,7 @@ def shoot_held_orbit(motion: Motion) -> Orbit | NoOrbit:
         return result
     schedule = motion.solution.schedule
     (phase, state) = motion.mid_flight()
-    held = shot_orbit(case, phase, state, schedule.symmetric, schedule.period_multiple)
+    held = shoot_orbit(case, phase, state, schedule.symmetric, schedule.period_multiple)
     reason = held.reason if isinstance(held, NoOrbit) else "shooting leads elsewhere"
     if (
         isinstance(held, Orbit)
@@ -197,7 +197,7 @@ def mirror_orbit(orbit: Orbit) -> Orbit | NoOrbit:
     """
     if isinstance(orbit.motion, ShotMotion):
         phase, state = orbit.motion.mid_flight()
-        return shot_orbit(
+        return shoot_orbit(
             orbit.case,
             phase + np.pi,
             -state,
@@ -249,7 +249,7 @@ def find_orbit_at(
     )
     if isinstance(result, NoOrbit):
         return result
-    return shoot_held_orbit(result) if reorder else confirmed(result)
+    return shoot_held_orbit(result) if reorder else confirm_orbit(result)
 
 
 def settle_order(case: Case, schedule: EventSchedule, start: ArrayLike) -> Motion | NoOrbit:
@@ -263,7 +263,7 @@ def reorder_events(case: Case, schedule: EventSchedule, start: ArrayLike) -> Mot
 
     Two reversals that exchange their order are left out. If friction would hold the absorber
     briefly, no order of reversals is consistent; the result is then a motion without the reversals
-    concerned, which `confirmed` refuses, or a `NoOrbit`.
+    concerned, which `confirm_orbit` refuses, or a `NoOrbit`.
     """
     start = np.asarray(start, dtype=float)
     motion = settle_order(case, schedule, start)
@@ -448,22 +448,25 @@ def orbit_of(plain: dict[str, Any]) -> Orbit | NoOrbit:
         *start["modal_velocity"],
         start["absorber_velocity_m_s"],
     ]
-    return shot_orbit(case, start["phase_rad"], state, *kind)
+    return shoot_orbit(case, start["phase_rad"], state, *kind)
 
 
-def packed(orbits: Sequence[Orbit | NoOrbit]) -> dict[str, Any]:
+def pack_orbits(orbits: Sequence[Orbit | NoOrbit]) -> dict[str, Any]:
     """Return the orbits of a branch or curve as plain data.
 
     ``common`` contains the common data of all orbits, and ``points`` the remaining data of each, or
     None for a point without an orbit.
     """
-    return packed_plain(
+    return pack_plain_orbits(
         [plain_orbit(orbit) if isinstance(orbit, Orbit) else None for orbit in orbits]
     )
 
 
-def packed_plain(plain: Sequence[dict[str, Any] | None]) -> dict[str, Any]:
-    """Return orbits as plain values, None for points without an orbit, in the form of `packed`."""
+def pack_plain_orbits(plain: Sequence[dict[str, Any] | None]) -> dict[str, Any]:
+    """Return orbits as plain values in the form of `pack_orbits`.
+
+    Points without an orbit are None.
+    """
     known = [one for one in plain if one is not None]
     common = {
         name: value
@@ -479,8 +482,8 @@ def packed_plain(plain: Sequence[dict[str, Any] | None]) -> dict[str, Any]:
     }
 
 
-def unpacked(orbits: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the entries of `packed` that are orbits, for `orbit_of`.
+def unpack_orbits(orbits: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the entries of `pack_orbits` that are orbits, for `orbit_of`.
 
     Each is as `plain_orbit` wrote it, except for the order of its items.
     """

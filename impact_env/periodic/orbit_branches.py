@@ -94,7 +94,7 @@ KNOWN_BRANCH_DISTANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Scheduled:
+class ScheduledBranch:
     """A branch with the schedule of each of its points.
 
     ``schedules`` has the schedule of each point, and ``located_schedules`` that of each special
@@ -121,7 +121,7 @@ class Scheduled:
 
 
 @dataclass(frozen=True, eq=False)
-class Unconfirmed:
+class UnconfirmedPlace:
     """A special point of a branch that is no bifurcation of an orbit, with the ``reason``."""
 
     kind: str
@@ -130,7 +130,7 @@ class Unconfirmed:
 
 
 @dataclass(frozen=True, eq=False)
-class OrbitBranch(Scheduled):
+class OrbitBranch(ScheduledBranch):
     """A branch of orbits in one parameter.
 
     Points are solutions of the conditions at the events. Where friction would hold the absorber
@@ -142,7 +142,7 @@ class OrbitBranch(Scheduled):
     branch, over half of the span.
     """
 
-    unconfirmed: tuple[Unconfirmed, ...] = ()
+    unconfirmed: tuple[UnconfirmedPlace, ...] = ()
 
     def orbits(self) -> Iterator[Orbit | NoOrbit]:
         """Yield each point's orbit, confirmed by the exact method, or why there is none."""
@@ -206,7 +206,7 @@ def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
     out.
     """
     good: list[tuple[SpecialPoint, EventSchedule]] = []
-    refused: list[Unconfirmed] = []
+    refused: list[UnconfirmedPlace] = []
     born: list[SpecialPoint] = []
     for event, schedule in zip(orbits.branch.located, orbits.located_schedules, strict=True):
         if event.kind in (GRAZING, PULLING):
@@ -215,7 +215,7 @@ def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
                 good.append((event, schedule))
             else:
                 solution = orbits.at(schedule, event.point, event.parameter)
-                refused.append(Unconfirmed(event.kind, solution, reason))
+                refused.append(UnconfirmedPlace(event.kind, solution, reason))
             continue
         if event.kind not in CHECKED_KINDS:
             good.append((event, schedule))
@@ -229,7 +229,7 @@ def confirmed_places(orbits: OrbitBranch) -> OrbitBranch:
         solution = orbits.at(schedule, event.point, event.parameter)
         result = confirmed_bifurcation(event.kind, motion_of(solution))
         if isinstance(result, NoOrbit):
-            refused.append(Unconfirmed(event.kind, solution, result.reason))
+            refused.append(UnconfirmedPlace(event.kind, solution, result.reason))
         else:
             good.append((event, schedule))
     steps = {event.after for event in born}
@@ -359,7 +359,7 @@ class OrbitContinuation:
             Monitor(PULLING, self.weakest, ends=True),
             Monitor(
                 SYMMETRY_BREAKING if self.schedule.symmetric else PERIOD_DOUBLING,
-                self._turning_back,
+                self._period_doubling_monitor,
             ),
             Monitor(TORUS, self._on_circle),
         )
@@ -369,7 +369,7 @@ class OrbitContinuation:
         motion = self.motion(z, value)
         return np.nan if self._is_left_out(motion) else torus_test(motion)
 
-    def _turning_back(self, z: Array, value: float) -> float:
+    def _period_doubling_monitor(self, z: Array, value: float) -> float:
         """Return a monitor that is zero where a multiplier is -1."""
         motion = self.motion(z, value)
         return np.nan if self._is_left_out(motion) else minus_one_test(motion)

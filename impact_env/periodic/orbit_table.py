@@ -216,12 +216,3 @@ def bifurcation_rows(curves: Iterable[Plain], key: str) -> Iterator[Row]:
                 ORBIT: place["orbit"],
             }
             yield make_row({**shared, **mark, **head})
-
-
-def isola_rows(cells: Iterable[Plain]) -> Iterator[Row]:
-    """Yield a row for each birth and merger of isolas.
-
-    ``cells`` contains rows of `isolas.ISOLA_COLUMNS` by name.
-    """
-    for number, cell in enumerate(cells, 1):
-        yield make_row({"number": number, "method": EXACT_ORBITS, **cell})

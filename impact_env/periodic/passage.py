@@ -216,7 +216,7 @@ class OrbitTrajectory:
     span: float
     derivative: Array
     pieces: list[Piece] = field(default_factory=list)
-    happenings: list[OrbitEvent] = field(default_factory=list)
+    events: list[OrbitEvent] = field(default_factory=list)
     end: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -264,7 +264,7 @@ def follow_trajectory(case: Case, phase: float, state: Array, span: float) -> Or
     return walk.trajectory
 
 
-class _MarkKind(IntEnum):
+class _RunEventKind(IntEnum):
     """Kinds of events of a run, in the order in which simultaneous events are applied."""
 
     IMPACT = 0
@@ -273,7 +273,7 @@ class _MarkKind(IntEnum):
     PARTING = 3
 
 
-class _Mark(NamedTuple):
+class _RunEvent(NamedTuple):
     """An event of the exact method at a ``time`` (s).
 
     ``wall`` is the wall that is hit or that holds the absorber, ``restitution`` that of an impact,
@@ -281,13 +281,13 @@ class _Mark(NamedTuple):
     """
 
     time: float
-    what: _MarkKind
+    kind: _RunEventKind
     wall: int = 0
     restitution: float = 0.0
     holds: bool = False
 
 
-def _list_marks(case: Case, run: Response) -> list[_Mark]:
+def _list_run_events(case: Case, run: Response) -> list[_RunEvent]:
     """Return the events of a run in the order of time.
 
     An impact or reversal that leads to a joined phase is a single event with this phase.
@@ -312,27 +312,29 @@ def _list_marks(case: Case, run: Response) -> list[_Mark]:
         if before >= 0 and begin - at[before] <= JOINED_PHASE_TOL / case.omega:
             holds.add(before)
         else:
-            marks.append(_Mark(float(begin), _MarkKind.JOINING, HOLDING_WALLS[int(kind)]))
+            marks.append(_RunEvent(float(begin), _RunEventKind.JOINING, HOLDING_WALLS[int(kind)]))
     for k, time in enumerate(at):
         whole = abs(rest[k]) > abs(
             rest[k] + case.restitution * velocity[k] / case.structure.compliance
         )
         marks.append(
-            _Mark(
+            _RunEvent(
                 float(time),
-                _MarkKind.IMPACT,
+                _RunEventKind.IMPACT,
                 int(-np.sign(impulse[k])),
                 case.restitution if whole else 0.0,
                 k in holds,
             )
         )
     marks += [
-        _Mark(float(end), _MarkKind.PARTING)
+        _RunEvent(float(end), _RunEventKind.PARTING)
         for end in ends[~np.append(same[1:], False)[: len(ends)]]
         if end < run.drive.schedule.times[-1]
     ]
     marks += [
-        _Mark(float(time), _MarkKind.REVERSAL) for time in run.reversals.time if time not in begins
+        _RunEvent(float(time), _RunEventKind.REVERSAL)
+        for time in run.reversals.time
+        if time not in begins
     ]
     return sorted(marks)
 
@@ -356,8 +358,8 @@ class _TrajectoryBuilder:
 
     def follow(self, state: Array, run: Response) -> None:
         """Go through the events of the exact method's run from a ``state`` at its start."""
-        self._go_on(self.free, 0.0, state, self._first_direction(state))
-        for mark in _list_marks(self.case, run):
+        self._begin_piece(self.free, 0.0, state, self._first_direction(state))
+        for mark in _list_run_events(self.case, run):
             self._follow_event(mark)
         self.trajectory.end = self._advance(self.trajectory.span)[1]
 
@@ -371,14 +373,14 @@ class _TrajectoryBuilder:
             sign = 1 if self._piece(self.free, 0.0, state, 1).bend(0.0, state) > 0 else -1
         return sign
 
-    def _follow_event(self, mark: _Mark) -> None:
+    def _follow_event(self, mark: _RunEvent) -> None:
         piece, state, bend = self._advance(mark.time)
-        if mark.what is _MarkKind.IMPACT:
-            self._hit(piece, mark, state, bend)
-        elif mark.what is _MarkKind.REVERSAL:
-            self._turn(piece, mark.time, state, bend)
-        elif mark.what is _MarkKind.JOINING:
-            self._hold(piece, mark, state, bend)
+        if mark.kind is _RunEventKind.IMPACT:
+            self._apply_impact(piece, mark, state, bend)
+        elif mark.kind is _RunEventKind.REVERSAL:
+            self._apply_reversal(piece, mark.time, state, bend)
+        elif mark.kind is _RunEventKind.JOINING:
+            self._join(piece, mark, state, bend)
         else:
             self._release(piece, mark.time, state)
 
@@ -405,14 +407,16 @@ class _TrajectoryBuilder:
             flow, time, self.trajectory.phase + self.case.omega * time, force, state, sign, wall
         )
 
-    def _go_on(self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0) -> Piece:
+    def _begin_piece(
+        self, flow: Flow, time: float, state: Array, sign: int, wall: int = 0
+    ) -> Piece:
         self.trajectory.pieces.append(self._piece(flow, time, state, sign, wall))
         return self.trajectory.pieces[-1]
 
-    def _note(self, time: float, event: Event, impulse: float = 0.0) -> None:
-        self.trajectory.happenings.append(OrbitEvent(time, event, impulse))
+    def _add_event(self, time: float, event: Event, impulse: float = 0.0) -> None:
+        self.trajectory.events.append(OrbitEvent(time, event, impulse))
 
-    def _leap(
+    def _apply_saltation(
         self, wall: int, restitution: float, impulse: float, jump: float, rate: float, bend: float
     ) -> None:
         """Apply an event's saltation matrix to the derivative.
@@ -432,15 +436,15 @@ class _TrajectoryBuilder:
             self.trajectory.derivative,
         )
 
-    def _turn(self, piece: Piece, time: float, state: Array, bend: float) -> None:
+    def _apply_reversal(self, piece: Piece, time: float, state: Array, bend: float) -> None:
         """Apply a slip reversal: the absorber continues to slide in the other direction."""
         if piece.sign * bend >= 0:
             if time == 0.0:  # the motion starts after the reversal, at rest but for rounding
                 return
             raise TrajectoryError("the relative velocity only touches zero at a reversal")
-        self._leap(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
-        self._note(time, Event(self.sliding, 0, -piece.sign))
-        self._go_on(self.free, time, self._at_rest(state), -piece.sign)
+        self._apply_saltation(0, 0.0, 0.0, 2 * piece.sign * self.case.friction_limit, 0.0, bend)
+        self._add_event(time, Event(self.sliding, 0, -piece.sign))
+        self._begin_piece(self.free, time, self._at_rest(state), -piece.sign)
 
     def _release(self, piece: Piece, time: float, state: Array) -> None:
         """Release the absorber when the joint force leaves its bounds.
@@ -452,17 +456,17 @@ class _TrajectoryBuilder:
             if piece.wall != 0
             else -int(np.sign(self._piece(self.joined, time, state, 0).force_on))
         )
-        self._note(time, Event(self.sliding, 0, sign))
-        self._go_on(self.free, time, state, sign)
+        self._add_event(time, Event(self.sliding, 0, sign))
+        self._begin_piece(self.free, time, state, sign)
 
-    def _hold(self, piece: Piece, mark: _Mark, state: Array, bend: float) -> None:
+    def _join(self, piece: Piece, mark: _RunEvent, state: Array, bend: float) -> None:
         """Apply the start of stick or wall contact: the relative velocity stays zero."""
-        now = self._go_on(self.joined, mark.time, self._at_rest(state), 0, mark.wall)
+        now = self._begin_piece(self.joined, mark.time, self._at_rest(state), 0, mark.wall)
         if mark.time > 0:  # else it is held from the start
-            self._leap(0, 0.0, 0.0, now.force_on - piece.force, 0.0, bend)
-        self._note(mark.time, Event(Regime.JOINED, mark.wall, 0))
+            self._apply_saltation(0, 0.0, 0.0, now.force_on - piece.force, 0.0, bend)
+        self._add_event(mark.time, Event(Regime.JOINED, mark.wall, 0))
 
-    def _hit(self, piece: Piece, mark: _Mark, state: Array, bend: float) -> None:
+    def _apply_impact(self, piece: Piece, mark: _RunEvent, state: Array, bend: float) -> None:
         """Apply an impact, after which the wall may hold the absorber.
 
         The wall holds it if all further bounces are below the rounding of the distance.
@@ -473,12 +477,14 @@ class _TrajectoryBuilder:
         state[n] = float(self.case.model.tip_shape @ state[:n]) + wall * self.case.gap
         impulse = -(1 + mark.restitution) * rate / self.case.structure.compliance
         after = np.asarray(state + impulse * self.push)
-        self._note(mark.time, Event(self.sliding, wall, -wall), impulse)
+        self._add_event(mark.time, Event(self.sliding, wall, -wall), impulse)
         if mark.holds:
-            self._note(mark.time, Event(Regime.JOINED, wall, 0))
+            self._add_event(mark.time, Event(Regime.JOINED, wall, 0))
         now = (
-            self._go_on(self.joined, mark.time, after, 0, wall)
+            self._begin_piece(self.joined, mark.time, after, 0, wall)
             if mark.holds
-            else self._go_on(self.free, mark.time, after, -wall)
+            else self._begin_piece(self.free, mark.time, after, -wall)
         )
-        self._leap(wall, mark.restitution, impulse, now.force_on - piece.force, rate, bend)
+        self._apply_saltation(
+            wall, mark.restitution, impulse, now.force_on - piece.force, rate, bend
+        )

@@ -153,7 +153,7 @@ def find_impact_free_interval(
 
 
 @dataclass(frozen=True, eq=False)
-class Stays:
+class ResidenceTimes:
     """Residence times of lanes in the regime of impacts.
 
     Attributes
@@ -177,10 +177,10 @@ class Stays:
     returned: int = 0
     longest_pauses: Array | None = None
 
-    def after(self, time: float) -> Stays:
+    def after(self, time: float) -> ResidenceTimes:
         """Return the stays longer than ``time``, with ``time`` subtracted."""
         left = self.durations > time
-        return Stays(self.durations[left] - time, self.ended[left])
+        return ResidenceTimes(self.durations[left] - time, self.ended[left])
 
 
 def read_duration(
@@ -203,7 +203,7 @@ def read_duration(
     return stop - begin, result.began is not None and result.began < last, result.returned, pause
 
 
-def _simulate_stay(
+def _simulate_residence(
     period: float, begin: float, end: float, silence: float, lane: Lane
 ) -> tuple[float, bool, bool, float] | tuple[()]:
     """Return a lane's stay as `read_duration` does, an empty tuple if it had left before."""
@@ -212,7 +212,7 @@ def _simulate_stay(
     return read_duration(response.impacts.time / period, begin, end, silence) or ()
 
 
-def stays(
+def residence_times(
     scene: Scene,
     force: float,
     approach: Approach,
@@ -224,7 +224,7 @@ def stays(
     threads: int | None = None,
     progress: LaneProgress | None = None,
     executor: Executor | None = None,
-) -> Stays:
+) -> ResidenceTimes:
     """Return the stays at one frequency ratio, with a lane for each initial phase (rad).
 
     The phases are those of the force. Each lane starts with ``approach`` and is observed over at
@@ -241,7 +241,7 @@ def stays(
     )
     begin = approach.lead
     measure = partial(
-        _simulate_stay, 2 * np.pi / approach.reference, begin, begin + periods, silence
+        _simulate_residence, 2 * np.pi / approach.reference, begin, begin + periods, silence
     )
     lanes = [Lane(scene, hold(approach, force, ratio, periods, phase)) for phase in phases]
     result = drop_unfinished(
@@ -249,7 +249,7 @@ def stays(
     )
     present = [stay for stay in result if stay]
     columns = list(zip(*present, strict=True)) or [(), (), (), ()]
-    return Stays(
+    return ResidenceTimes(
         np.array(columns[0], dtype=np.float64),
         np.array(columns[1], dtype=np.bool_),
         len(result) - len(present),
@@ -280,7 +280,9 @@ class ExitRate:
     high: float
 
 
-def exit_rate(observed: Stays, burn_in: float = 0.0, level: float = EXIT_CONFIDENCE) -> ExitRate:
+def exit_rate(
+    observed: ResidenceTimes, burn_in: float = 0.0, level: float = EXIT_CONFIDENCE
+) -> ExitRate:
     """Return the maximum-likelihood escape rate of a constant hazard.
 
     It is the number of exits over the time at risk; stays that have not ended are censored.
@@ -515,7 +517,7 @@ def jumps(
     A run is present if no ``silence`` (at least so many pseudo periods without impact) begins
     before the first ratio of ``over``, and has jumped if none begins before its last ratio.
     Response levels above ``high_level`` (m) are counted. Interruption and errors are those of
-    `residence.stays`. Raises ParameterError if the sweep is so fast that a silence does not end
+    `residence_times`. Raises ParameterError if the sweep is so fast that a silence does not end
     before the sweep.
     """
     tail = abs(over.stop - over.last) * 100 * positive("periods_per_percent", periods_per_percent)

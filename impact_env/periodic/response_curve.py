@@ -19,7 +19,7 @@ from impact_env.periodic.codimension_two import LABELS
 from impact_env.periodic.green import NoOrbit
 from impact_env.periodic.harmonic_balance import OMEGA_PARAMETER, Balance, hill_multipliers
 from impact_env.periodic.motion import Motion, motion_of, stability_of
-from impact_env.periodic.orbit import packed
+from impact_env.periodic.orbit import pack_orbits
 from impact_env.periodic.orbit_branches import CHECKED_KINDS, OrbitBranch
 from impact_env.periodic.orbit_map import critical_point_of
 
@@ -100,7 +100,7 @@ class ResponseCurve:
     symmetric : bool
         Whether each half of an orbit is the mirror image of the other.
     orbits : dict or None
-        The points' orbits in the form of `packed`, None if the method has none.
+        The points' orbits in the form of `pack_orbits`, None if the method has none.
     """
 
     method: str
@@ -312,7 +312,7 @@ def orbit_curve(
         tuple(refused.items()),
         orbits.schedules[0].period_multiple,
         orbits.schedules[0].symmetric,
-        packed(result),
+        pack_orbits(result),
     )
 
 

@@ -138,14 +138,12 @@ def shoot_from(
     turn = count_turns(symmetric, period_multiple)
     whole = 2 * np.pi * period_multiple
     blank = flying_schedule([-1], case.friction_limit > 0, symmetric=True)
-    if not result.happenings:
+    if not result.events:
         return NoOrbit(case, blank, "absorber and beam do not touch", np.array([result.phase]))
-    phases = result.phase + case.omega * np.array(
-        [happening.time for happening in result.happenings]
-    )
-    impulses = np.array([happening.impulse for happening in result.happenings])
+    phases = result.phase + case.omega * np.array([happening.time for happening in result.events])
+    impulses = np.array([happening.impulse for happening in result.events])
     events, phases, impulses = rotate_start(
-        [happening.event for happening in result.happenings], phases, impulses, turn, symmetric
+        [happening.event for happening in result.events], phases, impulses, turn, symmetric
     )
     try:
         schedule = EventSchedule(events, symmetric, period_multiple)

@@ -108,7 +108,7 @@ class StationaryWindow:
 
 
 @dataclass(frozen=True)
-class Classified:
+class Classification:
     """The kind of a window, and the features that determine it.
 
     Attributes
@@ -171,7 +171,7 @@ def compute_misses(window: StationaryWindow, most_multiple: int) -> Array:
     )
 
 
-def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Classified:
+def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Classification:
     """Return a window's kind with its features.
 
     A response is linear without impact, periodic if its states repeat, strongly modulated if it has
@@ -193,7 +193,7 @@ def classify(window: StationaryWindow, criteria: Criteria | None = None) -> Clas
             if pause >= criteria.pause and depth >= criteria.depth
             else ResponseKind.SUSTAINED
         )
-    return Classified(
+    return Classification(
         kind, multiple, float(np.min(distances)), len(window.impacts) / window.periods, depth, pause
     )
 
@@ -219,11 +219,11 @@ class Energies:
 class Stationary:
     """The stationary response of one ensemble member.
 
-    ``found`` is its classification, ``energies`` its energies, and ``peaks`` (M,) the largest
-    |q_tip| in m of each period of the force.
+    ``classification`` is its kind with the features, ``energies`` its energies, and ``peaks`` (M,)
+    the largest |q_tip| in m of each period of the force.
     """
 
-    found: Classified
+    classification: Classification
     energies: Energies
     peaks: Array
 
@@ -464,5 +464,5 @@ class StationaryRuns:
             threads=self.threads,
             executor=self.executor,
         )
-        impacts = float(np.mean([member.found.impacts_per_period for member in result]))
+        impacts = float(np.mean([member.classification.impacts_per_period for member in result]))
         return StationaryPoint(ratio, envelope(result), impacts)

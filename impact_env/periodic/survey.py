@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impact_env.checks import count, positive, require
 from impact_env.periodic.case import Case
 from impact_env.periodic.green import NoOrbit
-from impact_env.periodic.orbit import Orbit, find_orbit_at, mirror_orbit, shot_orbit
+from impact_env.periodic.orbit import Orbit, find_orbit_at, mirror_orbit, shoot_orbit
 from impact_env.periodic.orbit_branches import COARSE_STEPS, OrbitBranch, orbit_branches
 from impact_env.periodic.passage import RECORD, TrajectoryError, follow_trajectory
 from impact_env.periodic.schedule import count_turns, flying_schedule
@@ -88,10 +88,7 @@ def orbit_next_to(
     except TrajectoryError as error:
         return _report_nothing(case, str(error))
     times, lengths = run.flights
-    if (
-        not any(happening.event.is_impact for happening in run.happenings)
-        and case.friction_limit == 0
-    ):
+    if not any(happening.event.is_impact for happening in run.events) and case.friction_limit == 0:
         return _report_nothing(case, "the run has no impacts")
     if np.max(lengths) <= SHORTEST_FLIGHT / case.omega:
         return _report_nothing(case, "friction holds the absorber all the time")
@@ -107,7 +104,7 @@ def orbit_next_to(
             return result
     k = int(np.argmax(lengths))
     middle = float(times[k] + 0.5 * lengths[k])
-    held = shot_orbit(
+    held = shoot_orbit(
         case, phase + case.omega * middle, run.states(np.array([middle]))[0], symmetric, multiple
     )
     return held if isinstance(held, Orbit) or result is None else result

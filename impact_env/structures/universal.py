@@ -151,8 +151,10 @@ def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]
             distance = abs(mode.omega - other.omega)
             if not np.array_equal(mode.nodes, other.nodes):
                 assurance = 1.0 if mode.number and mode.number == other.number else 0.0
-            else:
-                assurance = _assurance(mode.shape, other.shape)
+            else:  # modal assurance criterion of two shapes of one size
+                scale = float(np.sum(mode.shape**2) * np.sum(other.shape**2))
+                product = float(np.sum(mode.shape * other.shape))
+                assurance = 0.0 if scale == 0 else product**2 / scale
             sign = -1.0 if np.sum(mode.shape * other.shape) < 0 else 1.0
             same = (
                 distance <= SAME_SHAPE * other.omega
@@ -192,12 +194,6 @@ def without_repeats(path: Path, modes: list[MeasuredMode]) -> list[MeasuredMode]
             stacklevel=2,
         )
     return distinct
-
-
-def _assurance(a: Real, b: Real) -> float:
-    """Return the modal assurance criterion of two real shapes of one size."""
-    scale = float(np.sum(a * a) * np.sum(b * b))
-    return 0.0 if scale == 0 else float(np.sum(a * b)) ** 2 / scale
 
 
 def _mode(part: Dataset, mass_unit: float) -> MeasuredMode | None:

@@ -24,11 +24,11 @@ from optimisation.frequency_levels import (
 from optimisation.insight import (
     REPORT_SEEDS,
     Levels,
-    detuned,
+    detuned_conditions,
     levels,
+    list_varied,
     over_force,
     sensitivity,
-    varied,
     with_gaps,
 )
 from optimisation.objectives import Condition
@@ -254,7 +254,7 @@ def run_around_winner(
     curves = run_levels("curves over the force", both, forces(sizes.forces))
     result = replace(result, curves=curves)
     shares = np.linspace(-0.1, 0.1, sizes.detunings)
-    around = [detuned(c, shares) for c in main]
+    around = [detuned_conditions(c, shares) for c in main]
     result = replace(result, detuned=run_levels("detuned beams", both, around))
     if problem.space.concept == IMPACT:
         gap = winner.values[GAP]
@@ -267,7 +267,7 @@ def run_around_winner(
             sizes.map_speed * problem.rate,
         )
         result = replace(result, gap_map=gap_map, gaps=tuple(gaps.tolist()))
-    if len(varied(problem.space)) > 1:
+    if len(list_varied(problem.space)) > 1:
         with stage("sensitivity") as show:
             indices = sensitivity(
                 problem, winner, sizes.samples, runs.members, executor, progress=show

@@ -15,7 +15,7 @@ from optimisation.report.comparison_report import make_tuned_report
 from optimisation.report.report import CompleteAnswer, Report
 from optimisation.report.tuning_report import Tuning, TuningTable, make_report, tuning_table
 from optimisation.tuned import HIGH, LOW
-from optimisation.tuned.under_loads import TunedUnder, tuned_under
+from optimisation.tuned.under_loads import TunedForLoads, tune_under_loads
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,18 +24,18 @@ class TuningAnswer(CompleteAnswer):
 
     Attributes
     ----------
-    tunings : TuningTable or TunedUnder
+    tunings : TuningTable or TunedForLoads
         All tunings to a resonance with their scores, or the two tunings for loads.
     bounds : dict
         Proved amplitude in m/N by the key of a tuning.
     """
 
-    tunings: TuningTable | TunedUnder
+    tunings: TuningTable | TunedForLoads
     bounds: Mapping[str, float] = field(default_factory=dict)
 
     def make_report(self) -> Report:
         """Return the content of the answer; under loads there is no card."""
-        if isinstance(self.tunings, TunedUnder):
+        if isinstance(self.tunings, TunedForLoads):
             return make_tuned_report(self.tunings)
         return make_report(self.tunings, self.bounds)
 
@@ -109,6 +109,6 @@ def tune(
     """
     model = model_with_absorber_at(Beam() if structure is None else structure)
     if loads is not None:
-        return TuningAnswer(tuned_under(model, instance("loads", loads, Loads), mass_ratio))
+        return TuningAnswer(tune_under_loads(model, instance("loads", loads, Loads), mass_ratio))
     table = tuning_table(model, mass_ratio, resonance, low, high)
     return TuningAnswer(table, prove_peaks(table) if proofs else {})

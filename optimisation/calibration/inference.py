@@ -64,21 +64,21 @@ class Ensemble:
     shares: Array
     statistics: Array
 
-    def joined(self, other: Ensemble) -> Ensemble:
+    def join(self, other: Ensemble) -> Ensemble:
         """Return the simulations of both ensembles."""
         return Ensemble(
             np.concatenate([self.shares, other.shares]),
             np.concatenate([self.statistics, other.statistics]),
         )
 
-    def selected(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Ensemble:
+    def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Ensemble:
         """Return the simulations of a mask, or with these indices."""
         return Ensemble(self.shares[which], self.statistics[which])
 
     @property
     def finite(self) -> Ensemble:
         """The simulations that did not fail."""
-        return self.selected(np.all(np.isfinite(self.statistics), axis=1))
+        return self.select(np.all(np.isfinite(self.statistics), axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,7 +370,7 @@ def infer(
     settled = False
     for number in range(1, rounds + 1):
         more = simulate(propose(draws, round_runs, generator), number)
-        ensemble = ensemble.joined(require_runs(more))
+        ensemble = ensemble.join(require_runs(more))
         near = find_neighbourhood(ensemble, draws)
         draws, statistic, likelihood = fit_posterior(
             ensemble, observed, sensitivity.used, near, generator

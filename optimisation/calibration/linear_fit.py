@@ -122,7 +122,7 @@ class RecordResidual:
     padded: int
     resonance: int
 
-    def filtered(self, values: Array) -> Array:
+    def filter_response(self, values: Array) -> Array:
         """Return a response (K,) without drift, and without what is above the usable band."""
         spectrum = scipy.fft.rfft(values - np.mean(values), self.padded)
         return np.asarray(scipy.fft.irfft(np.where(self.mask, spectrum, 0), self.padded))[
@@ -140,11 +140,11 @@ class RecordResidual:
         )
         record = Record(level=False, series=True, samples_per_period=samples)
         response = simulate(Scene(model, self.scene.absorber), loads, record=record)
-        return self.filtered(read_sensor(response, self.measurement))
+        return self.filter_response(read_sensor(response, self.measurement))
 
     def compute(self, omega: Array, damping: Array) -> tuple[Array, float]:
         """Return the residual (K,), and the gain with which it is least."""
-        measured = self.filtered(self.measurement.response)
+        measured = self.filter_response(self.measurement.response)
         predicted = self.predict(omega, damping)
         gain = float(measured @ predicted) / max(float(predicted @ predicted), 1e-300)
         return (measured - gain * predicted) / np.sqrt(np.mean(measured**2)), gain
@@ -268,7 +268,9 @@ def _decay_residual(
 def _spectral_peak(residual: RecordResidual, mode: int) -> float:
     """Return the frequency in Hz of the peak of measured response over load near a mode's own."""
     measurement = residual.measurement
-    response = np.abs(scipy.fft.rfft(residual.filtered(measurement.response), residual.padded))
+    response = np.abs(
+        scipy.fft.rfft(residual.filter_response(measurement.response), residual.padded)
+    )
     values = measurement.load.values
     load = np.abs(scipy.fft.rfft(values - np.mean(values), residual.padded))
     hertz = scipy.fft.rfftfreq(residual.padded, 1 / measurement.rate)

@@ -136,7 +136,7 @@ def plan_measurement(
     for k, factor in enumerate(sizes):
         show = None
         if progress is not None:
-            show = _shifted(progress, k * len(rows), len(sizes) * len(rows))
+            show = _shift_progress(progress, k * len(rows), len(sizes) * len(rows))
         simulator = Simulator(
             structure, scene, [scale_load(measurement, float(factor))], resonance, threads
         )
@@ -184,5 +184,5 @@ def order_sweeps(
     return np.array(order), np.array(together)
 
 
-def _shifted(progress: Progress, before: int, total: int) -> Progress:
+def _shift_progress(progress: Progress, before: int, total: int) -> Progress:
     return lambda done, _all: progress(min(before + done, total), total)

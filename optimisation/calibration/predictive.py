@@ -322,9 +322,9 @@ def check_posterior(
         simulator, inference.priors, inference.shares[rows], seed, progress
     ).finite
     near = find_neighbourhood(inference.ensemble, inference.shares, least=0)
-    known = inference.ensemble.selected(near.contains(inference.ensemble.shares))
-    both = known.joined(drawn)
-    both = both.selected(generator.permutation(len(both.shares)))
+    known = inference.ensemble.select(near.contains(inference.ensemble.shares))
+    both = known.join(drawn)
+    both = both.select(generator.permutation(len(both.shares)))
     used = inference.sensitivity.used
     observed = simulator.observed
     own = inference.statistic.compute(observed[None, used])[0]

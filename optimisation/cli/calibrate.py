@@ -141,13 +141,6 @@ def device_of(options: CalibrateOptions) -> tuple[Any, SlidingAbsorber]:
     return structure, SlidingAbsorber(ratio, walls, friction)
 
 
-def factors_of(text: str | None) -> tuple[float, ...] | None:
-    """Return the factors of --plan; empty for the usual ones, None without the option."""
-    if text is None:
-        return None
-    return () if text == "usual" else tuple(common.numbers("--plan", text, float))
-
-
 @contextmanager
 def show_stage(label: str, _runs: int) -> Iterator[LaneProgress | None]:
     """Show a stage's progress in runs."""
@@ -173,7 +166,10 @@ def main(options: CalibrateOptions) -> None:
         targets = common.AnswerFiles(options.out, options.json)
         targets.check()
         common.check_target("--resume", options.resume)
-        factors = factors_of(options.plan)
+        factors: tuple[float, ...] | None = None  # of the planned sweep; empty: the usual ones
+        if options.plan is not None:
+            usual = options.plan == "usual"
+            factors = () if usual else tuple(common.numbers("--plan", options.plan, float))
         free = free_of(options.free)
         structure, absorber = device_of(options)
         measurements = read_measurements(options.measurement)

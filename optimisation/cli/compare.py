@@ -24,7 +24,7 @@ from impact_env.scene import Scene
 from optimisation.absorber_rules import RESTITUTION
 from optimisation.answers.comparison import ComparisonAnswer, complete_comparison
 from optimisation.bounds import design_force, design_gap
-from optimisation.checkpoint import installed, peak_memory
+from optimisation.checkpoint import installed_versions, peak_memory
 from optimisation.cli import disk_commands
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
@@ -131,7 +131,10 @@ def conditions(started: float, threads: int | None, cluster: str | None) -> dict
     ``started``: start of the time, of ``time.perf_counter`` in s.
     """
     return {
-        "versions": {"python": platform.python_version(), **installed(("numpy", "scipy", "numba"))},
+        "versions": {
+            "python": platform.python_version(),
+            **installed_versions(("numpy", "scipy", "numba")),
+        },
         **({"cluster": cluster} if cluster else {"threads": threads or available_cores()}),
         "wall_s": round(time.perf_counter() - started, 2),
         "memory_bytes": peak_memory(),

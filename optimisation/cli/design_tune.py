@@ -23,7 +23,7 @@ from optimisation.cli.options import option
 from optimisation.executors import BAR, Bar
 from optimisation.report.tuning_report import Tuning, tuning_table
 from optimisation.tuned import HIGH, LOW
-from optimisation.tuned.under_loads import tuned_under
+from optimisation.tuned.under_loads import tune_under_loads
 
 MARKER = "tunings"
 
@@ -98,7 +98,7 @@ def main(options: TuneOptions) -> None:
                 why="there is no range of frequencies to score, and nothing to prove",
             )
             loads = scenes.loads_of(options.load, model, options.resonance)
-            answer = TuningAnswer(tuned_under(model, loads, ratio))
+            answer = TuningAnswer(tune_under_loads(model, loads, ratio))
         else:
             check_page(options.page, MARKER)
             scenes.warn_of_nodes(model, options.resonance)

@@ -83,11 +83,11 @@ def main(options: ExploreOptions) -> None:
         if options.structure is not None:
             own = read_disk(options.structure) or read_structure(options.structure)
         from optimisation.explore.examples import make_measured_example  # needs the extra
-        from optimisation.explore.server import bound, page_address, serve
+        from optimisation.explore.server import open_socket, page_address, serve
 
         posterior = parse_posterior(options.uncertain)
         examples = [] if posterior is None else [make_measured_example(posterior, own)]
-        listening = bound(options.host, options.port)
+        listening = open_socket(options.host, options.port)
         place = page_address(listening)
 
         def started() -> None:

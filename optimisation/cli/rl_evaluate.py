@@ -13,12 +13,12 @@ import click
 from impact_env.checks import require
 from impact_env.envs.evaluation import EPISODES, SEED_SPLITS, Evaluation, PolicyScores, evaluate
 from impact_env.extras import DISTRIBUTION
-from optimisation.checkpoint import installed
+from optimisation.checkpoint import installed_versions
 from optimisation.cli.common import check_target, check_targets, command, plain_errors
 from optimisation.cli.options import OptionSpec, at_least, option
 from optimisation.executors import Bar
 from optimisation.files import DOCS, ROOT, fill, markdown, require_markers, write_csv, write_files
-from optimisation.rl.agents import Agent, load_agent, shipped
+from optimisation.rl.agents import Agent, list_shipped, load_agent
 from optimisation.rl.families import RandomPolicy
 from optimisation.rl.rules import EIGHT, FOUR, TASKS, env_of, policies
 
@@ -82,7 +82,7 @@ def evaluate_policies(task: str, agents: list[Agent], split: str, episodes: int)
     rules = policies(task)
     best = rules.pop(EIGHT)
     rules.pop(FOUR, None)
-    own = [load_agent(task, algorithm) for algorithm in shipped().get(task, [])]
+    own = [load_agent(task, algorithm) for algorithm in list_shipped().get(task, [])]
     everyone = {
         **{f"{agent.name} (given)": agent for agent in agents},
         f"rule of {len(best.parameters[0])}, {type(best.family).__name__}": best,
@@ -107,7 +107,7 @@ def revision() -> str:
         )
         if answer.returncode == 0:
             return answer.stdout.strip()
-    return installed([DISTRIBUTION]).get(DISTRIBUTION, "unknown")
+    return installed_versions([DISTRIBUTION]).get(DISTRIBUTION, "unknown")
 
 
 def write_leaderboard(path: Path, evaluations: dict[str, Evaluation]) -> list[list[str]]:

@@ -147,7 +147,7 @@ def plan(task: str, options: TrainOptions) -> list[Any]:
     Raises ParameterError before any training if a run cannot be started or continued.
     """
     from optimisation.rl.starts import describe_start  # torch is slow to import
-    from optimisation.rl.training import Job, Planned, check_folder
+    from optimisation.rl.training import Job, PlannedTraining, check_folder
 
     env_id = env_of(task)
     algorithms = recipes(env_id) if options.algorithm == BOTH else [options.algorithm]
@@ -172,7 +172,7 @@ def plan(task: str, options: TrainOptions) -> list[Any]:
             job = Job(env_id, algorithm, seed, chosen, arguments)
             folder = run_folder(options.folder, task, algorithm, seed)
             check_folder(job, folder)
-            runs.append(Planned(job, folder))
+            runs.append(PlannedTraining(job, folder))
     return runs
 
 

@@ -32,7 +32,7 @@ from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import simulate
 from optimisation.answers.disk import sweep_disk
 from optimisation.calibration.drawn_scenes import band_of_levels, draw_scenes
-from optimisation.checkpoint import Timed
+from optimisation.checkpoint import TimedRun
 from optimisation.cli import scene_options as scenes
 from optimisation.cli.common import (
     BadInput,
@@ -218,7 +218,7 @@ def integration_time(
 
     It is the median of three integrations, or the time of one if it is long.
     """
-    timed = Timed(scene, drive, method, most_events)
+    timed = TimedRun(scene, drive, method, most_events)
     times = [timed.run().wall_time]
     while times[0] < SHORT and len(times) < 3:
         times.append(timed.run().wall_time)

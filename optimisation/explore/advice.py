@@ -44,7 +44,7 @@ class Recommendation(NamedTuple):
     why: str
 
 
-def tuned_to(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
+def tune_absorber(model: ModalModel, mass_ratio: float, resonance: int) -> TunedAbsorber:
     """Return the linear absorber with the smallest amplitude over the sweep's range.
 
     The result is cached, because the solution takes seconds.
@@ -74,7 +74,7 @@ def recommend_values(
     mass = values["mass_ratio"] * model.beam_mass
     loading = Loading(values.load, model, values.resonance)
     if values.concept == "tuned":
-        tuned = tuned_to(model, values["mass_ratio"], values.resonance)
+        tuned = tune_absorber(model, values["mass_ratio"], values.resonance)
         springs = {"stiffness": tuned.stiffness, "damper": tuned.damping}
         return Recommendation(springs, "the smallest peak of the linear response")
     if values.concept == "friction":

@@ -84,7 +84,7 @@ class ControlValues:
         return int(self.numbers["members"])
 
 
-class Refused(ParameterError):  # noqa: N818 - an answer
+class RefusedValues(ParameterError):  # noqa: N818 - an answer
     """Values that are not allowed; ``errors`` has the reasons by control ("": several controls)."""
 
     def __init__(self, errors: dict[str, str]) -> None:

@@ -22,7 +22,7 @@ from optimisation.comparison import force_grid
 from optimisation.explore.control import ControlValues
 from optimisation.explore.disk_controls import disk_of, find_disk_amplitude
 from optimisation.explore.waiting import Kernels
-from optimisation.explore.work import POINTS, Message, Work, rounded
+from optimisation.explore.work import POINTS, Message, Work, round_values
 
 FORCES = 12
 CENTRE = 5.0  # of the gap: amplitude without absorber in the middle of the curve
@@ -129,11 +129,11 @@ class DiskWork(Work):
             "ring": True,
             "sectors": sectors,
             "places": [1.0] * len(places),
-            "place_shapes": rounded(places),
+            "place_shapes": round_values(places),
             "gaps": [None if walls is None else walls.gap for walls in cavities] or [None],
             "along": None,
-            "shapes": rounded(shapes),
-            "level_shape": rounded(self.model.level_shape),
+            "shapes": round_values(shapes),
+            "level_shape": round_values(self.model.level_shape),
         }
 
     def responses(self) -> Iterator[Message]:
@@ -143,13 +143,21 @@ class DiskWork(Work):
         """
         ratios = np.linspace(*self.limits, POINTS)
         omega = self.reference_omega
-        free = self.disk.with_absorbers(())
+        disk = self.disk
+        linear = linear_sector_response(
+            disk.with_absorbers(()).ring,
+            ratios * omega,
+            disk.engine_order,
+            disk.direction,
+            disk.modes,
+        )
+        worst = self.intensity * np.max(np.abs(linear), axis=-1)
         message: Message = {
             "type": "response",
             "force": self.intensity,
             "swept": True,
-            "ratio": rounded(ratios),
-            "without": rounded(worst_amplitudes(free, self.intensity, ratios * omega)),
+            "ratio": round_values(ratios),
+            "without": round_values(worst),
             "branches": [],
             "complete": False,
         }
@@ -160,7 +168,7 @@ class DiskWork(Work):
                 continue
             yield from self.ready(scene, self.loading.record, "response", self.stop)
             ratio, level = self.worst_levels(scene)
-            levels |= {"ratio": rounded(ratio), name: rounded(level)}
+            levels |= {"ratio": round_values(ratio), name: round_values(level)}
         yield dict(message, levels=levels, complete=True)
 
     def worst_levels(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -178,19 +186,6 @@ class DiskWork(Work):
         order = np.argsort(run.windows.frequency_ratio)
         worst = np.max(run.windows.rms, axis=1)
         return run.windows.frequency_ratio[order], worst[order]
-
-
-def worst_amplitudes(
-    disk: BladedDisk, force: float, omega: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the largest amplitude in m over the sectors of a disk without absorbers.
-
-    ``omega``: frequencies in rad/s.
-    """
-    response = linear_sector_response(
-        disk.ring, omega, disk.engine_order, disk.direction, disk.modes
-    )
-    return np.asarray(force * np.max(np.abs(response), axis=-1))
 
 
 def measure_worst_sector(disk: BladedDisk, lane: Lane, stop: Stop) -> tuple[float, ...]:

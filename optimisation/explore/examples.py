@@ -12,7 +12,7 @@ from impact_env.parameters import Beam
 from impact_env.plain import to_structure
 from impact_env.structures.cyclic import BladedDisk, ring_of_masses
 from optimisation.calibration.posterior import Posterior
-from optimisation.explore.control import Refused
+from optimisation.explore.control import RefusedValues
 from optimisation.explore.settings import PageModel, parse_controls
 from optimisation.report.calibration_report import in_display_unit
 
@@ -130,7 +130,7 @@ def make_measured_example(posterior: Posterior, structure: PageModel) -> Example
         texts.append(f"{name} {median:.4g} ({low:.4g} to {high:.4g}) {unit}".rstrip())
     try:
         parse_controls(values, structure)
-    except Refused as error:
+    except RefusedValues as error:
         raise ParameterError(f"--uncertain is not allowed on this structure: {error}") from error
     about = f"Median (90 % interval) of the calibration: {', '.join(texts)}."
     return Example("Your measured device", about, OWN, values)

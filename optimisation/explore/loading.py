@@ -127,7 +127,9 @@ class Loading:
         shapes = self.model.one_phase_force_shape[k] * self.model.tip_shape[k]
         return float(START * intensity * np.abs(shapes) / omega**2 * np.sqrt(np.pi / (4 * damping)))
 
-    def driven(self, omega: NDArray[np.float64]) -> tuple[ModalModel, NDArray[np.float64] | float]:
+    def force_model(
+        self, omega: NDArray[np.float64]
+    ) -> tuple[ModalModel, NDArray[np.float64] | float]:
         """Return a model whose force is this load, and the force per unit of load.
 
         The force per unit is given at frequencies in rad/s. For a random force it is in N/sqrt(Hz).

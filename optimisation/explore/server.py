@@ -24,7 +24,7 @@ from impact_env.plain import Plain
 from impact_env.structures.cyclic import BladedDisk
 from impact_env.sweep import IntegrationError, Stopped
 from optimisation.explore.advice import recommend_values
-from optimisation.explore.control import ControlValues, Refused
+from optimisation.explore.control import ControlValues, RefusedValues
 from optimisation.explore.disk_work import DiskWork
 from optimisation.explore.examples import (
     OWN,
@@ -234,7 +234,7 @@ class Tab:
                 "loads": load_files(values, structure),
                 "commands": commands_of(values, structure),
             }
-        except Refused as refused:
+        except RefusedValues as refused:
             self._refuse(number, refused.errors)
             return
         except ParameterError as error:
@@ -438,7 +438,7 @@ def make_app(
     return app
 
 
-def bound(host: str, port: int) -> socket.socket:
+def open_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens at an address; port 0 stands for any free port.
 
     Raises ParameterError for an address that this machine does not have, and for a port that is not

@@ -28,7 +28,7 @@ from impact_env.scene import Scene
 from impact_env.structures.cyclic import BladedDisk
 from optimisation.bounds import design_force
 from optimisation.disks import find_disk_range, find_excited_resonance
-from optimisation.explore.control import Control, ControlValues, Refused
+from optimisation.explore.control import Control, ControlValues, RefusedValues
 from optimisation.explore.disk_controls import DISK_CONCEPTS, disk_controls, disk_of
 from optimisation.explore.loading import LOADS, Loading
 from optimisation.measures import SAMPLES
@@ -361,7 +361,7 @@ def controls_to_dict(structure: PageModel, name: str) -> dict[str, Any]:
 def parse_controls(plain: object, structure: PageModel) -> ControlValues:
     """Return the settings that a page sent, with defaults for missing ones.
 
-    Raises Refused with all errors.
+    Raises RefusedValues with all errors.
     """
     errors: dict[str, str] = {}
     table = {control.name: control for control in controls(structure)}
@@ -394,7 +394,7 @@ def parse_controls(plain: object, structure: PageModel) -> ControlValues:
             f"{modes:g}"
         )
     if errors:
-        raise Refused(errors)
+        raise RefusedValues(errors)
     if isinstance(structure, BladedDisk):
         order = replace(structure, engine_order=int(numbers["engine_order"]))
         numbers["resonance"] = find_excited_resonance(order)

@@ -35,7 +35,7 @@ class Kernels:
         self._preparing: dict[object, Preparation] = {}
         self._lock = threading.Lock()
 
-    def waited(
+    def wait_for_kernels(
         self, key: object, ready: Callable[[], bool], begin: Callable[[], Preparation], stop: Stop
     ) -> Iterator[float]:
         """Yield the elapsed seconds of compilation until the kernels of a key are ready.
@@ -98,7 +98,7 @@ def _all_branches(*arguments: Any) -> None:
     list(branches(*arguments))
 
 
-def followed(
+def follow_branches(
     scene: Scene,
     force: float,
     resonance: int,
@@ -128,7 +128,7 @@ def followed(
         with only_cached():
             curves = list(branches(*arguments, stop))
     except NotCached:
-        yield from kernels.waited(
+        yield from kernels.wait_for_kernels(
             key, lambda: False, lambda: Preparation(partial(_all_branches, *arguments)), stop
         )
         curves = list(branches(*arguments, stop))

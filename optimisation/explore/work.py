@@ -41,7 +41,7 @@ from impact_env.sweep import IntegrationError, Stop, simulate
 from optimisation.absorber_rules import best_friction, scaled_absorber
 from optimisation.bounds import design_gap, reach, resonance_limit, share_reached
 from optimisation.comparison import force_grid
-from optimisation.explore.advice import tuned_to
+from optimisation.explore.advice import tune_absorber
 from optimisation.explore.control import ControlValues
 from optimisation.explore.loading import BAND, LOADS, Loading
 from optimisation.explore.settings import (
@@ -54,7 +54,7 @@ from optimisation.explore.settings import (
     sweeps_of,
 )
 from optimisation.explore.verdict import judge_level
-from optimisation.explore.waiting import Kernels, Newer, followed
+from optimisation.explore.waiting import Kernels, Newer, follow_branches
 from optimisation.files import number
 from optimisation.frequency_levels import frequency_curve
 from optimisation.measures import (
@@ -82,14 +82,14 @@ INSTANTS = 90  # of the run, whose motion is drawn over a period each
 INSTANT_SAMPLES = 24
 
 
-def rounded(values: Any, digits: int = 6) -> list[Any]:
+def round_values(values: Any, digits: int = 6) -> list[Any]:
     """Return numbers with ``digits`` significant digits, in lists as deep as the array.
 
     A value that is not a number becomes None.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim > 1:
-        return [rounded(row, digits) for row in array]
+        return [round_values(row, digits) for row in array]
     return [float(f"{x:.{digits}g}") if np.isfinite(x) else None for x in array]
 
 
@@ -239,7 +239,7 @@ class Work:
         )
         seconds = None
         arguments = (scene, None, record, self.loads)
-        for seconds in self.kernels.waited(
+        for seconds in self.kernels.wait_for_kernels(
             key, partial(is_ready, *arguments), partial(prepare, *arguments), stop
         ):
             yield {"type": "compiling", "what": what, "seconds": round(seconds, 1)}
@@ -338,11 +338,16 @@ class Work:
             "members": one.members,
             "complete": curve.complete,
         }
-        lines = {"force": rounded(curve.forces, 17), "both": rounded(curve.median, 17)}
+        lines = {"force": round_values(curve.forces, 17), "both": round_values(curve.median, 17)}
         return (
             about
             | lines
-            | {"low": rounded(low), "high": rounded(high), "up": rounded(up), "down": rounded(down)}
+            | {
+                "low": round_values(low),
+                "high": round_values(high),
+                "up": round_values(up),
+                "down": round_values(down),
+            }
         )
 
     def sweep(self) -> Iterator[Message]:
@@ -391,18 +396,20 @@ class Work:
         return {
             "type": "sweep",
             "force": self.intensity,
-            "time": rounded(centres),
+            "time": round_values(centres),
             "swept": swept,
-            "ratio": rounded(schedule.omega_at(centres) / schedule.reference if swept else centres),
-            "low": rounded(envelope.low),
-            "high": rounded(envelope.high),
+            "ratio": round_values(
+                schedule.omega_at(centres) / schedule.reference if swept else centres
+            ),
+            "low": round_values(envelope.low),
+            "high": round_values(envelope.high),
             "level": read(response),
             "at": level.time,
             "window": [max(level.time - reach_s, 0), min(level.time + reach_s, end)]
             if swept
             else [settled_after(response), end],
             "impacts": response.impact_count,
-            "marks": rounded(times[:: -(-len(times) // MOST_MARKS) or 1]),
+            "marks": round_values(times[:: -(-len(times) // MOST_MARKS) or 1]),
         }
 
     def _motion(self, response: Response) -> Message:
@@ -476,10 +483,10 @@ class Work:
             times, struck = times[near], struck[near]
         return {
             "period": schedule.pseudo_period,
-            "time": rounded(history.time[rows], 9),
-            "modal": rounded(history.modal_displacement[rows], digits),
-            "absorbers": None if absorbers is None else rounded(absorbers, digits),
-            "impacts": rounded(times[:MOST_MARKS], 9),
+            "time": round_values(history.time[rows], 9),
+            "modal": round_values(history.modal_displacement[rows], digits),
+            "absorbers": None if absorbers is None else round_values(absorbers, digits),
+            "impacts": round_values(times[:MOST_MARKS], 9),
             "struck": struck[:MOST_MARKS].tolist(),
         }
 
@@ -493,13 +500,13 @@ class Work:
             "places": list(places_of(self.values))
             if isinstance(beam, Beam)
             else [1.0] * len(shapes),
-            "place_shapes": rounded(shapes),
+            "place_shapes": round_values(shapes),
             "gaps": [None if walls is None else walls.gap for walls in cavities],
-            "along": None if along is None else rounded(along),
-            "shapes": rounded(mode_shapes(beam, along))
+            "along": None if along is None else round_values(along),
+            "shapes": round_values(mode_shapes(beam, along))
             if along is not None and isinstance(beam, Beam)
             else None,
-            "level_shape": rounded(self.model.level_shape),
+            "level_shape": round_values(self.model.level_shape),
         }
 
     def card(self, case: CurveCase) -> Iterator[Message]:
@@ -589,10 +596,10 @@ class Work:
         yield from self._line("none", self.free_scene, case)
         gap = self.gap()
         if self.values.concept == "impact" and gap is not None and self.values.load == "force":
-            level = rounded(
+            level = round_values(
                 resonance_limit(self.model, self.mass, gap, forces, self.resonance, *self.limits)
             )
-            yield {"type": "line", "which": "limit", "force": rounded(forces), "level": level}
+            yield {"type": "line", "which": "limit", "force": round_values(forces), "level": level}
 
     def _slow_lines(self, case: CurveCase) -> Iterator[Message]:
         """Yield the curves of a friction damper and of a tuned absorber.
@@ -619,7 +626,7 @@ class Work:
             self._go_on()
             yield from self._line(
                 "tuned",
-                Scene(model, tuned_to(model, self.values["mass_ratio"], self.resonance)),
+                Scene(model, tune_absorber(model, self.values["mass_ratio"], self.resonance)),
                 case,
             )
 
@@ -632,8 +639,8 @@ class Work:
             "type": "line",
             "which": which,
             "of": describe_absorber(scene.absorber),
-            "force": rounded(curve.forces),
-            "level": rounded(curve.median),
+            "force": round_values(curve.forces),
+            "level": round_values(curve.median),
         }
 
     def responses(self) -> Iterator[Message]:
@@ -650,7 +657,7 @@ class Work:
             {} if absorber is None or isinstance(absorber, SeveralAbsorbers) else {"with": absorber}
         )
         amplitudes = {}
-        model, unit = self.loading.driven(ratios * reference)
+        model, unit = self.loading.force_model(ratios * reference)
         if self.values.load == "base":
             lines.pop("with", None)  # the base moves the absorber's mass as well
         for name, own in lines.items():
@@ -662,13 +669,15 @@ class Work:
             amplitude = (
                 self.intensity * unit * np.abs(tip_response(model, linear, ratios * reference))
             )
-            amplitudes["stuck" if isinstance(own, SlidingAbsorber) else name] = rounded(amplitude)
+            amplitudes["stuck" if isinstance(own, SlidingAbsorber) else name] = round_values(
+                amplitude
+            )
         branches: list[Message] = []
         message = {
             "type": "response",
             "force": self.intensity,
             "swept": self.loading.swept,
-            "ratio": rounded(ratios),
+            "ratio": round_values(ratios),
             **amplitudes,
         }
         message |= {"branches": branches, "complete": False}
@@ -677,8 +686,8 @@ class Work:
             hertz, density = self.density
             part = slice(*np.searchsorted(2 * np.pi * hertz, [low * reference, high * reference]))
             message["run"] = [
-                rounded(2 * np.pi * hertz[part] / reference),
-                rounded(np.sqrt(density[part])),
+                round_values(2 * np.pi * hertz[part] / reference),
+                round_values(np.sqrt(density[part])),
             ]
         if self.loading.swept and self.values.view == "levels":
             message["levels"] = yield from self.frequency_levels()
@@ -686,7 +695,7 @@ class Work:
             yield dict(message, complete=True)
             return
         try:
-            for curve in followed(
+            for curve in follow_branches(
                 self.scene, self.intensity, self.resonance, low, high, self.stop, self.kernels
             ):
                 if isinstance(curve, float):
@@ -699,8 +708,8 @@ class Work:
                 )
                 branches.append(
                     {
-                        "ratio": rounded(curve.omega_ratio),
-                        "amplitude": rounded(curve.tip_max),
+                        "ratio": round_values(curve.omega_ratio),
+                        "amplitude": round_values(curve.tip_max),
                         "stable": stable.tolist(),
                     }
                 )
@@ -728,5 +737,5 @@ class Work:
             ]
             curve = frequency_curve(name, lanes, self.limits)
             if curve is not None:
-                levels |= {"ratio": rounded(curve.ratio), name: rounded(curve.level)}
+                levels |= {"ratio": round_values(curve.ratio), name: round_values(curve.level)}
         return levels

@@ -238,12 +238,6 @@ def model_rows(models: Models) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def model_table(models: Models) -> Table:
-    """Return a line for each model."""
-    header = ("model", "score, less the best", "probability", "median (90 % interval)")
-    return Table.of_words(header, model_rows(models))
-
-
 def plan_table(plan: MeasurementPlan) -> Table:
     """Return a line for each force: the expected deviation of each parameter over that now."""
     header = ("factor of the load", *(f"{name}, over now" for name in plan.names))
@@ -288,7 +282,9 @@ def text_blocks(
         [verdict(check), *contradiction_lines(inference, check)],
     ]
     if len(models) > 1:
-        blocks += [[describe_best_model(models)], [model_table(models)]]
+        header = ("model", "score, less the best", "probability", "median (90 % interval)")
+        table = Table.of_words(header, model_rows(models))
+        blocks += [[describe_best_model(models)], [table]]
     if plan is not None:
         blocks += [["Expected after one more sweep:"], [plan_table(plan)], [*plan_lines(plan)]]
     return [*blocks, [f"Warning: {line}" for line in warnings]]

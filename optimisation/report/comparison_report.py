@@ -56,7 +56,7 @@ from optimisation.report.report import (
 )
 from optimisation.service import EFFECTIVE_RATIO, ImpactLoads, contiguous_range
 from optimisation.sweep_range import LEAST_RATIO, find_reading_ratios, is_at_end, reading_in_words
-from optimisation.tuned.under_loads import TunedUnder
+from optimisation.tuned.under_loads import TunedForLoads
 
 Array = NDArray[np.float64]
 LIMIT = "limit"
@@ -657,7 +657,7 @@ def make_load_report(
     )
 
 
-def tuned_summary(tuned: TunedUnder) -> dict[str, Any]:
+def tuned_summary(tuned: TunedForLoads) -> dict[str, Any]:
     """Return the tunings, and the measure with each of them over that without absorber.
 
     The measure is the median over the members.
@@ -669,7 +669,7 @@ def tuned_summary(tuned: TunedUnder) -> dict[str, Any]:
     }
 
 
-def make_tuned_report(tuned: TunedUnder) -> Report:
+def make_tuned_report(tuned: TunedForLoads) -> Report:
     """Return the content of tunings for loads."""
     ratios = 100 * tuned.ratios
     lines = [

@@ -56,8 +56,8 @@ from optimisation.report.report import (
     mass_rows,
     with_band,
 )
-from optimisation.search.judge import Judged, SearchResult, Verdict
-from optimisation.search.settings import Evaluated
+from optimisation.search.judge import JudgedDesign, SearchResult, Verdict
+from optimisation.search.settings import EvaluatedDesign
 from optimisation.service import BEAM_TOLERANCES, QUANTILES, TOLERANCES, Service
 from optimisation.space import MASS_RATIO, VARIABLES, parts_of
 from optimisation.sweep_range import LEAST_RATIO, is_at_end, reading_in_words
@@ -75,7 +75,7 @@ def name_of(objective: Objective) -> str:
     )
 
 
-def design_table(problem: Problem, evaluated: Sequence[Evaluated]) -> Table:
+def design_table(problem: Problem, evaluated: Sequence[EvaluatedDesign]) -> Table:
     """Return a table with a row for each design of a study, by number."""
     free = [v.name for v in problem.space.free]
     rows = [
@@ -175,7 +175,7 @@ def constraints(problem: Problem, score: Score) -> Json:
     return {"feasible": score.feasible, "constraints": rows}
 
 
-def _judged(judged: Judged, problem: Problem) -> Json:
+def _judged(judged: JudgedDesign, problem: Problem) -> Json:
     return constraints(problem, judged.score) | {
         "values": dict(judged.design.values),
         "score": numbers(judged.score.values),
@@ -184,7 +184,7 @@ def _judged(judged: Judged, problem: Problem) -> Json:
     }
 
 
-def compared(verdict: Verdict) -> dict[str, Judged]:
+def compared(verdict: Verdict) -> dict[str, JudgedDesign]:
     """Return the designs that are compared, by name."""
     return {WINNER: verdict.winner, PAPER: verdict.paper, RULE: verdict.rule}
 
@@ -329,7 +329,7 @@ END_WARNING = (
 )
 
 
-def is_any_at_end(problem: Problem, judged: Sequence[Judged]) -> bool:
+def is_any_at_end(problem: Problem, judged: Sequence[JudgedDesign]) -> bool:
     """Return whether a level of one of the designs was read at an end of its sweeps."""
     return any(
         is_at_end(float(ratio), condition.limits, problem.rate)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from impact_env.periodic.isolas import ISOLA_COLUMNS, IsolaMap
-from impact_env.periodic.orbit_table import ORBIT_COLUMNS, isola_rows
+from impact_env.periodic.orbit_table import EXACT_ORBITS, ORBIT_COLUMNS, make_row
 from impact_env.periodic.symmetric import BIRTH
 from optimisation.measures import format_number, shorten_numbers
 from optimisation.report.report import BLUE, ORANGE, Report, Table, draw_grid, figure_of
@@ -29,6 +29,10 @@ def make_isola_report(isola_map: IsolaMap) -> Report:
     """
     rows = [row for cell in (isola_map.own, *isola_map.cells) for row in cell.rows()]
     named = [dict(zip(ISOLA_COLUMNS, row, strict=True)) for row in rows]
+    cells = [
+        make_row({"number": number, "method": EXACT_ORBITS, **cell})
+        for number, cell in enumerate(named, 1)
+    ]
     words = [
         (str(n), f"{e:g}", f"{limit:g}", str(kind), f"{force:.6f}", f"{ratio:.6f}", str(orbit))
         for n, e, limit, kind, force, ratio, orbit in rows
@@ -46,7 +50,7 @@ def make_isola_report(isola_map: IsolaMap) -> Report:
         title="Births and mergers of isolas",
         text=[[Table.of_words(header, words)]],
         numbers=isola_map.to_plain(),
-        tables={"isolas.csv": Table.of_values(ORBIT_COLUMNS, list(isola_rows(named)))},
+        tables={"isolas.csv": Table.of_values(ORBIT_COLUMNS, cells)},
         figures={"isolas.png": partial(draw_isolas, isola_map)},
     )
 
@@ -79,7 +83,7 @@ def _force(axes: Axes, isola_map: IsolaMap) -> None:
         lw=0,
         label="two symmetric orbits",
     )
-    for level in isola_map.own.found:
+    for level in isola_map.own.points:
         label = f"{level.kind} {level.force:.4g} N" + (", no orbit" if level.refused else "")
         axes.plot(
             level.omega_ratio,
@@ -90,7 +94,7 @@ def _force(axes: Axes, isola_map: IsolaMap) -> None:
             mec="black",
             label=label,
         )
-    top = max([level.force for level in isola_map.own.found], default=float(np.median(finite)))
+    top = max([level.force for level in isola_map.own.points], default=float(np.median(finite)))
     axes.set(
         xlim=isola_map.omega_ratio[[0, -1]],
         ylim=(0, 1.6 * top),

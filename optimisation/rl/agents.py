@@ -188,7 +188,7 @@ def save_agent(path: Path, agent: Agent) -> None:
         np.savez(temporary, about=np.array(text), **arrays)  # type: ignore[arg-type]
 
 
-def shipped() -> dict[str, list[str]]:
+def list_shipped() -> dict[str, list[str]]:
     """Return the algorithms of which an agent ships with the package, by task."""
     known: dict[str, list[str]] = {}
     for path in sorted(TRAINED.glob("*.zip")):
@@ -204,7 +204,7 @@ def packaged_file(task: str, algorithm: str = "ppo") -> Path:
     ``PPO.load(file, env=...)``. It also contains the small file that needs no torch. Raises
     ParameterError if there is none.
     """
-    known = shipped()
+    known = list_shipped()
     require(task in known, "task", task, f"one of {', '.join(known)}")
     require(algorithm in known[task], "algorithm", algorithm, f"one of {', '.join(known[task])}")
     return TRAINED / f"{task}_{algorithm}.zip"
@@ -405,7 +405,7 @@ def find_runs(folder: Path) -> list[Run]:
     return [run for _, _, run in sorted(runs, key=lambda entry: entry[:2])]
 
 
-def typical(runs: Sequence[Run]) -> Run:
+def find_typical_run(runs: Sequence[Run]) -> Run:
     """Return the run with the median score on the evaluation seeds.
 
     For an even number of runs it is the better one of the two in the middle. Test seeds have no
@@ -427,7 +427,7 @@ def _model_of(folder: Path) -> Path:
 
 
 def ship(source: Path, target: Path) -> list[Path]:
-    """Write the `typical` run of each task and algorithm under ``source`` as one file.
+    """Write the typical run of each task and algorithm under ``source`` as one file.
 
     It is the file of stable-baselines3, which also contains the agent's own file.
     """
@@ -437,7 +437,7 @@ def ship(source: Path, target: Path) -> list[Path]:
             groups.setdefault((run.folder.parent.parent.name, run.algorithm), []).append(run)
     files = []
     for (task, algorithm), runs in groups.items():
-        folder = typical(runs).folder
+        folder = find_typical_run(runs).folder
         file = target / f"{task}_{algorithm}.zip"
         model = _model_of(folder)
         target.mkdir(parents=True, exist_ok=True)

@@ -90,15 +90,13 @@ def make_table(policy: Agent | FamilyPolicy, env_id: str) -> dict[str, Any]:
 # C source
 
 
-def _format_number(value: float, single: bool) -> str:
-    """Return the shortest C constant that gives the same float or double."""
-    text = np.format_float_scientific(np.float32(value) if single else np.float64(value))
-    return text + ("f" if single else "")
-
-
 def _format_array(name: str, values: NDArray[Any], single: bool = True) -> str:
     """Return the definition of an array of constants, row after row."""
-    texts = [_format_number(value, single) for value in np.ravel(values).tolist()]
+    number, suffix = (np.float32, "f") if single else (np.float64, "")
+    # the shortest constants that give the same floats or doubles
+    texts = [
+        np.format_float_scientific(number(value)) + suffix for value in np.ravel(values).tolist()
+    ]
     lines = [
         "    " + ", ".join(texts[k : k + NUMBERS_PER_LINE])
         for k in range(0, len(texts), NUMBERS_PER_LINE)
@@ -343,11 +341,6 @@ def _make_tensor(name: str, values: NDArray[Any]) -> bytes:
     return _encode_message([*dims, (2, INT64 if whole else FLOAT), (8, name), (9, content)])
 
 
-def _make_attribute(name: str, value: int) -> bytes:
-    """Return an AttributeProto of a whole number."""
-    return _encode_message([(1, name), (3, value), (20, 2)])
-
-
 def _make_node(
     kind: str, inputs: Sequence[str], outputs: Sequence[str], **attributes: int
 ) -> bytes:
@@ -358,7 +351,10 @@ def _make_node(
             *((2, name) for name in outputs),
             (3, f"compute {outputs[0]}"),
             (4, kind),
-            *((5, _make_attribute(name, value)) for name, value in attributes.items()),
+            *(
+                (5, _encode_message([(1, name), (3, value), (20, 2)]))  # whole numbers
+                for name, value in attributes.items()
+            ),
         ]
     )
 

@@ -31,7 +31,7 @@ from impact_env.envs.evaluation import interquartile_mean, play
 from impact_env.envs.vector_shell import TaskVectorEnv
 from impact_env.extras import optional
 from impact_env.fields import check_fields
-from optimisation.checkpoint import difference, installed
+from optimisation.checkpoint import difference, installed_versions
 from optimisation.executors import Bar, Pool, PoolTask
 from optimisation.files import require_writable, write_json
 from optimisation.rl.agents import (
@@ -179,7 +179,7 @@ def train(
     with _folder_lock(folder):
         check_folder(job, folder)
         if not (folder / SETTINGS).exists():
-            versions = {"python": platform.python_version(), **installed(PACKAGES)}
+            versions = {"python": platform.python_version(), **installed_versions(PACKAGES)}
             write_json(folder / SETTINGS, job.describe() | {"versions": versions})
         show = show or (lambda _steps, _evaluations: None)
         if (
@@ -315,11 +315,11 @@ BAR = (
 )
 WATCH_S = 1.0
 NO_LIMIT_S = 1e9
-LogFormatter = Callable[["Planned", TrainingEvaluation], str]
+LogFormatter = Callable[["PlannedTraining", TrainingEvaluation], str]
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedTraining:
     """A job and its folder."""
 
     job: Job
@@ -350,7 +350,7 @@ class TrainingProgress:
         self.reported: dict[Path, int] = {}
 
     def __call__(
-        self, planned: Planned, steps: int, evaluations: Sequence[TrainingEvaluation]
+        self, planned: PlannedTraining, steps: int, evaluations: Sequence[TrainingEvaluation]
     ) -> None:
         """Show the steps that a run has made, and its last evaluation if that is new."""
         if evaluations and len(evaluations) != self.reported.get(planned.folder):
@@ -364,7 +364,7 @@ class TrainingProgress:
 
 
 def train_all(
-    runs: Sequence[Planned], workers: int, format_line: LogFormatter | None = None
+    runs: Sequence[PlannedTraining], workers: int, format_line: LogFormatter | None = None
 ) -> list[str]:
     """Train or continue all runs; return a line with the error of each run that failed."""
     total = sum(planned.job.hyperparameters.steps for planned in runs)
@@ -387,7 +387,7 @@ def train_all(
 
 
 @contextmanager
-def _progress_thread(runs: Sequence[Planned], show: TrainingProgress) -> Iterator[None]:
+def _progress_thread(runs: Sequence[PlannedTraining], show: TrainingProgress) -> Iterator[None]:
     """Show what the runs' files say while other processes write them."""
     over = threading.Event()
 

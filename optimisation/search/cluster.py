@@ -102,17 +102,24 @@ class Workers:
         keys = {k: f"{call}-{k}" for k in rest}
         futures = {
             self._client.submit(
-                do, SOURCES, function, items[k], key=keys[k], priority=-k, pure=False, retries=0
+                run_item,
+                SOURCES,
+                function,
+                items[k],
+                key=keys[k],
+                priority=-k,
+                pure=False,
+                retries=0,
             ): k
             for k in rest
         }
         try:
-            yield from self._finished(futures)
+            yield from self._collect(futures)
         finally:
             with suppress(Exception):
                 self._client.cancel(list(futures), force=True)
 
-    def _finished(self, futures: dict[distributed.Future, int]) -> Iterator[tuple[int, Any]]:
+    def _collect(self, futures: dict[distributed.Future, int]) -> Iterator[tuple[int, Any]]:
         finished: queue.SimpleQueue[distributed.Future] = queue.SimpleQueue()
         for future in futures:
             future.add_done_callback(finished.put)
@@ -125,7 +132,7 @@ class Workers:
                 if self._workers():
                     alive_at = time.monotonic()
                 elif time.monotonic() - alive_at > self._patience:
-                    raise ClusterError(self._lost("has no worker left")) from None
+                    raise ClusterError(self._describe_loss("has no worker left")) from None
                 continue
             alive_at = time.monotonic()
             left = left - 1
@@ -136,10 +143,10 @@ class Workers:
             return future.result()
         except distributed.scheduler.KilledWorker as error:
             raise ClusterError(
-                self._lost("has lost worker after worker over one piece of work")
+                self._describe_loss("has lost worker after worker over one piece of work")
             ) from error
         except distributed.client.FutureCancelledError as error:
-            raise ClusterError(self._lost("has dropped the runs")) from error
+            raise ClusterError(self._describe_loss("has dropped the runs")) from error
         except (ParameterError, IntegrationError):
             raise
         except Exception as error:  # a worker that does not even know the function or the data
@@ -153,14 +160,14 @@ class Workers:
             return dict(self._client.scheduler_info(n_workers=-1)["workers"])
         return {}
 
-    def _lost(self, what: str) -> str:
+    def _describe_loss(self, what: str) -> str:
         return (
             f"--cluster = {self._address}: the scheduler {what}; the study keeps what is "
             "finished: start workers and run it again"
         )
 
 
-def do(sources: dict[str, str], function: Callable[[T], R], item: T) -> R:
+def run_item(sources: dict[str, str], function: Callable[[T], R], item: T) -> R:
     """Return ``function(item)``, on a worker.
 
     Raises ClusterError if the worker's sources differ from the given ones.

@@ -34,16 +34,16 @@ from optimisation.search.judge import (
     Cost,
     SearchResult,
     Verdict,
+    add_repairs,
     audit,
     more_modes,
     verdict,
-    with_repaired,
 )
 from optimisation.search.settings import (
     GP,
     NSGA2,
     SCIPY,
-    Evaluated,
+    EvaluatedDesign,
     SearchSettings,
     default_settings,
 )
@@ -155,7 +155,7 @@ def optuna_file(journal: Path) -> Path:
     return journal.with_name(f"{journal.name}.optuna")
 
 
-def searched(
+def run_study(
     label: str,
     problem: Problem,
     settings: SearchSettings,
@@ -219,13 +219,13 @@ def find(
         problem, plan.sampler, plan.batch, plan.seed, plan.screening, plan.from_scratch
     )
     with open_run_cache(executor, identity(problem, settings.describe()), journal) as cache:
-        study, finished, cost = searched(
+        study, finished, cost = run_study(
             f"{concept}: search", problem, settings, plan.designs, cache, bars
         )
         findings = SearchResult(problem, study.evaluated, finished, cost)
         if not finished:
             return findings
-        findings = _judged(findings, study.complete or study.evaluated, plan, cache, bars)
+        findings = _judge_finalists(findings, study.complete or study.evaluated, plan, cache, bars)
         if len(settings.rungs) > 1 and findings.verdict is not None and plan.audit:
             with bars.runs(f"{concept}: designs left behind, in full") as show:
                 findings = replace(findings, audit=audit(study, cache, plan.audit, show))
@@ -268,12 +268,12 @@ def _find_without_study(
         write_study(path, problem.space, problem.objectives, evaluated, costs)
     cost = Cost(len(evaluated), cache.runs, seconds, 1 - clocked.seconds / seconds)
     findings = SearchResult(problem, evaluated, finished, cost)
-    return _judged(findings, candidates_left, plan, cache, bars) if finished else findings
+    return _judge_finalists(findings, candidates_left, plan, cache, bars) if finished else findings
 
 
-def _judged(
+def _judge_finalists(
     findings: SearchResult,
-    candidates: Sequence[Evaluated],
+    candidates: Sequence[EvaluatedDesign],
     plan: SearchOptions,
     executor: Executor,
     bars: ProgressBars,
@@ -283,7 +283,7 @@ def _judged(
     problem = findings.problem
     concept = findings.problem.space.concept
     with bars.runs(f"{concept}: judging on fresh members") as show:
-        candidates = with_repaired(problem, candidates, executor, show)
+        candidates = add_repairs(problem, candidates, executor, show)
         verdict_of_search: Verdict = verdict(problem, candidates, executor, progress=show)
     findings = replace(findings, verdict=verdict_of_search)
     if not plan.modes:
@@ -338,7 +338,7 @@ def smooth_search(
     seed: int = 0,
     from_scratch: bool = False,
     progress: Callable[[int], None] | None = None,
-) -> tuple[list[Evaluated], bool]:
+) -> tuple[list[EvaluatedDesign], bool]:
     """Return the designs that were run, by number, and whether the search was finished.
 
     They are the start of the space (unless ``from_scratch``), scattered designs, and descents from
@@ -354,13 +354,13 @@ def smooth_search(
     )
     require(len(problem.objectives) == 1, "sampler", "scipy", "one objective")
     problem = replace(problem, members=min(MEMBERS, problem.members))
-    evaluated: list[Evaluated] = []
+    evaluated: list[EvaluatedDesign] = []
 
     def run(batch: list[Design]) -> list[float]:
         measured = dict(evaluate(problem, batch, problem.ensemble, problem.rate, executor))
         for k, design in enumerate(batch):
             evaluated.append(
-                Evaluated(
+                EvaluatedDesign(
                     len(evaluated),
                     design,
                     problem.score(design, measured[k], problem.ensemble, problem.rate),

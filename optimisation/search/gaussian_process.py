@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from impact_env.checks import count, require
 from impact_env.ensemble import Executor
 from optimisation.problem import Problem, measured_chunks
-from optimisation.search.settings import GP, Evaluated
+from optimisation.search.settings import GP, EvaluatedDesign
 from optimisation.space import WITH_IMPACTS, Design
 
 Array = NDArray[np.float64]
@@ -197,14 +197,14 @@ class DesignRuns:
                 measured = np.concatenate([self.measured[k], measured])
             self.measured[k] = measured
 
-    def evaluated(self) -> list[Evaluated]:
+    def list_evaluated(self) -> list[EvaluatedDesign]:
         """Return all designs with their scores by the members that each was run with."""
         problem = self.problem
         rows = []
         for k, measured in sorted(self.measured.items()):
             ensemble = problem.ensemble[: len(measured)]
             score = problem.score(self.designs[k], measured, ensemble, problem.rate)
-            rows.append(Evaluated(k, self.designs[k], score, 1))
+            rows.append(EvaluatedDesign(k, self.designs[k], score, 1))
         return rows
 
     @property
@@ -214,7 +214,7 @@ class DesignRuns:
         finite = costs[np.isfinite(costs)]
         return bool(finite.size) and float(finite.min()) > 0
 
-    def transformed(self) -> list[list[float]]:
+    def transform_values(self) -> list[list[float]]:
         """Return the values of the members of each design in the form that the process models.
 
         They are logarithms of the cost (the cost itself if it is not always positive), plus
@@ -240,7 +240,7 @@ def model_search(
     from_scratch: bool = False,
     progress: Callable[[int], None] | None = None,
     batch: int = ROUND_MEMBERS,
-) -> tuple[list[Evaluated], list[Evaluated], bool]:
+) -> tuple[list[EvaluatedDesign], list[EvaluatedDesign], bool]:
     """Search until about ``members`` members have been run, ``batch`` of them in a round.
 
     Returns all designs by number; the same designs with their modelled values, the lowest cost
@@ -260,7 +260,7 @@ def model_search(
         spread = scipy.stats.qmc.Halton(size, rng=generator)
         runs.add(spread.random(min(FIRST_DESIGNS, budget) - len(runs.points)))
         runs.run_next_member(range(len(runs.points)))
-        values = runs.transformed()
+        values = runs.transform_values()
         modelled = select_designs(values)
         process = fit_process(runs.points_of(modelled), values)
         fitted = len(runs.points)
@@ -268,17 +268,17 @@ def model_search(
             if progress is not None:
                 progress(runs.members)
             run_round(runs, modelled, process, generator, batch)
-            values = runs.transformed()
+            values = runs.transform_values()
             modelled = select_designs(values)
             again = len(runs.points) >= REFIT_GROWTH * fitted
             fitted = len(runs.points) if again else fitted
             own = [values[k] for k in modelled]
             process = fit_process(runs.points_of(modelled), own, process.logs, again)
     except KeyboardInterrupt:
-        return runs.evaluated(), [], False
+        return runs.list_evaluated(), [], False
     if progress is not None:
         progress(runs.members)
-    every = runs.evaluated()
+    every = runs.list_evaluated()
     mean = process.predict(process.points)[0]
     modelled_values = np.exp(mean) if runs.positive else mean
     sign = -1.0 if problem.objectives[0].maximise else 1.0

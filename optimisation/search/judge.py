@@ -25,7 +25,7 @@ from optimisation.insight import Levels, Sensitivity
 from optimisation.measures import LEVEL, LEVEL_RATIO, Gain, prediction_interval, ratio_of_quantiles
 from optimisation.objectives import Condition, Score
 from optimisation.problem import Problem, Progress, evaluate
-from optimisation.search.settings import Evaluated, seed_of
+from optimisation.search.settings import EvaluatedDesign, seed_of
 from optimisation.service import Service, with_more_modes
 from optimisation.space import FRICTION_LIMIT, GAP, Design, parts_of
 
@@ -43,7 +43,7 @@ AUDIT = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedDesign:
     """A design with its results for new members.
 
     Attributes
@@ -60,7 +60,7 @@ class Judged:
     ratios : array, (conditions,)
         Median over the members of the frequency at the level's maximum over the resonance; 0 under
         loads.
-    alike : tuple of Judged
+    alike : tuple of JudgedDesign
         Similar designs, whose spread is used if there are few members.
     """
 
@@ -70,7 +70,7 @@ class Judged:
     levels: Array
     without: Array
     ratios: Array
-    alike: tuple[Judged, ...] = ()
+    alike: tuple[JudgedDesign, ...] = ()
 
     @property
     def bands(self) -> list[tuple[float, float]]:
@@ -105,11 +105,11 @@ class Verdict:
     the constraints, the winner is the one with the smallest violation, and `feasible` is False.
     """
 
-    search_best: Evaluated
-    winner: Judged
-    paper: Judged
+    search_best: EvaluatedDesign
+    winner: JudgedDesign
+    paper: JudgedDesign
     # where the search begins unless it is from scratch: the paper's design scaled to the structure
-    rule: Judged
+    rule: JudgedDesign
     share: float = 0.5  # of the members that the first objective's value is the quantile of
 
     @property
@@ -129,7 +129,7 @@ class Verdict:
         ratios = np.array([one.ratios for one in both])
         return Levels(tuple(conditions), median, low, high, without, ratios)
 
-    def gain_over(self, other: Judged) -> Gain:
+    def gain_over(self, other: JudgedDesign) -> Gain:
         """Return the ratio of the winner's first objective to that of another design.
 
         It has a 95 % bootstrap interval.
@@ -142,23 +142,23 @@ class Verdict:
         return self.gain_over(self.paper)
 
 
-def judged(
+def judge_designs(
     problem: Problem,
     designs: Sequence[Design],
     ensemble: Members,
     executor: Executor,
     progress: Progress | None = None,
-) -> list[Judged]:
+) -> list[JudgedDesign]:
     """Run designs at the problem's own rate on these members."""
     reference = problem.reference(ensemble, problem.rate)
-    results: dict[int, Judged] = {}
+    results: dict[int, JudgedDesign] = {}
     for k, measured in evaluate(problem, designs, ensemble, problem.rate, executor, progress):
         values = problem.member_values(measured, ensemble, problem.rate)
         at = problem.measures.index(LEVEL)
         level, without = (array[..., at].max(axis=2) for array in (measured, reference))
         worse = np.argmax(measured[..., at], axis=2)[..., None]
         read = np.take_along_axis(measured[..., problem.measures.index(LEVEL_RATIO)], worse, axis=2)
-        results[k] = Judged(
+        results[k] = JudgedDesign(
             designs[k],
             problem.score(designs[k], measured, ensemble, problem.rate),
             values,
@@ -174,20 +174,20 @@ def rank_on_fresh_members(
     designs: Sequence[Design],
     executor: Executor,
     progress: Progress | None = None,
-) -> dict[int, Judged]:
+) -> dict[int, JudgedDesign]:
     """Run designs on members that neither the search nor the final judgement uses.
 
     The results are returned by the number of the design, best first.
     """
     ensemble = problem.fresh_ensemble(problem.members, CHOICE)
-    again = judged(problem, designs, ensemble, executor, progress)
+    again = judge_designs(problem, designs, ensemble, executor, progress)
     costs = [problem.penalised_cost(one.score) for one in again]
     return {k: again[k] for k in sorted(range(len(designs)), key=lambda k: (costs[k], k))}
 
 
 def best_candidates(
-    problem: Problem, candidates: Sequence[Evaluated], number: int
-) -> list[Evaluated]:
+    problem: Problem, candidates: Sequence[EvaluatedDesign], number: int
+) -> list[EvaluatedDesign]:
     """Return the best of a search's designs by the results of the search.
 
     Designs that break constraints come last, in the order of their violation.
@@ -198,7 +198,7 @@ def best_candidates(
 
 def verdict(
     problem: Problem,
-    candidates: Sequence[Evaluated],
+    candidates: Sequence[EvaluatedDesign],
     executor: Executor,
     finalists: int = FINALISTS,
     progress: Progress | None = None,
@@ -225,12 +225,12 @@ def verdict(
 
     ensemble = problem.fresh_ensemble(problem.members, VERDICT)
     first = list(dict.fromkeys([ranking[0], len(best), len(best) + 1]))
-    again = judged(problem, [designs[k] for k in first], ensemble, executor, progress)
+    again = judge_designs(problem, [designs[k] for k in first], ensemble, executor, progress)
     known = dict(zip(first, again, strict=True))
     tried = []
     for k in ranking:
         if k not in known:
-            (known[k],) = judged(problem, [designs[k]], ensemble, executor, progress)
+            (known[k],) = judge_designs(problem, [designs[k]], ensemble, executor, progress)
         if k < len(best):
             known[k] = replace(known[k], alike=alike)
         tried.append(known[k])
@@ -247,7 +247,7 @@ REPAIRS = 8  # gaps that are tried for a design that breaks a constraint
 REPAIR_SPAN = (0.8, 1.05)
 
 
-def repaired(problem: Problem, candidates: Sequence[Evaluated]) -> list[Design]:
+def propose_repairs(problem: Problem, candidates: Sequence[EvaluatedDesign]) -> list[Design]:
     """Return designs to try if no candidate satisfies the constraints.
 
     They are the candidate with the smallest violation, with other gaps. By the scaling law stroke
@@ -270,14 +270,14 @@ def repaired(problem: Problem, candidates: Sequence[Evaluated]) -> list[Design]:
     return designs
 
 
-def with_repaired(
+def add_repairs(
     problem: Problem,
-    candidates: Sequence[Evaluated],
+    candidates: Sequence[EvaluatedDesign],
     executor: Executor,
     progress: Progress | None = None,
-) -> list[Evaluated]:
-    """Return the candidates and the `repaired` designs, run on the members of the search."""
-    designs = repaired(problem, candidates)
+) -> list[EvaluatedDesign]:
+    """Return the candidates and proposed repairs, run on the members of the search."""
+    designs = propose_repairs(problem, candidates)
     if not designs:
         return list(candidates)
     ensemble = problem.ensemble
@@ -285,7 +285,7 @@ def with_repaired(
     added = []
     for k, measured in evaluate(problem, designs, ensemble, problem.rate, executor, progress):
         score = problem.score(designs[k], measured, ensemble, problem.rate)
-        added.append(Evaluated(number + k, designs[k], score, 1))
+        added.append(EvaluatedDesign(number + k, designs[k], score, 1))
     return [*candidates, *sorted(added, key=lambda e: e.number)]
 
 
@@ -297,13 +297,13 @@ class MoreModes:
     """
 
     modes: int
-    judged: Judged
+    judged: JudgedDesign
     change: Gain
 
 
 def more_modes(
     problem: Problem,
-    winner: Judged,
+    winner: JudgedDesign,
     share: float,
     executor: Executor,
     progress: Progress | None = None,
@@ -315,7 +315,7 @@ def more_modes(
     beam = with_more_modes(problem.beam)
     if beam is None:
         return None
-    (judgement,) = judged(
+    (judgement,) = judge_designs(
         replace(problem, beam=beam),
         [winner.design],
         problem.fresh_ensemble(problem.members, VERDICT),
@@ -370,7 +370,7 @@ def audit(
     ]
     best_design = min(complete, key=lambda e: problem.cost(e.score))
     ensemble = problem.fresh_ensemble(problem.members, AUDIT)
-    *again, winner = judged(
+    *again, winner = judge_designs(
         problem, [*(e.design for e in drawn), best_design.design], ensemble, executor, progress
     )
     best = problem.cost(winner.score)
@@ -414,7 +414,7 @@ class SearchResult:
     """
 
     problem: Problem
-    evaluated: list[Evaluated]
+    evaluated: list[EvaluatedDesign]
     finished: bool
     cost: Cost
     verdict: Verdict | None = None

@@ -16,13 +16,13 @@ from optimisation.checkpoint import RunCache, open_run_cache
 from optimisation.executors import runs_bar
 from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem
-from optimisation.search.find import BARS, identity, searched
-from optimisation.search.judge import Cost, Judged, judged
+from optimisation.search.find import BARS, identity, run_study
+from optimisation.search.judge import Cost, JudgedDesign, judge_designs
 from optimisation.search.settings import (
     NSGA2,
     RANDOM,
     SAMPLERS,
-    Evaluated,
+    EvaluatedDesign,
     SearchSettings,
     default_settings,
 )
@@ -65,13 +65,13 @@ class Front:
     ----------
     problem : Problem
         The problem.
-    evaluated : list of Evaluated
+    evaluated : list of EvaluatedDesign
         All designs.
     index : list of int
         Indices of designs that are not dominated.
     corner, volume : (float, float) and float
         Reference point of hypervolumes, and the hypervolume of the front in the search.
-    fresh, paper : list of Judged and Judged, or None
+    fresh, paper : list of JudgedDesign and JudgedDesign, or None
         Results of the front and of the paper's design for new members.
     against : tuple
         Seed, hypervolume of the method and of a random search with the same number of runs, both
@@ -81,14 +81,14 @@ class Front:
     """
 
     problem: Problem
-    evaluated: list[Evaluated]
+    evaluated: list[EvaluatedDesign]
     finished: bool
     cost: Cost
     index: list[int]
     corner: tuple[float, float]
     volume: float
-    fresh: list[Judged] | None = None
-    paper: Judged | None = None
+    fresh: list[JudgedDesign] | None = None
+    paper: JudgedDesign | None = None
     against: tuple[tuple[int, float, float], ...] = ()
     service: tuple[tuple[int, dict[str, Array]], ...] = ()
 
@@ -99,12 +99,12 @@ class Front:
             None
             if self.fresh is None
             else hypervolume(
-                signed(self.problem, [judged.score for judged in self.fresh]), self.corner
+                signed_costs(self.problem, [one.score for one in self.fresh]), self.corner
             )
         )
 
     @property
-    def members(self) -> list[Evaluated]:
+    def members(self) -> list[EvaluatedDesign]:
         """The designs that are not dominated, by the first objective."""
         return [self.evaluated[k] for k in self.index]
 
@@ -114,7 +114,7 @@ class Front:
         return sum(mine > random for _, mine, random in self.against)
 
 
-def signed(problem: Problem, scores: Sequence[Score]) -> Array:
+def signed_costs(problem: Problem, scores: Sequence[Score]) -> Array:
     """Return the costs of scores, (scores, objectives); infinite where a constraint is broken."""
     signs = np.array([-1.0 if o.maximise else 1.0 for o in problem.objectives])
     rows = np.array(
@@ -144,9 +144,9 @@ def search_front(
 ) -> Front:
     """Search; the front is that of all designs that were run, by the members of the search."""
     with open_run_cache(executor, identity(problem, settings.describe()), journal) as cache:
-        study, finished, cost = searched("search", problem, settings, designs, cache, BARS)
+        study, finished, cost = run_study("search", problem, settings, designs, cache, BARS)
     evaluated = study.evaluated
-    rows = signed(problem, [e.score for e in evaluated])
+    rows = signed_costs(problem, [e.score for e in evaluated])
     volume = hypervolume(rows, corner)
     return Front(problem, evaluated, finished, cost, find_front(rows), corner, volume)
 
@@ -159,7 +159,7 @@ def judge_front(front: Front, executor: Executor) -> Front:
     problem = front.problem
     designs = [e.design for e in front.members]
     with runs_bar("front on fresh members") as show:
-        *fresh, paper = judged(
+        *fresh, paper = judge_designs(
             problem,
             [*designs, problem.space.paper],
             problem.fresh_ensemble(2 * problem.members, 0),
@@ -207,19 +207,19 @@ def compare_with_random(
         volumes = []
         for sampler in (settings.sampler, RANDOM):
             own = default_settings(problem, sampler, batch, seed)
-            study, finished, _ = searched(
+            study, finished, _ = run_study(
                 f"seed {seed}, {SAMPLERS[sampler]}", problem, own, wanted, RunCache(executor), BARS
             )
             if not finished:
                 return replace(front, against=tuple(rows), finished=False)
-            rows_of = signed(problem, [e.score for e in study.evaluated])
+            rows_of = signed_costs(problem, [e.score for e in study.evaluated])
             best = [study.evaluated[k].design for k in find_front(rows_of)]
             with runs_bar(f"seed {seed}, {SAMPLERS[sampler]}, on fresh members") as show:
-                again = judged(
+                again = judge_designs(
                     problem, best, problem.fresh_ensemble(2 * problem.members, 0), executor, show
                 )
             volumes.append(
-                hypervolume(signed(problem, [judge.score for judge in again]), front.corner)
+                hypervolume(signed_costs(problem, [judge.score for judge in again]), front.corner)
             )
         rows.append((seed, volumes[0], volumes[1]))
     return replace(front, against=tuple(rows))

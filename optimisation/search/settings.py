@@ -33,7 +33,7 @@ from optimisation.space import TUNED, Design
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluated:
+class EvaluatedDesign:
     """A design with its result in a search.
 
     ``number``: number of the design. ``rungs``: number of rungs on which it was run. Only a design

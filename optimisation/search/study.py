@@ -25,7 +25,7 @@ from impact_env.extras import optional
 from optimisation.files import replacing
 from optimisation.objectives import Objective, Score
 from optimisation.problem import Problem, evaluate
-from optimisation.search.settings import CMA, NSGA2, Evaluated, SearchSettings, seed_of
+from optimisation.search.settings import CMA, NSGA2, EvaluatedDesign, SearchSettings, seed_of
 from optimisation.space import Design, DesignSpace
 
 # Samplers: methods that propose designs as points of the unit cube.
@@ -189,7 +189,7 @@ def write_study(
     path: Path,
     space: DesignSpace,
     objectives: Sequence[Objective],
-    designs: Sequence[Evaluated],
+    designs: Sequence[EvaluatedDesign],
     costs: Sequence[Sequence[float]],
 ) -> None:
     """Write designs with their costs as a file that Optuna and its dashboard read.
@@ -267,14 +267,14 @@ class DesignStudy:
         settings.check(problem)
         self.problem = problem
         self.settings = settings
-        self.evaluated: list[Evaluated] = []
+        self.evaluated: list[EvaluatedDesign] = []
         self.runs = 0
         self.costs: list[BatchCosts] = []
         self._sampler = sampler or make_sampler(problem, settings)
         self._batch: Array | None = None
 
     @property
-    def complete(self) -> list[Evaluated]:
+    def complete(self) -> list[EvaluatedDesign]:
         """The finished designs of the last rung; one of them wins."""
         return [
             e for e in self.evaluated if e.score.feasible and e.rungs == len(self.settings.rungs)
@@ -345,7 +345,7 @@ class DesignStudy:
         batch = self._count_costs(rows)
         self.costs.append(batch)
         self.evaluated += [
-            Evaluated(first + k, design, score, rungs)
+            EvaluatedDesign(first + k, design, score, rungs)
             for k, (design, (rungs, score)) in enumerate(zip(designs, rows, strict=True))
         ]
         return batch

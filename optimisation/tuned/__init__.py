@@ -58,7 +58,7 @@ def effective_mass_ratio(
     return mass * shape**2
 
 
-def _tuned(
+def _make_absorber(
     model: ModalModel,
     mass_ratio: float,
     resonance: int,
@@ -87,7 +87,7 @@ def den_hartog(
     has (1 + mu)^3 under the root: the two forms are easily confused.
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
-    return _tuned(
+    return _make_absorber(
         model, mass_ratio, resonance, 1 / (1 + mu), float(np.sqrt(3 * mu / (8 * (1 + mu))))
     )
 
@@ -114,7 +114,7 @@ def undamped_minimax(
     )
     # 8 + 9 mu - 4 r without the cancellation at small mu
     damping = np.sqrt((9 * mu - 12 * mu / (r + 2)) / (1 + mu)) / 4
-    return _tuned(model, mass_ratio, resonance, float(frequency), float(damping))
+    return _make_absorber(model, mass_ratio, resonance, float(frequency), float(damping))
 
 
 def undamped_h2(
@@ -128,7 +128,7 @@ def undamped_h2(
     + mu))) (Warburton's optimum for a random force on the main mass).
     """
     mu = effective_mass_ratio(model, mass_ratio, resonance)
-    return _tuned(
+    return _make_absorber(
         model,
         mass_ratio,
         resonance,
@@ -150,7 +150,7 @@ def paper_rule(
     mu = (
         positive("mass_ratio", mass_ratio) * instance("model", model, ModalModel).beam_mass
     )  # in kg, over a modal mass of one
-    return _tuned(
+    return _make_absorber(
         model, mass_ratio, resonance, 1 / (1 + mu), 2 * float(np.sqrt(3 * mu / (8 * (1 + mu))))
     )
 
@@ -210,7 +210,7 @@ def require_wide_range(
     require(low <= first and high >= second, "scoring range (low, high)", (low, high), allowed)
 
 
-def _scored(
+def _check_scored_range(
     model: ModalModel, absorber: LinearAbsorber | None, resonance: int, low: float, high: float
 ) -> float:
     """Return omega_r; raises ParameterError unless the range can score an absorber."""
@@ -264,7 +264,7 @@ def peaks(
     """
     low, high = frequency_range(low, high)
     model = instance("model", model, ModalModel)
-    omega_r = _scored(model, absorber, resonance, low, high)
+    omega_r = _check_scored_range(model, absorber, resonance, low, high)
     grid = _grid(model, absorber, omega_r, low, high)
     if grid is None:
         raise ParameterError(
@@ -337,7 +337,9 @@ def peak(
     """
     low, high = frequency_range(low, high)
     model = instance("model", model, ModalModel)
-    return _highest(model, absorber, _scored(model, absorber, resonance, low, high), low, high)
+    return _highest(
+        model, absorber, _check_scored_range(model, absorber, resonance, low, high), low, high
+    )
 
 
 def highest_amplitude(
@@ -398,7 +400,7 @@ def h2_norm(
     Raises ParameterError for a mode without damping and, with a TunedAbsorber, for a range that
     cannot hold both split peaks.
     """
-    omega_r = _scored(model, absorber, resonance, low, high)
+    omega_r = _check_scored_range(model, absorber, resonance, low, high)
     matrix, b, c = state_space(model, absorber, omega_r)
     decay = float(-np.max(np.linalg.eigvals(matrix).real))
     require(
@@ -408,10 +410,10 @@ def h2_norm(
         "above 0 at every mode, or an absorber that damps it: the variance is infinite",
     )
     weighted = scipy.linalg.solve_continuous_lyapunov(matrix, -np.outer(b, b)) @ c
-    return float(np.sqrt(omega_r * 2 * max(0.0, _integrated(matrix, c, weighted, low, high))))
+    return float(np.sqrt(omega_r * 2 * max(0.0, _integrate_band(matrix, c, weighted, low, high))))
 
 
-def _integrated(matrix: Real, c: Real, weighted: Real, low: float, high: float) -> float:
+def _integrate_band(matrix: Real, c: Real, weighted: Real, low: float, high: float) -> float:
     """Return c (S(high) - S(low)) ``weighted``, with S of the text above.
 
     The logarithm of the matrix is computed from its poles, or directly if two poles coincide.

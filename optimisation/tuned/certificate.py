@@ -98,7 +98,7 @@ def certify(
     require(
         bool(np.isfinite(grid)), "damping_ratio", damped, "above 0 at every resonance of the range"
     )
-    matrix, b, c = _balanced(*state_space(model, absorber, omega_r))
+    matrix, b, c = _balance_blocks(*state_space(model, absorber, omega_r))
     decay = -float(np.max(np.linalg.eigvals(matrix).real))
     require(
         decay > 0, "damping_ratio", damped, "above 0 at every mode, or an absorber that damps it"
@@ -116,7 +116,7 @@ def certify(
     return Certificate(bound, grid, ratio, bool(everywhere))
 
 
-def _balanced(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
+def _balance_blocks(matrix: Real, b: Real, c: Real) -> tuple[Real, Real, Real]:
     """Return the same system in real blocks, one for each pair of poles or real pole.
 
     Input and output of each block have equal size.

@@ -83,7 +83,7 @@ def expected_rms(model: ModalModel, tuned: TunedAbsorber | None, load: Random) -
     return float(np.sqrt(np.sum(load.density * np.abs(motion) ** 2) / load.length))
 
 
-def tuned_for(
+def tune_for_loads(
     model: ModalModel,
     mass_ratio: float,
     drives: Sequence[Excitation],
@@ -122,7 +122,7 @@ def tuned_for(
 
 
 @dataclass(frozen=True, eq=False)
-class TunedUnder:
+class TunedForLoads:
     """Tuned absorbers under ``loads``.
 
     ``best`` is the absorber with the least measure, ``peak`` the absorber with the smallest peak,
@@ -137,7 +137,7 @@ class TunedUnder:
     ratios: Array
 
 
-def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float) -> TunedUnder:
+def tune_under_loads(model: ModalModel, loads: Loads, mass_ratio: float) -> TunedForLoads:
     """Return the tuned absorber with the least measure under loads.
 
     The measure is taken over `RECORDS` members. For a random load the absorber is that of the least
@@ -145,7 +145,9 @@ def tuned_under(model: ModalModel, loads: Loads, mass_ratio: float) -> TunedUnde
     """
     check_load(Scene(model, None), loads, Exact())
     drives = drives_of(draw_members(RECORDS, 0), loads)
-    best = tuned_for(model, positive("mass_ratio", mass_ratio), drives)
+    best = tune_for_loads(model, positive("mass_ratio", mass_ratio), drives)
     peak = minimax(model, mass_ratio)
     levels = runs_of(model, [best, peak, None], drives, measure=measure_bands)
-    return TunedUnder(loads, measure_of(loads), best, peak, np.max(levels[:2] / levels[2], axis=2))
+    return TunedForLoads(
+        loads, measure_of(loads), best, peak, np.max(levels[:2] / levels[2], axis=2)
+    )

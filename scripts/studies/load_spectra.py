@@ -22,7 +22,7 @@ from optimisation.bounds import design_force
 from optimisation.files import markdown
 from optimisation.load_cases import runs_of
 from optimisation.measures import SAMPLES
-from optimisation.tuned.under_loads import expected_rms, tuned_for
+from optimisation.tuned.under_loads import expected_rms, tune_for_loads
 from studies.study import Array, Json
 
 MODES = 5
@@ -181,7 +181,7 @@ def random_rows(case: LoadCase, number: int, settings: SpectrumSettings) -> list
     (spectrum,) = loads.parts
     assert isinstance(spectrum, Random)
     size = expected_rms(damped, None, spectrum)
-    tuned = tuned_for(damped, variant.mass_ratio, [loads])
+    tuned = tune_for_loads(damped, variant.mass_ratio, [loads])
     drives = [
         drive
         for drive in drives_of(draw_members(settings.members, 0), loads)
@@ -251,7 +251,7 @@ def shock_rows(case: LoadCase, width: float, settings: SpectrumSettings) -> list
     unit = Loads((shock,), float(model.omega[0]))
     history = simulate(Scene(model), unit, record=SERIES).recorded.history
     per_newton = float(np.max(np.abs(history.tip_displacement)))
-    tuned = tuned_for(model, MASS_RATIO, [unit])
+    tuned = tune_for_loads(model, MASS_RATIO, [unit])
     places = np.random.default_rng(0).uniform(-0.95, 0.95, settings.members) * GAP
     rows = []
     for peak in PEAKS[:: 3 if settings.quick else 1]:

@@ -40,7 +40,7 @@ from optimisation.comparison import (
     force_grid,
 )
 from optimisation.files import replacing, write_csv, write_json
-from optimisation.measures import measure_of, measured
+from optimisation.measures import measure_lane, measure_of
 from optimisation.report.comparison_report import CURVE_COLUMNS, RUN_COLUMNS, summary
 from optimisation.tuned import den_hartog, under_loads
 
@@ -242,7 +242,7 @@ def test_the_decay_time_of_one_mode() -> None:
     shock = Loads((Shock("half-sine", 10.0, 0.0125, 2.0),), OMEGA[0])
     model = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
     assert measure_of(shock) == "decay"
-    assert measured(Lane(Scene(model), shock)) == pytest.approx(
+    assert measure_lane(Lane(Scene(model), shock)) == pytest.approx(
         (1 - np.exp(-0.02 * OMEGA[0] * 2.0)) / (0.02 * OMEGA[0]), rel=0.02
     )
 

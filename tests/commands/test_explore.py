@@ -47,14 +47,14 @@ from optimisation.explore.examples import make_measured_example
 from optimisation.explore.server import (
     MOST_BYTES,
     MOST_TABS,
-    bound,
     make_app,
     make_work,
     names_of,
+    open_socket,
     page_address,
 )
 from optimisation.explore.settings import (
-    Refused,
+    RefusedValues,
     commands_of,
     controls,
     parse_controls,
@@ -215,11 +215,11 @@ def test_a_page_answers_to_every_address_that_leads_to_it(listens: str, host: st
 
 
 def test_all_addresses_are_bound_and_the_page_is_named_by_one_that_a_browser_takes() -> None:
-    with bound("0.0.0.0", 0) as listening:
+    with open_socket("0.0.0.0", 0) as listening:
         port = listening.getsockname()[1]
         assert page_address(listening) == f"http://127.0.0.1:{port}/"
         with pytest.raises(ParameterError, match=f"--port = {port} is not allowed"):
-            bound("0.0.0.0", port)
+            open_socket("0.0.0.0", port)
 
 
 @pytest.mark.parametrize(
@@ -716,7 +716,7 @@ def test_a_structure_from_a_file_has_its_own_controls() -> None:
     frame = load_structure(EXAMPLES / "frame.toml")
     assert "modes" in {c.name for c in controls(BEAM)} - {c.name for c in controls(frame)}
     for values, name in (({"load": "base"}, "load"), ({"modes": 3}, "")):
-        with pytest.raises(Refused) as refusal:
+        with pytest.raises(RefusedValues) as refusal:
             parse_controls(values, frame)
         assert name in refusal.value.errors
     assert scene_of(parse_controls({}, frame), frame).model.modes == frame.modes

@@ -16,7 +16,7 @@ from impact_env import Drive, InitialState, constant_frequency, simulate
 from impact_env.frequency import tip_response
 from impact_env.modes import modal_model
 from impact_env.parameters import Beam, StuckAbsorber
-from impact_env.periodic import HybridOrbit, Orbit, hybrid_orbit_of, orbit_of, unpacked
+from impact_env.periodic import HybridOrbit, Orbit, hybrid_orbit_of, orbit_of, unpack_orbits
 from impact_env.periodic.orbit_table import ORBIT_COLUMNS
 from impact_env.periodic.response_curve import CurvePoint
 from impact_env.plain import to_scene
@@ -178,7 +178,7 @@ def test_branches_over_the_force_hold_both_ends_of_an_s(tmp_path: Path) -> None:
         "6",
     )
     assert max(branch["force_N"]) == pytest.approx(6, rel=1e-6)
-    entries = list(unpacked(branch["orbits"]))
+    entries = list(unpack_orbits(branch["orbits"]))
     assert len(entries) == sum(tip is not None for tip in branch["tip_max_m"])
     for entry in entries[:: len(entries) // 4]:
         orbit = orbit_of(entry)
@@ -371,7 +371,7 @@ def test_the_papers_isola_by_both_methods_in_all_files(
     assert closed["peak"]["tip_max_m"] == pytest.approx(1.4743e-3, abs=1e-7)
     assert not any(closed["stable"])
     assert any(closed["slowly_stable"])
-    entries = list(unpacked(closed["orbits"]))
+    entries = list(unpack_orbits(closed["orbits"]))
     assert len(entries) == sum(tip is not None for tip in closed["tip_max_m"])
     assert all(
         {"scene", "start", "events", "held_rad", "half_multipliers", "period_s", "symmetric"}

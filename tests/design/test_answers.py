@@ -22,7 +22,7 @@ from optimisation.gap_advice import Limits
 from optimisation.report.report import CompleteAnswer
 from optimisation.search.find import find
 from optimisation.tuned import den_hartog
-from optimisation.tuned.under_loads import TunedUnder
+from optimisation.tuned.under_loads import TunedForLoads
 
 QUICK = {"rate": 40.0, "members": 2}  # the numbers do not matter here
 
@@ -280,7 +280,7 @@ def test_an_answer_without_card_or_figure_says_so() -> None:
     loads = Loads((Shock("half-sine", 20.0, 0.0125, 0.5),), model.omega[0])
     absorber = den_hartog(model, 0.02)
     ratios = np.array([[0.5, 0.6], [0.7, 0.8]])
-    answer = TuningAnswer(TunedUnder(loads, "decay", absorber, absorber, ratios))
+    answer = TuningAnswer(TunedForLoads(loads, "decay", absorber, absorber, ratios))
     with pytest.raises(ParameterError, match="no card"):
         answer.to_html()
     with pytest.raises(ParameterError, match="no figure"):

@@ -27,7 +27,7 @@ from optimisation.load_cases import AppliedLoads
 from optimisation.objectives import Condition
 from optimisation.problem import Problem, evaluate_arrays
 from optimisation.space import GAP, IMPACT, design_space
-from optimisation.tuned.under_loads import expected_rms, tuned_under
+from optimisation.tuned.under_loads import expected_rms, tune_under_loads
 
 MODEL = ModalModel(*(np.array([x]) for x in (OMEGA[0], 0.01, 0.6, 2.6)), MASS)
 BAND = ((35.0, 0.5), (46.0, 0.5))
@@ -155,7 +155,7 @@ def test_the_expected_rms_is_that_of_the_matrices(
 
 
 def test_a_random_load_is_tuned_to_its_least_mean_square() -> None:
-    tuned = tuned_under(MODEL, NOISE, 0.02)
+    tuned = tune_under_loads(MODEL, NOISE, 0.02)
 
     def shifted(x: NDArray[np.float64]) -> float:
         return exact_rms(tuned.peak.stiffness * np.exp(x[0]), tuned.peak.damping * np.exp(x[1]))

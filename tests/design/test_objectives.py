@@ -39,8 +39,8 @@ from optimisation.measures import (
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition, Constraint, Objective, Score, range_width
 from optimisation.problem import FAILED, PENALTY, Problem, evaluate, measured_chunks
-from optimisation.search.judge import repaired, with_repaired
-from optimisation.search.settings import Evaluated
+from optimisation.search.judge import add_repairs, propose_repairs
+from optimisation.search.settings import EvaluatedDesign
 from optimisation.space import Design, design_space
 
 FIRST = Condition(1, 3.5)
@@ -284,19 +284,19 @@ def test_the_least_bad_design_is_tried_with_other_gaps() -> None:
     """
     problem = small(constraints=(Constraint("impact_speed", 0.5),), members=1, rate=40.0)
     design = problem.space.default
-    bad = Evaluated(3, design, Score((0.5,), (0.5,)), 1)
-    worse = Evaluated(4, problem.space.paper, Score((0.2,), (0.9,)), 1)
-    designs = repaired(problem, [worse, bad])
+    bad = EvaluatedDesign(3, design, Score((0.5,), (0.5,)), 1)
+    worse = EvaluatedDesign(4, problem.space.paper, Score((0.2,), (0.9,)), 1)
+    designs = propose_repairs(problem, [worse, bad])
     scales = np.array([one.values["gap"] / design.values["gap"] for one in designs])
     assert scales.min() < 1 / 1.5 < scales.max()
     np.testing.assert_allclose(
         [one.values["friction_limit"] for one in designs],
         scales * design.values["friction_limit"],
     )
-    every = with_repaired(problem, [worse, bad], Threads(1))
+    every = add_repairs(problem, [worse, bad], Threads(1))
     assert [one.number for one in every[2:]] == list(range(5, 5 + len(designs)))
-    good = Evaluated(5, design, Score((0.5,), (-0.1,)), 1)
-    assert repaired(problem, [bad, good]) == []
+    good = EvaluatedDesign(5, design, Score((0.5,), (-0.1,)), 1)
+    assert propose_repairs(problem, [bad, good]) == []
 
 
 # Designs in arrays for other people's optimisers, and the worked examples with those, where they

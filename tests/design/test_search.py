@@ -42,7 +42,7 @@ from optimisation.search.judge import (
     verdict,
 )
 from optimisation.search.pareto import find_front, hypervolume
-from optimisation.search.settings import Evaluated, Rung, SearchSettings, default_settings
+from optimisation.search.settings import EvaluatedDesign, Rung, SearchSettings, default_settings
 from optimisation.search.study import BatchCosts, CmaSampler, DesignStudy
 from optimisation.space import Design, design_space
 from optimisation.tuned import HIGH, LOW, minimax
@@ -209,7 +209,7 @@ def test_a_winner_that_breaks_a_limit_on_fresh_members_gives_way_to_the_next() -
             return 1e-4 if gap in (5e-4, 7e-4) else 1.1e-4
 
     score = Score((0.1,), (0.0,))
-    candidates = [Evaluated(k, design, score, 1) for k, design in enumerate(designs)]
+    candidates = [EvaluatedDesign(k, design, score, 1) for k, design in enumerate(designs)]
     judged = verdict(tested, candidates, Levels())
     assert judged.search_best.design == designs[1]
     assert judged.winner.design.values["gap"] == 5e-4

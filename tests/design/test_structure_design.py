@@ -27,7 +27,7 @@ from impact_env.scene import Scene
 from impact_env.sweep import simulate
 from optimisation.bounds import design_force, near_range, resonance_limit
 from optimisation.cli import structure
-from optimisation.mounting import detuned, model_with_absorber_at
+from optimisation.mounting import detune, model_with_absorber_at
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.space import design_space
@@ -155,7 +155,7 @@ def test_a_problem_takes_a_modal_model_as_it_takes_its_beam() -> None:
     own = small(modal_model(Beam(modes=2)))
     np.testing.assert_allclose(values_of(own)[:, 0], values_of(beam)[:, 0], rtol=1e-12)
     assert own.describe() != beam.describe()
-    assert model_with_absorber_at(detuned(own.beam, 0.1)).omega[1] == pytest.approx(
+    assert model_with_absorber_at(detune(own.beam, 0.1)).omega[1] == pytest.approx(
         1.1 * beam.model.omega[1]
     )
 

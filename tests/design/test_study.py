@@ -17,7 +17,7 @@ from impact_env.ensemble import Executor
 from optimisation.checkpoint import Checkpoint, key_of, open_run_cache, source_hash
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.search.find import SearchOptions, find, identity, searched
+from optimisation.search.find import SearchOptions, find, identity, run_study
 from optimisation.search.judge import SearchResult
 from optimisation.search.settings import Rung, SearchSettings
 from optimisation.search.study import DesignStudy
@@ -36,7 +36,7 @@ def search(
 ) -> tuple[list[Result], int]:
     """Return a search's result with the runs that a file holds, and how many runs it made."""
     with open_run_cache(Model(), identity(tested, chosen.describe()), file) as ledger:
-        study, _, cost = searched("search", tested, chosen, designs, ledger)
+        study, _, cost = run_study("search", tested, chosen, designs, ledger)
     return [(e.number, dict(e.design.values), e.score, e.rungs) for e in study.evaluated], cost.runs
 
 

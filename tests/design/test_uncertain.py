@@ -31,14 +31,14 @@ from optimisation.files import write_json
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
 from optimisation.space import IMPACT, design_space
-from optimisation.tolerances import NAMES, drawn, posterior_spreads, shares, spreads
+from optimisation.tolerances import NAMES, draw_lane, posterior_spreads, shares, spreads
 
 EVERY = dict.fromkeys(NAMES, "5%")
 
 
 def values(name: str, tolerance: str | Sequence[float | str], nominal: float) -> np.ndarray:
     (one,) = spreads({name: tolerance})
-    return np.array([one.drawn(share, nominal) for share in np.linspace(0, 1, 2001)])
+    return np.array([one.value_at(share, nominal) for share in np.linspace(0, 1, 2001)])
 
 
 def test_a_deviation_is_a_normal_distribution_cut_at_three() -> None:
@@ -76,7 +76,7 @@ def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> No
         }
     )
     share = dict.fromkeys(NAMES, 0.5)
-    lane_drawn = drawn(lane, every, share, 2, 2.0)
+    lane_drawn = draw_lane(lane, every, share, 2, 2.0)
     np.testing.assert_allclose(lane_drawn.scene.model.damping_ratio, 0.025)
     np.testing.assert_allclose(lane_drawn.scene.model.omega, 1.1 * scene.model.omega)
     assert lane_drawn.drive.amplitude == pytest.approx(2.5)
@@ -86,7 +86,7 @@ def test_a_lane_has_everything_drawn_and_its_sweep_follows_the_frequency() -> No
     absorber = lane_drawn.scene.absorber
     assert (absorber.walls.gap, absorber.friction.limit) == pytest.approx((1e-3, 0.1))
     assert absorber.walls.restitution == pytest.approx(0.3)
-    wide = drawn(lane, every, dict.fromkeys(NAMES, 1.0), 2, 2.0).scene.absorber
+    wide = draw_lane(lane, every, dict.fromkeys(NAMES, 1.0), 2, 2.0).scene.absorber
     assert (wide.walls.gap, wide.friction.limit) == pytest.approx((1.15e-3, 0.13))
 
 
@@ -230,7 +230,7 @@ def test_draws_of_a_posterior_are_joint_and_leave_other_draws_as_they_are() -> N
     assert [one.name for one in every] == ["restitution", "friction"]
     members = draw_members(50, 3)
     own = shares(every, members)
-    values = [[one.drawn(share[one.name], 0.0) for one in every] for share in own]
+    values = [[one.value_at(share[one.name], 0.0) for one in every] for share in own]
     assert np.allclose([a / b for a, b in values], 10.0)
     assert np.std([a for a, _ in values]) > 0.1
     damping = spreads({"damping": "10%"})

@@ -16,7 +16,7 @@ from impact_env.checks import ParameterError
 from impact_env.envs import ENVIRONMENTS
 from impact_env.envs.evaluation import evaluate, play
 from optimisation.cli import rl_evaluate as judge
-from optimisation.rl.agents import TRAINED, Agent, Memory, load_agent, save_agent, shipped
+from optimisation.rl.agents import TRAINED, Agent, Memory, list_shipped, load_agent, save_agent
 from optimisation.rl.demonstrations import (
     dataset_hash,
     read_demonstrations,
@@ -152,11 +152,11 @@ def test_candidates_are_scored_as_if_each_played_alone_and_a_search_is_no_worse_
 @pytest.mark.parametrize("task", TASKS)
 def test_the_chosen_rule_and_shipped_agents_beat_open_loop_baselines(task: str) -> None:
     played = policies(task) | {
-        algorithm: load_agent(task, algorithm) for algorithm in shipped().get(task, ())
+        algorithm: load_agent(task, algorithm) for algorithm in list_shipped().get(task, ())
     }
     scores = {label: play(policy, env_of(task), FRESH).scores for label, policy in played.items()}
     compared = [(EIGHT, CONSTANT), (EIGHT, BLIND)]
-    compared += [(algorithm, CONSTANT) for algorithm in shipped().get(task, ())]
+    compared += [(algorithm, CONSTANT) for algorithm in list_shipped().get(task, ())]
     compared += [(label, EIGHT) for label in ("rpi", READ) if label in scores]
     for label, other in compared:
         better = scores[label] - scores[other]

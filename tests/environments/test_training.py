@@ -40,13 +40,13 @@ from optimisation.rl.agents import (
     actor_of,
     find_agents,
     find_runs,
+    list_shipped,
     load_agent,
     packaged_file,
     read_evaluations,
     run_folder,
     save_agent,
     ship,
-    shipped,
     write_evaluations,
 )
 from optimisation.rl.hyperparameters import PACKAGED, PPOSettings, SACSettings, read, settings_for
@@ -305,7 +305,7 @@ def test_agent_acts_as_its_model(tmp_path: Path, algorithm: str) -> None:
         job.arguments,
     )
     assert file.stat().st_size < 40_000
-    assert [shipped.name for shipped in find_agents(tmp_path, env_id=GAP)] == [
+    assert [agent.name for agent in find_agents(tmp_path, env_id=GAP)] == [
         f"{algorithm.upper()}, seed 0"
     ]
     assert find_agents(tmp_path, env_id=HARD) == []
@@ -539,7 +539,7 @@ def test_the_command_goes_on_after_kill_9(tmp_path: Path) -> None:
 # what they score: test_suite.py.
 
 
-SHIPPED = [(task, algorithm) for task, own in shipped().items() for algorithm in own]
+SHIPPED = [(task, algorithm) for task, own in list_shipped().items() for algorithm in own]
 KINDS = {"ppo": PPO, "sac": SAC, "rpi": RolloutPolicyIteration}
 
 

@@ -49,7 +49,7 @@ from impact_env.periodic.harmonic_balance import harmonic_balance
 from impact_env.periodic.isolas import find_thresholds
 from impact_env.periodic.motion import Motion, motion_of, stability_of
 from impact_env.periodic.offspring import descendants
-from impact_env.periodic.orbit import Orbit, confirmed, orbit_of, unpacked
+from impact_env.periodic.orbit import Orbit, confirm_orbit, orbit_of, unpack_orbits
 from impact_env.periodic.orbit_branches import (
     COARSE_STEPS,
     GRAZING,
@@ -192,7 +192,7 @@ def test_every_bifurcation_located_has_its_multiplier_in_an_own_propagation() ->
             kind,
             solution.case.omega_ratio,
         )
-        assert isinstance(confirmed(motion_of(solution)), Orbit)
+        assert isinstance(confirm_orbit(motion_of(solution)), Orbit)
 
 
 def test_births_are_the_bifurcations_of_the_orbits_that_are_left() -> None:
@@ -268,7 +268,7 @@ def test_where_friction_would_hold_the_absorber_nothing_is_located() -> None:
     ]
     assert places
     for kind, solution in places:
-        assert isinstance(confirmed(motion_of(solution)), Orbit)
+        assert isinstance(confirm_orbit(motion_of(solution)), Orbit)
         assert on_the_circle_by_reference(kind, motion_of(solution)), (
             kind,
             solution.case.omega_ratio,
@@ -315,7 +315,7 @@ def test_a_curve_describes_itself_and_its_orbits_are_read_back() -> None:
     for kind in (SYMMETRY_BREAKING, PERIOD_DOUBLING):
         curve = one_mode()[kind][0]
         plain = curve.to_plain()
-        entries = list(unpacked(plain["orbits"]))
+        entries = list(unpack_orbits(plain["orbits"]))
         assert len(entries) == sum(written == "yes" for written in plain["orbit"])
         for entry in entries[:: len(entries) // 3]:
             orbit = orbit_of(entry)
@@ -553,7 +553,7 @@ def test_a_branch_in_friction_comes_to_its_limits() -> None:
     assert branch.branch.parameters.max() == pytest.approx(0.05, rel=1e-6)
     assert len(branch.schedules) < 500
     end = branch.solution(int(np.argmax(branch.branch.parameters)))
-    orbit = confirmed(motion_of(end))
+    orbit = confirm_orbit(motion_of(end))
     assert isinstance(orbit, Orbit), orbit.reason
     start, state = orbit.motion.mid_flight()
     initial = InitialState(state[:2], state[3:5], float(state[2]), float(state[5]))

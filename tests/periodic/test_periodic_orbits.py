@@ -33,7 +33,7 @@ from impact_env.periodic.orbit import (
     mirror_orbit,
     reorder_events,
     settle_order,
-    shot_orbit,
+    shoot_orbit,
 )
 from impact_env.periodic.orbit_branches import (
     GRAZING,
@@ -95,7 +95,7 @@ def test_a_motion_may_start_where_the_relative_velocity_is_zero_but_for_rounding
     state, phase = state_after(case, 300)
     period = 2 * np.pi / case.omega
     run = follow_trajectory(case, phase, state, period)
-    reversals = [each.time for each in run.happenings if each.event.wall == 0]
+    reversals = [each.time for each in run.events if each.event.wall == 0]
     assert len(reversals) > 15  # in two accumulations of impacts
     n = case.model.modes
     for time in reversals:
@@ -103,7 +103,7 @@ def test_a_motion_may_start_where_the_relative_velocity_is_zero_but_for_rounding
         start[-1] = case.model.tip_shape @ start[n + 1 : -1] + rounding
         again = follow_trajectory(case, phase + case.omega * time, start, period)
         assert np.max(np.abs(again.end[: n + 1] - start[: n + 1])) < 1e-6 * case.gap
-        assert all(each.event.sign in (-1, 1) for each in again.happenings if each.impulse != 0)
+        assert all(each.event.sign in (-1, 1) for each in again.events if each.impulse != 0)
 
 
 @pytest.mark.parametrize("name", [*FLYING, *HELD])
@@ -263,7 +263,7 @@ def test_closed_form_greens_function_and_shooting_agree(case: Case) -> None:
     for orbit in closed_form_orbits(case).orbits:
         phase, state = orbit.motion.mid_flight()
         start = state * (1 + 1e-4 * np.cos(np.arange(len(state))))
-        again = shot_orbit(
+        again = shoot_orbit(
             case, phase, start, orbit.schedule.symmetric, orbit.schedule.period_multiple
         )
         assert isinstance(again, Orbit)
@@ -317,7 +317,7 @@ def test_a_passage_repeats_the_exact_methods_run_from_any_state() -> None:
         assert np.max(np.abs(passage.derivative * unit / unit[:, None] - truth)) < 1e-4 * np.max(
             np.abs(truth)
         )
-        assert sum(happening.event.is_impact for happening in passage.happenings) > 2
+        assert sum(happening.event.is_impact for happening in passage.events) > 2
 
 
 @pytest.mark.parametrize("name", ["many reversals", "one-sided"])

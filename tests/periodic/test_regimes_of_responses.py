@@ -19,14 +19,14 @@ from impact_env.periodic.residence import (
     ExitRate,
     Jumps,
     Range,
-    Stays,
+    ResidenceTimes,
     exit_rate,
     hazard,
     hold,
     jumps,
     passage_schedule,
     read_duration,
-    stays,
+    residence_times,
 )
 from impact_env.periodic.shooting import Exponent, exponent_of, largest_exponent
 from impact_env.periodic.stationary import (
@@ -97,17 +97,21 @@ def members_at(modes: int, ratio: float, force: float, **absorber: float) -> lis
 
 def test_runs_of_each_kind() -> None:
     linear = members_at(2, 0.9, 0.5, friction_limit=0.025)
-    assert {member.found.kind for member in linear} == {ResponseKind.LINEAR}
-    assert all(member.found.depth < 1e-9 for member in linear)
+    assert {member.classification.kind for member in linear} == {ResponseKind.LINEAR}
+    assert all(member.classification.depth < 1e-9 for member in linear)
     modulated = members_at(1, 1.0, 1.7)  # the paper's strongly modulated response
-    assert {member.found.kind for member in modulated} == {ResponseKind.MODULATED}
+    assert {member.classification.kind for member in modulated} == {ResponseKind.MODULATED}
     assert all(
-        1.7 < member.found.impacts_per_period < 2.5 and member.energies.absorber_most > 0.9
+        1.7 < member.classification.impacts_per_period < 2.5 and member.energies.absorber_most > 0.9
         for member in modulated
     )
     periodic = members_at(10, 0.9625, 3.5, restitution=0.7, friction_limit=0.1)
     assert all(
-        (member.found.kind, member.found.multiple, member.found.impacts_per_period)
+        (
+            member.classification.kind,
+            member.classification.multiple,
+            member.classification.impacts_per_period,
+        )
         == (ResponseKind.PERIODIC, 1, 2.0)
         for member in periodic
     )
@@ -120,7 +124,7 @@ def test_runs_of_each_kind() -> None:
         assert energies.impact > 0.1
         assert energies.friction > 0.1
     chaotic = members_at(10, 1.0, 3.5, restitution=0.7, friction_limit=0.1)
-    assert {member.found.kind for member in chaotic} == {ResponseKind.SUSTAINED}
+    assert {member.classification.kind for member in chaotic} == {ResponseKind.SUSTAINED}
     assert np.all(np.diff(envelope(chaotic)) > 0)
 
 
@@ -138,9 +142,9 @@ def test_stay_ends_is_censored_or_never_began() -> None:
     )
 
 
-def sample(rate: float, most: float, n: int) -> Stays:
+def sample(rate: float, most: float, n: int) -> ResidenceTimes:
     times = np.random.default_rng(3).exponential(1 / rate, n)
-    return Stays(np.minimum(times, most), times < most)
+    return ResidenceTimes(np.minimum(times, most), times < most)
 
 
 def test_rate_of_a_known_sample() -> None:
@@ -164,7 +168,7 @@ def test_rate_of_a_known_sample() -> None:
 
 def rate_of(drawn: np.random.Generator) -> ExitRate:
     times = drawn.exponential(500.0, 40)
-    return exit_rate(Stays(np.minimum(times, 600.0), times < 600.0))
+    return exit_rate(ResidenceTimes(np.minimum(times, 600.0), times < 600.0))
 
 
 @pytest.mark.parametrize(
@@ -183,14 +187,16 @@ def test_intervals_cover_what_is_known_as_often_as_they_say(
 
 
 def test_rate_without_exits_and_without_time() -> None:
-    estimate = exit_rate(Stays(np.full(10, 50.0), np.zeros(10, dtype=bool)))
+    estimate = exit_rate(ResidenceTimes(np.full(10, 50.0), np.zeros(10, dtype=bool)))
     assert (estimate.exits, estimate.rate, estimate.low) == (0, 0.0, 0.0)
     assert estimate.high == pytest.approx(-np.log(0.025) / 500)
-    assert np.isnan(exit_rate(Stays(np.full(3, 5.0), np.ones(3, dtype=bool)), burn_in=10).rate)
+    assert np.isnan(
+        exit_rate(ResidenceTimes(np.full(3, 5.0), np.ones(3, dtype=bool)), burn_in=10).rate
+    )
 
 
 def rates_of(exits: list[int]) -> list[ExitRate]:
-    return [exit_rate(Stays(np.full(1000, 10.0), np.arange(1000) < n)) for n in exits]
+    return [exit_rate(ResidenceTimes(np.full(1000, 10.0), np.arange(1000) < n)) for n in exits]
 
 
 def test_integral_of_the_rate() -> None:
@@ -261,7 +267,10 @@ def test_jump_is_predicted_without_a_fit() -> None:
     scene, approach = paper()
     phases = np.linspace(0, 2 * np.pi, 60, endpoint=False).tolist()
     ratios = np.linspace(0.984, 0.956, 8).tolist()
-    rates = [exit_rate(stays(scene, 1.5, approach, ratio, 2000, phases), 100) for ratio in ratios]
+    rates = [
+        exit_rate(residence_times(scene, 1.5, approach, ratio, 2000, phases), 100)
+        for ratio in ratios
+    ]
     predicted = hazard(ratios, rates)
     assert 600 < 1 / predicted.value < 2000  # 967 to 1,207 over six sets of phases
     for slowness in (100.0, 1450.0):

@@ -35,7 +35,7 @@ from impact_env.modes import assemble_matrices, deflection_row, mode_shapes
 from impact_env.plain import from_scene, to_scene
 from impact_env.plain_loads import to_loads
 from optimisation.bounds import design_gap
-from optimisation.insight import neighbourhood, varied
+from optimisation.insight import list_varied, neighbourhood
 from optimisation.mounting import model_with_absorber_at
 from optimisation.objectives import Condition, Objective
 from optimisation.problem import Problem
@@ -244,7 +244,7 @@ def test_a_choice_has_equal_shares_and_no_neighbourhood(structure: ModalModel) -
     (position,) = (v for v in own.space.free if v.name == "position")
     assert [position.value_at(x) for x in (0.0, 0.49, 0.5, 1.0)] == [1, 1, 2, 2]
     assert [position.value_at(position.share_of(x)) for x in (1.0, 2.0)] == [1, 2]
-    assert [v.name for v in varied(own.space)] == ["gap"]
+    assert [v.name for v in list_varied(own.space)] == ["gap"]
     assert neighbourhood(own.space, own.space.default)[0].shape == (1,)
     assert problem(structure, free=["gap"]).space.default.values["position"] == 1
     fixed = Problem(

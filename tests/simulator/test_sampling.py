@@ -47,7 +47,7 @@ from impact_env.methods import Method, Moreau, RungeKutta
 from impact_env.parameters import CompliantWalls, SlidingAbsorber
 from impact_env.results import Window
 from impact_env.sweep import EventRecorder
-from optimisation.measures import RMS, Chunk, measure, measured
+from optimisation.measures import RMS, Chunk, measure, measure_lane
 
 MODEL = cantilever()
 SCENE = Scene(MODEL)
@@ -146,7 +146,7 @@ def test_curves_controlled_runs_and_measures_are_refused_alike() -> None:
     faster = Loads((Tones((Tone(1.0, frequency=2 * HERTZ),), LENGTH),), W1)  # 64 samples, 18 W1
     lane = Lane(SCENE, faster)
     with pytest.raises(ParameterError, match="samples_per_period = 64"):
-        measured(lane)
+        measure_lane(lane)
     with pytest.raises(ParameterError, match="samples_per_period = 64"):
         measure(Chunk((lane,), (RMS,), None, 3.0))
 

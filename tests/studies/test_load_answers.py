@@ -17,7 +17,7 @@ from impact_env.parameters import impact_absorber
 from impact_env.scene import Scene
 from optimisation.files import read_json
 from optimisation.signals import band_levels
-from optimisation.tuned.under_loads import expected_rms, tuned_for
+from optimisation.tuned.under_loads import expected_rms, tune_for_loads
 from studies import load_spectra
 from studies.cli import load_answers
 from studies.cli.load_answers import both_rows, both_text, main, orders
@@ -106,9 +106,9 @@ def test_random_loads_are_printed_and_drawn(
     (row,) = random_rows(CASE, 0, SpectrumSettings(3, False))
     loads = load_spectra._random(CASE.model, "wide")
     (wide,) = loads.parts
-    expected = expected_rms(CASE.model, tuned_for(CASE.model, 0.02, [loads]), wide) / expected_rms(
-        CASE.model, None, wide
-    )
+    expected = expected_rms(
+        CASE.model, tune_for_loads(CASE.model, 0.02, [loads]), wide
+    ) / expected_rms(CASE.model, None, wide)
     assert np.median(row["tuned"]) == pytest.approx(expected, rel=0.15)  # of three records
     assert row["impact"][1] == pytest.approx([1.0, 1.0, 1.0], abs=1e-6)
     assert np.median(row["impact"][0]) < 0.8

@@ -111,7 +111,7 @@ from optimisation.comparison import force_grid
 from optimisation.contact import estimate, material, meeting_mass
 from optimisation.gap_advice import gap_factors
 from optimisation.insight import neighbourhood, over_force, with_gaps
-from optimisation.mounting import detuned, model_with_absorber_at
+from optimisation.mounting import detune, model_with_absorber_at
 from optimisation.objectives import Condition, Constraint, Objective
 from optimisation.problem import Problem
 from optimisation.search.settings import Rung, SearchSettings
@@ -503,7 +503,7 @@ def targets() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             {"model": model, "mass": mass, "gap": 1e-3, "force_amplitude": 3.5, "omega": omega},
         ),
         (model_with_absorber_at, {"structure": BEAM}),
-        (detuned, {"structure": model, "share": 0.01}),
+        (detune, {"structure": model, "share": 0.01}),
         (material, {"name": "steel"}),
         (
             estimate,

@@ -25,7 +25,7 @@ from impact_env import (
 from impact_env.drive import PAPER_RATE
 from impact_env.loads import Loads, Samples
 from impact_env.methods import PAPER_STEPS, Exact, Moreau
-from optimisation.checkpoint import BARE, Timed
+from optimisation.checkpoint import BARE, TimedRun
 from optimisation.cli.common import command
 from studies.study import (
     Array,
@@ -99,7 +99,7 @@ def measure(case: SpeedCase, settings: TimingSettings, advance: Advance) -> Json
     periods = settings.periods
     short = min(settings.periods, case.moreau_periods)
     exact, moreau = (
-        Timed(scene, make_sweep_up(scene, case.force, START, length), method)
+        TimedRun(scene, make_sweep_up(scene, case.force, START, length), method)
         for length, method in ((periods, Exact()), (short, Moreau()))
     )
     response = exact.run()
@@ -217,8 +217,8 @@ def measure_record(
     loads = Loads((Samples(times, values),), 2 * np.pi * RATE / PERIOD)
     scene = Scene(model, absorber)
     recorded = Record(level=False, series=True, samples_per_period=PERIOD)
-    exact = Timed(scene, loads, Exact(), record=BARE)
-    recorder = Timed(scene, loads, Exact(), record=recorded)
+    exact = TimedRun(scene, loads, Exact(), record=BARE)
+    recorder = TimedRun(scene, loads, Exact(), record=recorded)
     history = recorder.run().recorded.history
     row: Json = {
         "name": name,
@@ -235,7 +235,7 @@ def measure_record(
         )
         runs["lsim"] = partial(scipy.signal.lsim, system, values, times)
     else:
-        runs["moreau"] = Timed(scene, loads, Moreau()).run
+        runs["moreau"] = TimedRun(scene, loads, Moreau()).run
     each = time_in_turn(
         {name: partial(time_call, run) for name, run in runs.items()}, settings.repeats, advance
     )

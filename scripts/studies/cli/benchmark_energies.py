@@ -21,7 +21,7 @@ from impact_env.parameters import (
     friction_damper,
     impact_absorber,
 )
-from optimisation.checkpoint import Timed
+from optimisation.checkpoint import TimedRun
 from optimisation.cli.common import command
 from studies.study import (
     Json,
@@ -88,7 +88,7 @@ def measure(case: EnergyCase, settings: TimingSettings, advance: Advance) -> Jso
     periods = settings.periods
     drive = make_sweep_up(scene, case.force, START, periods)
     recorded, bare = (
-        Timed(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record())
+        TimedRun(scene, drive, Exact(), record=record) for record in (Record(energy=True), Record())
     )
     response = recorded.run()
     runs = {

@@ -37,7 +37,7 @@ from impact_env.kernels.motion.search_block import (
 )
 from impact_env.methods import Exact
 from impact_env.solvers import WINDOW_PERIODS, rigid_regimes
-from optimisation.checkpoint import Timed
+from optimisation.checkpoint import TimedRun
 from optimisation.cli.common import command
 from optimisation.executors import Bar
 from optimisation.files import markdown
@@ -146,7 +146,7 @@ def measure(case: SpeedCase, periods: float) -> Json:
     scene = case.scene()
     level = 1
     window = WINDOW_PERIODS * 2 * np.pi / scene.model.resonance_omega(1)
-    run = Timed(scene, make_sweep_up(scene, case.force, START, periods), Exact())
+    run = TimedRun(scene, make_sweep_up(scene, case.force, START, periods), Exact())
     response = run.run()
     us = 1e6 * measure_median_time(lambda: run.run().wall_time, REPEATS) / periods
     events = response.steps / periods

@@ -14,14 +14,14 @@ import click
 from matplotlib.figure import Figure
 
 from optimisation.cli.common import command, seed_option
-from optimisation.files import published
+from optimisation.files import publication_folder
 from optimisation.report.report import write_figure
 from studies.accuracy import bands, cost, distribution, growth, jumps, trajectory
 from studies.accuracy.cases import FULL, QUICK, AccuracySettings, Row, made_with
 from studies.study import Measurement, Part, Saver, Study, make_rows_part, paths_with_page, run
 
 QUICK_OUT = Path("results/error_vs_runtime")
-OUT = published(Path("docs/methods"), QUICK_OUT)
+OUT = publication_folder(Path("docs/methods"), QUICK_OUT)
 DPI = 110
 
 

@@ -18,7 +18,7 @@ from optimisation.checkpoint import peak_memory
 from optimisation.cli.common import cluster_option, command, seed_option, threads_option
 from optimisation.cli.design_options import QUICK_MEMBERS, QUICK_SPEED
 from optimisation.executors import executor
-from optimisation.files import markdown, published, require_writable
+from optimisation.files import markdown, publication_folder, require_writable
 from optimisation.measures import ratio_of_quantiles
 from studies.findings import parts
 from studies.findings.figures import FIGURES
@@ -324,7 +324,7 @@ def _full(result: Json) -> str:
 
 NAME = "findings"
 QUICK_OUT = Path("results/findings")
-OUT = published(Path("docs"), QUICK_OUT)
+OUT = publication_folder(Path("docs"), QUICK_OUT)
 JOURNALS = Path("results/findings/journals")
 # odd: the study's own force is one of the points
 DESIGNS = 160

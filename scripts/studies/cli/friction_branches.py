@@ -24,7 +24,7 @@ from optimisation.insight import REPORT_SEEDS
 from optimisation.measures import branches
 from optimisation.objectives import Condition
 from optimisation.problem import Problem
-from optimisation.search.judge import judged
+from optimisation.search.judge import judge_designs
 from optimisation.space import FRICTION_LIMIT, GAP, IMPACT, Design, design_space
 from studies.study import (
     Json,
@@ -82,7 +82,7 @@ def _rows(damping: float, factor: float, settings: BranchSettings) -> list[Json]
         for limit in LIMITS
     ]
     with runs_bar(f"damping {100 * damping:g} %, gap {factor:g}") as show:
-        levels = judged(
+        levels = judge_designs(
             problem, designs, problem.fresh_ensemble(members, REPORT_SEEDS), settings.executor, show
         )
     for limit, one in zip(LIMITS, levels, strict=True):

@@ -30,7 +30,7 @@ from impact_env.parameters import RigidWalls, SlidingAbsorber, friction_law, imp
 from optimisation.absorber_rules import scaled_friction
 from optimisation.bounds import design_gap
 from optimisation.cli.common import command
-from optimisation.files import DOCS, markdown, published
+from optimisation.files import DOCS, markdown, publication_folder
 from optimisation.signals import band_levels
 from studies import load_spectra as spectra
 from studies.load_spectra import (
@@ -519,7 +519,7 @@ def main(
     The measures are level, RMS or decay time relative to those without absorber. The page is
     docs/load_findings.md.
     """
-    folder = out or (QUICK_OUT if quick else published(DOCS, QUICK_OUT))
+    folder = out or (QUICK_OUT if quick else publication_folder(DOCS, QUICK_OUT))
     settings = SpectrumSettings(members or (QUICK_MEMBERS if quick else MEMBERS), quick)
     run(
         STUDY,

@@ -23,7 +23,7 @@ from impact_env.envs.evaluation import (
 )
 from optimisation.cli.common import command
 from optimisation.files import markdown
-from optimisation.rl.agents import Agent, load_agent, shipped
+from optimisation.rl.agents import Agent, list_shipped, load_agent
 from optimisation.rl.rules import CONSTANT, EIGHT, env_of, policies
 from studies.study import (
     Json,
@@ -83,7 +83,7 @@ def list_policies(task: str, agents: tuple[Agent, ...]) -> dict[str, Any]:
     agents.
     """
     rules = policies(task)
-    own = [load_agent(task, algorithm) for algorithm in shipped().get(task, [])]
+    own = [load_agent(task, algorithm) for algorithm in list_shipped().get(task, [])]
     chosen = [agent for agent in agents if agent.env_id == env_of(task)]
     return {CONSTANT: rules[CONSTANT], EIGHT: rules[EIGHT]} | {
         name_agent(agent): agent for agent in (*own, *chosen)

@@ -29,7 +29,7 @@ from optimisation.cli.scene_options import (
     structure_option,
 )
 from optimisation.executors import workers
-from optimisation.files import markdown, published
+from optimisation.files import markdown, publication_folder
 from optimisation.report.report import figure_of, write_figure
 from studies.regimes.measured import (
     RESPONSE,
@@ -297,7 +297,7 @@ def slownesses(rows: list[Row], case: str) -> list[Row]:
 
 NAME = "regimes"
 QUICK_OUT = Path("results/regimes")
-OUT = published(Path("docs"), QUICK_OUT)
+OUT = publication_folder(Path("docs"), QUICK_OUT)
 JUMP = "jump"
 KINDS = "kinds"
 NUMBERS = ("stay_members", "sweep_members", "kind_members", "seed")

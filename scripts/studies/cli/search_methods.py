@@ -29,20 +29,20 @@ from impact_env.parameters import Beam
 from optimisation.checkpoint import sources
 from optimisation.cli.common import cluster_option, command, threads_option
 from optimisation.executors import executor
-from optimisation.files import DOCS, published
+from optimisation.files import DOCS, publication_folder
 from optimisation.objectives import Condition, Constraint
 from optimisation.problem import Problem
 from optimisation.search.gaussian_process import model_search
 from optimisation.search.judge import (
     FINALISTS,
     best_candidates,
-    judged,
+    judge_designs,
     rank_on_fresh_members,
 )
 from optimisation.search.settings import (
     CMA,
     RANDOM,
-    Evaluated,
+    EvaluatedDesign,
     Rung,
     SearchSettings,
     default_settings,
@@ -171,7 +171,7 @@ def run_study(
     settings: SearchSettings,
     comparison: ComparisonSettings,
     sampler: Sampler | None = None,
-) -> tuple[list[Evaluated], float]:
+) -> tuple[list[EvaluatedDesign], float]:
     """Search until the cost is reached; return the designs that can win, and the cost."""
     from optimisation.search.study import DesignStudy  # needs Optuna, which --help does not
 
@@ -184,7 +184,7 @@ def run_study(
 
 def search_screened(
     sampler: str, batch: int, problem: Problem, comparison: ComparisonSettings
-) -> tuple[list[Evaluated], float]:
+) -> tuple[list[EvaluatedDesign], float]:
     """Search with successive halving of each batch."""
     settings = default_settings(problem, sampler, batch, problem.seed, from_scratch=True)
     return run_study(problem, settings, comparison)
@@ -192,7 +192,7 @@ def search_screened(
 
 def search_unscreened(
     sampler: str, batch: int, problem: Problem, comparison: ComparisonSettings
-) -> tuple[list[Evaluated], float]:
+) -> tuple[list[EvaluatedDesign], float]:
     """Search with a few members for every design."""
     few = replace(problem, members=UNSCREENED_MEMBERS)
     settings = SearchSettings(
@@ -201,7 +201,9 @@ def search_unscreened(
     return run_study(few, settings, comparison)
 
 
-def search_tpe(problem: Problem, comparison: ComparisonSettings) -> tuple[list[Evaluated], float]:
+def search_tpe(
+    problem: Problem, comparison: ComparisonSettings
+) -> tuple[list[EvaluatedDesign], float]:
     """Search by Optuna's tree-structured Parzen estimator."""
     import optuna
 
@@ -219,7 +221,7 @@ def search_tpe(problem: Problem, comparison: ComparisonSettings) -> tuple[list[E
 
 def search_differential_evolution(
     problem: Problem, comparison: ComparisonSettings
-) -> tuple[list[Evaluated], float]:
+) -> tuple[list[EvaluatedDesign], float]:
     """Search by SciPy's differential evolution."""
     from optimisation.search.study import DesignStudy
 
@@ -251,7 +253,9 @@ def search_differential_evolution(
     return study.complete or study.evaluated, cost
 
 
-def search_model(problem: Problem, comparison: ComparisonSettings) -> tuple[list[Evaluated], float]:
+def search_model(
+    problem: Problem, comparison: ComparisonSettings
+) -> tuple[list[EvaluatedDesign], float]:
     """Search with a Gaussian process that runs one member at a time."""
     members = round(comparison.cost)
     _, ranked, finished = model_search(
@@ -262,7 +266,7 @@ def search_model(problem: Problem, comparison: ComparisonSettings) -> tuple[list
     return ranked, float(members)
 
 
-Search = Callable[[Problem, ComparisonSettings], tuple[list[Evaluated], float]]
+Search = Callable[[Problem, ComparisonSettings], tuple[list[EvaluatedDesign], float]]
 METHODS: dict[str, tuple[str, Search]] = {
     "random": ("random search", partial(search_unscreened, RANDOM, 8)),
     "cma": ("CMA-ES", partial(search_unscreened, CMA, 8)),
@@ -279,7 +283,7 @@ def judge_design(problem: Problem, design: Design, comparison: ComparisonSetting
     Return its median ``level``, and the relative amount by which it exceeds a limit.
     """
     fresh = problem.fresh_ensemble(comparison.judging, JUDGING_SET)
-    (evaluated,) = judged(problem, [design], fresh, comparison.executor)
+    (evaluated,) = judge_designs(problem, [design], fresh, comparison.executor)
     violation = max([0.0, *evaluated.score.violations])
     return {
         "level": evaluated.score.values[0],
@@ -425,7 +429,7 @@ def summary(measured: Measurement) -> str:
 
 NAME = "search_methods"
 QUICK_OUT = Path("results/search_methods")
-OUT = published(DOCS, QUICK_OUT)
+OUT = publication_folder(DOCS, QUICK_OUT)
 SECTION = "searches:levels"
 OVERALL = "searches:summary"
 MACHINE = "searches:machine"

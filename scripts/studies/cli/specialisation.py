@@ -19,7 +19,7 @@ import click
 from impact_env.sweep import IntegrationError
 from optimisation.checkpoint import sources
 from optimisation.cli.common import command
-from optimisation.files import DOCS, markdown, published
+from optimisation.files import DOCS, markdown, publication_folder
 from studies.study import (
     CsvTable,
     Json,
@@ -335,7 +335,7 @@ def counts(entry: dict[str, Any]) -> dict[str, str]:
 
 NAME = "specialisation"
 QUICK_OUT = Path("results/specialisation")
-OUT = published(Path("docs/internals"), QUICK_OUT)
+OUT = publication_folder(Path("docs/internals"), QUICK_OUT)
 COLUMNS = (
     "absorber",
     "method",

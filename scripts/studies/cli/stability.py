@@ -21,7 +21,7 @@ from impact_env.ensemble import available_cores
 from optimisation.checkpoint import sources
 from optimisation.cli.common import command
 from optimisation.executors import Pool
-from optimisation.files import markdown, published
+from optimisation.files import markdown, publication_folder
 from optimisation.report.report import write_figure
 from studies.stability.cells import FAILED, GOOD, REFUSED, WEAK, Cell
 from studies.stability.tasks import failures, finished, gather, tasks
@@ -40,7 +40,7 @@ from studies.study import (
 NAME = "stability"
 COMPILE_S = 240.0  # at most, for the kernels of a kind of scene
 QUICK_OUT = Path("results/stability")
-OUT = published(Path("docs/methods"), QUICK_OUT)
+OUT = publication_folder(Path("docs/methods"), QUICK_OUT)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from optimisation.executors import Bar, runs_bar
 from optimisation.files import number, read_json
 from optimisation.insight import (
     Levels,
-    detuned,
+    detuned_conditions,
     levels,
     member_levels,
     over_force,
@@ -379,7 +379,7 @@ def robustness(study: FindingsSettings) -> Json:
             }
             named["tuned to the first resonance"] = Design(TUNED, values)
         with runs_bar(f"{concept}: detuned beams") as show:
-            conditions = detuned(
+            conditions = detuned_conditions(
                 problem.conditions[0], np.linspace(-0.1, 0.1, 2 * (study.points // 2) + 1)
             )
             part = levels(

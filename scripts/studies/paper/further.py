@@ -30,7 +30,7 @@ from impact_env import (
 from impact_env.drive import PAPER_LIMITS
 from impact_env.ensemble import Lane, draw_members
 from impact_env.frequency import tip_response
-from impact_env.periodic.orbit import unpacked
+from impact_env.periodic.orbit import unpack_orbits
 from impact_env.periodic.overview import exact_curves
 from impact_env.periodic.stationary import ResponseKind, classify_run
 from optimisation.files import markdown
@@ -164,7 +164,7 @@ def _branch(settings: PaperSettings, size: Size) -> Json:
 def count_impacts_from(scene: Scene, force: float, orbit: Json, periods: int = 2) -> float:
     """Return the impacts per period of a simulated run that starts on an orbit.
 
-    The orbit is an entry of `unpacked`.
+    The orbit is an entry of `unpack_orbits`.
     """
     start = orbit["start"]
     state = InitialState(
@@ -184,7 +184,7 @@ def _orbits(size: Size) -> Json:
     reference = scene.model.resonance_omega(1)
     curves = exact_curves(scene, BRANCH_FORCE, reference, high_low.LOW, high_low.HIGH)
     high = max(curves, key=lambda curve: not_none(curve.peak).tip_max)
-    upper = [one for one in unpacked(not_none(high.orbits)) if one["tip_max_m"] > 1.2 * GAP]
+    upper = [one for one in unpack_orbits(not_none(high.orbits)) if one["tip_max_m"] > 1.2 * GAP]
     chosen = upper[:: max(1, len(upper) // size.orbits)]
     return {
         "omega_ratio": [one["omega_ratio"] for one in chosen],
@@ -245,7 +245,7 @@ def classify_from(lane: Lane) -> tuple[str, float]:
     The size is the median of the periods' largest |q_tip| in m.
     """
     result = classify_run(lane.scene, lane.drive, WINDOW_PERIODS, initial=lane.initial)
-    return result.found.kind.value, float(np.median(result.peaks))
+    return result.classification.kind.value, float(np.median(result.peaks))
 
 
 def _basins(settings: PaperSettings, size: Size) -> list[Json]:

@@ -133,9 +133,9 @@ def _stationary(settings: PaperSettings, size: Size) -> Json:
         result[name] = {
             "force_n": force,
             "omega_ratio": ratio,
-            "kinds": [one.found.kind.value for one in results],
-            "impacts_per_period": [one.found.impacts_per_period for one in results],
-            "depth": [one.found.depth for one in results],
+            "kinds": [one.classification.kind.value for one in results],
+            "impacts_per_period": [one.classification.impacts_per_period for one in results],
+            "depth": [one.classification.depth for one in results],
             "peak_median_m": [float(np.median(one.peaks)) for one in results],
         }
         for method in (Exact(), Moreau()):

@@ -33,7 +33,7 @@ from impact_env.periodic.residence import (
     exit_rate,
     hazard,
     jumps,
-    stays,
+    residence_times,
 )
 from impact_env.results import DEFAULT_SAMPLES, Record
 from optimisation.executors import sweeps_bar
@@ -178,7 +178,7 @@ def _rates(settings: PaperSettings, size: Size) -> list[Json]:
     approach = Approach(own.model.resonance_omega(1), 1.0)
     for ratio in np.round(np.linspace(OVER.first, OVER.last, size.ratios), 6).tolist():
         with sweeps_bar(f"{LABEL}: stays at {ratio:g}", leave=False) as show:
-            result = stays(
+            result = residence_times(
                 own, FORCES["medium"], approach, ratio, size.periods, phases, progress=show, **to
             )
         rate = exit_rate(result, BURN_IN)

@@ -18,7 +18,7 @@ from impact_env import ModalModel, Scene, beam_scene
 from impact_env.checks import count, finite, positive, require
 from impact_env.ensemble import Executor, draw_members
 from impact_env.parameters import Beam, impact_absorber
-from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, stays
+from impact_env.periodic.residence import Approach, Range, exit_rate, jumps, residence_times
 from impact_env.periodic.stationary import QUANTILES, ResponseKind, classify_members, envelope
 from studies.study import not_none
 
@@ -226,7 +226,7 @@ def _stay(case: RegimeCase, ratio: float, settings: RegimeSettings) -> list[Row]
     drawn = _phases(settings.stay_members, settings.seed)
     length = settings.stay_periods
     at = (case.scene, case.force, case.approach, ratio)
-    result = stays(
+    result = residence_times(
         *at, length, drawn, settings.silence, threads=settings.threads, executor=settings.executor
     )
     rate = exit_rate(result, settings.burn_in)
@@ -312,20 +312,22 @@ def _responses(case: RegimeCase, ratio: float, settings: RegimeSettings) -> list
         *at, *lengths, drawn, threads=settings.threads, executor=settings.executor
     )
     kinds = {
-        kind.value: sum(member.found.kind is kind for member in members) for kind in ResponseKind
+        kind.value: sum(member.classification.kind is kind for member in members)
+        for kind in ResponseKind
     }
     multiples = [
         m
         for member in members
-        if member.found.kind is ResponseKind.PERIODIC and (m := member.found.multiple) is not None
+        if member.classification.kind is ResponseKind.PERIODIC
+        and (m := member.classification.multiple) is not None
     ]
     peaks = dict(
         zip((f"peak_{100 * q:g}" for q in QUANTILES), envelope(members).tolist(), strict=True)
     )
     each = [
         (
-            m.found.impacts_per_period,
-            m.found.depth,
+            m.classification.impacts_per_period,
+            m.classification.depth,
             m.energies.absorber_mean,
             m.energies.impact,
             m.energies.friction,
