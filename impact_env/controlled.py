@@ -31,12 +31,7 @@ from impact_env.kernels.control.interval import (
     new_lanes,
     scan_orders,
 )
-from impact_env.kernels.control.work_queue import (
-    PARTS_DONE,
-    PARTS_LEFT,
-    WorkQueue,
-    new_work_queue,
-)
+from impact_env.kernels.control.lanes import PARTS_DONE, PARTS_LEFT, WorkQueue, new_work_queue
 from impact_env.kernels.motion.observers import ORDER_REFUSED
 from impact_env.laws import SceneKind
 from impact_env.level import (

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from impact_env.checks import count, require, row
 from impact_env.drive import Excitation, Load
-from impact_env.kernels.motion.level import LevelObserver, compute_level, new_level, push_samples
+from impact_env.kernels.motion.observers import (
+    LevelObserver,
+    compute_level,
+    new_level,
+    push_samples,
+)
 from impact_env.loads import BASE_QUANTITY, Random, Samples, Shock, Strike
 from impact_env.modes import ModalModel
 from impact_env.results import MOST_SAMPLES_PER_PERIOD, ResponseLevel

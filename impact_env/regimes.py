@@ -23,10 +23,14 @@ from numpy.typing import NDArray
 
 from impact_env.checks import ParameterError
 from impact_env.force_channels import find_base_shapes
-from impact_env.kernels.events.search import HERMITE_SHARE, SCAN_NOISE
-from impact_env.kernels.events.steps import LEVEL_RATIO
-from impact_env.kernels.motion.modal_system import REST, TAYLOR_REACH, TAYLOR_TERMS, ModalSystem
-from impact_env.kernels.motion.search_block import POINTS
+from impact_env.kernels.events.search import HERMITE_SHARE, LEVEL_RATIO, SCAN_NOISE
+from impact_env.kernels.motion.modal_system import (
+    POINTS,
+    REST,
+    TAYLOR_REACH,
+    TAYLOR_TERMS,
+    ModalSystem,
+)
 from impact_env.kernels.motion.segments import LinearRegime
 from impact_env.modes import MOST_HEAVINESS, ModalModel, with_link
 from impact_env.secular import (

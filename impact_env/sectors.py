@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_env.checks import count, instance, positive, require, row
 from impact_env.drive import Drive, Excitation
-from impact_env.kernels.motion.level import new_level, push_samples
+from impact_env.kernels.motion.observers import new_level, push_samples
 from impact_env.level import HALF_WINDOW_PERIODS, read_level
 from impact_env.loads import Loads
 from impact_env.methods import Method

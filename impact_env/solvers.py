@@ -22,6 +22,7 @@ from impact_env.force_channels import check_places, find_base_shapes, split_forc
 from impact_env.kernels.control.interval import Batch
 from impact_env.kernels.control.lanes import (
     LaneMemory,
+    WorkQueue,
     compliant_lanes,
     linear_lanes,
     moreau_lanes,
@@ -32,29 +33,26 @@ from impact_env.kernels.control.lanes import (
     rigid_lanes,
     runge_kutta_lanes,
 )
-from impact_env.kernels.control.work_queue import WorkQueue
-from impact_env.kernels.exact.compliant import CompliantScene, compliant_lane
-from impact_env.kernels.exact.compliant_contact import ContactStiffness
+from impact_env.kernels.exact.compliant import CompliantScene, ContactStiffness, compliant_lane
 from impact_env.kernels.exact.linear import Linear, linear_lane
-from impact_env.kernels.exact.rigid import rigid_lane
+from impact_env.kernels.exact.rigid import Rigid, rigid_lane
 from impact_env.kernels.exact.rigid_contact import NO_WALLS, ContactLaw, Walls
 from impact_env.kernels.exact.sets import Absorbers
 from impact_env.kernels.exact.several import Several, several_lane
-from impact_env.kernels.exact.stick_slip import Rigid
 from impact_env.kernels.motion import loads
+from impact_env.kernels.motion.loads import Schedule
 from impact_env.kernels.motion.observers import Observers
-from impact_env.kernels.motion.segments import LinearRegime, Losses, Schedule
-from impact_env.kernels.stepping import feedback, moreau
-from impact_env.kernels.stepping.feedback import (
+from impact_env.kernels.motion.segments import LinearRegime, Losses
+from impact_env.kernels.stepping import moreau, runge_kutta_step
+from impact_env.kernels.stepping.grid import NO_SPRING, BeamModes, DriveForce, Spring, TimeStep
+from impact_env.kernels.stepping.moreau import RigidLaws, moreau_lane
+from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
+from impact_env.kernels.stepping.runge_kutta_step import (
     CompliantLaws,
     CubicSpring,
     ElasticSlider,
     ElasticStops,
 )
-from impact_env.kernels.stepping.grid import BeamModes, DriveForce, TimeStep
-from impact_env.kernels.stepping.moreau import moreau_lane
-from impact_env.kernels.stepping.moreau_law import NO_SPRING, RigidLaws, Spring
-from impact_env.kernels.stepping.runge_kutta import runge_kutta_lane
 from impact_env.laws import SceneKind
 from impact_env.loads import BASE_QUANTITY, Loads, Samples
 from impact_env.methods import METHODS, Exact, Method, Moreau, RungeKutta
@@ -717,17 +715,17 @@ def _runge_kutta_laws(scene: Scene) -> tuple[CompliantLaws, int | None]:
     """
     absorber = scene.absorber
     mass = scene.absorber_mass or 0.0
-    stops = feedback.NO_STOPS
-    slider = feedback.NO_SLIDER
+    stops = runge_kutta_step.NO_STOPS
+    slider = runge_kutta_step.NO_SLIDER
     if isinstance(absorber, SlidingAbsorber):
         stops = fill_tuple(ElasticStops, absorber.walls) or stops
         slider = fill_tuple(ElasticSlider, absorber.friction) or slider
     free_mass, added_mass = (0.0, mass) if isinstance(absorber, StuckAbsorber) else (mass, 0.0)
-    cubic = feedback.NO_CUBIC_SPRING
+    cubic = runge_kutta_step.NO_CUBIC_SPRING
     if isinstance(absorber, NonlinearSink):
         cubic = CubicSpring(absorber.cubic_stiffness, absorber.damping)
     laws = CompliantLaws(free_mass, added_mass, stops, slider, build_spring(scene), cubic)
-    return laws, _wide(scene.model.modes + 1, feedback.STRIDE)
+    return laws, _wide(scene.model.modes + 1, runge_kutta_step.STRIDE)
 
 
 @dataclass(frozen=True)

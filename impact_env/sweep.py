@@ -21,23 +21,27 @@ from impact_env.energy import stored_energy
 from impact_env.first_use import compiling_for
 from impact_env.force_channels import split_forces
 from impact_env.kernels.compiling.parts import abandon_compilations
-from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, EVENTS_PER_PERIOD, FIRST_EVENTS
 from impact_env.kernels.motion import observers
-from impact_env.kernels.motion.level import LevelObserver, new_envelope, new_level
 from impact_env.kernels.motion.observers import (
+    EVALUATIONS_PER_EVENT,
+    EVENTS_PER_PERIOD,
+    FIRST_EVENTS,
     IMPACT_RECORD,
     PHASE_RECORD,
     REVERSAL_RECORD,
     CheckObserver,
     Counters,
     EnergyTotals,
+    LevelObserver,
     Observers,
     StateSeries,
     new_check,
     new_clock,
     new_counters,
     new_energy,
+    new_envelope,
     new_events,
+    new_level,
     new_series,
 )
 from impact_env.laws import SceneKind

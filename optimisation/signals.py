@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from impact_env.checks import require
 from impact_env.ensemble import Lane
-from impact_env.kernels.motion.level import compute_level
+from impact_env.kernels.motion.observers import compute_level
 from impact_env.level import HALF_WINDOW_PERIODS, LEAST_SAMPLES_PER_CYCLE, level_of, require_sampled
 from impact_env.loads import Loads, Tones
 from impact_env.modes import ModalModel

@@ -14,20 +14,18 @@ from impact_env.checks import (
 )
 from impact_env.fields import check_fields
 from impact_env.kernels.periodic.green import (
+    CONVERGED,
     FORCE,
     GAP,
     LIMIT,
+    NOT_CONVERGED,
     OMEGA,
+    ORDER_LOST,
     RESTITUTION,
+    SINGULAR,
     OrbitEquations,
     fill_conditions,
     new_orbit_workspace,
-)
-from impact_env.kernels.periodic.newton import (
-    CONVERGED,
-    NOT_CONVERGED,
-    ORDER_LOST,
-    SINGULAR,
     solve_orbit,
 )
 from impact_env.kernels.periodic.structure import Point

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_env.checks import require
-from impact_env.kernels.periodic.monodromy import compute_monodromy
 from impact_env.kernels.periodic.motion import (
     Flights,
     compute_flights,
+    compute_monodromy,
     compute_states,
     scan_flights,
 )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.checks import ParameterError
-from impact_env.kernels.periodic.monodromy import apply_saltation
+from impact_env.kernels.periodic.motion import apply_saltation
 from impact_env.modes import ModalModel
 from impact_env.periodic.case import Case
 from impact_env.periodic.schedule import Event, Regime

@@ -26,10 +26,14 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.curve import performance_curve
 from impact_env.ensemble import Lane, run_lanes
-from impact_env.kernels.exact.budget import FIRST_EVENTS, LONG_SEARCH_EVALUATIONS, count_progress
 from impact_env.kernels.motion import observers
-from impact_env.kernels.motion.forced import ForceWindow
-from impact_env.kernels.motion.observers import new_counters
+from impact_env.kernels.motion.loads import ForceWindow
+from impact_env.kernels.motion.observers import (
+    FIRST_EVENTS,
+    LONG_SEARCH_EVALUATIONS,
+    count_progress,
+    new_counters,
+)
 from impact_env.methods import Method
 from impact_env.parameters import Absorber
 

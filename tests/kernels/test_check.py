@@ -10,7 +10,7 @@ from core import ALL, drive_of, scene_of
 
 from impact_env import Moreau, Record, impact_absorber, simulate
 from impact_env.kernels.events.signals import HIT_HIGH, HIT_LOW, REVERSAL
-from impact_env.kernels.exact import stick_slip
+from impact_env.kernels.exact import rigid
 from impact_env.kernels.motion.observers import GUARD_PASSED, JOINT_EXCEEDED, RATE_TURNED
 
 
@@ -73,7 +73,7 @@ def test_an_event_that_is_located_too_late_is_reported(
     kind: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    searched = getattr(stick_slip, search)
+    searched = getattr(rigid, search)
     planted = []
 
     def tardy(*arguments: object) -> object:
@@ -83,7 +83,7 @@ def test_an_event_that_is_located_too_late_is_reported(
         planted.append(event)
         return event._replace(offset=event.offset * (1 + 1e-6))
 
-    monkeypatch.setattr(stick_slip, search, tardy)
+    monkeypatch.setattr(rigid, search, tardy)
     scene = scene_of(impact_absorber(restitution=0.7, friction_limit=friction), modes=2)
     check = simulate(scene, drive_of(6.0, 1.0, periods=3.5), record=ALL).check
     assert planted

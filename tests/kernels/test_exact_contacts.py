@@ -43,7 +43,7 @@ from impact_env import (
     simulate,
 )
 from impact_env.kernels.compiling.jit import COMPILED
-from impact_env.kernels.events import steps
+from impact_env.kernels.events import search
 from impact_env.kernels.motion.observers import HELD_LOWER, HELD_UPPER, STUCK_INSIDE
 from impact_env.parameters import Absorber
 
@@ -797,8 +797,8 @@ def test_events_do_not_depend_on_when_a_step_is_halved(
     drive = drive_of(6.0, 0.98, periods=0.4)
     start = InitialState(absorber_velocity=0.4)
     usual = run(scene, drive, initial=start)
-    monkeypatch.setattr(steps, "ROOT_ERROR_TOL", error)
-    monkeypatch.setattr(steps, "ROOT_SLOPE_TOL", slope)
+    monkeypatch.setattr(search, "ROOT_ERROR_TOL", error)
+    monkeypatch.setattr(search, "ROOT_SLOPE_TOL", slope)
     other = run(scene, drive, initial=start)
     assert len(usual.impacts.time) > 2
     np.testing.assert_allclose(other.impacts.time, usual.impacts.time, rtol=1e-11)

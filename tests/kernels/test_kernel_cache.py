@@ -35,7 +35,7 @@ LIBC = ctypes.CDLL(None) if os.name == "posix" else None
 RUN = """
 import impact_env
 from impact_env.kernels.compiling.cache import find_folders
-from impact_env.kernels.motion.level import compute_level, new_level
+from impact_env.kernels.motion.observers import compute_level, new_level
 result, stats = compute_level(new_level(32)), compute_level.stats
 print(find_folders().write, find_folders().read, result, sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), sep="|")
 """

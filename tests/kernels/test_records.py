@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record_type
-from impact_env.kernels.motion import modal_rows
-from impact_env.kernels.motion.level import compute_level, new_level
-from impact_env.kernels.motion.modal_system import split_time
-from impact_env.kernels.motion.numbers import cos_sin, fma
+from impact_env.kernels.motion import modal_system
+from impact_env.kernels.motion.modal_system import cos_sin, fma, split_time
+from impact_env.kernels.motion.observers import compute_level, new_level
 from impact_env.level import response_level
 from impact_env.regimes import slot_rows as slot_rows_of
 
@@ -113,17 +112,17 @@ def test_rows_of_slots_do_not_overlap_and_are_those_that_regimes_fill() -> None:
     rows = slot_rows_of(
         s, options["DRIVE"], options["RELATIVE"], options["GUARD"], options["TIP"], 4
     )
-    assert rows.shape == (modal_rows.ROWS, 4)
+    assert rows.shape == (modal_system.ROWS, 4)
     s = s[::-1]  # by size
     wanted = {name: values[::-1] for name, values in options.items()}
     wanted |= {"S": s, "SQUARE": s**2, "REST": -wanted["RELATIVE"] / s}
     wanted |= {"SPEED": abs(s), "SPEED_SQUARE": abs(s) ** 2, "SPEED_CUBE": abs(s) ** 3}
     for name, values in wanted.items():
-        row = getattr(modal_rows, name)
+        row = getattr(modal_system, name)
         parts = [values] if name.startswith("SPEED") else [values.real, values.imag]
         np.testing.assert_allclose(rows[row : row + len(parts), :2], parts, rtol=1e-15)
-    for n in range(1, modal_rows.TAYLOR_ROWS + 1):
-        row = modal_rows.TAYLOR + 2 * (n - 1)
+    for n in range(1, modal_system.TAYLOR_ROWS + 1):
+        row = modal_system.TAYLOR + 2 * (n - 1)
         term = s**n / math.factorial(n)
         np.testing.assert_allclose(rows[row : row + 2, :2], [term.real, term.imag], rtol=1e-15)
 

@@ -11,7 +11,7 @@ import scipy.optimize
 from core import Array
 
 from impact_env import Beam, ModalModel, ParameterError, Scene, impact_absorber
-from impact_env.kernels.events import starts
+from impact_env.kernels.events import careful
 from impact_env.kernels.events.search import SCAN_NOISE
 from impact_env.kernels.exact import rigid_contact
 from impact_env.kernels.motion.modal_system import DRIVE, GUARD, RELATIVE, REST, SPEED, TIP
@@ -378,7 +378,7 @@ def test_bases_are_complete_far_within_the_tolerances_of_joint_forces_and_accele
     These tolerances allow for the error of a change of basis. Usual scenes have a smaller error,
     and the tolerance of joint forces is a hundred times as large.
     """
-    assert starts.ACCELERATION_TOL == BASIS_TOL
+    assert careful.ACCELERATION_TOL == BASIS_TOL
     assert pytest.approx(100 * BASIS_TOL) == rigid_contact.JOINT_FORCE_TOL
     for damping in (0.0, 0.01, 0.3, 1.0, 1.5):
         model = modal_model(Beam(modes=modes, damping_ratio=damping))

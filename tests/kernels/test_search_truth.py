@@ -13,7 +13,8 @@ from impact_env import Beam, ModalModel, Scene, beam_scene, impact_absorber
 from impact_env.kernels.events.search import search_events
 from impact_env.kernels.events.signals import EventFunction, new_signal
 from impact_env.kernels.events.signals import Guards as SearchGuards
-from impact_env.kernels.motion.forced import Forced, ForceWindow, new_forced, solve_forced
+from impact_env.kernels.motion.forced import Forced, new_forced, solve_forced
+from impact_env.kernels.motion.loads import ForceWindow
 from impact_env.kernels.motion.modal_system import SPEED, ModalSystem, S
 from impact_env.solvers import rigid_regimes
 from reference.signals import (

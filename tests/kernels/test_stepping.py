@@ -44,9 +44,13 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns
 from impact_env.kernels.motion.loads import NO_LOADS
 from impact_env.kernels.stepping import runge_kutta
-from impact_env.kernels.stepping.chirp import fill_force
-from impact_env.kernels.stepping.feedback import STRIDE, CompliantLaws, Q, new_runge_kutta_table
-from impact_env.kernels.stepping.grid import BeamModes, DriveForce
+from impact_env.kernels.stepping.grid import BeamModes, DriveForce, fill_force
+from impact_env.kernels.stepping.runge_kutta_step import (
+    STRIDE,
+    CompliantLaws,
+    Q,
+    new_runge_kutta_table,
+)
 from impact_env.level import response_level
 from impact_env.methods import LEAST_STEPS_PER_PERIOD, Method, check_mass, check_step
 from impact_env.parameters import Absorber

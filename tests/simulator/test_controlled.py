@@ -34,7 +34,7 @@ from impact_env import (
 from impact_env.controlled import ControlledRuns, WorkerPool, bind_kernel
 from impact_env.drive import Pieces
 from impact_env.kernels.compiling.jit import jit
-from impact_env.kernels.control.work_queue import (
+from impact_env.kernels.control.lanes import (
     new_work_queue,
     take_first_part,
     take_next_part,

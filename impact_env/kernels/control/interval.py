@@ -14,16 +14,8 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_view
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record_type
-from impact_env.kernels.exact import compliant_contact, rigid_contact
-from impact_env.kernels.exact.budget import EVALUATIONS_PER_EVENT, FIRST_EVENTS
+from impact_env.kernels.exact import compliant, rigid_contact
 from impact_env.kernels.exact.rigid_contact import Walls, has_walls
-from impact_env.kernels.motion.level import (
-    LEVEL_STATE,
-    EnvelopeObserver,
-    LevelObserver,
-    compute_level,
-    reset_level,
-)
 from impact_env.kernels.motion.loads import (
     ALPHA,
     BEGINS,
@@ -35,7 +27,20 @@ from impact_env.kernels.motion.loads import (
     LoadPieces,
     new_load_workspace,
 )
-from impact_env.kernels.motion.observers import CLOCK, COUNTS, DONE, Counters, Observers
+from impact_env.kernels.motion.observers import (
+    CLOCK,
+    COUNTS,
+    DONE,
+    EVALUATIONS_PER_EVENT,
+    FIRST_EVENTS,
+    LEVEL_STATE,
+    Counters,
+    EnvelopeObserver,
+    LevelObserver,
+    Observers,
+    compute_level,
+    reset_level,
+)
 from impact_env.kernels.motion.segments import count_samples_before, take_last_sample
 
 Array = NDArray[np.float64]
@@ -104,7 +109,7 @@ def new_lanes(lanes: int, size: int, state: int, half_window: int) -> Lanes:
     """
     contacts = (
         np.zeros(lanes, rigid_contact.RIGID_CONTACT_STATE),
-        np.zeros(lanes, compliant_contact.COMPLIANT_CONTACT_STATE),
+        np.zeros(lanes, compliant.COMPLIANT_CONTACT_STATE),
     )
     ring = np.zeros((lanes, half_window + 1))
     return Lanes(

@@ -11,19 +11,40 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline, jit_view
-from impact_env.kernels.motion.forced import THIRD, Forced, evaluate_signal
-from impact_env.kernels.motion.forced_sums import evaluate_first_signals, evaluate_polynomial
-from impact_env.kernels.motion.modal_sums import sum_magnitudes
+from impact_env.kernels.compiling.jit import (
+    jit,
+    jit_allocating,
+    jit_inline,
+    jit_view,
+)
+from impact_env.kernels.motion.forced import (
+    THIRD,
+    Forced,
+    evaluate_first_signals,
+    evaluate_polynomial,
+    evaluate_signal,
+)
 from impact_env.kernels.motion.modal_system import (
+    POINTS,
     SPEED,
     ModalSystem,
+    cos_sin,
     split_time,
     sum_amplitudes,
     sum_derivatives,
+    sum_magnitudes,
 )
-from impact_env.kernels.motion.numbers import cos_sin
-from impact_env.kernels.motion.search_block import BLOCK
+
+# entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced
+# parts, in rows; then the carrier of the force
+ROW = 16
+VALUE = 0
+RATE = ROW
+BEND = 2 * ROW
+FORCED = 3 * ROW
+COS = 6 * ROW
+SIN = 6 * ROW + POINTS
+BLOCK = 7 * ROW
 
 # events
 NOTHING = 0

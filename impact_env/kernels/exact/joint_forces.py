@@ -9,7 +9,7 @@ at its upper end the absorber lags, at its lower end it leads. These are the con
 minimum of f G f/2 + c f in a box, which is unique. It is found by block principal pivoting: all
 forces that break a condition change their case (inside, upper end, lower end) at once as long as
 that leaves fewer of them, else only the last one, which ends for any such matrix [1]. For one
-absorber it is `stick_slip.try_stick`.
+absorber it is `rigid.try_stick`.
 
 [1] Judice, Pires: A block principal pivoting algorithm for large-scale strictly monotone linear
 complementarity problems, Computers & Operations Research 21 (1994), for bounds on both sides.

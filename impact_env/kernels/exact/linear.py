@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
-from impact_env.kernels.energy.account import new_account, with_energy_account
-from impact_env.kernels.energy.energies import add_energy
-from impact_env.kernels.exact.budget import record_time
+from impact_env.kernels.energy.energies import add_energy, new_account, with_energy_account
 from impact_env.kernels.motion.forced import Forced, add_forced, new_forced, solve_response
+from impact_env.kernels.motion.loads import copy_schedule, count_windows, expand_window
 from impact_env.kernels.motion.modal_system import REST, add_weighted, propagate
-from impact_env.kernels.motion.observers import ABSORBER_MOTION, DONE, NOT_FINITE
+from impact_env.kernels.motion.observers import ABSORBER_MOTION, DONE, NOT_FINITE, record_time
 from impact_env.kernels.motion.segments import (
     Buffers,
     LinearRegime,
@@ -28,9 +27,6 @@ from impact_env.kernels.motion.segments import (
     Segment,
     compute_amplitudes,
     compute_state,
-    copy_schedule,
-    count_windows,
-    expand_window,
     is_observed,
     new_buffers,
     sample_level,
@@ -115,7 +111,11 @@ def advance_window(scene, window, workspace, observers):
     system = scene.regime.system
     buffers = workspace.buffers
     forced = workspace.forced
-    if not combine_unit_responses(window.load, system, window, None, False, forced):
+    load = window.load
+    solved = False
+    if load is not None:
+        solved = combine_unit_responses(load, system, window, None, False, forced)
+    if not solved:
         solve_response(system, window, forced)
     add_forced(forced.polynomials, window.omega, -window.half, -1.0, buffers.z)
     weight = add_weight_deflection(regime, scene.gravity, -1.0, buffers.z)

@@ -1,6 +1,8 @@
-"""One rigid contact between an absorber and the beam.
+"""One rigid contact between an absorber and the beam: its state, its laws, its next event.
 
-The module contains its state between two events and its laws.
+In: the laws (`ContactLaw`), the contact's record between two events (RIGID_CONTACT_STATE), and the
+absorber in motion (`AbsorberView`). Out: the event that ends a flight or a hold, and the state
+after an impact, a reversal or a stick.
 
 An impact whose remaining bounces, all together, stay below the rounding of the position is
 completed at once (complete chatter): the remaining relative velocity is taken out by a plastic
@@ -16,10 +18,13 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.compiling.records import FLAG, INTEGER, NUMBER, record_type
+from impact_env.kernels.events.search import find_next_event
 from impact_env.kernels.events.signals import (
     EPSILON,
     HIT_HIGH,
     SIGNAL_ROUNDING,
+    EventFunction,
+    Guards,
     Signal,
     evaluate_at_offset,
     evaluate_value_at_offset,
@@ -357,3 +362,57 @@ def is_chatter_complete(system, forced, window, walls, body, side, after, larges
         system, forced.signals, window.omega, signal, body.contact_state.tau, 0.0
     )
     return side * a >= 0.0 and after * after <= 2.0 * abs(a) * height + 1e-300
+
+
+@jit_inline
+def find_end_of_flight(system, forced, window, walls, limit, body, deflection, length):
+    """Return the first event within ``length`` (s) of an absorber apart from the beam.
+
+    ``deflection`` (m): static displacement of the beam at its place under the constant forces.
+    """
+    contact_state = body.contact_state
+    signal = body.signal
+    p = body.signal.polynomial
+    # before all else: what the caller has just written is still in registers
+    p[0] = contact_state.q - deflection
+    p[1] = contact_state.v
+    p[2] = contact_state.a
+    apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
+    function = EventFunction(system, forced, window.omega, signal, contact_state.tau)
+    gap = walls.gap
+    if limit is None:
+        return find_next_event(
+            window,
+            function,
+            Guards(
+                -gap,
+                gap,
+                int(contact_state.side),
+                None,
+                contact_state.at_rest and contact_state.side != 0.0,
+            ),
+            length,
+        )
+    # only the wall ahead can be reached before the relative velocity turns
+    low = -gap if contact_state.sign < 0.0 else -np.inf
+    high = gap if contact_state.sign > 0.0 else np.inf
+    return find_next_event(
+        window, function, Guards(low, high, 0, contact_state.sign, contact_state.at_rest), length
+    )
+
+
+@jit_inline
+def find_end_of_hold(system, forced, window, limit, weight, body, length):
+    """Return the event at which the joint force of a joined absorber leaves its bounds.
+
+    It is the first one within ``length`` (s).
+
+    ``weight`` (N): static part of the joint force.
+    """
+    signal = body.signal
+    apply_weights(system.rows, GUARD, body.buffers.z, signal.u)
+    signal.polynomial[:] = 0.0
+    signal.polynomial[0] = weight
+    low, high = joint_bounds(limit, body.contact_state.side)
+    function = EventFunction(system, forced, window.omega, signal, body.contact_state.tau)
+    return find_next_event(window, function, Guards(low, high, 0, None, False), length)

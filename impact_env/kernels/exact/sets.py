@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_view
 from impact_env.kernels.compiling.records import FLAG, INTEGER, record_type
-from impact_env.kernels.events.signals import MOST_SEARCH_EVALUATIONS, Signal
+from impact_env.kernels.events.signals import BLOCK, MOST_SEARCH_EVALUATIONS, Signal
 from impact_env.kernels.exact.rigid_contact import JOINED
 from impact_env.kernels.motion.forced import (
     DERIVATIVES,
@@ -35,15 +35,16 @@ from impact_env.kernels.motion.forced import (
     solve_response,
     solve_tip_signal,
 )
+from impact_env.kernels.motion.loads import TERMS
 from impact_env.kernels.motion.modal_system import (
     GUARD,
+    POINTS,
     REST,
     ModalSystem,
     add_weighted,
     apply_weights,
 )
 from impact_env.kernels.motion.observers import call_function
-from impact_env.kernels.motion.search_block import BLOCK, POINTS, TERMS
 from impact_env.kernels.motion.segments import LinearRegime, compute_amplitudes
 
 Array = NDArray[np.float64]

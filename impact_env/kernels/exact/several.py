@@ -17,18 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating
-from impact_env.kernels.energy.account import forget_regime, new_account, with_energy_account
-from impact_env.kernels.energy.energies import add_energy
+from impact_env.kernels.energy.energies import (
+    add_energy,
+    forget_regime,
+    new_account,
+    with_energy_account,
+)
 from impact_env.kernels.events.signals import NOTHING, REVERSAL, GuardEvent, time_resolution
-from impact_env.kernels.exact.budget import count_progress, limit_searches
 from impact_env.kernels.exact.check import check_set
 from impact_env.kernels.exact.joint_forces import Joints, new_joints
-from impact_env.kernels.exact.next_event import find_end_of_flight, find_end_of_hold
 from impact_env.kernels.exact.rigid_contact import (
     JOINED,
     AbsorberView,
     Walls,
     add_friction_loss,
+    find_end_of_flight,
+    find_end_of_hold,
     new_contact_states,
     record_joined_phase,
 )
@@ -65,6 +69,7 @@ from impact_env.kernels.exact.several_events import (
     write_state_from,
 )
 from impact_env.kernels.motion.forced import add_forced
+from impact_env.kernels.motion.loads import copy_schedule, count_windows, expand_window
 from impact_env.kernels.motion.modal_system import copy_amplitudes, propagate
 from impact_env.kernels.motion.observers import (
     ABSORBER_MOTION,
@@ -72,14 +77,13 @@ from impact_env.kernels.motion.observers import (
     JOINTS_UNSOLVED,
     NOT_FINITE,
     REGIME_FAILED,
+    count_progress,
+    limit_searches,
 )
 from impact_env.kernels.motion.segments import (
     Buffers,
     Losses,
     Segment,
-    copy_schedule,
-    count_windows,
-    expand_window,
     new_buffers,
     sample_level,
     sample_state,

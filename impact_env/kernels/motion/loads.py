@@ -17,9 +17,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
-from impact_env.kernels.motion.numbers import cos_sin
-from impact_env.kernels.motion.search_block import TERMS
+from impact_env.kernels.compiling.jit import (
+    jit,
+    jit_allocating,
+    jit_inline,
+)
+from impact_env.kernels.motion.modal_system import (
+    cos_sin,
+)
+
+TERMS = 9  # coefficients of the forced part's polynomials (forced.py)
 
 Array = NDArray[np.float64]
 CHIRP_REMAINDER = 1e-17
@@ -326,35 +333,6 @@ def expand_load(load, times, k, t):
     return carrier
 
 
-@jit_inline
-def count_unit_loads(base):
-    """Return the number of unit loads.
-
-    They are a constant and a line, of the force and of each base that moves.
-    """
-    return 2 + 2 * base.terms.shape[0] if base.moves else 2
-
-
-@jit
-def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
-    """Return (x_r, x_i) plus the drive of amplitude ``j`` by the bases' accelerations.
-
-    Term ``n`` of the accelerations is used.
-
-    The response to a unit acceleration of the first base is in ``row``, those of others follow.
-    """
-    if not base.moves:
-        return x_r, x_i
-    for c in range(base.terms.shape[0]):
-        t_r = base.terms[c, 0, n]
-        t_i = sign * base.terms[c, 1, n]
-        d_r = rows[row + 2 * c, j]
-        d_i = rows[row + 2 * c + 1, j]
-        x_r = x_r + d_r * t_r - d_i * t_i
-        x_i = x_i + d_r * t_i + d_i * t_r
-    return x_r, x_i
-
-
 @jit
 def evaluate_load(terms, omega, tau):
     """Return the load whose terms are known at an offset (s) from the window's centre."""
@@ -366,3 +344,107 @@ def evaluate_load(terms, omega, tau):
         x = x * tau + terms[0, n]
         y = y * tau + terms[1, n]
     return 2.0 * (x * c - y * s)
+
+
+class ForceWindow(NamedTuple):
+    """A segment of time with one expansion of the load.
+
+    ``centre`` and ``half`` length are in s, the frequency ``omega`` in rad/s, its rate ``alpha`` in
+    rad/s^2, and ``force_r`` and ``force_i`` are the force at the centre (N).
+
+    ``load``: other loads than the chirp of one force, whose terms it holds; the frequency is their
+    carrier, rate and force then say nothing.
+    """
+
+    centre: float
+    half: float
+    omega: float
+    alpha: float
+    force_r: float
+    force_i: float
+    load: LoadWorkspace | None = None
+
+
+class Schedule(NamedTuple):
+    """Breakpoints of the drive.
+
+    ``times`` are in s, circular frequencies ``omegas`` in rad/s and ``phases`` in rad, each (K,).
+    ``amplitude`` is the force amplitude (N) and ``reach`` the longest window (s).
+
+    ``load``: other loads than the chirp of one force, in a lane as a `loads.LoadWorkspace`; of the
+    rest only the times then say something.
+    """
+
+    times: Array
+    omegas: Array
+    phases: Array
+    amplitude: float
+    reach: float
+    load: LoadPieces | None
+
+
+@jit_allocating
+def copy_schedule(schedule):
+    """Return the schedule with load workspace of its own, which no other run writes."""
+    return Schedule(
+        schedule.times,
+        schedule.omegas,
+        schedule.phases,
+        schedule.amplitude,
+        schedule.reach,
+        new_load_workspace(schedule.load),
+    )
+
+
+@jit
+def count_windows(schedule, k):
+    """Return the number of windows of section k of the schedule.
+
+    It is limited by the reach of the tables, by the chirp's remainder and by MOST_PHASE.
+    """
+    load = schedule.load
+    if load is not None:
+        return count_load_windows(load, schedule.times, k, schedule.reach)
+    duration = schedule.times[k + 1] - schedule.times[k]
+    alpha = abs(schedule.omegas[k + 1] - schedule.omegas[k]) / duration
+    longest = schedule.reach
+    if alpha > 0.0:
+        longest = min(longest, 2.0 * np.sqrt(2.0 * (120.0 * CHIRP_REMAINDER) ** 0.2 / alpha))
+    longest = min(
+        longest, 2.0 * MOST_PHASE / max(schedule.omegas[k], schedule.omegas[k + 1], 1e-300)
+    )
+    return max(1, int(np.ceil(duration / longest * (1.0 - 1e-12))))
+
+
+@jit
+def expand_window(schedule, k, w, count):
+    """Return window w of ``count`` in section k.
+
+    The terms of a load other than a chirp are written.
+    """
+    duration = schedule.times[k + 1] - schedule.times[k]
+    load = schedule.load
+    if load is not None:
+        centre = schedule.times[k] + duration * (w + 0.5) / count
+        return ForceWindow(
+            centre,
+            0.5 * duration / count,
+            expand_load(load, schedule.times, k, centre),
+            0.0,
+            0.0,
+            0.0,
+            load,
+        )
+    alpha = (schedule.omegas[k + 1] - schedule.omegas[k]) / duration
+    x = duration * (w + 0.5) / count
+    phase = schedule.phases[k] + (schedule.omegas[k] + 0.5 * alpha * x) * x
+    a = schedule.amplitude
+    return ForceWindow(
+        schedule.times[k] + x,
+        0.5 * duration / count,
+        schedule.omegas[k] + alpha * x,
+        alpha,
+        a * math.cos(phase),
+        a * math.sin(phase),
+        None,
+    )

@@ -1,4 +1,4 @@
-"""Linear regimes in first-order modal form, and their exact propagation.
+"""Linear regimes in modal form, and their exact propagation.
 
 In every regime the state is a sum of modal amplitudes Z_j with Z_j' = s_j Z_j + drive_j f(t) +
 relative_j F, where f is the external force and F a constant force between beam and absorber
@@ -9,37 +9,274 @@ z_j exp(s_j t), a forced part (forced.py) and a rest part -relative_j F / s_j.
 exp(s_j t) is a product of three table entries and a short Taylor polynomial: t = d1 h1 + d2 h2 +
 d3 h3 + rest, with h1 = reach/base, h2 = h1/base, h3 = h2/base and |s_j| h3 <= TAYLOR_REACH, so that
 the polynomial is exact to rounding. No transcendental function is called.
+
+In: a `ModalSystem`, the tables of a regime (`regimes.py` makes them), modal amplitudes (2, J), real
+and imaginary parts, and a time offset. Out: the amplitudes after this time, or sums over them. The
+loops over the amplitudes are vector code (vector_code.py), which sees all arrays flat.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_env.kernels.compiling.jit import jit, jit_inline
-from impact_env.kernels.motion.modal_rows import BASE as BASE
-from impact_env.kernels.motion.modal_rows import DRIVE as DRIVE
-from impact_env.kernels.motion.modal_rows import GUARD as GUARD
-from impact_env.kernels.motion.modal_rows import RELATIVE as RELATIVE
-from impact_env.kernels.motion.modal_rows import REST as REST
-from impact_env.kernels.motion.modal_rows import SPEED as SPEED
-from impact_env.kernels.motion.modal_rows import SPEED_CUBE as SPEED_CUBE
-from impact_env.kernels.motion.modal_rows import SPEED_SQUARE as SPEED_SQUARE
-from impact_env.kernels.motion.modal_rows import TAYLOR_ROWS
-from impact_env.kernels.motion.modal_rows import TIP as TIP
-from impact_env.kernels.motion.modal_rows import S as S
-from impact_env.kernels.motion.modal_sums import (
-    add_row,
-    copy_vectors,
-    multiply_by_row,
-    propagate_by_digits,
-    sum_and_bound_derivatives,
-    sum_third_to_fifth,
-    sum_three_derivatives,
-    sum_value,
-)
+from impact_env.kernels.compiling.jit import NUMBER, jit, jit_inline, vector_code
+from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
+
+S = 0  # eigenvalue (1/s)
+SQUARE = 2  # its square
+DRIVE = 4  # response to a unit force of the drive
+RELATIVE = 6  # response to a unit force between beam and absorber
+REST = 8  # -relative/s
+GUARD = 10  # weight in the regime's guard signal
+TIP = 12  # weight in the tip displacement
+TAYLOR = 14  # s^n/n! for n = 1 ... TAYLOR_ROWS
+TAYLOR_ROWS = 6
+SPEED = TAYLOR + 2 * TAYLOR_ROWS  # |s|, real as the next two
+SPEED_SQUARE = SPEED + 1
+SPEED_CUBE = SPEED + 2
+BASE = SPEED + 3  # response to a unit acceleration of the first base; two rows for each one more
+ROWS = BASE  # of a regime under a base at rest
+
+
+@vector_code(NUMBER)
+def fma(code: Code, x: Number, y: Number, z: Number):
+    """Return x y + z, rounded once."""
+    return x.fma(y, z)
+
+
+MOST_QUARTER_TURNS = 2.0**62  # quarter turns that an integer holds
+_TWO_OVER_PI = 0.6366197723675814
+_HALF_PI_HEAD = 1.5707963267341256  # 33 bits, so that k * head is exact for the k that occur
+_HALF_PI_TAIL = 6.077100506506192e-11
+
+
+@jit_inline
+def cos_sin(x):
+    """Return (cos x, sin x) for |x| up to 1e6.
+
+    Taylor polynomials on [-pi/4, pi/4] are used, with an error below 2e-16.
+    """
+    k = np.floor(fma(x, _TWO_OVER_PI, 0.5))
+    r = fma(-k, _HALF_PI_TAIL, fma(-k, _HALF_PI_HEAD, x))
+    q = r * r
+    s = fma(q, fma(q, -1.0 / 1307674368000.0, 1.0 / 6227020800.0), -1.0 / 39916800.0)
+    s = fma(q, fma(q, fma(q, fma(q, s, 1.0 / 362880.0), -1.0 / 5040.0), 1.0 / 120.0), -1.0 / 6.0)
+    c = fma(q, fma(q, 1.0 / 20922789888000.0, -1.0 / 87178291200.0), 1.0 / 479001600.0)
+    c = fma(q, fma(q, fma(q, fma(q, c, -1.0 / 3628800.0), 1.0 / 40320.0), -1.0 / 720.0), 1.0 / 24.0)
+    s = fma(r * q, s, r)
+    c = fma(q, fma(q, c, -0.5), 1.0)
+    n = np.int64(k if abs(k) < MOST_QUARTER_TURNS else 0.0)  # beyond, or not a number: undefined
+    a, b = (s, c) if n & 1 else (c, s)
+    return -a if (n + 1) & 2 else a, -b if n & 2 else b
+
+
+class Propagator:
+    """The modal amplitudes of a regime at a time offset: exp(s t)."""
+
+    def __init__(
+        self, code: Code, rows: Any, table: Any, size: Any, base: Any, digits: Sequence[Any]
+    ) -> None:
+        self.code = code
+        self.rows = rows
+        self.table = table
+        self.size = size
+        plane = base * size
+        places = [plane * k + digit * size for k, digit in enumerate(digits[:3])]
+        self.places = places
+        self.imaginary = plane * 3
+        self.x = digits[3]
+
+    def row(self, row: int, j: Any) -> Number:
+        """Return a row's numbers."""
+        return self.code.vector(self.rows, self.size * row + j)
+
+    def pair(self, row: int, j: Any) -> Complex:
+        """Return the complex numbers whose parts are in a row and the one behind it."""
+        return Complex(self.row(row, j), self.row(row + 1, j))
+
+    def looked_up(self, k: int, j: Any) -> Complex:
+        """Return the table's entry for digit ``k``."""
+        at = self.places[k] + j
+        return self.code.complex(self.table, at, at + self.imaginary)
+
+    def taylor(self, j: Any) -> Complex:
+        """Return exp(s x) for the rest of the offset."""
+        x = self.code.spread(self.x)
+        total = self.pair(TAYLOR + 2 * (TAYLOR_ROWS - 1), j)
+        for k in range(TAYLOR_ROWS - 2, -1, -1):
+            next_one = self.pair(TAYLOR + 2 * k, j)
+            total = Complex(total.real.fma(x, next_one.real), total.imag.fma(x, next_one.imag))
+        return Complex(total.real.fma(x, self.code.repeated(1.0)), total.imag * x)
+
+    def factor(self, j: Any) -> Complex:
+        """Return exp(s t)."""
+        return (
+            self.looked_up(0, j)
+            .times(self.looked_up(1, j).times(self.looked_up(2, j)))
+            .times(self.taylor(j))
+        )
+
+    def turned(self, u: Any, j: Any) -> Complex:
+        """Return u exp(s t)."""
+        amplitude = self.code.complex(u, j, j + self.size)
+        return (
+            amplitude.times(self.looked_up(0, j))
+            .times(self.looked_up(1, j).times(self.looked_up(2, j)))
+            .times(self.taylor(j))
+        )
+
+
+@vector_code()
+def propagate_by_digits(
+    code: Code,
+    rows,
+    table,
+    size: Index,
+    base: Index,
+    d1: Index,
+    d2: Index,
+    d3: Index,
+    x: Number,
+    u,
+    out,
+):
+    """Write u exp(s t) to ``out``, which may be ``u``."""
+    propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
+    for j in code.vectors(size):
+        code.store_complex(propagator.turned(u, j), out, j, j + size)
+
+
+def _sum(orders: int) -> Any:
+    @vector_code(NUMBER, orders)
+    def sums(
+        code: Code,
+        rows,
+        table,
+        size: Index,
+        base: Index,
+        d1: Index,
+        d2: Index,
+        d3: Index,
+        x: Number,
+        u,
+    ):
+        propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
+        totals = [code.sum() for _ in range(orders)]
+        for j in code.vectors(size):
+            turned = propagator.turned(u, j)
+            totals[0] += turned.real
+            if orders > 1:
+                speed = propagator.pair(S, j)
+                square = propagator.pair(SQUARE, j)
+                totals[1] += turned.real_of_product(speed)
+                totals[2] += turned.real_of_product(square)
+                totals[3] += turned.times(speed).real_of_product(square)
+        return [total.total() for total in totals]
+
+    sums.__doc__ = (
+        "Return the sum of Re(u exp(s t)) and, for four sums, its first three derivatives."
+    )
+    return sums
+
+
+sum_value = _sum(1)
+sum_three_derivatives = _sum(4)
+
+
+@vector_code(NUMBER, 6)
+def sum_and_bound_derivatives(
+    code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u
+):
+    """Return the first three sums of `sum_three_derivatives`, and three bounds.
+
+    The bounds are the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|.
+    """
+    propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
+    y0, y1, y2, b2, b3, b4 = [code.sum() for _ in range(6)]
+    for j in code.vectors(size):
+        turned = propagator.turned(u, j)
+        speed = propagator.row(SPEED, j)
+        y0 += turned.real
+        y1 += turned.real_of_product(propagator.pair(S, j))
+        y2 += turned.real_of_product(propagator.pair(SQUARE, j))
+        second = turned.real.fma(turned.real, turned.imag * turned.imag).root() * (speed * speed)
+        b2 += second
+        b3 += second * speed
+        b4 += second * (speed * speed)
+    return [total.total() for total in (y0, y1, y2, b2, b3, b4)]
+
+
+@vector_code(NUMBER, 3)
+def sum_third_to_fifth(code: Code, rows, size: Index, u):
+    """Return the sums of Re(s^3 u), Re(s^4 u) and Re(s^5 u)."""
+    third = code.sum()
+    fourth = code.sum()
+    fifth = code.sum()
+    for j in code.vectors(size):
+        s, square = (
+            code.complex(rows, size * row + j, size * (row + 1) + j) for row in (S, SQUARE)
+        )
+        bend = code.complex(u, j, j + size).times(square)
+        third += bend.real_of_product(s)
+        fourth += bend.real_of_product(square)
+        fifth += bend.times(square).real_of_product(s)
+    return [total.total() for total in (third, fourth, fifth)]
+
+
+@vector_code()
+def copy_vectors(code: Code, size: Index, z, w):
+    """Write z to w as vectors.
+
+    If single numbers were stored, code that reads w as vectors would have to wait for them.
+    """
+    for j in code.vectors(size):
+        other = j + size
+        code.store_complex(code.complex(z, j, other), w, j, other)
+
+
+@vector_code()
+def multiply_by_row(code: Code, rows, row: Index, size: Index, z, u):
+    """Write u = w z with the complex weights w in ``row`` and the row behind it."""
+    for j in code.vectors(size):
+        at = size * row + j
+        other = j + size
+        weight = code.complex(rows, at, at + size)
+        code.store_complex(code.complex(z, j, other).times(weight), u, j, other)
+
+
+@vector_code()
+def add_row(code: Code, rows, row: Index, size: Index, factor: Number, z):
+    """Add factor * w to z with the complex weights w in ``row`` and the row behind it."""
+    for j in code.vectors(size):
+        at = size * row + j
+        other = j + size
+        weight = code.complex(rows, at, at + size)
+        old = code.complex(z, j, other)
+        code.store_complex(
+            Complex(
+                *(code.spread(factor).fma(new, part) for new, part in zip(weight, old, strict=True))
+            ),
+            z,
+            j,
+            other,
+        )
+
+
+@vector_code(NUMBER)
+def sum_magnitudes(code: Code, size: Index, u):
+    """Return the sum of |Re u| + |Im u|."""
+    total = code.sum()
+    for j in code.vectors(size):
+        amplitude = code.complex(u, j, j + size)
+        total += amplitude.real.size() + amplitude.imag.size()
+    return total.total()
+
+
+POINTS = 8  # times in a block
 
 TAYLOR_TERMS = 1 + TAYLOR_ROWS  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
 TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used

@@ -16,15 +16,9 @@ import numpy as np
 
 from impact_env.kernels.compiling.jit import jit, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
-from impact_env.kernels.motion.forced import (
-    ForceWindow,
-    compute_force_terms,
-    solve_forced,
-    solve_response,
-)
-from impact_env.kernels.motion.loads import EQUAL_LENGTH_TOL
+from impact_env.kernels.motion.forced import compute_force_terms, solve_forced, solve_response
+from impact_env.kernels.motion.loads import EQUAL_LENGTH_TOL, TERMS, ForceWindow
 from impact_env.kernels.motion.modal_system import BASE, DRIVE, S, copy_amplitudes, propagate
-from impact_env.kernels.motion.search_block import TERMS
 
 WINDOW_SLACK = (
     1.001  # times the half window are `Units` made for: steps of a record differ by rounding
@@ -295,12 +289,9 @@ def _solve_unit_responses(load, system, window, absorber_mass, guarded, forced):
 def combine_unit_responses(load, system, window, absorber_mass, guarded, forced):
     """Fill a regime's forced response from its `UnitResponses`.
 
-    Returns False if the load is not linear in the window.
-
-    Arguments as in `solve_forced`; not ``guarded``: as in `solve_response`.
+    Returns False, and does nothing, if the load is not linear in the window. Arguments as in
+    `solve_forced`; not ``guarded``: without the guard signal, as in `solve_response`.
     """
-    if load is None:
-        return False
     units = forced.unit_responses
     if not load.linear[0]:
         return False
@@ -324,13 +315,3 @@ def combine_unit_responses(load, system, window, absorber_mass, guarded, forced)
     for level in range(forced.carrier.shape[0]):
         forced.carrier[level, 0, 0] = np.nan
     return True
-
-
-@jit_inline
-def update_forced_response(system, window, absorber_mass, forced):
-    """Solve a regime's forced response in a window.
-
-    It is computed from unit responses if the load is linear, and otherwise as in `solve_forced`.
-    """
-    if not combine_unit_responses(window.load, system, window, absorber_mass, True, forced):
-        solve_forced(system, window, absorber_mass, forced)

@@ -1,6 +1,10 @@
 """The paper's Moreau time stepping with rigid contact laws (paper, section 2.4).
 
-The laws are Eqs. signorini, coulomb and impulse.
+The laws are Eqs. signorini, coulomb and impulse. They are numbers, 0 where a scene has no such law,
+so that one kernel integrates every scene.
+
+In: modes, laws, force, the initial state, a time step, observers. Out: the final state and a status
+code (`moreau_lane`).
 
 One step: q_M = q_n + dt/2 u_n; forces at q_M, u_n and t_M = t_n + dt/2; the contact problem at
 velocity level, with a wall taking part if q_M has reached it; q_n+1 = q_M + dt/2 u_n+1. Since the
@@ -19,28 +23,102 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
-from impact_env.kernels.exact.budget import record_time
-from impact_env.kernels.motion.level import LEVEL_OFF, push_sample
+from impact_env.kernels.exact.rigid_contact import NO_WALLS, Walls, compute_restitution
 from impact_env.kernels.motion.loads import has_sources
-from impact_env.kernels.motion.observers import DONE, NOT_FINITE, push_impact
-from impact_env.kernels.stepping.chirp import (
-    PHASOR_STEPS,
-    compute_phasor,
-    count_steps_left,
-    fill_midpoint_loads,
-    find_section,
+from impact_env.kernels.motion.observers import (
+    DONE,
+    HELD_LOWER,
+    HELD_UPPER,
+    LEVEL_OFF,
+    NOT_FINITE,
+    STUCK_INSIDE,
+    push_impact,
+    push_sample,
+    record_time,
 )
 from impact_env.kernels.stepping.grid import (
     NO_PHASE,
+    NO_SPRING,
+    PHASOR_STEPS,
+    Spring,
+    compute_phasor,
+    count_steps_left,
+    fill_midpoint_loads,
     find_sample_range,
     find_sample_step,
+    find_section,
     find_series_row,
     interpolate_displacement,
     interpolate_velocity,
     needs_all_modes,
     record_contact_phase,
 )
-from impact_env.kernels.stepping.moreau_law import solve_contact
+
+# a relative velocity after impact this much smaller than what one step changes is rest: ends the
+# scheme's endless chatter on a closed wall
+REST_TOL = 1e-6
+
+
+class RigidLaws(NamedTuple):
+    """Contact laws of one absorber.
+
+    They are given by the mass (kg, 0 without absorber), the walls, the friction limit (N, 0 without
+    friction, infinity: stuck), and the spring.
+    """
+
+    mass: float = 0.0
+    walls: Walls = NO_WALLS
+    limit: float = 0.0
+    spring: Spring = NO_SPRING
+
+
+@jit
+def solve_contact(before, free, distance, walls, slip, compliance):
+    """Solve one step's contact problem.
+
+    Returns (relative velocity after, friction and wall percussion on the absorber, kind of phase).
+
+    ``before`` and ``free`` are the relative velocity at the step's start and at its end without
+    contact. First friction alone is tried. If it leaves a closed wall with less than -e times the
+    velocity before (measured as opening), the wall enforces that value and friction takes the share
+    that its law gives for it. ``slip`` (N s): largest friction percussion, 0 without friction.
+    """
+    after = free
+    friction = 0.0
+    normal = 0.0
+    kind = NO_PHASE
+    if slip > 0.0:
+        reach = slip * compliance
+        if free > reach:
+            friction = -slip
+            after = free - reach
+        elif free < -reach:
+            friction = slip
+            after = free + reach
+        else:
+            friction = -free / compliance
+            after = 0.0
+            kind = STUCK_INSIDE
+    if abs(distance) >= walls.gap:
+        outward = 1.0 if distance > 0.0 else -1.0
+        e = compute_restitution(walls, before)
+        if outward * (after + e * before) > 0.0:
+            after = -e * before
+            if abs(after) < REST_TOL * abs(free - before):
+                after = 0.0
+            total = (after - free) / compliance
+            kind = NO_PHASE
+            if after == 0.0:
+                kind = HELD_UPPER if outward > 0.0 else HELD_LOWER
+            if after > 0.0:
+                friction = -slip
+            elif after < 0.0:
+                friction = slip
+            else:
+                friction = min(max(total, -slip), slip)
+            normal = total - friction
+    return after, friction, normal, kind
+
 
 Array = NDArray[np.float64]
 # rows of the table of modes
@@ -403,7 +481,7 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
 def moreau_lane(modes, laws, force, state, step, observers):
     """Integrate one run from time 0 to the drive's end and return a status code.
 
-    `grid.BeamModes`, `moreau_law.RigidLaws`, `grid.DriveForce`, `grid.TimeStep`. ``state`` (2 N_m
+    `grid.BeamModes`, `RigidLaws`, `grid.DriveForce`, `grid.TimeStep`. ``state`` (2 N_m
     + 2,) is the initial state and becomes the final one. Sample k lies at k
     ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m rounded up to a multiple of
     4 if that is above `STRIDE`.

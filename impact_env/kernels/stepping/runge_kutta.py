@@ -22,34 +22,22 @@ from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import jit, jit_allocating, jit_inline
 from impact_env.kernels.compiling.records import NUMBER, record_type
-from impact_env.kernels.exact.budget import record_time
-from impact_env.kernels.motion.level import LEVEL_OFF, push_sample
 from impact_env.kernels.motion.observers import (
     DONE,
     HELD_LOWER,
     HELD_UPPER,
+    LEVEL_OFF,
     NOT_FINITE,
     STEP_TOO_LONG,
     STUCK_INSIDE,
     push_impact,
     push_phase,
-)
-from impact_env.kernels.stepping.chirp import fill_force
-from impact_env.kernels.stepping.feedback import (
-    Q_BEFORE,
-    TIP,
-    U_BEFORE,
-    CompliantLaws,
-    Q,
-    RungeKuttaTable,
-    U,
-    compute_stop_force,
-    move_slider,
-    new_runge_kutta_table,
-    stride_of,
+    push_sample,
+    record_time,
 )
 from impact_env.kernels.stepping.grid import (
     BeamModes,
+    fill_force,
     find_sample_range,
     find_sample_step,
     find_series_row,
@@ -58,12 +46,23 @@ from impact_env.kernels.stepping.grid import (
     record_contact_phase,
 )
 from impact_env.kernels.stepping.runge_kutta_step import (
+    Q_BEFORE,
+    TIP,
+    U_BEFORE,
+    CompliantLaws,
+    Q,
+    RungeKuttaTable,
+    U,
     account_step,
     advance_observed,
     advance_oscillators,
     compute_observations,
     compute_relative_velocities,
     compute_stages,
+    compute_stop_force,
+    move_slider,
+    new_runge_kutta_table,
+    stride_of,
 )
 
 _STEPS_PER_CHECK = 16  # steps between two checks for values that are not finite
@@ -494,7 +493,7 @@ def _finish_run(context, offset, state, end, observers):
 def runge_kutta_lane(modes, laws, force, state, step, observers):
     """Integrate one run from time 0 to the drive's end and return a status code.
 
-    `grid.BeamModes`, `feedback.CompliantLaws`, `grid.DriveForce`, `grid.TimeStep`. ``state`` (2
+    `grid.BeamModes`, `runge_kutta_step.CompliantLaws`, `grid.DriveForce`, `grid.TimeStep`. ``state`` (2
     N_m + 2,) is the initial state and becomes the final one. Sample k lies at k
     ``observers.clock.interval``. ``step.wide_stride`` is None, or N_m + 1 rounded up to a multiple
     of 4 if that is above `STRIDE`. The friction loss contains the energy that the slider's spring

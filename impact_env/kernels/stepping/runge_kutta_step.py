@@ -1,47 +1,371 @@
-"""One step of the classical Runge-Kutta method, and its energies.
+"""One step of the classical Runge-Kutta method as a linear map, and its energies.
 
-The equations are those of independent oscillators with one scalar feedback.
+The scene is a row of independent oscillators with one scalar feedback: a force p(y) on the absorber
+that depends on an observation y, by the contact laws of the paper (Eqs. elSignorini, elCoulomb).
+The laws are numbers, 0 where a scene has no such law, so that one kernel integrates every scene.
 
 In each of the four stages the observation y, and so the force p(y), follows from the state at the
-step's start, the excitation, and the p of the stages before, all linearly. The weights are in the
-table of feedback.py. Then one pass over the modes does a whole step.
+step's start, the excitation, and the p of the stages before, all linearly. The weights are in a
+table (`new_runge_kutta_table`). Then one pass over the modes does a whole step.
+
+In: the table with the state, the excitation at start, middle and end of the step, the laws. Out:
+the state after the step, and the observations of the next one as far as they follow from it.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
-from impact_env.kernels.stepping.feedback import (
+from impact_env.kernels.stepping.grid import NO_SPRING, Spring
+
+# rows of the table of oscillators. A constant distance between rows spares a run-time check for
+# overlap; it is no power of two, so that rows do not share cache lines' low address bits. Q, U:
+# state. QQ to UU: its map over a step. QF1 to UF4: excitation at start, middle and end. QP1 to UP4:
+# feedback in the four stages. Y: four pairs, observation in each stage from Q and U.
+STRIDE = 68
+(
+    Q,
+    U,
+    QQ,
+    QU,
+    UQ,
+    UU,
     QF1,
     QFM,
+    UF1,
+    UFM,
+    UF4,
     QP1,
     QP2,
     QP3,
-    QQ,
-    QU,
-    TIP,
-    UF1,
-    UF4,
-    UFM,
     UP1,
     UP2,
     UP3,
     UP4,
-    UQ,
-    UU,
-    ActiveLaws,
-    Q,
-    U,
     Y,
-    compute_feedback,
-    compute_slider_force,
-    runge_kutta_step,
-    stride_of,
-)
+    TIP,
+    Q_BEFORE,
+    U_BEFORE,
+    ROWS,
+) = (*range(19), 26, 27, 28, 29)
+# columns of the mix: what the observation in a stage takes from the excitation at start, middle,
+# end and from the feedback in stages 1 to 3
+_MIX = 6
+
+
+class ElasticSlider(NamedTuple):
+    """Spring (N/m) in series with a Coulomb slider (limit in N, 0: there is none)."""
+
+    limit: float
+    stiffness: float
+
+
+class ElasticStops(NamedTuple):
+    """Unilateral springs (N/m, 0: there are none) at +- gap (m)."""
+
+    gap: float
+    stiffness: float
+
+
+class CubicSpring(NamedTuple):
+    """Cubic spring with a damper.
+
+    The spring's force is its stiffness (N/m^3, 0 without a spring) times the cube of the relative
+    displacement. The damper's coefficient is in N s/m.
+    """
+
+    cubic_stiffness: float
+    damping: float
+
+
+NO_STOPS = ElasticStops(np.inf, 0.0)
+NO_SLIDER = ElasticSlider(0.0, 0.0)
+NO_CUBIC_SPRING = CubicSpring(0.0, 0.0)
+
+
+class CompliantLaws(NamedTuple):
+    """Contact laws of one absorber.
+
+    ``mass`` (kg) is that of a moving absorber and ``added_mass`` (kg) that of a stuck one, each 0
+    if there is no such absorber. The other fields are walls, friction, spring and cubic spring.
+    """
+
+    mass: float = 0.0
+    added_mass: float = 0.0
+    stops: ElasticStops = NO_STOPS
+    slider: ElasticSlider = NO_SLIDER
+    spring: Spring = NO_SPRING
+    cubic: CubicSpring = NO_CUBIC_SPRING
+
+
+class ActiveLaws(NamedTuple):
+    """The laws of one branch of a step: those that act in it, the others None.
+
+    ``joined_mass``: m_a / (1 + m_a sum tip_shape^2) of a stuck absorber (kg). With all laws in one
+    branch, each of four stages would wait for the arithmetic of laws that are absent.
+    """
+
+    stops: ElasticStops | None
+    slider: ElasticSlider | None
+    spring: Spring | None
+    joined_mass: float | None
+    cubic: CubicSpring | None
+
+
+@jit
+def runge_kutta_step(w2, c, h, q, u, w):
+    """Return the four stages' (q, u) and the new (q, u) of q'' + c q' + w2 q = w.
+
+    w is given for each stage.
+    """
+    w1, wm2, wm3, w4 = w
+    a1 = w1 - w2 * q - c * u
+    q2 = q + 0.5 * h * u
+    u2 = u + 0.5 * h * a1
+    a2 = wm2 - w2 * q2 - c * u2
+    q3 = q + 0.5 * h * u2
+    u3 = u + 0.5 * h * a2
+    a3 = wm3 - w2 * q3 - c * u3
+    q4 = q + h * u3
+    u4 = u + h * a3
+    a4 = w4 - w2 * q4 - c * u4
+    return (
+        q,
+        u,
+        q2,
+        u2,
+        q3,
+        u3,
+        q4,
+        u4,
+        q + h / 6.0 * (u + 2.0 * u2 + 2.0 * u3 + u4),
+        u + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
+    )
+
+
+class Oscillator(NamedTuple):
+    """One column of the table.
+
+    Its fields are omega^2, 2 D omega, the effect of the excitation, the oscillator's share in the
+    tip, and its weights in the observation.
+
+    (see_q, see_u) weigh its state, ``see_push`` the excitation.
+    """
+
+    w2: float
+    c: float
+    push: float
+    tip: float
+    see_q: float
+    see_u: float
+    see_push: float
+
+
+class RelativeVelocityTable(NamedTuple):
+    """A second observation, the relative velocity, for laws that depend on it.
+
+    It has eight rows as `Y`, and its ``mix``.
+
+    Of size 0 where no law needs it.
+    """
+
+    cells: NDArray[np.float64]
+    mix: NDArray[np.float64]
+
+
+class RungeKuttaTable(NamedTuple):
+    """The oscillators of the loop.
+
+    Rows of ``cells``, their ``mix`` (4, 6), N_m, oscillators in steps of 4, distance of rows if it
+    is not `STRIDE`, the step (s), and `RelativeVelocityTable`.
+    """
+
+    cells: NDArray[np.float64]
+    mix: NDArray[np.float64]
+    modes: int
+    lanes: int
+    wide_stride: int | None
+    h: float
+    speeds: RelativeVelocityTable
+
+
+@jit_inline
+def stride_of(wide_stride):
+    """Return the distance between rows."""
+    if wide_stride is None:
+        return STRIDE
+    return wide_stride
+
+
+@jit_allocating
+def _unit_response(w2, c, h, one):
+    """Return `runge_kutta_step` for the unit vector ``one`` of (q, u, w1, w2, w3, w4)."""
+    e = np.zeros(6)
+    e[one] = 1.0
+    return np.array(runge_kutta_step(w2, c, h, e[0], e[1], (e[2], e[3], e[4], e[5])))
+
+
+@jit_allocating
+def _add_oscillator(table, j, one):
+    """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
+    cells = table.cells
+    mix = table.mix
+    stride = stride_of(table.wide_stride)
+    responses = np.empty((6, 10))
+    for k in range(6):
+        responses[k] = _unit_response(one.w2, one.c, table.h, k)
+    cells[TIP * stride + j] = one.tip
+    for row in range(2):  # new q, new u
+        after = responses[:, 8 + row]
+        cells[(QQ + 2 * row) * stride + j] = after[0]
+        cells[(QU + 2 * row) * stride + j] = after[1]
+        cells[(QF1 + 2 * row) * stride + j] = one.push * after[2]
+        cells[(QFM + 2 * row) * stride + j] = one.push * (after[3] + after[4])
+        for stage in range(3 + row):
+            cells[(QP1 + 3 * row + stage) * stride + j] = -one.tip * after[2 + stage]
+    cells[UF4 * stride + j] = one.push * responses[5, 9]
+    _observe(cells[Y * stride :], mix, stride, j, one, responses)
+    if table.speeds.cells.shape[0] > 0:
+        speed = Oscillator(one.w2, one.c, one.push, one.tip, 0.0, -one.tip, 0.0)
+        _observe(table.speeds.cells, table.speeds.mix, stride, j, speed, responses)
+
+
+@jit_allocating
+def _observe(cells, mix, stride, j, one, responses):
+    """Fill column ``j`` of an observation's eight rows, and add its share to the mix."""
+    for stage in range(4):
+        response = one.see_q * responses[:, 2 * stage] + one.see_u * responses[:, 2 * stage + 1]
+        cells[2 * stage * stride + j] = response[0]
+        cells[(2 * stage + 1) * stride + j] = response[1]
+        mix[stage, 0] += one.push * response[2]
+        mix[stage, 1] += one.push * (response[3] + response[4])
+        mix[stage, (stage + 1) // 2] += one.see_push * one.push
+        for earlier in range(3):
+            mix[stage, 3 + earlier] -= one.tip * response[2 + earlier]
+
+
+@jit
+def _observation_weights(spring, added_mass, tip, w2, c):
+    """Return the shares of a mode's displacement, velocity and excitation in the observation."""
+    if added_mass > 0.0:
+        return -tip * w2, -tip * c, tip
+    if spring.stiffness > 0.0:
+        return -spring.stiffness * tip, -spring.damping * tip, 0.0
+    return -tip, -0.0 * tip, 0.0
+
+
+@jit_allocating
+def _add_absorber(m_a, spring, table, state):
+    """Fill the column of an absorber that moves: an oscillator of frequency zero."""
+    if m_a == 0.0:
+        return
+    stiffness = 1.0
+    damping = 0.0
+    if spring.stiffness > 0.0:
+        stiffness = spring.stiffness
+        damping = spring.damping
+    root = np.sqrt(m_a)
+    n = table.modes
+    stride = stride_of(table.wide_stride)
+    _add_oscillator(
+        table, n, Oscillator(0.0, 0.0, 0.0, -1.0 / root, stiffness / root, damping / root, 0.0)
+    )
+    table.cells[Q * stride + n], table.cells[U * stride + n] = (
+        root * state[n],
+        root * state[2 * n + 1],
+    )
+
+
+@jit_allocating
+def _new_velocity_table(cubic, stride):
+    """Return memory for the relative velocity, of size 0 if no law needs it."""
+    needed = 1 if cubic.cubic_stiffness > 0.0 else 0
+    return RelativeVelocityTable(np.zeros(8 * stride * needed), np.zeros((4 * needed, _MIX)))
+
+
+@jit_allocating
+def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
+    """Return the table of a scene for steps of h (s).
+
+    The observation is the relative displacement; with a spring, its force; with an added mass, the
+    tip's acceleration without that mass.
+    """
+    n = modes.omega.shape[0]
+    stride = stride_of(wide_stride)
+    table = RungeKuttaTable(
+        np.zeros(ROWS * stride),
+        np.zeros((4, _MIX)),
+        n,
+        4 * ((n + 4) // 4),
+        wide_stride,
+        h,
+        _new_velocity_table(laws.cubic, stride),
+    )
+    for j in range(n):
+        w2 = modes.omega[j] * modes.omega[j]
+        c = 2.0 * modes.damping_ratio[j] * modes.omega[j]
+        tip = modes.tip_shape[j]
+        see_q, see_u, see_push = _observation_weights(laws.spring, laws.added_mass, tip, w2, c)
+        _add_oscillator(
+            table,
+            j,
+            Oscillator(w2, c, modes.force_shape[j] * amplitude, tip, see_q, see_u, see_push),
+        )
+        table.cells[Q * stride + j], table.cells[U * stride + j] = state[j], state[n + 1 + j]
+    _add_absorber(laws.mass, laws.spring, table, state)
+    return table
+
+
+@jit
+def compute_stop_force(y, stops):
+    """Return the walls' force on the absorber (N), 0 where they are None."""
+    if stops is None:
+        return 0.0
+    if y > stops.gap:
+        return -stops.stiffness * (y - stops.gap)
+    if y < -stops.gap:
+        return -stops.stiffness * (y + stops.gap)
+    return 0.0
+
+
+@jit
+def compute_slider_force(y, rest, slider):
+    """Return the friction on the absorber (N) with the slider at ``rest``, 0 where it is None."""
+    if slider is None:
+        return 0.0
+    return -min(max(slider.stiffness * (y - rest), -slider.limit), slider.limit)
+
+
+@jit_inline
+def compute_feedback(y, v, rest, laws):
+    """Return the force on the absorber (N) for an observation.
+
+    The relative velocity (m/s) is 0 if no law depends on it.
+
+    ``laws``: `ActiveLaws`.
+    """
+    force = compute_stop_force(y, laws.stops) + compute_slider_force(y, rest, laws.slider)
+    if laws.spring is not None:
+        force -= y
+    if laws.joined_mass is not None:
+        force += laws.joined_mass * y
+    if laws.cubic is not None:
+        force -= laws.cubic.cubic_stiffness * y * y * y + laws.cubic.damping * v
+    return force
+
+
+@jit
+def move_slider(y, rest, slider):
+    """Return the slider's place after a step that ends at relative displacement ``y``."""
+    if slider.limit == 0.0:
+        return rest
+    reach = slider.limit / slider.stiffness
+    return min(max(rest, y - reach), y + reach)
 
 
 def _step_code(pushed: bool, sampled: bool) -> Any:
@@ -177,7 +501,7 @@ def _stage_velocity(cubic, speeds, v, k, f, p):
 
 @jit_inline
 def _compute_stages_under(absorber, table, forces, at, laws):
-    """Return the observations and the feedbacks in the four stages under `feedback.ActiveLaws`."""
+    """Return the observations and the feedbacks in the four stages under `ActiveLaws`."""
     y = absorber.y
     rest = absorber.rest
     v = absorber.v
@@ -213,7 +537,7 @@ def compute_stages(absorber, table, forces, at, laws, joined_mass):
 
     ``absorber`` is a `runge_kutta.AbsorberStages`.
 
-    ``joined_mass``: that of `feedback.ActiveLaws`, 0 unless the absorber is stuck.
+    ``joined_mass``: that of `ActiveLaws`, 0 unless the absorber is stuck.
     """
     if laws.cubic.cubic_stiffness > 0.0:
         of_cubic = ActiveLaws(None, None, None, None, laws.cubic)

@@ -11,6 +11,13 @@ import click
 import numpy as np
 
 from impact_env.kernels.compiling.jit import jit
+from impact_env.kernels.events.search import (
+    BlockStart,
+    SearchStep,
+    propagate_two_orders,
+    scan,
+    start_orders,
+)
 from impact_env.kernels.events.signals import (
     EventFunction,
     Guards,
@@ -19,22 +26,9 @@ from impact_env.kernels.events.signals import (
     new_signal,
     select_terms,
 )
-from impact_env.kernels.motion.forced import (
-    Forced,
-    ForceWindow,
-    fill_carrier,
-    new_forced,
-    solve_forced,
-)
-from impact_env.kernels.motion.modal_system import ModalSystem, propagate
-from impact_env.kernels.motion.search_block import (
-    POINTS,
-    BlockStart,
-    SearchStep,
-    propagate_two_orders,
-    scan,
-    start_orders,
-)
+from impact_env.kernels.motion.forced import Forced, fill_carrier, new_forced, solve_forced
+from impact_env.kernels.motion.loads import ForceWindow
+from impact_env.kernels.motion.modal_system import POINTS, ModalSystem, propagate
 from impact_env.methods import Exact
 from impact_env.solvers import WINDOW_PERIODS, rigid_regimes
 from optimisation.checkpoint import TimedRun
