@@ -237,15 +237,9 @@ def new_interval_load(settings):
 def expand_interval_load(disturbance, order, times, load):
     """Write the sections of an interval and return their number.
 
-    A section is given by breakpoints ``times`` and by pieces of the load.
+    A section is given by breakpoints ``times`` and by pieces of the load: the force of the order,
+    and the straight line between two samples of the disturbance's record.
     """
-    if disturbance is None:
-        return 1
-    return _expand_record(disturbance, order, times, load)
-
-
-@jit
-def _expand_record(disturbance, order, times, load):
     record = disturbance.record
     step = disturbance.step
     pieces = load.pieces

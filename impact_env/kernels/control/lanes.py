@@ -195,23 +195,18 @@ def recheck_stick(scene, window, workspace, state):
 
 
 @jit
-def compare_limits(limit, before):
-    """Return whether the friction limit (N) has changed, and whether it is lower than before."""
-    if limit is None:
-        return False, False
-    return limit != before, limit < before
-
-
-@jit
 def apply_order_change(scene, limit, before, jumps, schedule, workspace, state):
     """Continue a lane with the friction ``limit`` (N, or None) of its new order.
 
-    It replaces the limit ``before``.
-
-    ``jumps``: whether the amplitude of the force changes; ``schedule``: of the section to come.
+    ``before`` (N): the limit so far; ``jumps``: whether the amplitude of the force changes;
+    ``schedule``: of the section to come.
     """
     contact_state = workspace.contact_states[0]
-    other, lower = compare_limits(limit, before)
+    other = False
+    lower = False
+    if limit is not None:
+        other = limit != before
+        lower = limit < before
     if contact_state.regime == FREE:
         if other:
             update_slip_direction(
@@ -258,15 +253,6 @@ def load_lane(walls, lanes, i, order, distance, start, workspace):
         workspace.contact_states[0] = start[0]
         workspace.signal.memory[0] = 0.0
     return begins
-
-
-@jit
-def store_order(last, order, search_level):
-    """Store the order in use."""
-    last.gap = order.gap
-    last.limit = order.limit
-    last.force = order.force
-    last.search_level = search_level
 
 
 @jit
@@ -369,7 +355,10 @@ def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
             ),
             losses,
         )
-        stretches = expand_interval_load(settings.disturbance, order, scratch.times, load)
+        sections = 1
+        disturbance = batch.settings.disturbance
+        if disturbance is not None:
+            sections = expand_interval_load(disturbance, order, scratch.times, load)
         schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, load)
         observers = observers_of_lane(scratch, settings, lanes, i)
         if not begins:
@@ -383,7 +372,7 @@ def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
                 workspace,
                 state,
             )
-        for k in range(stretches):
+        for k in range(sections):
             status[i] = integrate_rigid_section(
                 ordered_scene, schedule, k, k > 0 or not begins, workspace, state, observers
             )
@@ -392,7 +381,11 @@ def _advance_rigid_lanes(scene, reach, batch, first, stop, memory):
         report_rigid(settings, scene, workspace, state, report)
         close_interval(scratch, settings, observers.level, state, order, report)
         lanes.rigid[i] = workspace.contact_states[0]
-        store_order(lanes.last_order[i], order, workspace.signal.memory[0])
+        used = lanes.last_order[i]
+        used.gap = order.gap
+        used.limit = order.limit
+        used.force = order.force
+        used.search_level = workspace.signal.memory[0]
         copy_amplitudes(workspace.buffers.z, lanes.z[i])
 
 
@@ -436,10 +429,13 @@ def _advance_linear_lanes(scene, reach, batch, first, stop, memory):
             compute_amplitudes(regime.into, state, buffers.z)
         else:
             copy_amplitudes(lanes.z[i], buffers.z)
-        stretches = expand_interval_load(settings.disturbance, order, scratch.times, load)
+        sections = 1
+        disturbance = batch.settings.disturbance
+        if disturbance is not None:
+            sections = expand_interval_load(disturbance, order, scratch.times, load)
         schedule = Schedule(scratch.times, scratch.omegas, scratch.phases, order.force, reach, load)
         observers = observers_of_lane(scratch, settings, lanes, i)
-        for k in range(stretches):
+        for k in range(sections):
             status[i] = integrate_linear_section(scene, schedule, k, workspace, observers)
             if status[i] != DONE:
                 break
@@ -540,17 +536,6 @@ def push_recorded_samples(scratch, settings, series, level, order):
     scratch.clock[0].level = count
 
 
-@jit
-def update_moreau_gap(walls, lanes, i, order, distance):
-    """Set the half-clearance in use of a lane that continues.
-
-    ``distance`` (m) is the distance of the absorber from the tip.
-    """
-    if order.fresh or not has_walls(walls):
-        return
-    order.gap = limit_gap(order.gap, lanes.last_order[i].gap, abs(distance), False)
-
-
 @jit_view
 def with_series(observers, series):
     """Return observers that record the states, from which the level is computed later."""
@@ -602,7 +587,9 @@ def _advance_moreau_lanes(modes, laws, step, batch, first, stop, memory):
             continue
         open_interval(scratch, settings, lanes, i, order)
         observers = observers_of_lane(scratch, settings, lanes, i)
-        update_moreau_gap(laws.walls, lanes, i, order, report.distance)
+        if not order.fresh and has_walls(laws.walls):
+            gap = lanes.last_order[i].gap
+            order.gap = limit_gap(order.gap, gap, abs(report.distance), False)
         ordered_scene = RigidLaws(
             laws.mass,
             with_gap(laws.walls, order.gap),

@@ -144,12 +144,7 @@ def new_account(energy, regimes, size):
 
 @jit
 def forget_regime(account, r):
-    """Clear regime number r of an account, because another regime has taken its place.
-
-    ``account`` is None if energies are not observed.
-    """
-    if account is None:
-        return
+    """Clear regime number r of an account, because another regime has taken its place."""
     account.known[r].kind = NOT_INITIALISED
     account.known[r].window = np.nan
     account.rows[r, :, :] = 0.0
@@ -299,22 +294,13 @@ def compute_force_at(window, size, phase, tau):
 
 
 @jit
-def compute_base_power(window, losses, motion, since, state, tau):
+def compute_base_power(base, omega, losses, motion, since, state, tau):
     """Return the power of the bases and of the forces that are represented as bases (W).
 
-    In coordinates relative to the bases it is -a_b (Gamma q' + sum of m_a r Y'_a).
-
-    ``state`` holds the modal velocities q' and those of the absorbers without their ``motion``
-    (n,), whose segment began ``since`` (s) ago.
+    In coordinates relative to the bases it is -a_b (Gamma q' + sum of m_a r Y'_a). ``state`` holds
+    the modal velocities q' and those of the absorbers without their ``motion`` (n,), whose segment
+    began ``since`` (s) ago.
     """
-    load = window.load
-    if load is None:
-        return 0.0
-    return _compute_base_power(load.base, window.omega, losses, motion, since, state, tau)
-
-
-@jit
-def _compute_base_power(base, omega, losses, motion, since, state, tau):
     if not base.moves:
         return 0.0
     power = 0.0
@@ -345,6 +331,7 @@ def add_by_quadrature(segment, losses, state, energy):
     system = segment.regime.system
     p = segment.buffers.rows[0]
     absorber = segment.motion[0]
+    load = window.load
     tau = segment.tau
     end = segment.end
     copy_amplitudes(segment.buffers.z, p)
@@ -371,9 +358,12 @@ def add_by_quadrature(segment, losses, state, energy):
                 energy.modal[i] += weight * losses.rate[i] * v * v
             energy.totals[0].work += weight * f * power
             own = state[half + modes] + absorber.v + absorber.a * (c - tau)
-            energy.totals[0].work += weight * compute_base_power(
-                window, losses, segment.motion, c - tau, state, c
-            )
+            base_power = 0.0
+            if load is not None:
+                base_power = compute_base_power(
+                    load.base, window.omega, losses, segment.motion, c - tau, state, c
+                )
+            energy.totals[0].work += weight * base_power
             relative = own - tip
             energy.totals[0].absorber_damping += weight * losses.damper * relative * relative
         propagate(system.rows, system.table, system.scale, h, p)

@@ -98,12 +98,6 @@ def decay_integrals(rows, h, decay):
         decay[j] *= h
 
 
-@jit_inline
-def are_close_poles(l_r, l_i, size):
-    """Return whether the sum l of two eigenvalues is small beside ``size``, that of one of them."""
-    return l_r * l_r + l_i * l_i < (CLOSE_POLES_TOL * size) * (CLOSE_POLES_TOL * size)
-
-
 @jit
 def pair_integral(l_r, l_i, h, a_r, a_i, b_r, b_i):
     """Return the integral of a exp(l t) over [0, h], where l is real or almost zero.
@@ -523,7 +517,8 @@ def init_pairs(rows, pairs):
             for side in range(2):
                 l_r = rows[S, j] + rows[S, k]
                 l_i = rows[S + 1, j] + (1.0 - 2.0 * side) * rows[S + 1, k]
-                if l_i == 0.0 or are_close_poles(l_r, l_i, rows[SPEED, j]):
+                close = CLOSE_POLES_TOL * rows[SPEED, j]
+                if l_i == 0.0 or l_r * l_r + l_i * l_i < close * close:
                     special += 1 + side
                     continue
                 scale = (0.5 if j == k else 1.0) / (l_r * l_r + l_i * l_i)

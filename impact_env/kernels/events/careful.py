@@ -50,13 +50,20 @@ from impact_env.kernels.events.signals import (
     time_resolution,
     with_evaluations,
 )
-from impact_env.kernels.motion.forced import FIFTH, FOURTH, THIRD, evaluate_guard, evaluate_signal
+from impact_env.kernels.motion.forced import (
+    FIFTH,
+    FOURTH,
+    THIRD,
+    evaluate_first_signals,
+    evaluate_signal,
+)
 from impact_env.kernels.motion.modal_system import (
     LARGEST_RATE,
     SPEED,
+    cos_sin,
     split_time,
-    sum_high_derivatives,
-    sum_with_bounds,
+    sum_and_bound_derivatives,
+    sum_third_to_fifth,
 )
 
 TAYLOR_START_REACH = 0.01
@@ -182,19 +189,6 @@ def leaves_quickly(function, guards, bounded):
     return False
 
 
-@jit
-def compute_rate_rounding(rows, u, rate_bound, rate):
-    """Return the rounding error of a signal's rate.
-
-    It follows from the modal amplitudes u, a bound of the forced part's rate, and the polynomial's
-    rate.
-    """
-    scale = rate_bound + abs(rate)
-    for j in range(u.shape[1]):
-        scale += rows[SPEED, j] * (abs(u[0, j]) + abs(u[1, j]))
-    return RATE_ROUNDING * scale
-
-
 @jit_inline
 def find_first_reversal(guards, bounded, high, reach, noise):
     """Return the time at which the rate first changes its sign after a start on a guard, or -1.
@@ -301,13 +295,15 @@ def search_from_guard(function, guards, bounded):
     omega = function.omega
     tau = function.tau
     v = 0.0 if guards.zero_rate else bounded.v
-    noise = compute_rate_rounding(
-        system.rows, function.signal.u, function.forced.bound[1], function.signal.polynomial[1]
-    )
+    u = function.signal.u
+    scale = function.forced.bound[1] + abs(function.signal.polynomial[1])
+    for i in range(u.shape[1]):
+        scale += system.rows[SPEED, i] * (abs(u[0, i]) + abs(u[1, i]))
+    noise = RATE_ROUNDING * scale
     if guards.side != 0:
         if guards.side * v > noise:
             return 0.0, HIT_HIGH if guards.side > 0 else HIT_LOW
-    j, s, c = sum_high_derivatives(system.rows, function.signal.u)
+    j, s, c = sum_third_to_fifth(system.rows, system.rows.shape[1], function.signal.u)
     j += evaluate_signal(signals, THIRD, omega, tau)
     s += evaluate_signal(signals, FOURTH, omega, tau)
     c += evaluate_signal(signals, FIFTH, omega, tau)
@@ -439,14 +435,18 @@ def find_nearest_event(guards, bounded):
 
 @jit_inline
 def bound_signal(function, offset):
-    """Return the signal at an offset, with bounds of its derivatives."""
+    """Return the `BoundedSignal` at an offset (s) from the signal's reference time."""
     system = function.system
     p = function.signal.polynomial
     bound = function.forced.bound
     d1, d2, d3, x = split_time(system.scale, offset)
-    f0, f1, f2 = evaluate_guard(function.forced.signals, function.omega, function.tau + offset)
-    y, v, a, b2, b3, b4 = sum_with_bounds(
-        system.rows, system.table, function.signal.u, d1, d2, d3, x
+    tau = function.tau + offset
+    c, s = cos_sin(function.omega * tau)
+    f0, f1, f2 = evaluate_first_signals(function.forced.signals, tau, c, s)
+    rows = system.rows
+    table = system.table
+    y, v, a, b2, b3, b4 = sum_and_bound_derivatives(
+        rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, function.signal.u
     )
     y = y + f0 + p[0] + offset * (p[1] + 0.5 * offset * p[2])
     v = v + f1 + p[1] + offset * p[2]

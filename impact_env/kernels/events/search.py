@@ -351,18 +351,6 @@ def leaves_wall(b, guards, step, error):
 
 
 @jit_inline
-def leaves_rest(b, h, direction, error):
-    """Return whether a block's first step, which starts with rate zero, is clear of a reversal.
-
-    ``error`` is that of `start_error`.
-    """
-    return (
-        start_margin(direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], h)
-        > error
-    )
-
-
-@jit_inline
 def correct_first_step(signal, guards, step, walls, reversals):
     """Return a scan's (walls, reversals) with the corrected bit of the first step.
 
@@ -377,9 +365,11 @@ def correct_first_step(signal, guards, step, walls, reversals):
     if guards.direction is not None:
         if guards.zero_rate:
             error = start_error(w, size, step.summed, 1, step.h, step.e1)
-            reversals = (reversals & -2) | (
-                0 if leaves_rest(b, step.h, guards.direction, error) else 1
+            direction = guards.direction
+            margin = start_margin(
+                direction * b[RATE + 1], direction * b[BEND], direction * b[BEND + 1], step.h
             )
+            reversals = (reversals & -2) | (0 if margin > error else 1)
     return walls, reversals
 
 
@@ -522,18 +512,6 @@ MOST_BLOCKS = 2_000
 
 
 @jit_inline
-def find_coarsest_level(steps, half):
-    """Return the coarsest level that a window of half length ``half`` (s) allows.
-
-    Bounds hold up to a quarter of the half length beyond the window.
-    """
-    top = steps.shape[0] - 1
-    while top > 0 and steps[top, 0] > 0.25 * half:
-        top -= 1
-    return top
-
-
-@jit_inline
 def start_block(function, offset):
     """Compute amplitudes and forced parts at an offset afresh; return the start of a block."""
     system = function.system
@@ -596,16 +574,6 @@ def make_search_step(function, level):
 
 
 @jit_inline
-def try_coarser_step(function, guards, step):
-    """Return the step of the next coarser level if it will probably be clear after the block.
-
-    Otherwise the same step is returned.
-    """
-    wide = make_search_step(function, step.level + 1)
-    return wide if is_far(function.signal.block, step.h, guards, wide.e0, wide.e1) else step
-
-
-@jit_inline
 def scan_block(function, guards, place, step):
     """Fill a block and return (walls, reversals), as `scan` does.
 
@@ -659,7 +627,10 @@ def search_events(function, guards, length, half):
     If none occurs, the result is at ``length``. ``half`` (s) is half the length of the window.
     """
     memory = function.signal.memory
-    top = find_coarsest_level(function.system.steps, half)
+    steps = function.system.steps
+    top = steps.shape[0] - 1  # the coarsest level that the window allows: bounds hold beyond it
+    while top > 0 and steps[top, 0] > 0.25 * half:  # by a quarter of its half length
+        top -= 1
     level = min(int(memory[0]), top)
     up = False
     careful = 1.0
@@ -671,11 +642,11 @@ def search_events(function, guards, length, half):
         if place.turns >= MOST_BLOCKS:
             place = start_block(function, place.offset)
         if up:
-            step = try_coarser_step(function, guards, step)
+            wide = make_search_step(function, step.level + 1)
+            if is_far(function.signal.block, step.h, guards, wide.e0, wide.e1):
+                step = wide
             level = step.level
-        if (
-            step.level != level
-        ):  # amplitudes never grow: what was an error of a level once stays a bound
+        if step.level != level:  # amplitudes never grow: an error of a level stays a bound
             step = make_search_step(function, level)
         walls, reversals = scan_block(function, guards, place, step)
         k = min(lowest_bit(walls | reversals), POINTS)

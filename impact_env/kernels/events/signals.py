@@ -31,8 +31,8 @@ from impact_env.kernels.motion.modal_system import (
     cos_sin,
     split_time,
     sum_amplitudes,
-    sum_derivatives,
     sum_magnitudes,
+    sum_three_derivatives,
 )
 
 # entries of a block: 1 + POINTS numbers of the value, the rate and the bend, then of their forced
@@ -190,9 +190,13 @@ def signal_scale(signal, bound):
 def evaluate_terms(terms, offset):
     """Return a signal and its first three derivatives at an offset from its reference time."""
     p = terms.polynomial
+    rows = terms.rows
+    table = terms.table
     tau = terms.tau + offset
     d1, d2, d3, x = split_time(terms.scale, offset)
-    y, v, a, j = sum_derivatives(terms.rows, terms.table, terms.u, d1, d2, d3, x)
+    y, v, a, j = sum_three_derivatives(
+        rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, terms.u
+    )
     c, s = cos_sin(terms.omega * tau)
     f0, f1, f2 = evaluate_first_signals(terms.signals, tau, c, s)
     f3 = evaluate_polynomial(terms.signals, THIRD, tau, c, s)

@@ -61,15 +61,6 @@ def find_active_rate(system, omega, u):
 
 
 @jit
-def compute_rate_scale(system, signal, bound, offset):
-    """Return the sum of the sizes of the terms of a signal's rate."""
-    scale = bound[1] + abs(signal.polynomial[1]) + offset * abs(signal.polynomial[2])
-    for j in range(signal.u.shape[1]):
-        scale += system.rows[SPEED, j] * (abs(signal.u[0, j]) + abs(signal.u[1, j]))
-    return scale
-
-
-@jit
 def compute_sample_time(k, count, offset):
     """Return the time (s) of sample k.
 
@@ -125,7 +116,11 @@ def check_guard_samples(check, system, forced, window, signal, tau, offset, guar
     check.counts.searches += 1
     omega = window.omega
     scale = signal_scale(signal, forced.bound)
-    speed_scale = compute_rate_scale(system, signal, forced.bound, offset)
+    p = signal.polynomial
+    speed_scale = forced.bound[1] + abs(p[1]) + offset * abs(p[2])  # of the terms of the rate
+    for j in range(signal.u.shape[1]):
+        size = abs(signal.u[0, j]) + abs(signal.u[1, j])
+        speed_scale += system.rows[SPEED, j] * size
     margin = max(DEPTH_TOL * unit, (SIGNAL_CHECK_TOL + slack) * scale)
     rate_margin = SIGNAL_CHECK_TOL * speed_scale
     moment = TIME_CHECK_FACTOR * time_resolution(system.rows, omega, window.half)
@@ -162,10 +157,6 @@ def check_free_segment(check, system, forced, window, walls, limit, body, offset
 
     No wall may be passed and, with friction, the relative velocity must not change its sign.
     """
-    if check is None:
-        return
-    if check.first.shape[0] == 0:
-        return
     gap = walls.gap if has_walls(walls) else np.inf
     sign = 0.0
     if limit is not None:
@@ -179,10 +170,6 @@ def check_free_segment(check, system, forced, window, walls, limit, body, offset
 @jit_inline
 def check_joined_segment(check, system, forced, window, limit, body, offset):
     """Check the search of a joined segment: the joint force keeps within its bounds."""
-    if check is None:
-        return
-    if check.first.shape[0] == 0:
-        return
     low, high = joint_bounds(limit, body.contact_state.side)
     check_guard_samples(
         check,
@@ -199,10 +186,6 @@ def check_joined_segment(check, system, forced, window, limit, body, offset):
 @jit_inline
 def check_set(check, scene, window, s, offset, workspace):
     """Check the searches of all absorbers in set s, up to the earliest event."""
-    if check is None:
-        return
-    if check.first.shape[0] == 0:
-        return
     sets = scene.sets
     absorbers = scene.absorbers
     for a in range(workspace.contact_states.shape[0]):

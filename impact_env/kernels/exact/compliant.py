@@ -158,14 +158,6 @@ def update_constant_force(springs, gap, limit, contact_state):
 
 
 @jit
-def find_slider_sign(limit, contact_state):
-    """Return the sign of the relative velocity while the slider slides, else 0."""
-    if limit is None:
-        return 0.0
-    return 0.0 if contact_state.sticks else contact_state.sign
-
-
-@jit
 def compute_relative_motion(contact, state):
     """Return relative displacement (m) and velocity (m/s), absorber minus tip."""
     modes = contact.tip_shape.shape[0]
@@ -306,40 +298,6 @@ def init_compliant_contact(springs, gap, limit, contact_state, state, contact, c
 
 
 @jit
-def add_slider_loss(limit, r0, r1, contact_state, energy):
-    """Add the friction loss over a segment: the limit times the distance slid."""
-    if energy is None or limit is None:
-        return
-    if not contact_state.sticks:
-        energy.totals[0].friction_loss += limit * abs(r1 - r0)
-
-
-@jit
-def add_slider_energy(scene, limit, contact_state, state, energy):
-    """Add the energy stored in the slider's spring (J).
-
-    While the slider slides, the spring's force is at its limit.
-    """
-    if energy is None or limit is None:
-        return
-    deflection = compute_slider_reach(scene.springs, limit)
-    if contact_state.sticks:
-        r, _ = compute_relative_motion(scene.contact, state)
-        deflection = r - contact_state.anchor
-    energy.totals[0].friction_loss += 0.5 * scene.springs.friction * deflection * deflection
-
-
-@jit
-def move_damper_loss(energy):
-    """Move the loss in the walls' damper to the impact losses, at the end of a run."""
-    if energy is None:
-        return
-    totals = energy.totals[0]
-    totals.impact_loss += totals.absorber_damping
-    totals.absorber_damping = 0.0
-
-
-@jit
 def compute_slider_reach(springs, limit):
     """Return the slider's limit over its stiffness (m), 0 without a slider."""
     if limit is None:
@@ -365,30 +323,16 @@ class CompliantScene(NamedTuple):
     wall_losses: Losses
 
 
-@jit
-def compute_static_displacement(rows):
-    """Return the static relative displacement under a unit constant relative force (m/N)."""
-    r = 0.0
-    for j in range(rows.shape[1]):
-        r += rows[GUARD, j] * rows[REST, j] - rows[GUARD + 1, j] * rows[REST + 1, j]
-    return r
-
-
 @jit_inline
 def check_compliant_segment(check, scene, system, forced, window, bounds, workspace, offset):
     """Check a search densely: no bound is passed, and a slider that slides does not turn."""
-    if check is None:
-        return
-    if check.first.shape[0] == 0:
-        return
     contact_state = workspace.contact_states[0]
+    sign = 0.0
+    if scene.limit is not None:
+        if not contact_state.sticks:
+            sign = contact_state.sign
     guard = GuardBounds(
-        bounds[0],
-        bounds[1],
-        scene.gap if scene.gap < np.inf else 0.0,
-        0.0,
-        find_slider_sign(scene.limit, contact_state),
-        GUARD_PASSED,
+        bounds[0], bounds[1], scene.gap if scene.gap < np.inf else 0.0, 0.0, sign, GUARD_PASSED
     )
     check_guard_samples(
         check, system, forced, window, workspace.signal, contact_state.tau, offset, guard
@@ -429,7 +373,11 @@ def advance_regime(regime, forced, scene, window, reach, workspace, observers):
     free = r == 0
     system = regime.system
     p = workspace.signal.polynomial
-    rest = compute_static_displacement(regime.system.rows) * contact_state.force
+    rows = system.rows
+    compliance = 0.0  # static relative displacement under a unit constant force (m/N)
+    for j in range(rows.shape[1]):
+        compliance += rows[GUARD, j] * rows[REST, j] - rows[GUARD + 1, j] * rows[REST + 1, j]
+    rest = compliance * contact_state.force
     apply_weights(system.rows, GUARD, buffers.z, workspace.signal.u)
     contact_state.a = contact_state.force / scene.contact.mass if free else 0.0
     if free:
@@ -447,9 +395,12 @@ def advance_regime(regime, forced, scene, window, reach, workspace, observers):
     event = find_segment_end(system, forced, window, scene.limit, low, high, workspace)
     counters.counts.evaluations += event.evaluations
     offset = event.offset
-    check_compliant_segment(
-        counters.check, scene, system, forced, window, (low, high), workspace, offset
-    )
+    check = counters.check
+    if check is not None:
+        if check.first.shape[0] > 0:
+            check_compliant_segment(
+                check, scene, system, forced, window, (low, high), workspace, offset
+            )
     end = tau + offset
     motion = workspace.motion[0]
     motion.q = contact_state.q
@@ -564,6 +515,7 @@ def enter_compliant_regime(scene, window, workspace, state):
 def advance_to_compliant_event(scene, window, reach, workspace, state, observers):
     """Advance to the next event, or to the window's end, and apply the event."""
     contact_state = workspace.contact_states[0]
+    energy = observers.energy
     r0, _ = compute_relative_motion(scene.contact, state)
     number = find_regime_number(contact_state)
     regime = scene.regimes[number]
@@ -571,7 +523,9 @@ def advance_to_compliant_event(scene, window, reach, workspace, state, observers
     event = advance_regime(regime, forced, scene, window, reach, workspace, observers)
     write_regime_state(regime, forced, window.omega, contact_state, workspace.buffers, state)
     r1, _ = compute_relative_motion(scene.contact, state)
-    add_slider_loss(scene.limit, r0, r1, contact_state, observers.energy)
+    if energy is not None and scene.limit is not None:
+        if not contact_state.sticks:
+            energy.totals[0].friction_loss += scene.limit * abs(r1 - r0)
     if event.kind != NOTHING:
         handle_contact_event(
             event, scene, reach, contact_state, state, window.centre + contact_state.tau, observers
@@ -645,7 +599,7 @@ def compliant_lane(scene, plan, state, observers):
 
 @jit
 def finish_compliant_run(scene, workspace, state, end, observers):
-    """Record open contacts and phases at ``end`` (s), and take the sample there."""
+    """Record open contacts and phases at ``end`` (s), close the energies, and take the last sample."""
     contact_state = workspace.contact_states[0]
     contact = scene.contact
     if contact_state.sticks:
@@ -653,8 +607,19 @@ def finish_compliant_run(scene, workspace, state, end, observers):
     if contact_state.wall != 0.0:
         loss = read_damper_loss(scene.wall_losses.damper > 0.0, observers.energy)
         record_wall_contact(end, state[-1], loss, contact_state, observers.events, contact.mass)
-    add_slider_energy(scene, scene.limit, contact_state, state, observers.energy)
-    move_damper_loss(observers.energy)
+    energy = observers.energy
+    if energy is not None:
+        totals = energy.totals[0]
+        if scene.limit is not None:
+            # the energy that the slider's spring stores; its force is at its limit while it slides
+            deflection = scene.limit / scene.springs.friction
+            if contact_state.sticks:
+                r, _ = compute_relative_motion(contact, state)
+                deflection = r - contact_state.anchor
+            totals.friction_loss += 0.5 * scene.springs.friction * deflection * deflection
+        # the walls' damper was counted as an absorber's
+        totals.impact_loss += totals.absorber_damping
+        totals.absorber_damping = 0.0
     take_last_sample(
         state, contact.tip_shape, end, observers.clock, observers.level, observers.series
     )

@@ -118,64 +118,23 @@ def compute_force_at(window, tau):
 
 
 @jit
-def compute_base_accelerations(window, tau):
-    """Write the accelerations (m/s^2) of bases that move at an offset ``tau`` (s).
-
-    Forces that are represented as bases are written in N.
-
-    Return what they give the absorbers' places; 0 where no base moves.
-    """
-    load = window.load
-    if load is None:
-        return 0.0
-    return _base_accelerations(load.base, window.omega, tau)
-
-
-@jit
-def _base_accelerations(base, omega, tau):
-    total = 0.0
-    if base.moves:
-        for c in range(base.terms.shape[0]):
-            base.accelerations[c] = evaluate_load(base.terms[c], omega, tau)
-            total += base.at_absorber[c] * base.accelerations[c]
-    return total
-
-
-@jit
-def compute_base_inertia(window, i):
-    """Return the inertia of mode ``i`` under the accelerations of the bases.
-
-    The second result is the sum of the magnitudes of its terms. Both are 0 if no base moves.
-    """
-    load = window.load
-    if load is None:
-        return 0.0, 0.0
-    return _base_inertia(load.base, i)
-
-
-@jit
-def _base_inertia(base, i):
-    total = 0.0
-    size = 0.0
-    if base.moves:
-        for c in range(base.terms.shape[0]):
-            share = base.participation[c, i] * base.accelerations[c]
-            total += share
-            size += abs(share)
-    return total, size
-
-
-@jit
 def compute_relative_accelerations(absorbers, losses, window, contact_states, state, joints):
     """Write the relative accelerations without the joint forces of undecided absorbers.
 
-    Their rounding errors are written as well.
+    The sums of the sizes of their terms, which bound their rounding, are written as well.
     """
     n, modes = absorbers.shapes.shape
     half = n + modes
     tau = contact_states[0].tau
     force = compute_force_at(window, tau)
-    inertia = compute_base_accelerations(window, tau)
+    load = window.load
+    inertia = 0.0  # of an absorber under bases that move, over its mass
+    if load is not None:
+        base = load.base
+        if base.moves:
+            for c in range(base.terms.shape[0]):
+                base.accelerations[c] = evaluate_load(base.terms[c], window.omega, tau)
+                inertia += base.at_absorber[c] * base.accelerations[c]
     for a in range(n):
         joints.relative_acceleration[a] = -absorbers.gravity[a] - inertia
         joints.acceleration_slack[a] = abs(absorbers.gravity[a]) + abs(inertia)
@@ -185,7 +144,14 @@ def compute_relative_accelerations(absorbers, losses, window, contact_states, st
         pull = absorbers.square[i] * state[i]
         drag = losses.rate[i] * state[half + i]
         push = losses.force_shape[i] * force
-        carried, carried_size = compute_base_inertia(window, i)
+        carried = 0.0  # inertia of the mode under bases that move
+        carried_size = 0.0
+        if load is not None:
+            if load.base.moves:
+                for c in range(load.base.terms.shape[0]):
+                    share = load.base.participation[c, i] * load.base.accelerations[c]
+                    carried += share
+                    carried_size += abs(share)
         rate = push - carried - drag - pull
         size = abs(push) + carried_size + abs(drag) + abs(pull)
         for b in range(n):

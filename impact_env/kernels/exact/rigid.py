@@ -42,7 +42,6 @@ from impact_env.kernels.exact.rigid_contact import (
     record_joined_phase,
     reverse_or_stick,
     static_limit,
-    update_free_acceleration,
     update_friction_force,
     update_wall_contact,
 )
@@ -222,9 +221,8 @@ def try_stick(scene, window, workspace, state):
     )
     update_wall_contact(scene.contact.walls, contact_state, q_tip)
     low, high = joint_bounds(static_limit(scene.contact), contact_state.side)
-    slack = (
-        JOINT_FORCE_TOL * scale
-    )  # at its bound the joint force decides in the joined regime, by its rate
+    # at its bound the joint force decides in the joined regime, by its rate
+    slack = JOINT_FORCE_TOL * scale
     contact_state.v = v_tip
     contact_state.offset = contact_state.q - q_tip
     if low - slack <= f <= high + slack:
@@ -255,7 +253,7 @@ def advance_free_regime(scene, window, workspace, observers):
     contact_state = body.contact_state
     system = free.system
     counters = observers.counters
-    update_free_acceleration(contact, contact_state)
+    contact_state.a = contact_state.force / contact.mass - contact.gravity
     tau = contact_state.tau
     deflection = free.tip_rest * contact_state.force
     event = find_end_of_flight(
@@ -263,9 +261,12 @@ def advance_free_regime(scene, window, workspace, observers):
     )
     counters.counts.evaluations += event.evaluations
     offset = event.offset
-    check_free_segment(
-        counters.check, system, forced, window, contact.walls, contact.limit, body, offset
-    )
+    check = counters.check
+    if check is not None:
+        if check.first.shape[0] > 0:
+            check_free_segment(
+                check, system, forced, window, contact.walls, contact.limit, body, offset
+            )
     end = tau + offset
     motion = workspace.motion[0]
     motion.q = contact_state.q
@@ -319,7 +320,10 @@ def advance_joined_regime(scene, window, workspace, observers):
     )
     counters.counts.evaluations += event.evaluations
     offset = event.offset
-    check_joined_segment(counters.check, system, forced, window, limit, body, offset)
+    check = counters.check
+    if check is not None:
+        if check.first.shape[0] > 0:
+            check_joined_segment(check, system, forced, window, limit, body, offset)
     end = tau + offset
     motion = workspace.motion[0]
     motion.q = contact_state.offset
@@ -372,12 +376,6 @@ def release_absorber(scene, window, workspace, state, event, events):
     add_base_motion(window, workspace, -1.0)
 
 
-@jit_inline
-def can_stick(limit, side):
-    """Return whether friction or a wall could hold an absorber without relative velocity."""
-    return limit is not None or side != 0.0
-
-
 @jit
 def init_regime(scene, window, workspace, state):
     """Choose the first regime.
@@ -390,14 +388,16 @@ def init_regime(scene, window, workspace, state):
     contact_state.q = state[half - 1]
     contact_state.v = state[2 * half - 1]
     relative = detect_wall_contact(contact, contact.walls, contact_state, state)
-    if relative == 0.0 and can_stick(contact.limit, contact_state.side):
+    can_stick = contact_state.side != 0.0
+    if contact.limit is not None:
+        can_stick = True
+    if relative == 0.0 and can_stick:
         if try_stick(scene, window, workspace, state):
             return
         contact_state.at_rest = True
     elif relative * contact_state.side > 0.0:
-        contact_state.side = (
-            0.0  # on a wall and moving into it: the search reports the impact at once
-        )
+        # on a wall and moving into it: the search reports the impact at once
+        contact_state.side = 0.0
     update_friction_force(contact.limit, contact_state)
     enter_regime(
         scene.free, workspace.free_forced, window.omega, contact_state, state, workspace.buffers.z

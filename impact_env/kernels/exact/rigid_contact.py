@@ -137,12 +137,6 @@ def new_contact_states(n):
 
 
 @jit
-def update_free_acceleration(contact, contact_state):
-    """Set the acceleration of a free absorber from friction and weight."""
-    contact_state.a = contact_state.force / contact.mass - contact.gravity
-
-
-@jit
 def update_friction_force(limit, contact_state):
     """Set the constant friction force from the direction of slip; nothing without friction."""
     if limit is not None:
@@ -266,13 +260,6 @@ def detect_wall_contact(contact, walls, contact_state, state):
     return relative
 
 
-@jit
-def add_impact_loss(loss, energy):
-    """Add the energy lost in an impact (J)."""
-    if energy is not None:
-        energy.totals[0].impact_loss += loss
-
-
 @jit_inline
 def compute_restitution(walls, v):
     """Return the coefficient of restitution of an impact with relative velocity v (m/s).
@@ -322,7 +309,9 @@ def apply_impact(system, forced, window, walls, contact, body, event, observers)
         loss,
         contact_state.absorber,
     )
-    add_impact_loss(loss, observers.energy)
+    energy = observers.energy
+    if energy is not None:
+        energy.totals[0].impact_loss += loss
     update_slip_direction(system, contact.limit, -side, contact_state, z)
     return complete
 

@@ -45,7 +45,7 @@ from impact_env.kernels.motion.modal_system import (
     apply_weights,
 )
 from impact_env.kernels.motion.observers import call_function
-from impact_env.kernels.motion.segments import LinearRegime, compute_amplitudes
+from impact_env.kernels.motion.segments import compute_amplitudes
 
 Array = NDArray[np.float64]
 
@@ -189,12 +189,6 @@ def system_of_set(sets, s, rows):
 
 
 @jit_view
-def regime_of_set(sets, s, rows):
-    """Return the regime of the set at place s with the weights ``rows``."""
-    return LinearRegime(system_of_set(sets, s, rows), sets.out[s], sets.into[s], 0.0)
-
-
-@jit_view
 def forced_of_set(flow, s, place):
     """Return the forced response of the set at position s with the signals of one place.
 
@@ -259,21 +253,16 @@ def find_joined_set(sets, contact_states):
 
 
 @jit
-def copy_rows(rows, copy):
-    """Copy rows of weights (ROWS, J)."""
-    for i in range(rows.shape[0]):
-        for j in range(rows.shape[1]):
-            copy[i, j] = rows[i, j]
-
-
-@jit
 def update_set_response(sets, window, s, workspace):
     """Solve the forced response of the set at place s in a window, unless it is known."""
     n = sets.deflection.shape[2]
     flow = workspace.forced_sets
     if workspace.last_fill[s] != sets.last_fill[s]:
         workspace.last_fill[s] = sets.last_fill[s]
-        copy_rows(sets.rows[s, n], workspace.place_rows[s])
+        rows = sets.rows[s, n]
+        for i in range(rows.shape[0]):
+            for j in range(rows.shape[1]):
+                workspace.place_rows[s, i, j] = rows[i, j]
         flow.solved[s, :] = False
     if flow.solved[s, n]:
         return
@@ -321,17 +310,6 @@ def add_base_motion(sets, window, s, a, sign, workspace):
 
 
 @jit
-def compute_constant_force(absorbers, contact_state, joined, a):
-    """Return the constant force (N) between absorber a and the beam, as it acts on the absorber.
-
-    It is friction, or the weight of a joined absorber.
-    """
-    if joined:
-        return absorbers.mass[a] * absorbers.gravity[a]
-    return contact_state.force
-
-
-@jit
 def fill_guard_signal(scene, s, a, workspace):
     """Fill the free part of absorber a's guard signal in the set at position s.
 
@@ -363,7 +341,9 @@ def update_static_deflection(sets, absorbers, contact_states, s, own, deflection
     own[s, REST + 1, :] = 0.0
     deflection[:] = 0.0
     for b in range(n):
-        force = compute_constant_force(absorbers, contact_states[b], is_joined(sets, s, b), b)
+        force = contact_states[b].force  # friction
+        if is_joined(sets, s, b):
+            force = absorbers.mass[b] * absorbers.gravity[b]
         if force != 0.0:
             add_weighted(sets.rows[s, b], REST, force, own[s, REST : REST + 2])
             for place in range(n + 1):

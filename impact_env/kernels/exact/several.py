@@ -55,7 +55,6 @@ from impact_env.kernels.exact.sets import (
     is_joined,
     new_forced_sets,
     new_signal_set,
-    regime_of_set,
     signal_of_absorber,
     system_of_set,
     update_guard_response,
@@ -82,6 +81,7 @@ from impact_env.kernels.motion.observers import (
 )
 from impact_env.kernels.motion.segments import (
     Buffers,
+    LinearRegime,
     Losses,
     Segment,
     new_buffers,
@@ -219,7 +219,10 @@ def find_earliest_event(scene, window, s, counters, workspace):
         else:
             safe_times[a].until = now + length
             share = 2.0 * share
-    check_set(counters.check, scene, window, s, earliest.offset, workspace)
+    check = counters.check
+    if check is not None:
+        if check.first.shape[0] > 0:
+            check_set(check, scene, window, s, earliest.offset, workspace)
     return first, earliest
 
 
@@ -229,7 +232,8 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
     n = workspace.contact_states.shape[0]
     sets = scene.sets
     tau = workspace.contact_states[0].tau
-    regime = regime_of_set(sets, s, workspace.place_rows[s])
+    system = system_of_set(sets, s, workspace.place_rows[s])
+    regime = LinearRegime(system, sets.out[s], sets.into[s], 0.0)
     forced = forced_of_set(workspace.forced_sets, s, n)
     for a in range(n):
         contact_state = workspace.contact_states[a]
@@ -254,15 +258,15 @@ def observe_set_segment(scene, window, s, offset, workspace, observers):
     sample_state(segment, observers.clock, observers.series)
     if workspace.last_account[s] != sets.last_fill[s]:
         workspace.last_account[s] = sets.last_fill[s]
-        forget_regime(observers.energy, s)
+        account = observers.energy
+        if account is not None:
+            forget_regime(account, s)
     add_energy(segment, scene.losses, workspace.scratch, s, observers.energy)
 
 
 @jit
 def observe_friction(scene, window, s, a, offset, workspace, energy):
     """Add the friction loss of absorber a, which is apart, over ``offset`` (s) to the energies."""
-    if energy is None:
-        return
     limit = scene.absorbers.limit[a]
     if limit == 0.0:
         return
@@ -294,7 +298,9 @@ def advance_time(scene, window, s, offset, workspace, observers):
         if is_joined(sets, s, a):
             observers.counters.counts.stuck_time += offset
         else:
-            observe_friction(scene, window, s, a, offset, workspace, observers.energy)
+            energy = observers.energy
+            if energy is not None:
+                observe_friction(scene, window, s, a, offset, workspace, energy)
             contact_state.q += offset * (contact_state.v + 0.5 * offset * contact_state.a)
             contact_state.v += offset * contact_state.a
             if offset > 0.0:
@@ -354,17 +360,12 @@ def add_base_motion_to_free(sets, window, s, sign, workspace):
 
 
 @jit
-def update_free_accelerations(absorbers, contact_states):
-    """Set the accelerations of the absorbers from friction and weight."""
-    for a in range(contact_states.shape[0]):
-        contact_states[a].a = contact_states[a].force / absorbers.mass[a] - absorbers.gravity[a]
-
-
-@jit
 def advance_to_set_event(scene, window, state, workspace, observers):
     """Advance to the next event of any absorber, or to the window's end, and apply the event."""
     contact_states = workspace.contact_states
-    update_free_accelerations(scene.absorbers, contact_states)
+    for b in range(contact_states.shape[0]):
+        free = contact_states[b].force / scene.absorbers.mass[b]
+        contact_states[b].a = free - scene.absorbers.gravity[b]
     s = find_joined_set(scene.sets, contact_states)
     a, event = find_earliest_event(scene, window, s, observers.counters, workspace)
     advance_time(scene, window, s, event.offset, workspace, observers)
@@ -384,15 +385,6 @@ def advance_to_set_event(scene, window, state, workspace, observers):
         update_safe_times_after_event(scene.sets, s, a, impulse, workspace)
     else:
         forget_safe_times(workspace.safe_times)
-
-
-@jit
-def is_workspace_finite(workspace):
-    """Return whether amplitudes and absorbers are finite."""
-    total = workspace.buffers.z[0, 0]
-    for a in range(workspace.contact_states.shape[0]):
-        total += workspace.contact_states[a].q
-    return np.isfinite(total)
 
 
 @jit
@@ -422,7 +414,10 @@ def integrate_several_section(scene, schedule, k, started, workspace, state, obs
                 return status
             last = contact_states[0].tau
         leave_set_window(scene, window, window.half, workspace)
-        if not is_workspace_finite(workspace):
+        total = workspace.buffers.z[0, 0]
+        for a in range(contact_states.shape[0]):
+            total += contact_states[a].q
+        if not np.isfinite(total):
             return NOT_FINITE
     return DONE
 

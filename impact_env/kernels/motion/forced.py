@@ -40,11 +40,67 @@ from impact_env.kernels.motion.modal_system import (
     cos_sin,
 )
 
-SCAN_TERMS = 7  # those that a block keeps
+SCAN_TERMS = 7  # coefficients of a polynomial that the event search sums in a block
+# of |i Omega - s| times half the window, below which a polynomial is solved from its lowest
+# coefficient upwards
+NEAR_RESONANCE = 0.05
+DERIVATIVES = 6  # of the guard signal, itself included, that have bounds
+SCANNED = 3  # of these, what the event search scans
+SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
+BOUND_REACH = 1.25  # of half a window: up to there bounds hold
+# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip
+# displacement, that of a free absorber under a base that moves; those of the scan are together
+GUARD_SIGNALS = (0, 1, 2, 4, 5, 6)
+TIP_SIGNAL = 3
+THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
+
+
+class UnitResponses(NamedTuple):
+    """A regime's forced responses to unit loads without a carrier (unit_loads.py).
+
+    The unit loads are a constant and the time from the window's centre, each as a force and as the
+    acceleration of each of C bases that move.
+
+    ``polynomials`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with one
+    axis more for the loads, first as forces, then as the bases' accelerations. ``coefficients`` (2
+    + 2 C,): of the load in a window, C bases that move. ``half`` (1,): longest half window (s) that
+    the bounds hold for. ``step_map`` (3 + 2 C, 2, J): the amplitudes after ``step_length`` (1,) s,
+    as factor of those before and for each unit load.
+    """
+
+    polynomials: NDArray[np.float64]
+    signals: NDArray[np.float64]
+    bound: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    half: NDArray[np.float64]
+    step_map: NDArray[np.float64]
+    step_length: NDArray[np.float64]
+
+
+class Forced(NamedTuple):
+    """One regime's forced part in one window.
+
+    ``polynomials`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (2, TERMS,
+    2, 4): polynomials, as factors of exp(i Omega tau), of the guard signal, its derivatives and the
+    tip displacement; the coefficients of signal m, real and imaginary, are signals[m // 4, :, :, m
+    % 4]. ``bound`` (DERIVATIVES + SCANNED,): the largest size, up to BOUND_REACH half windows from
+    the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of
+    the first of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the
+    levels of `modal_system.ModalSystem`; not a number first where a level is not known yet.
+    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
+    ``unit_responses``: used where the load is linear in the window; None: under a chirp.
+    """
+
+    polynomials: NDArray[np.float64]
+    signals: NDArray[np.float64]
+    bound: NDArray[np.float64]
+    carrier: NDArray[np.float64]
+    terms: NDArray[np.float64]
+    unit_responses: UnitResponses | None
 
 
 def coefficient_index(m: Any, n: int, part: int) -> Any:
-    """Return the index of coefficient n of signal m in the flat array `forced.Forced.signals`.
+    """Return the index of coefficient n of signal m in the flat array `Forced.signals`.
 
     ``part`` selects its real (0) or imaginary (1) part.
     """
@@ -54,15 +110,23 @@ def coefficient_index(m: Any, n: int, part: int) -> Any:
 def _spread_pair(
     code: Code, array: Any, at: Any, distance: Any, sign: Number | None = None
 ) -> Complex:
+    """Return the complex number in array[at] and array[at + distance], as vectors.
+
+    Its imaginary part is multiplied by ``sign``.
+    """
     imag = code.number(array, at + distance)
     return Complex(
         code.spread(code.number(array, at)), code.spread(imag if sign is None else imag * sign)
     )
 
 
-def _solve_down(
+def _write_back_substitution(
     code: Code, rows: Any, size: Any, omega: Any, sign: Any, driven: Any, at: Any, out: Any
 ) -> None:
+    """Write the code of `back_substitute`, from the highest coefficient down.
+
+    ``driven``: for each load its row of responses and its terms.
+    """
     turn = omega * sign
     plane = size * TERMS
     for j in code.vectors(size):
@@ -96,13 +160,12 @@ def _solve_down(
 def back_substitute(
     code: Code, rows, size: Index, omega: Number, sign: Number, terms, at: Index, out
 ):
-    """Solve for the polynomials P of each modal amplitude, into out[at], out[at + 1].
+    """Solve P' + (i sign Omega - s) P = drive * terms for each modal amplitude's polynomial P.
 
-    The equation is P' + (i sign Omega - s) P = drive * terms.
-
-    ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate terms.
+    P is written to out[at], out[at + 1]. ``terms`` (2, TERMS); ``sign`` -1 takes the conjugate
+    terms.
     """
-    _solve_down(code, rows, size, omega, sign, ((DRIVE, terms),), at, out)
+    _write_back_substitution(code, rows, size, omega, sign, ((DRIVE, terms),), at, out)
 
 
 @vector_code()
@@ -113,7 +176,7 @@ def back_substitute_both(
 
     ``terms`` are those of the force, ``base`` those of the base, which has its own response.
     """
-    _solve_down(code, rows, size, omega, sign, ((DRIVE, terms), (BASE, base)), at, out)
+    _write_back_substitution(code, rows, size, omega, sign, ((DRIVE, terms), (BASE, base)), at, out)
 
 
 @vector_code()
@@ -264,9 +327,7 @@ def sum_amplitudes_of_state(code: Code, into, count: Index, size: Index, state, 
 
 @jit
 def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
-    """Return (x_r, x_i) plus the drive of amplitude ``j`` by the bases' accelerations.
-
-    Term ``n`` of the accelerations is used.
+    """Return (x_r, x_i) plus the drive of amplitude ``j`` by term ``n`` of the bases' accelerations.
 
     The response to a unit acceleration of the first base is in ``row``, those of others follow.
     """
@@ -282,78 +343,14 @@ def add_base_drive(base, rows, j, row, sign, n, x_r, x_i):
     return x_r, x_i
 
 
-@jit_inline
-def count_unit_loads(base):
-    """Return the number of unit loads.
-
-    They are a constant and a line, of the force and of each base that moves.
-    """
-    return 2 + 2 * base.terms.shape[0] if base.moves else 2
-
-
-NEAR_RESONANCE = (
-    0.05  # of |i Omega - s| times half the window: then the polynomial is built upwards
-)
-DERIVATIVES = 6
-SCANNED = 3  # derivatives of the guard signal that the event search scans
-SIGNALS = (2, TERMS, 2, 4)  # shape of Forced.signals
-BOUND_REACH = 1.25  # of half a window: up to there bounds hold
-# numbers of the signals in Forced.signals: the guard signal and its derivatives, the tip
-# displacement, that of a free absorber under a base that moves; those of the scan are together
-GUARD_SIGNALS = (0, 1, 2, 4, 5, 6)
-TIP_SIGNAL = 3
-THIRD, FOURTH, FIFTH = GUARD_SIGNALS[3:]
-
-
-class UnitResponses(NamedTuple):
-    """A regime's forced responses to unit loads without a carrier (unit_loads.py).
-
-    The unit loads are a constant and the time from the window's centre.
-
-    ``polynomials`` (only A, which B equals), ``signals`` and ``bound``: those of `Forced`, with one
-    axis more for the loads, first as forces, then as the bases' accelerations. ``coefficients`` (2
-    + 2 C,): of the load in a window, C bases that move. ``half`` (1,): longest half window (s) that
-    the bounds hold for. ``step_map`` (3 + 2 C, 2, J): the amplitudes after ``step_length`` (1,) s,
-    as factor of those before and for each unit load.
-    """
-
-    polynomials: NDArray[np.float64]
-    signals: NDArray[np.float64]
-    bound: NDArray[np.float64]
-    coefficients: NDArray[np.float64]
-    half: NDArray[np.float64]
-    step_map: NDArray[np.float64]
-    step_length: NDArray[np.float64]
-
-
-class Forced(NamedTuple):
-    """One regime's forced part in one window.
-
-    ``system`` (4, TERMS, J) holds A and B, real and imaginary in turn. ``signals`` (2, TERMS, 2,
-    4): polynomials, as factors of exp(i Omega tau), of the guard signal, its derivatives and the
-    tip displacement; the coefficients of signal m, real and imaginary, are signals[m // 4, :, :, m
-    % 4]. ``bound`` (DERIVATIVES + SCANNED,): the largest size, up to BOUND_REACH half windows from
-    the centre, of the guard signal's derivatives, and of what SCAN_TERMS coefficients leave out of
-    the first of them. ``carrier`` (L, 2, POINTS): exp(i Omega k h_L), k = 1 ... POINTS, for the
-    levels of `modal_system.ModalSystem`; not a number first where a level is not known yet.
-    ``terms`` (2, TERMS): Taylor coefficients in tau of half the complex force without its carrier.
-    ``units`` None: every window is solved anew.
-    """
-
-    polynomials: NDArray[np.float64]
-    signals: NDArray[np.float64]
-    bound: NDArray[np.float64]
-    carrier: NDArray[np.float64]
-    terms: NDArray[np.float64]
-    unit_responses: UnitResponses | None
-
-
 @jit_allocating
 def new_unit_responses(load, size):
     """Return memory for the `UnitResponses` of ``size`` amplitudes, None for the chirp."""
     if load is None:
         return None
-    n = count_unit_loads(load.base)
+    # a constant and a line, of the force and of each base that moves
+    base = load.base
+    n = 2 + 2 * base.terms.shape[0] if base.moves else 2
     polynomials = np.zeros((n, 2, TERMS, size))
     signals = np.zeros((n, *SIGNALS))
     bound = np.zeros((n, DERIVATIVES + SCANNED))
@@ -403,9 +400,9 @@ def compute_force_terms(window, terms):
 
 @jit
 def forward_substitute(rows, j, window, sign, terms, at, out):
-    """Solve for one modal amplitude that the force drives at its own frequency.
+    """Solve the equation of `back_substitute` for one modal amplitude near resonance.
 
-    The equations are those of back-substitution, which would divide by almost zero in this case.
+    Back-substitution would divide by almost zero.
     """
     load = window.load
     l_r = -rows[S, j]
@@ -426,19 +423,8 @@ def forward_substitute(rows, j, window, sign, terms, at, out):
 
 
 @jit
-def _solve_near_resonance(rows, window, sign, terms, at, out):
-    limit = NEAR_RESONANCE / window.half
-    for j in range(rows.shape[1]):
-        if abs(rows[S, j]) < limit and abs(sign * window.omega - rows[S + 1, j]) < limit:
-            forward_substitute(rows, j, window, sign, terms, at, out)
-
-
-@jit
 def _differentiate_signal(omega, signals, start, at):
-    """Write the polynomial of the derivative of signal ``start`` to signal ``at``.
-
-    It is p' + i omega p.
-    """
+    """Write the polynomial of the derivative of signal ``start``, p' + i omega p, to signal ``at``."""
     for n in range(TERMS):
         d_r = -omega * signals[start // 4, n, 1, start % 4]
         d_i = omega * signals[start // 4, n, 0, start % 4]
@@ -451,6 +437,7 @@ def _differentiate_signal(omega, signals, start, at):
 
 @jit
 def _fill_bounds(signals, reach, bound):
+    """Fill `Forced.bound` for times up to ``reach`` (s) from the window's centre."""
     for m in range(DERIVATIVES):
         whole = 0.0
         rest = 0.0
@@ -471,7 +458,7 @@ def _fill_bounds(signals, reach, bound):
 
 @jit
 def fill_carrier(steps, omega, level, carrier):
-    """Write the carrier of one level, unless it is known: a search needs few of them."""
+    """Fill `Forced.carrier` of one level, unless it is known: a search needs few of them."""
     if not np.isnan(carrier[level, 0, 0]):
         return
     c, s = cos_sin(omega * steps[level, 0])
@@ -485,27 +472,29 @@ def fill_carrier(steps, omega, level, carrier):
 
 @jit_inline
 def _solve_polynomials(rows, window, sign, terms, at, out):
-    """Solve for the polynomials of all modal amplitudes by back-substitution.
+    """Solve for the polynomials A (``sign`` 1) or B (-1) of all modal amplitudes.
 
-    It divides by the difference between modal amplitude and carrier.
+    Back-substitution divides by the difference between modal amplitude and carrier. Amplitudes near
+    resonance are solved again by forward substitution.
     """
+    size = rows.shape[1]
+    omega = window.omega
     load = window.load
     if load is None:
-        back_substitute(rows, rows.shape[1], window.omega, sign, terms, at, out)
+        back_substitute(rows, size, omega, sign, terms, at, out)
     else:
-        _solve_load_polynomials(rows, window.omega, sign, terms, load.base, at, out)
-
-
-@jit_inline
-def _solve_load_polynomials(rows, omega, sign, terms, base, at, out):
-    if not base.moves:
-        back_substitute(rows, rows.shape[1], omega, sign, terms, at, out)
-    elif base.terms.shape[0] == 1:
-        back_substitute_both(rows, rows.shape[1], omega, sign, terms, base.terms, at, out)
-    else:
-        back_substitute_all(
-            rows, rows.shape[1], omega, sign, terms, base.terms.shape[0], base.terms, at, out
-        )
+        base = load.base
+        if not base.moves:
+            back_substitute(rows, size, omega, sign, terms, at, out)
+        elif base.terms.shape[0] == 1:
+            back_substitute_both(rows, size, omega, sign, terms, base.terms, at, out)
+        else:
+            count = base.terms.shape[0]
+            back_substitute_all(rows, size, omega, sign, terms, count, base.terms, at, out)
+    limit = NEAR_RESONANCE / window.half
+    for j in range(size):
+        if abs(rows[S, j]) < limit and abs(sign * omega - rows[S + 1, j]) < limit:
+            forward_substitute(rows, j, window, sign, terms, at, out)
 
 
 @jit
@@ -514,13 +503,9 @@ def solve_response(system, window, forced):
 
     A regime without guards needs no other signal.
     """
-    rows = system.rows
-    terms = forced.terms
-    compute_force_terms(window, terms)
-    _solve_polynomials(rows, window, 1.0, terms, 0, forced.polynomials)
-    _solve_polynomials(rows, window, -1.0, terms, 2, forced.polynomials)
-    _solve_near_resonance(rows, window, 1.0, terms, 0, forced.polynomials)
-    _solve_near_resonance(rows, window, -1.0, terms, 2, forced.polynomials)
+    compute_force_terms(window, forced.terms)
+    _solve_polynomials(system.rows, window, 1.0, forced.terms, 0, forced.polynomials)
+    _solve_polynomials(system.rows, window, -1.0, forced.terms, 2, forced.polynomials)
     solve_tip_signal(system, forced)
 
 
@@ -545,54 +530,27 @@ def solve_tip_signal(system, forced):
 
 
 @jit
-def add_base_displacement(window, forced):
-    """Add the displacement that a moving base gives a free absorber to the guard signal.
-
-    It satisfies Y'' = -r a_b.
-    """
-    integrate_base(window, forced)
-    load = window.load
-    if load is not None:
-        _add_base_displacement(load.base, forced.signals)
-
-
-@jit
-def _add_base_displacement(base, signals):
-    if base.moves:
-        for n in range(TERMS):
-            for part in range(2):
-                signals[0, n, part, 0] += signals[1, n, part, 3]
-
-
-@jit
 def integrate_base(window, forced):
-    """Fill the signal of the displacement that a moving base gives a free absorber.
+    """Fill the signal of the displacement Y that a moving base gives a free absorber.
 
-    `base_motion` uses this signal.
+    Y'' = -r a_b is integrated twice by P' + i Omega P = F, the equation of `back_substitute` with
+    s = 0: where Omega is small the polynomial is built upwards. `base_motion` uses this signal.
     """
     load = window.load
-    if load is not None:
-        _integrate_base(load.base, window.omega, window.half, forced.signals)
-
-
-@jit
-def _integrate_base(base, omega, half, signals):
-    """Fill the signal of a free absorber's displacement due to the base.
-
-    It is the integral, taken twice, of the acceleration that the base gives the absorber.
-
-    P' + i Omega P = F as in `solve_response`, with s = 0: where Omega is small the polynomial is
-    built upwards.
-    """
+    if load is None:
+        return
+    base = load.base
     if not base.moves:
         return
+    omega = window.omega
+    signals = forced.signals
     for n in range(TERMS):
         for part in range(2):
             signals[1, n, part, 3] = -2.0 * base.at_absorber[0] * base.terms[0, part, n]
             for c in range(1, base.terms.shape[0]):
                 signals[1, n, part, 3] -= 2.0 * base.at_absorber[c] * base.terms[c, part, n]
     for _ in range(2):
-        if omega * half < NEAR_RESONANCE:
+        if omega * window.half < NEAR_RESONANCE:
             p_r = 0.0
             p_i = 0.0
             for n in range(TERMS):
@@ -616,24 +574,6 @@ def _integrate_base(base, omega, half, signals):
 
 
 @jit
-def add_base_inertia(window, mass, signals):
-    """Add m_a a_base, the inertia of the absorber under a moving base, to the joint force."""
-    load = window.load
-    if load is not None:
-        _add_base_inertia(load.base, mass, signals)
-
-
-@jit
-def _add_base_inertia(base, mass, signals):
-    if base.moves:
-        for c in range(base.terms.shape[0]):
-            for n in range(TERMS):
-                for part in range(2):
-                    inertia = 2.0 * mass * base.at_absorber[c] * base.terms[c, part, n]
-                    signals[0, n, part, 0] += inertia
-
-
-@jit
 def base_motion(load, signals, omega, tau):
     """Return displacement (m) and velocity (m/s) that a moving base gives a free absorber.
 
@@ -641,12 +581,7 @@ def base_motion(load, signals, omega, tau):
     """
     if load is None:
         return 0.0, 0.0
-    return _base_motion(load.base, signals, omega, tau)
-
-
-@jit
-def _base_motion(base, signals, omega, tau):
-    if not base.moves:
+    if not load.base.moves:
         return 0.0, 0.0
     c, s = cos_sin(omega * tau)
     x = 0.0
@@ -665,22 +600,40 @@ def _base_motion(base, signals, omega, tau):
 
 
 @jit
+def _add_base_inertia(base, mass, signals):
+    """Add m_a a_base, the inertia of the absorber under bases that move, to the joint force."""
+    if base.moves:
+        for c in range(base.terms.shape[0]):
+            for n in range(TERMS):
+                for part in range(2):
+                    inertia = 2.0 * mass * base.at_absorber[c] * base.terms[c, part, n]
+                    signals[0, n, part, 0] += inertia
+
+
+@jit
 def solve_guard(system, window, absorber_mass, forced):
     """Fill the guard signal, its derivatives and bounds, from the known forced response.
 
     ``absorber_mass`` as in `solve_forced`.
     """
     signals = forced.signals
+    load = window.load
     if absorber_mass is None:
         combine_signal(system.rows, GUARD, system.rows.shape[1], forced.polynomials, signals, 0)
-        add_base_displacement(window, forced)
+        integrate_base(window, forced)
+        if load is not None:
+            if load.base.moves:
+                for n in range(TERMS):
+                    for part in range(2):
+                        signals[0, n, part, 0] += signals[1, n, part, 3]
     else:
         _differentiate_signal(window.omega, signals, TIP_SIGNAL, 1)
         _differentiate_signal(window.omega, signals, 1, 0)
         for n in range(TERMS):
             signals[0, n, 0, 0] *= absorber_mass
             signals[0, n, 1, 0] *= absorber_mass
-        add_base_inertia(window, absorber_mass, signals)
+        if load is not None:
+            _add_base_inertia(load.base, absorber_mass, signals)
     for m in range(1, DERIVATIVES):
         _differentiate_signal(window.omega, signals, GUARD_SIGNALS[m - 1], GUARD_SIGNALS[m])
     # the last step of a search may begin in the window and end beyond it: by a quarter of its half,
@@ -702,18 +655,8 @@ def evaluate_signal(signals, m, omega, tau):
     return evaluate_polynomial(signals, m, tau, c, s)
 
 
-@jit_inline
-def evaluate_guard(signals, omega, tau):
-    """Return the forced guard signal and its first two derivatives.
-
-    They are evaluated at an offset from the window's centre.
-    """
-    c, s = cos_sin(omega * tau)
-    return evaluate_first_signals(signals, tau, c, s)
-
-
 @jit
 def add_forced(polynomials, omega, tau, factor, z):
-    """Add factor * (A exp(i omega tau) + B exp(-i omega tau)) to z."""
+    """Add the forced part, factor * (A exp(i omega tau) + B exp(-i omega tau)), to z (2, J)."""
     c, s = cos_sin(omega * tau)
     add_polynomials(polynomials, z.shape[1], tau, c * factor, s * factor, z)

@@ -288,14 +288,6 @@ def compute_force(load, k, t):
 
 
 @jit
-def _has_equal_length(times, k):
-    """Return whether section ``k`` is as long as the one before, as the steps of a record are."""
-    return k > 0 and abs(times[k + 1] - 2.0 * times[k] + times[k - 1]) <= EQUAL_LENGTH_TOL * (
-        times[k + 1] - times[k]
-    )
-
-
-@jit
 def _add_linear_piece(piece, t, terms):
     """Add half of a straight line, expanded around time ``t``, to the terms."""
     terms[0, 0] += 0.5 * (piece[POLYNOMIAL] + piece[POLYNOMIAL + 2] * (t - piece[BEGINS]))
@@ -310,7 +302,10 @@ def expand_load(load, times, k, t):
     """
     load.terms[:] = 0.0
     load.base.terms[:] = 0.0
-    load.linear[0] = is_linear_section(load, k) and _has_equal_length(times, k)
+    load.linear[0] = False
+    if k > 0 and is_linear_section(load, k):  # and as long as the section before, as in a record
+        change = abs(times[k + 1] - 2.0 * times[k] + times[k - 1])
+        load.linear[0] = change <= EQUAL_LENGTH_TOL * (times[k + 1] - times[k])
     if load.linear[0]:
         for source in range(load.which.shape[1]):
             piece = load.pieces[load.which[k, source]]

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from impact_env.kernels.compiling.jit import NUMBER, jit, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Complex, Index, Number
 
+# rows of `ModalSystem.rows`; a complex quantity has two, its real part and, in the next one, its
+# imaginary part
 S = 0  # eigenvalue (1/s)
 SQUARE = 2  # its square
 DRIVE = 4  # response to a unit force of the drive
@@ -40,6 +42,36 @@ SPEED_SQUARE = SPEED + 1
 SPEED_CUBE = SPEED + 2
 BASE = SPEED + 3  # response to a unit acceleration of the first base; two rows for each one more
 ROWS = BASE  # of a regime under a base at rest
+POINTS = 8  # times in a block of the event search
+TAYLOR_TERMS = 1 + TAYLOR_ROWS  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
+TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
+
+# entries of `ModalSystem.scale`
+DIGIT_BITS, FINEST_STEP, INVERSE_FINEST_STEP, LARGEST_RATE = range(4)
+
+
+class ModalSystem(NamedTuple):
+    """One regime with J modal amplitudes, sorted by |s_j| and padded with empty ones.
+
+    It consists of few arrays, because each costs time at every call.
+
+    ``rows`` (ROWS, J), or (ROWS + 2 C, J) under C bases that move: S to BASE above. ``table``
+    (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3,
+    largest |s|.
+
+    For the event search (search.py), which has L levels of time steps h_L: ``steps`` (L, 2) h_L in
+    s and the number of modal amplitudes to sum; ``waves`` (L, J, 2, POINTS) and ``turns`` (L,
+    POINTS, 2, J): exp(k s h_L), k = 1 ... POINTS, in two orders; ``errors`` (L, J): each modal
+    amplitude's share of the error bound E, over its magnitude.
+    """
+
+    rows: NDArray[np.float64]
+    table: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    steps: NDArray[np.float64]
+    waves: NDArray[np.float64]
+    turns: NDArray[np.float64]
+    errors: NDArray[np.float64]
 
 
 @vector_code(NUMBER)
@@ -75,7 +107,11 @@ def cos_sin(x):
 
 
 class Propagator:
-    """The modal amplitudes of a regime at a time offset: exp(s t)."""
+    """The factor exp(s t) of each modal amplitude, as vector code.
+
+    The time offset t is given by its three ``digits`` d1, d2, d3 in ``table`` and the rest x, as
+    `split_time` returns them.
+    """
 
     def __init__(
         self, code: Code, rows: Any, table: Any, size: Any, base: Any, digits: Sequence[Any]
@@ -191,9 +227,10 @@ sum_three_derivatives = _sum(4)
 def sum_and_bound_derivatives(
     code: Code, rows, table, size: Index, base: Index, d1: Index, d2: Index, d3: Index, x: Number, u
 ):
-    """Return the first three sums of `sum_three_derivatives`, and three bounds.
+    """Return the sum of Re(u exp(s t)), its first two derivatives, and three bounds.
 
-    The bounds are the sums of |s|^2, |s|^3 and |s|^4 times |u exp(s t)|.
+    The bounds, of the second to fourth derivative at all later times, are the sums of |s|^2, |s|^3
+    and |s|^4 times |u exp(s t)|.
     """
     propagator = Propagator(code, rows, table, size, base, (d1, d2, d3, x))
     y0, y1, y2, b2, b3, b4 = [code.sum() for _ in range(6)]
@@ -212,7 +249,10 @@ def sum_and_bound_derivatives(
 
 @vector_code(NUMBER, 3)
 def sum_third_to_fifth(code: Code, rows, size: Index, u):
-    """Return the sums of Re(s^3 u), Re(s^4 u) and Re(s^5 u)."""
+    """Return the sums of Re(s^3 u), Re(s^4 u) and Re(s^5 u).
+
+    They are the third to fifth derivative of the sum of Re(u exp(s t)) at t = 0.
+    """
     third = code.sum()
     fourth = code.sum()
     fifth = code.sum()
@@ -276,38 +316,6 @@ def sum_magnitudes(code: Code, size: Index, u):
     return total.total()
 
 
-POINTS = 8  # times in a block
-
-TAYLOR_TERMS = 1 + TAYLOR_ROWS  # |s h3|^7 / 7! below 1e-16 for TAYLOR_REACH
-TAYLOR_REACH = 0.04  # of |s h3|, and half of that is used
-
-# entries of Modal amplitudes.scale
-DIGIT_BITS, FINEST_STEP, INVERSE_FINEST_STEP, LARGEST_RATE = range(4)
-
-
-class ModalSystem(NamedTuple):
-    """One regime with J modal amplitudes, sorted by |s_j| and padded with empty ones.
-
-    It consists of few arrays, because each costs time at every call.
-
-    ``rows`` (ROWS, J), or (ROWS + 2 C, J) under C bases that move: see modal_rows.py. ``table``
-    (2, 3, base, J): exp(s h), real and imaginary. ``scale`` (4,): log2 of the base, h3 (s), 1/h3,
-    largest |s|.
-
-    For the event search, at levels L of time steps h_L (search.py): ``steps`` (L, 2) h_L in s and
-    the number of modal amplitudes to sum; ``waves`` (L, J, 2, POINTS) and ``turns`` (L, POINTS, 2,
-    J): exp(k s h_L), k = 1 ... POINTS, in two orders; ``errors`` (L, J) as in tables.py.
-    """
-
-    rows: NDArray[np.float64]
-    table: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    steps: NDArray[np.float64]
-    waves: NDArray[np.float64]
-    turns: NDArray[np.float64]
-    errors: NDArray[np.float64]
-
-
 @jit_inline
 def split_time(scale, delta):
     """Return (d1, d2, d3, rest) of a time offset within the reach of the tables.
@@ -332,27 +340,9 @@ def propagate(rows, table, scale, delta, z):
 
 @jit
 def propagate_to(rows, table, scale, u, delta, out):
-    """Write u exp(s delta) to ``out``, real parts first."""
+    """Write u exp(s delta) to ``out``, both (2, J)."""
     d1, d2, d3, x = split_time(scale, delta)
     propagate_by_digits(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u, out)
-
-
-@jit_inline
-def sum_derivatives(rows, table, u, d1, d2, d3, x):
-    """Return sum Re(u_j exp(s_j t)) and its first three derivatives."""
-    return sum_three_derivatives(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
-
-
-@jit_inline
-def sum_with_bounds(rows, table, u, d1, d2, d3, x):
-    """Return value and derivatives of sum Re(u_j exp(s_j t)), and bounds.
-
-    The derivatives are the first and second. The bounds of the second to fourth derivative hold for
-    all later times.
-
-    A bound is the sum of |u_j exp(s_j t)| |s_j|^m.
-    """
-    return sum_and_bound_derivatives(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)
 
 
 @jit
@@ -363,24 +353,18 @@ def copy_amplitudes(z, w):
 
 @jit
 def sum_amplitudes(rows, table, scale, u, delta):
-    """Return sum Re(u_j exp(s_j delta))."""
+    """Return sum Re(u_j exp(s_j delta)) over modal amplitudes u (2, J), after ``delta`` (s)."""
     d1, d2, d3, x = split_time(scale, delta)
     return sum_value(rows, table, rows.shape[1], table.shape[2], d1, d2, d3, x, u)[0]
 
 
-@jit_inline
-def sum_high_derivatives(rows, u):
-    """Return the third, fourth and fifth derivative of sum Re(u_j exp(s_j t)) at t = 0."""
-    return sum_third_to_fifth(rows, rows.shape[1], u)
-
-
 @jit
 def apply_weights(rows, row, z, u):
-    """Write u = w z with the complex weights w in ``row`` and the row behind it."""
+    """Write u = w z, both (2, J), with the complex weights w in ``row`` and the one after it."""
     multiply_by_row(rows, row, rows.shape[1], z, u)
 
 
 @jit
 def add_weighted(rows, row, factor, z):
-    """Add factor * w to z with the complex weights w in ``row`` and the row behind it."""
+    """Add factor * w to z (2, J), with the complex weights w in ``row`` and the one after it."""
     add_row(rows, row, rows.shape[1], factor, z)

@@ -50,7 +50,7 @@ MOST_SINGLE_SAMPLES = 3  # samples up to which each is evaluated for itself
 SAMPLES_AT_ONCE = 8  # samples that are computed at once
 
 
-def _powers(factor: Complex, one: Complex) -> list[Complex]:
+def _compute_powers(factor: Complex, one: Complex) -> list[Complex]:
     """Return factor^0 ... factor^SAMPLES_AT_ONCE.
 
     Each power is the product of two powers of about half its exponent, so that rounding errors do
@@ -62,23 +62,13 @@ def _powers(factor: Complex, one: Complex) -> list[Complex]:
     return powers
 
 
-def _add_to_block(
+def _put_in_block(
     code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool
 ) -> None:
     """Add numbers to the block from a position on, or write them if the block is ``fresh``.
 
-    ``left`` numbers are used.
+    ``left`` numbers are used; with one instruction where these are all.
     """
-    for k, number in enumerate(numbers):
-        for _ in code.where(left > k, likely=True):
-            at = place + k
-            code.put(number if fresh else number + code.number(block, at), block, at)
-
-
-def _whole_or_part(
-    code: Code, numbers: list[Number], block: Any, place: Any, left: Any, fresh: bool
-) -> None:
-    """Do what `_add_to_block` does, with one instruction where all are left."""
     for whole in code.either(left >= SAMPLES_AT_ONCE):
         if whole:
             vector = code.gather(numbers)
@@ -88,11 +78,14 @@ def _whole_or_part(
                 place,
             )
         else:
-            _add_to_block(code, numbers, block, place, left, fresh)
+            for k, number in enumerate(numbers):
+                for _ in code.where(left > k, likely=True):
+                    at = place + k
+                    code.put(number if fresh else number + code.number(block, at), block, at)
 
 
 @vector_code()
-def _fill_forced(
+def _fill_forced_part(
     code: Code,
     signals,
     tau: Number,
@@ -112,7 +105,7 @@ def _fill_forced(
     ``turn_s`` from sample to sample.
     """
     one = Complex(code.repeated(1.0, 0), code.repeated(0.0, 0))
-    *powers, leap = _powers(Complex(turn_c, turn_s), one)
+    *powers, leap = _compute_powers(Complex(turn_c, turn_s), one)
     turn = Complex(code.gather([p.real for p in powers]), code.gather([p.imag for p in powers]))
     phasor = [code.variable(part) for part in (c, s)]
     steps = code.constant(range(SAMPLES_AT_ONCE))
@@ -139,13 +132,13 @@ def _fill_forced(
                 )
             parts.append(total)
         values = Complex(*parts).real_of_product(here) + code.spread(rest, SAMPLES_AT_ONCE)
-        _whole_or_part(code, values.elements(), block, first + k, count - k, True)
+        _put_in_block(code, values.elements(), block, first + k, count - k, True)
         for place, moved in zip(phasor, current.times(leap), strict=True):
             place.value = moved
 
 
 @vector_code()
-def _add_slots(
+def _add_amplitudes(
     code: Code,
     rows,
     table,
@@ -175,12 +168,14 @@ def _add_slots(
     )
     for j in code.vectors(size):
         amplitude = start.turned(u, j)
-        *powers, leap = _powers(step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0)))
+        *powers, leap = _compute_powers(
+            step.factor(j), Complex(code.repeated(1.0), code.repeated(0.0))
+        )
         turning = [code.variable(part) for part in amplitude]
         for k in code.loop(count, SAMPLES_AT_ONCE):
             current = Complex(*(part.value for part in turning))
             sums = [current.real_of_product(power).total() for power in powers]
-            _whole_or_part(code, sums, block, first + k, count - k, False)
+            _put_in_block(code, sums, block, first + k, count - k, False)
             for place, moved in zip(turning, current.times(leap), strict=True):
                 place.value = moved
 
@@ -227,10 +222,10 @@ def fill_samples(system, signals, omega, u, rest, samples, block):
         return
     c, s = cos_sin(omega * x)
     turn_c, turn_s = cos_sin(omega * interval)
-    _fill_forced(signals, x, interval, c, s, turn_c, turn_s, rest, block, first, count)
+    _fill_forced_part(signals, x, interval, c, s, turn_c, turn_s, rest, block, first, count)
     d1, d2, d3, d = split_time(scale, offset)
     h1, h2, h3, h = split_time(scale, interval)
-    _add_slots(
+    _add_amplitudes(
         rows,
         table,
         rows.shape[1],

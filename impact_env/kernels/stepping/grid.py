@@ -78,28 +78,6 @@ def compute_phasor(force, k, t, dt):
 
 
 @jit
-def fill_midpoint_loads(target, load, k, start, stop, dt):
-    """Write loads in the middle of the steps from ``start`` to ``stop``, all in section ``k``.
-
-    Only loads other than the chirp of one force are written. Without such loads nothing is written.
-    """
-    if has_sources(load):
-        for n in range(stop - start):
-            target[n] = compute_force(load, k, (start + n + 0.5) * dt)
-
-
-@jit
-def fill_load_values(target, count, times, load, k, t, dt):
-    """Write loads other than the chirp of one force at t, t + dt, ..., as `fill_force`."""
-    first = find_section(times, k, t)
-    k = first
-    for n in range(count):
-        k = find_section(times, k, t + n * dt)
-        target[n] = compute_force(load, k, t + n * dt)
-    return first
-
-
-@jit
 def fill_force(target, count, force, k, t, dt):
     """Write the force for amplitude 1 at t, t + dt, ... into ``target``.
 
@@ -107,10 +85,13 @@ def fill_force(target, count, force, k, t, dt):
     """
     times = force.times
     load = force.load
-    if has_sources(load):
-        return fill_load_values(target, count, times, load, k, t, dt)
     first = find_section(times, k, t)
     k = first
+    if has_sources(load):
+        for n in range(count):
+            k = find_section(times, k, t + n * dt)
+            target[n] = compute_force(load, k, t + n * dt)
+        return first
     done = 0
     while done < count:
         time = t + done * dt

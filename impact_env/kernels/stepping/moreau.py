@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from impact_env.kernels.compiling.jit import NUMBER, jit, jit_allocating, jit_inline, vector_code
 from impact_env.kernels.compiling.vector_code import Code, Index, Number
 from impact_env.kernels.exact.rigid_contact import NO_WALLS, Walls, compute_restitution
-from impact_env.kernels.motion.loads import has_sources
+from impact_env.kernels.motion.loads import compute_force, has_sources
 from impact_env.kernels.motion.observers import (
     DONE,
     HELD_LOWER,
@@ -43,7 +43,6 @@ from impact_env.kernels.stepping.grid import (
     Spring,
     compute_phasor,
     count_steps_left,
-    fill_midpoint_loads,
     find_sample_range,
     find_sample_step,
     find_section,
@@ -261,13 +260,6 @@ def _save_modes(table):
 
 
 @jit_inline
-def _save_modes_if_observed(energy, due, table):
-    """Save the modes at the step's start where an observer needs them; ``due``: a sample does."""
-    if energy is not None or due:
-        _save_modes(table)
-
-
-@jit_inline
 def _account_modes(energy, table, force):
     """Add the work of the force and the dissipation of the modes in a step.
 
@@ -276,8 +268,6 @@ def _account_modes(energy, table, force):
     With that velocity the balance closes up to dt^2/8 times the change of sum omega^2 u^2, which
     does not grow with time.
     """
-    if energy is None:
-        return
     cells = table.cells
     stride = _stride(table.wide_stride)
     totals = energy.totals[0]
@@ -288,37 +278,24 @@ def _account_modes(energy, table, force):
         energy.modal[j] += (1.0 - cells[_KEEP * stride + j]) * old * mean
 
 
-@jit
-def _account_damper(energy, spring, before, mean, dt):
-    """Add a step's loss in the tuned absorber's damper."""
-    energy.totals[0].absorber_damping += spring.damping * before * mean * dt
-
-
 @jit_inline
 def _account_contact(energy, spring, friction, before, after, dt):
     """Add a step's friction loss and its loss in the tuned absorber's damper.
 
     Both are computed with the mean relative velocity of the step.
     """
-    if energy is None:
-        return
     mean = 0.5 * (before + after)
     energy.totals[0].friction_loss -= friction * mean
-    _account_damper(energy, spring, before, mean, dt)
-
-
-@jit_inline
-def _account_impact(energy, loss):
-    """Add an impulse's loss to the energies."""
-    if energy is not None:
-        energy.totals[0].impact_loss += loss
+    energy.totals[0].absorber_damping += spring.damping * before * mean * dt
 
 
 @jit_inline
 def _record_impact(normal, distance, before, after, time, observers):
     """Add the loss of an impulse; list it as an impact where the absorber approached the wall."""
     loss = -0.5 * normal * (before + after)
-    _account_impact(observers.energy, loss)
+    energy = observers.energy
+    if energy is not None:
+        energy.totals[0].impact_loss += loss
     if distance * before > 0.0:
         observers.counters.counts.impacts += 1
         push_impact(observers.events, time, before, normal, loss, 0)
@@ -459,11 +436,13 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
     Returns the `StepState` at its end and the kind of phase in it.
     """
     dt = table.dt
+    energy = observers.energy
     if laws.mass == 0.0:
         tip_u, tip_q = _step_without_spring(
             table.cells, table.lanes, _stride(table.wide_stride), force, 0.0, dt
         )
-        _account_modes(observers.energy, table, force)
+        if energy is not None:
+            _account_modes(energy, table, force)
         return StepState(tip_q, tip_u, body.q, 0.0, 0.0), NO_PHASE
     distance = body.q - body.tip_q
     tip_u, tip_q, v = _advance_modes(table, laws, body, distance, force)
@@ -472,8 +451,9 @@ def _advance_step(i, table, laws, bounds, body, force, observers):
     )
     if hit.normal != 0.0:
         _record_impact(hit.normal, distance, body.gamma, after.gamma, (i + 1) * dt, observers)
-    _account_contact(observers.energy, laws.spring, hit.friction, body.gamma, after.gamma, dt)
-    _account_modes(observers.energy, table, force)
+    if energy is not None:
+        _account_contact(energy, laws.spring, hit.friction, body.gamma, after.gamma, dt)
+        _account_modes(energy, table, force)
     return after, hit.kind
 
 
@@ -508,10 +488,13 @@ def moreau_lane(modes, laws, force, state, step, observers):
         k = find_section(times, k, (i + 0.5) * dt)
         start = i
         stop = i + count_steps_left(times, k, (i + 0.5) * dt, dt, min(PHASOR_STEPS, steps - i))
-        fill_midpoint_loads(loads, force.load, k, start, stop, dt)
+        if loaded:
+            for n in range(stop - start):
+                loads[n] = compute_force(force.load, k, (start + n + 0.5) * dt)
         c, s, turn_c, turn_s, change_c, change_s = compute_phasor(force, k, (i + 0.5) * dt, dt)
         while i < stop:
-            _save_modes_if_observed(observers.energy, modal and i == row_step, table)
+            if observers.energy is not None or (modal and i == row_step):
+                _save_modes(table)
             before = body
             force_value = loads[i - start] if loaded else c
             body, kind = _advance_step(i, table, laws, bounds, body, force_value, observers)

@@ -53,15 +53,14 @@ from impact_env.kernels.stepping.runge_kutta_step import (
     Q,
     RungeKuttaTable,
     U,
+    Y,
     account_step,
-    advance_observed,
     advance_oscillators,
-    compute_observations,
     compute_relative_velocities,
     compute_stages,
     compute_stop_force,
-    move_slider,
     new_runge_kutta_table,
+    observe_rows,
     stride_of,
 )
 
@@ -166,14 +165,6 @@ def _displacement_and_rate(y, h):
 
 
 @jit
-def _init_wall_touch(stops, touches, y, h):
-    """Note a contact that there is from the start."""
-    if stops.stiffness > 0.0:
-        touches[0].side = _find_wall_side(y[0], stops.gap)
-        touches[0].rate = _displacement_and_rate(y, h)[1]
-
-
-@jit
 def _track_wall_contact(stops, touches, before, y, stages, span, observers):
     """Record the begin and end of contacts with a wall's spring.
 
@@ -268,16 +259,6 @@ def _is_finite(table):
 
 
 @jit
-def _is_step_too_long(cubic, compliance, largest, h):
-    """Return whether a step (s) is too long for a nonlinear spring.
-
-    The criterion is the spring's tangent stiffness at its largest deflection (m).
-    """
-    square = 3.0 * cubic.cubic_stiffness * largest * largest * compliance
-    return square * h * h > (2.0 * np.pi / LEAST_STEPS_PER_PERIOD) ** 2
-
-
-@jit
 def _write_state_between(target, table, part, m_a, added_mass, offset):
     """Write the state at ``part`` (0 to 1) of the step.
 
@@ -341,27 +322,11 @@ def _sample_state(series, clock, sample, part, table, laws, offset, state):
         return
     row = find_series_row(clock, series, sample)
     if row >= 0:
-        _write_row(series.states[row], part, table, laws, offset, state)
-
-
-@jit
-def _write_row(target, part, table, laws, offset, state):
-    """Write the state at ``part`` of the step.
-
-    Without an absorber, its displacement and velocity are those of ``state``.
-    """
-    n = table.modes
-    target[n], target[2 * n + 1] = state[n], state[2 * n + 1]
-    _write_state_between(target, table, part, laws.mass, laws.added_mass, offset)
-
-
-@jit
-def _compute_joined_mass(added_mass, tip_shape):
-    """Return m_a / (1 + m_a sum tip_shape^2) of a stuck absorber, else 0."""
-    square = 0.0
-    for i in range(tip_shape.shape[0]):
-        square += tip_shape[i] * tip_shape[i]
-    return added_mass / (1.0 + added_mass * square)
+        target = series.states[row]
+        n = table.modes
+        target[n] = state[n]  # without an absorber these two do not change
+        target[2 * n + 1] = state[2 * n + 1]
+        _write_state_between(target, table, part, laws.mass, laws.added_mass, offset)
 
 
 @jit
@@ -377,13 +342,6 @@ def _compute_compliance(mass, tip_shape):
     for i in range(tip_shape.shape[0]):
         total += tip_shape[i] * tip_shape[i]
     return total
-
-
-@jit
-def _record_stuck_phase(added_mass, end, counters, events):
-    """Note the phase of a stuck absorber, which is the whole run."""
-    if added_mass > 0.0:
-        record_contact_phase(STUCK_INSIDE, 0.0, end, counters, events)
 
 
 class AbsorberStages(NamedTuple):
@@ -408,17 +366,6 @@ class StepContext(NamedTuple):
     amplitude: float
     joined_mass: float
     touches: NDArray[Any]
-
-
-@jit_inline
-def _find_relative_velocities(cubic, table):
-    """Return the relative velocities in the next step's stages.
-
-    They are zeros, without a call, if no law depends on them.
-    """
-    if cubic.cubic_stiffness > 0.0:
-        return compute_relative_velocities(table)
-    return 0.0, 0.0, 0.0, 0.0
 
 
 @jit_inline
@@ -458,15 +405,19 @@ def _advance_with_absorber(context, absorber, forces, at, time, observers):
         absorber.rest,
         (f, stages, push),
     )
-    y = advance_observed(table, forces, at, push)
+    if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:  # most steps
+        y = advance_oscillators(table, forces, at, None, 0.0)
+    else:
+        y = advance_oscillators(table, forces, at, push, 0.0)
     _track_wall_contact(laws.stops, context.touches, before, y, stages, (time, table.h), observers)
-    largest = max(absorber.largest, abs(y[0]))
-    return AbsorberStages(
-        y,
-        move_slider(y[0], absorber.rest, laws.slider),
-        _find_relative_velocities(laws.cubic, table),
-        largest,
-    )
+    rest = absorber.rest
+    if laws.slider.limit != 0.0:  # the slider follows at the end of the step
+        reach = laws.slider.limit / laws.slider.stiffness
+        rest = min(max(rest, y[0] - reach), y[0] + reach)
+    v = (0.0, 0.0, 0.0, 0.0)
+    if laws.cubic.cubic_stiffness > 0.0:  # else no law depends on it
+        v = compute_relative_velocities(table)
+    return AbsorberStages(y, rest, v, max(absorber.largest, abs(y[0])))
 
 
 @jit_inline
@@ -484,7 +435,8 @@ def _finish_run(context, offset, state, end, observers):
     laws = context.laws
     table = context.table
     _record_wall_touch(context.touches, end, observers)
-    _record_stuck_phase(laws.added_mass, end, observers.counters, observers.events)
+    if laws.added_mass > 0.0:  # a stuck absorber: the whole run is one phase
+        record_contact_phase(STUCK_INSIDE, 0.0, end, observers.counters, observers.events)
     _save_oscillators(table)
     _write_state_between(state, table, 0.0, laws.mass, laws.added_mass, offset)
 
@@ -506,17 +458,16 @@ def runge_kutta_lane(modes, laws, force, state, step, observers):
     dt = end / steps
     table = new_runge_kutta_table(modes, laws, force.amplitude, state, dt, step.wide_stride)
     touches = np.zeros(1, WALL_TOUCH)
-    context = StepContext(
-        modes,
-        laws,
-        table,
-        force.amplitude,
-        _compute_joined_mass(laws.added_mass, modes.tip_shape),
-        touches,
-    )
+    square = 0.0
+    for j in range(table.modes):
+        square += modes.tip_shape[j] * modes.tip_shape[j]
+    joined_mass = laws.added_mass / (1.0 + laws.added_mass * square)
+    context = StepContext(modes, laws, table, force.amplitude, joined_mass, touches)
     offset = state[table.modes] - _compute_tip(table)[0]
-    y = compute_observations(table)
-    _init_wall_touch(laws.stops, touches, y, dt)
+    y = observe_rows(table, table.cells[Y * stride_of(table.wide_stride) :])
+    if laws.stops.stiffness > 0.0:  # a contact from the start
+        touches[0].side = _find_wall_side(y[0], laws.stops.gap)
+        touches[0].rate = _displacement_and_rate(y, dt)[1]
     absorber = AbsorberStages(y, y[0], compute_relative_velocities(table), abs(y[0]))
     compliance = _compute_compliance(laws.mass, modes.tip_shape)
     row, rows = find_sample_range(observers.clock, observers.level, observers.series, end)
@@ -544,7 +495,10 @@ def runge_kutta_lane(modes, laws, force, state, step, observers):
                 row += 1
                 row_step = find_sample_step(row, rows, sample_dt, dt, steps)
             i += 1
-        if _is_step_too_long(laws.cubic, compliance, absorber.largest, dt):
+        # square of the frequency that a nonlinear spring has at its largest deflection
+        largest = absorber.largest
+        square = 3.0 * laws.cubic.cubic_stiffness * largest * largest * compliance
+        if square * dt * dt > (2.0 * np.pi / LEAST_STEPS_PER_PERIOD) ** 2:
             status = STEP_TOO_LONG
         elif not _is_finite(table):
             status = NOT_FINITE

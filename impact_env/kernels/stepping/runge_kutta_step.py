@@ -203,22 +203,17 @@ def stride_of(wide_stride):
 
 
 @jit_allocating
-def _unit_response(w2, c, h, one):
-    """Return `runge_kutta_step` for the unit vector ``one`` of (q, u, w1, w2, w3, w4)."""
-    e = np.zeros(6)
-    e[one] = 1.0
-    return np.array(runge_kutta_step(w2, c, h, e[0], e[1], (e[2], e[3], e[4], e[5])))
-
-
-@jit_allocating
 def _add_oscillator(table, j, one):
     """Fill column ``j`` with an `Oscillator` and add its share to the mix."""
     cells = table.cells
     mix = table.mix
     stride = stride_of(table.wide_stride)
     responses = np.empty((6, 10))
-    for k in range(6):
-        responses[k] = _unit_response(one.w2, one.c, table.h, k)
+    for k in range(6):  # to the unit vectors of (q, u, w1, w2, w3, w4)
+        e = np.zeros(6)
+        e[k] = 1.0
+        step = runge_kutta_step(one.w2, one.c, table.h, e[0], e[1], (e[2], e[3], e[4], e[5]))
+        responses[k] = np.array(step)
     cells[TIP * stride + j] = one.tip
     for row in range(2):  # new q, new u
         after = responses[:, 8 + row]
@@ -282,13 +277,6 @@ def _add_absorber(m_a, spring, table, state):
 
 
 @jit_allocating
-def _new_velocity_table(cubic, stride):
-    """Return memory for the relative velocity, of size 0 if no law needs it."""
-    needed = 1 if cubic.cubic_stiffness > 0.0 else 0
-    return RelativeVelocityTable(np.zeros(8 * stride * needed), np.zeros((4 * needed, _MIX)))
-
-
-@jit_allocating
 def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
     """Return the table of a scene for steps of h (s).
 
@@ -297,6 +285,8 @@ def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
     """
     n = modes.omega.shape[0]
     stride = stride_of(wide_stride)
+    needed = 1 if laws.cubic.cubic_stiffness > 0.0 else 0  # the relative velocity
+    speeds = RelativeVelocityTable(np.zeros(8 * stride * needed), np.zeros((4 * needed, _MIX)))
     table = RungeKuttaTable(
         np.zeros(ROWS * stride),
         np.zeros((4, _MIX)),
@@ -304,7 +294,7 @@ def new_runge_kutta_table(modes, laws, amplitude, state, h, wide_stride):
         4 * ((n + 4) // 4),
         wide_stride,
         h,
-        _new_velocity_table(laws.cubic, stride),
+        speeds,
     )
     for j in range(n):
         w2 = modes.omega[j] * modes.omega[j]
@@ -357,15 +347,6 @@ def compute_feedback(y, v, rest, laws):
     if laws.cubic is not None:
         force -= laws.cubic.cubic_stiffness * y * y * y + laws.cubic.damping * v
     return force
-
-
-@jit
-def move_slider(y, rest, slider):
-    """Return the slider's place after a step that ends at relative displacement ``y``."""
-    if slider.limit == 0.0:
-        return rest
-    reach = slider.limit / slider.stiffness
-    return min(max(rest, y - reach), y + reach)
 
 
 def _step_code(pushed: bool, sampled: bool) -> Any:
@@ -444,19 +425,8 @@ def advance_oscillators(table, forces, at, push, sampled):
     )
 
 
-@jit_inline
-def advance_observed(table, forces, at, push):
-    """Advance as `advance_oscillators` does, with the four feedbacks.
-
-    Most steps have no feedback.
-    """
-    if push[0] == 0.0 and push[1] == 0.0 and push[2] == 0.0 and push[3] == 0.0:
-        return advance_oscillators(table, forces, at, None, 0.0)
-    return advance_oscillators(table, forces, at, push, 0.0)
-
-
 @jit_allocating
-def _observe_rows(table, rows):
+def observe_rows(table, rows):
     """Return the eight rows of an observation of the state, in the four stages of the next step."""
     cells = table.cells
     stride = stride_of(table.wide_stride)
@@ -469,12 +439,6 @@ def _observe_rows(table, rows):
 
 
 @jit_allocating
-def compute_observations(table):
-    """Return the four observations of the first step as far as they follow from the state."""
-    return _observe_rows(table, table.cells[Y * stride_of(table.wide_stride) :])
-
-
-@jit_allocating
 def compute_relative_velocities(table):
     """Return the relative velocities in the next step's four stages.
 
@@ -482,7 +446,7 @@ def compute_relative_velocities(table):
     """
     if table.speeds.cells.shape[0] == 0:
         return 0.0, 0.0, 0.0, 0.0
-    return _observe_rows(table, table.speeds.cells)
+    return observe_rows(table, table.speeds.cells)
 
 
 @jit_inline
@@ -555,14 +519,6 @@ def compute_stages(absorber, table, forces, at, laws, joined_mass):
     return _compute_stages_under(absorber, table, forces, at, of_stops)
 
 
-@jit
-def _account_laws(energy, laws, y, rest, gamma, weight):
-    """Add a stage's losses in slider and absorber's damper, at a relative velocity."""
-    energy.totals[0].friction_loss -= weight * compute_slider_force(y, rest, laws.slider) * gamma
-    energy.totals[0].absorber_damping += weight * laws.spring.damping * gamma * gamma
-    energy.totals[0].absorber_damping += weight * laws.cubic.damping * gamma * gamma
-
-
 @jit_allocating
 def account_step(energy, modes, amplitude, laws, table, rest, stages):
     """Add a step's work and losses: the powers in the four stages with the weights of the method.
@@ -599,4 +555,7 @@ def account_step(energy, modes, amplitude, laws, table, rest, stages):
             if j < n:
                 energy.modal[j] += weights[s] * c * us[s] * us[s]
     for s in range(4):
-        _account_laws(energy, laws, y[s], rest, gamma[s], weights[s])
+        slider_force = compute_slider_force(y[s], rest, laws.slider)
+        totals.friction_loss -= weights[s] * slider_force * gamma[s]
+        totals.absorber_damping += weights[s] * laws.spring.damping * gamma[s] * gamma[s]
+        totals.absorber_damping += weights[s] * laws.cubic.damping * gamma[s] * gamma[s]
